@@ -1,0 +1,104 @@
+"""The errors and the warning that mapdeal raises on purpose.
+
+Each error class owns the exit code that the command line ends with, so that no
+other place has to decide it. Anything else that escapes is a bug (exit 70).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+__all__ = [
+    "BatchError",
+    "FileAccessError",
+    "MalformedInputError",
+    "MapdealError",
+    "MapdealWarning",
+    "ParameterError",
+]
+
+_MISSING = object()
+
+
+class MapdealWarning(UserWarning):
+    """A choice that the tool had to make, or a trap in the input, that users should know of."""
+
+
+class MapdealError(Exception):
+    """Base of all errors that are the input's or the user's, not the program's.
+
+    Parameters
+    ----------
+    rule : str
+        What is allowed or what went wrong, in one line.
+    source : path or str, optional
+        The file (or option) that is at fault.
+    place : str, optional
+        The key, line or cell inside it.
+    got : object, optional
+        The value that was found.
+    hint : str, optional
+        What to do about it, one line.
+    """
+
+    exit_code: ClassVar[int] = 70
+
+    def __init__(
+        self,
+        rule: str,
+        *,
+        source: Path | str | None = None,
+        place: str | None = None,
+        got: object = _MISSING,
+        hint: str | None = None,
+    ) -> None:
+        self.rule = rule
+        self.source = source
+        self.place = place
+        self.hint = hint
+        self._got = got
+        super().__init__(rule)
+
+    def __str__(self) -> str:
+        """Return ``SOURCE: PLACE: rule, got VALUE`` on one line, control characters escaped."""
+        parts = [str(part) for part in (self.source, self.place) if part is not None]
+        text = ": ".join([*parts, self.rule])
+        if self._got is not _MISSING:
+            text += f", got {shown(self._got)}"
+        return one_line(text)
+
+
+class ParameterError(MapdealError, ValueError):
+    """A parameter, recipe or usage that is not allowed."""
+
+    exit_code = 2
+
+
+class MalformedInputError(MapdealError, ValueError):
+    """An input file whose contents break its format's rules."""
+
+    exit_code = 3
+
+
+class FileAccessError(MapdealError, OSError):
+    """A file that cannot be read or written, or an output that exists already."""
+
+    exit_code = 4
+
+
+class BatchError(MapdealError):
+    """A batch that finished although some of its inputs failed."""
+
+    exit_code = 5
+
+
+def one_line(text: str) -> str:
+    """Return `text` with control characters escaped, so that it stays on its line."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def shown(value: object, limit: int = 60) -> str:
+    """Return a value as an error message shows it: short, text in quotes."""
+    text = repr(value)
+    return text if len(text) <= limit else text[: limit - 3] + "..."

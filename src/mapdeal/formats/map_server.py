@@ -1,0 +1,149 @@
+"""A map_server pair, yaml and image: the place where rows are flipped."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import warnings
+from dataclasses import dataclass
+from pathlib import Path, PureWindowsPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats.image import read_image
+from mapdeal.formats.map_yaml import Dialect, MapMetadata, read_metadata
+from mapdeal.formats.picture import Picture
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.occupancy import OccupancyGrid
+
+
+@dataclass(frozen=True)
+class MapPair:
+    """A map read from a pair of files, with what the files said beside the cells.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or Costmap
+        The cells; a costmap where the YAML carries ``cost_scale``.
+    metadata : MapMetadata
+        The YAML file.
+    files : tuple of Path
+        The YAML file and the image.
+    """
+
+    grid: OccupancyGrid | Costmap
+    metadata: MapMetadata
+    files: tuple[Path, Path]
+
+
+def read_pair(
+    path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
+) -> MapPair:  # fmt: skip
+    """Return the map that a YAML file and its image hold.
+
+    Parameters
+    ----------
+    path : Path
+        The YAML file.
+    dialect : {'nav2', 'humble', 'ros1'}
+        Whose reading of pixels to follow.
+    max_cells : int, optional
+        Cells up to which the image is read, see `read_image`.
+
+    Raises
+    ------
+    FileAccessError
+        If one of the files cannot be read.
+    MalformedInputError
+        If one of them is malformed.
+    """
+    metadata = read_metadata(path, dialect=dialect)
+    image_path = find_image(path, metadata.image)
+    picture = read_image(image_path, max_cells=max_cells)
+    if metadata.cost_scale is not None:
+        cost = np.ascontiguousarray(_costs_of(picture, image_path)[::-1])
+        costmap = Costmap(cost, metadata.resolution, metadata.origin)
+        return MapPair(costmap, metadata, (path, image_path))
+    if dialect == "ros1" and picture.colour == "palette":
+        text = f"{image_path}: ROS 1 reads indices of the palette, not colours"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
+    # Image rows run from the north, grid rows from the south.
+    occupancy = np.ascontiguousarray(DIALECTS[dialect](picture, metadata)[::-1])
+    if metadata.mode == "raw":
+        _warn_of_lost_values(picture, image_path)
+    grid = OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
+    return MapPair(grid, metadata, (path, image_path))
+
+
+def find_image(yaml_path: Path, image: str) -> Path:
+    """Return the image file that a map's YAML names.
+
+    Relative names are relative to the YAML file. A name that only makes sense elsewhere, an
+    absolute path of another machine or one with backslashes, falls back to what it must mean
+    here, with a warning.
+
+    Raises
+    ------
+    FileAccessError
+        If there is no such file.
+    """
+    folder = yaml_path.parent
+    name = os.path.expanduser(image) if image.startswith("~") else image  # noqa: PTH111 - text
+    if name != image:
+        _warn_path(yaml_path, f"{image} was expanded; map_server does not")
+    path = folder / name
+    if path.exists():
+        return path
+    candidates = []
+    if "\\" in image:
+        candidates.append(folder / image.replace("\\", "/"))
+    if path.is_absolute() and not name.startswith(str(folder)):
+        candidates.append(folder / path.name)
+    windows_path = PureWindowsPath(image)
+    if windows_path.is_absolute():
+        candidates.append(folder / windows_path.name)
+    for candidate in candidates:
+        if candidate.exists():
+            _warn_path(yaml_path, f"{image} does not exist here; took {candidate}")
+            return candidate
+    hint = _nearest_name(path)
+    raise FileAccessError(
+        "the image does not exist", source=yaml_path, place="image", got=image, hint=hint
+    )
+
+
+def _warn_path(yaml_path: Path, text: str) -> None:
+    warnings.warn(f"{yaml_path}: image: {text}", MapdealWarning, stacklevel=3)
+
+
+def _nearest_name(path: Path) -> str | None:
+    """Return a hint that names the files most like `path`, other case or ending included."""
+    try:
+        names = sorted(p.name for p in path.parent.iterdir() if p.is_file())
+    except OSError:
+        return None
+    images = [n for n in names if not n.endswith((".yaml", ".yml"))]
+    lower = {n.lower(): n for n in images}
+    near = [n for n in images if Path(n).stem.lower() == path.stem.lower()]
+    near += [lower[n] for n in difflib.get_close_matches(path.name.lower(), lower, n=3)]
+    unique = list(dict.fromkeys(near))
+    return f"the folder has {', '.join(unique)}" if unique else None
+
+
+def _costs_of(picture: Picture, path: Path) -> NDArray[np.uint8]:
+    if picture.colour != "grey" or picture.maxval != 255 or picture.alpha is not None:
+        rule = "an image of costs must have one 8-bit grey channel"
+        raise MalformedInputError(rule, source=path, got=picture.colour)
+    return picture.samples.astype(np.uint8, copy=False)
+
+
+def _warn_of_lost_values(picture: Picture, path: Path) -> None:
+    if picture.colour != "grey" or picture.maxval != 255:
+        return
+    lost = int(np.count_nonzero((picture.samples > 100) & (picture.samples < 255)))
+    if lost:
+        text = f"{path}: {lost} pixels of mode raw hold 101..254, read as unknown"
+        warnings.warn(text, MapdealWarning, stacklevel=3)

@@ -1,0 +1,166 @@
+"""Writing a map_server pair: which pixel stands for which value, and the YAML beside it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.formats.map_yaml import MapMetadata, Mode, yaml_of
+from mapdeal.formats.png import write_grey_png, write_rgba_png
+from mapdeal.formats.pnm import write_pgm
+from mapdeal.formats.transaction import Transaction, Writer
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.frame import Framed
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
+
+Encoding = Literal["occupancy", "costmap2d"]
+
+_FREE_PIXEL, _UNKNOWN_PIXEL, _OCCUPIED_PIXEL = 254, 205, 0
+_TRINARY_FREE, _TRINARY_OCCUPIED = 25, 65
+"""Percent; map_saver's defaults for values between free and occupied."""
+
+
+def pair_paths(output: Path) -> tuple[Path, Path]:
+    """Return the image and the YAML file that `output` stands for.
+
+    ``.pgm`` and ``.png`` name the image, ``.yaml`` the YAML file of a pgm pair.
+    """
+    if output.suffix in (".pgm", ".png"):
+        return output, output.with_suffix(".yaml")
+    return output.with_suffix(".pgm"), output
+
+
+def write_pair(
+    transaction: Transaction,
+    output: Path,
+    grid: OccupancyGrid | Costmap,
+    *,
+    mode: Mode | None = None,
+    encoding: Encoding = "occupancy",
+    extra: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a map or costmap as an image and its YAML.
+
+    Parameters
+    ----------
+    transaction : Transaction
+        What writes the files; the image comes first.
+    output : Path
+        The YAML file, or the image.
+    grid : OccupancyGrid or Costmap
+        The cells. Costs are always written in mode raw.
+    mode : {'trinary', 'scale', 'raw'}, optional
+        How values become pixels; raw if any lies in 1..99, else trinary.
+    encoding : {'occupancy', 'costmap2d'}
+        What pixels of costs hold: the value that ROS would publish, or the cost itself.
+    extra : mapping, optional
+        Further keys for the YAML.
+
+    Raises
+    ------
+    ParameterError
+        If the mode cannot hold the values in this image format.
+    """
+    image, yaml_path = pair_paths(output)
+    cost_scale: CostScale | None = None
+    if isinstance(grid, Costmap):
+        if mode not in (None, "raw"):
+            raise ParameterError("costs are written in mode raw", place="mode", got=mode)
+        mode = "raw"
+        if encoding == "costmap2d":
+            if grid.scale != "costmap2d":
+                rule = "these costs are on the occupancy scale and have no costmap2d bytes"
+                raise ParameterError(rule, place="encoding", got=encoding)
+            cost_scale = "costmap2d"
+            text = f"{yaml_path}: holds costmap_2d's bytes, which map_server would misread"
+            warnings.warn(text, MapdealWarning, stacklevel=2)
+            write_image = _pixel_writer(image, grid.cost.astype(np.uint8, copy=False), grid)
+        else:
+            write_image = _pixel_writer(image, _raw_pixels(grid.to_occupancy().occupancy), grid)
+    else:
+        values = grid.occupancy
+        has_between = bool(((values > FREE) & (values < OCCUPIED)).any())
+        mode = mode or ("raw" if has_between else "trinary")
+        write_image = _occupancy_writer(image, grid, mode, has_between=has_between)
+    scaled = mode == "scale"
+    metadata = MapMetadata(
+        image=image.name,
+        resolution=grid.resolution,
+        origin=grid.origin,
+        mode=mode,
+        occupied_thresh=1.0 if scaled else 0.65,
+        free_thresh=0.0 if scaled else 0.196,
+        cost_scale=cost_scale,
+        extra=extra or {},
+    )
+    transaction.write(image, write_image)
+    document = yaml_of(metadata)
+    transaction.write(yaml_path, lambda file: _write_all(file, document))
+
+
+def _write_all(file: Any, data: bytes) -> None:
+    file.write(data)
+
+
+def _occupancy_writer(
+    image: Path, grid: OccupancyGrid, mode: Mode, *, has_between: bool
+) -> Writer:  # fmt: skip
+    values = grid.occupancy
+    if mode == "raw":
+        return _pixel_writer(image, _raw_pixels(values), grid)
+    if mode == "trinary":
+        if has_between:
+            count = int(np.count_nonzero((values > FREE) & (values < OCCUPIED)))
+            text = f"{image}: {count} values between 1 and 99 are lost in mode trinary"
+            warnings.warn(text, MapdealWarning, stacklevel=3)
+        return _pixel_writer(image, _by_value(_trinary_table(), values), grid)
+    scaled = _by_value(_scale_table(), values)
+    unknown = values == UNKNOWN
+    if not unknown.any():
+        return _pixel_writer(image, scaled, grid)
+    if image.suffix != ".png":
+        rule = "mode scale needs transparent pixels for unknown cells, which pgm has not"
+        hint = "write to a .png, or in mode raw"
+        raise ParameterError(rule, source=image, place="mode", got=mode, hint=hint)
+    rgba = np.dstack([scaled, scaled, scaled, np.where(unknown, 0, 255).astype(np.uint8)])
+    return lambda file: write_rgba_png(file, np.ascontiguousarray(rgba[::-1]))
+
+
+def _pixel_writer(image: Path, pixels: NDArray[np.uint8], grid: Framed) -> Writer:
+    """Return what writes grey pixels given south first, as cells are."""
+    comment = f"CREATOR: mapdeal {grid.resolution!r} m/pix"
+    if image.suffix == ".png":
+        return lambda file: write_grey_png(file, np.ascontiguousarray(pixels[::-1]))
+    return lambda file: write_pgm(file, pixels[::-1], comment=comment)
+
+
+def _by_value(table: NDArray[np.uint8], values: NDArray[np.int8]) -> NDArray[np.uint8]:
+    return table[values.view(np.uint8)]
+
+
+def _raw_pixels(values: NDArray[np.int8]) -> NDArray[np.uint8]:
+    return values.view(np.uint8)  # -1 is 255 already
+
+
+def _trinary_table() -> NDArray[np.uint8]:
+    """Return the pixel of each value, indexed by its byte (-1 is the last)."""
+    value = np.arange(256)
+    table = np.full(256, _UNKNOWN_PIXEL, dtype=np.uint8)
+    table[value <= _TRINARY_FREE] = _FREE_PIXEL
+    table[(value >= _TRINARY_OCCUPIED) & (value <= OCCUPIED)] = _OCCUPIED_PIXEL
+    return table
+
+
+def _scale_table() -> NDArray[np.uint8]:
+    """Return the pixel of each value in mode scale, unknown mid grey."""
+    value = np.clip(np.arange(256), 0, 100)
+    table = np.rint((100 - value) / 100 * 255).astype(np.uint8)
+    table[255] = 128
+    return table

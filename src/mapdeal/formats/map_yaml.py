@@ -1,0 +1,223 @@
+"""The YAML half of a map_server pair: reading with all its traps, writing exactly."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.formats.yaml_text import Entry, read_mapping
+from mapdeal.grid.frame import Origin
+from mapdeal.grid.values import CostScale
+
+Mode = Literal["trinary", "scale", "raw"]
+Dialect = Literal["nav2", "humble", "ros1"]
+
+_REQUIRED = ("image", "resolution", "origin")
+_KNOWN = (*_REQUIRED, "mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
+_LEGACY_MODES = ("trinary", "scale", "raw")
+
+
+@dataclass(frozen=True)
+class MapMetadata:
+    """What the YAML file of a map says.
+
+    Parameters
+    ----------
+    image : str
+        The image's path as written, relative to the YAML file or absolute.
+    resolution : float
+        Metres per cell.
+    origin : tuple of float
+        x, y, yaw of the lower left corner.
+    mode : {'trinary', 'scale', 'raw'}
+        How pixels become occupancy.
+    negate : bool
+        Whether bright means occupied.
+    occupied_thresh, free_thresh : float
+        Thresholds on the darkness 0..1.
+    cost_scale : {'costmap2d'}, optional
+        Present where the pixels are costs rather than occupancy.
+    extra : mapping
+        Keys that map_server does not know, kept for a round trip.
+    """
+
+    image: str
+    resolution: float
+    origin: Origin
+    mode: Mode = "trinary"
+    negate: bool = False
+    occupied_thresh: float = 0.65
+    free_thresh: float = 0.196
+    cost_scale: CostScale | None = None
+    extra: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+
+def read_metadata(path: Path, *, dialect: Dialect = "nav2") -> MapMetadata:
+    """Return what a map's YAML file says, checked.
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If it is not YAML, a key is missing or stands twice, or a value is not allowed.
+
+    Warns
+    -----
+    MapdealWarning
+        If a key that ROS requires had to be filled in, or a value reads differently elsewhere.
+    """
+    entries = read_mapping(path)
+    missing = [key for key in _REQUIRED if key not in entries]
+    if missing:
+        rule = f"missing key{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
+        raise MalformedInputError(rule, source=path, hint=_typo_hint(missing, entries))
+    _warn_of_absent(path, entries)
+    occupied_thresh = _threshold(entries, "occupied_thresh", 0.65)
+    free_thresh = _threshold(entries, "free_thresh", 0.196)
+    if free_thresh > occupied_thresh:
+        rule = f"must not be larger than occupied_thresh ({occupied_thresh:g})"
+        raise MalformedInputError(rule, source=path, place="free_thresh", got=free_thresh)
+    if free_thresh == occupied_thresh:
+        _warn(path, "free_thresh", f"equals occupied_thresh; read as dialect {dialect} does")
+    return MapMetadata(
+        image=_image(entries["image"]),
+        resolution=_resolution(entries["resolution"]),
+        origin=_origin(entries["origin"]),
+        mode=_mode(path, entries, dialect),
+        negate=_negate(entries),
+        occupied_thresh=occupied_thresh,
+        free_thresh=free_thresh,
+        cost_scale=_cost_scale(entries),
+        extra={k: e.value() for k, e in entries.items() if k not in (*_KNOWN, *_LEGACY_MODES)},
+    )
+
+
+def yaml_of(metadata: MapMetadata) -> bytes:
+    """Return the YAML file of `metadata`: keys in ROS's order, floats in shortest form."""
+    import yaml
+
+    document: dict[str, Any] = {
+        "image": metadata.image,
+        "mode": metadata.mode,
+        "resolution": metadata.resolution,
+        "origin": [float(v) for v in metadata.origin],
+        "negate": int(metadata.negate),
+        "occupied_thresh": metadata.occupied_thresh,
+        "free_thresh": metadata.free_thresh,
+    }
+    if metadata.cost_scale is not None:
+        document["cost_scale"] = metadata.cost_scale
+    document.update(metadata.extra)
+    text = yaml.safe_dump(
+        document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1000
+    )
+    return text.encode()
+
+
+def _warn(path: Path, place: str, text: str) -> None:
+    warnings.warn(f"{path}: {place}: {text}", MapdealWarning, stacklevel=3)
+
+
+def _typo_hint(missing: list[str], entries: dict[str, Entry]) -> str | None:
+    for key in missing:
+        near = difflib.get_close_matches(key, [k for k in entries if k not in _KNOWN], n=1)
+        if near:
+            return f"is {near[0]} meant to be {key}?"
+    return None
+
+
+def _warn_of_absent(path: Path, entries: dict[str, Entry]) -> None:
+    defaults = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196"}
+    absent = [f"{key} {value}" for key, value in defaults.items() if key not in entries]
+    if absent:
+        _warn(path, "missing", f"took {', '.join(absent)}, though ROS requires the keys")
+
+
+def _number(entry: Entry) -> float:
+    value = entry.number()
+    if entry.is_yaml_1_1_text:
+        text = f"{entry.text()!r} is text to YAML 1.1 readers; read as {value:g}"
+        _warn(entry.source, entry.place, text)
+    return value
+
+
+def _resolution(entry: Entry) -> float:
+    value = _number(entry)
+    if not 1e-6 <= value <= 1e6:
+        raise entry.error("must be a number of metres between 1e-6 and 1e6")
+    return value
+
+
+def _origin(entry: Entry) -> Origin:
+    items = entry.items()
+    if len(items) != 3:
+        raise entry.error(f"must be three numbers [x, y, yaw], has {len(items)}")
+    x, y, yaw = (_number(item) for item in items)
+    if not all(map(math.isfinite, (x, y, yaw))):
+        raise entry.error("must be three finite numbers [x, y, yaw]")
+    return x, y, yaw
+
+
+def _threshold(entries: dict[str, Entry], key: str, default: float) -> float:
+    if key not in entries:
+        return default
+    value = _number(entries[key])
+    if not 0 <= value <= 1:
+        raise entries[key].error("must lie between 0 and 1")
+    return value
+
+
+def _negate(entries: dict[str, Entry]) -> bool:
+    if "negate" not in entries:
+        return False
+    entry = entries["negate"]
+    words = {"0": False, "false": False, "no": False, "off": False,
+             "1": True, "true": True, "yes": True, "on": True}  # fmt: skip
+    word = entry.text().lower()
+    quoted_word = getattr(entry.node, "style", None) is not None and not word.isdigit()
+    if word not in words or quoted_word:
+        raise entry.error("must be 0 or 1")
+    return words[word]
+
+
+def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
+    if "mode" not in entries:
+        legacy = [key for key in _LEGACY_MODES if key in entries]
+        if not legacy:
+            return "trinary"
+        _warn(path, legacy[0], "old key; its meaning is written mode: trinary, scale or raw")
+        chosen = [key for key in legacy if entries[key].text().lower() in ("true", "1")]
+        return chosen[0] if chosen else "trinary"  # type: ignore[return-value]
+    entry = entries["mode"]
+    text = entry.text()
+    if text.lower() not in ("trinary", "scale", "raw"):
+        raise entry.error("must be trinary, scale or raw")
+    if dialect == "ros1" and text != text.lower():
+        _warn(path, entry.place, f"{text} is refused by ROS 1; read as {text.lower()}")
+    return text.lower()  # type: ignore[return-value]
+
+
+def _cost_scale(entries: dict[str, Entry]) -> CostScale | None:
+    if "cost_scale" not in entries:
+        return None
+    if entries["cost_scale"].text() != "costmap2d":
+        raise entries["cost_scale"].error("must be costmap2d")
+    return "costmap2d"
+
+
+def _image(entry: Entry) -> str:
+    text = entry.text()
+    if not text.strip():
+        raise entry.error("must name an image file")
+    if "$(" in text:
+        hint = "roslaunch expands it; write the path that it stands for"
+        raise entry.error("must be a path", hint=hint)
+    return text

@@ -1,0 +1,80 @@
+"""A decoded picture, before a dialect gives its pixels a meaning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+
+Samples = NDArray[np.unsignedinteger[Any]]
+
+LARGEST_CELLS = 1_000_000_000
+LARGEST_COMPRESSED_CELLS = 200_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Integer samples of a picture, row 0 in the north.
+
+    Parameters
+    ----------
+    file_format : {'PNM', 'PNG', 'BMP', 'TIFF', 'JPEG'}
+        Where the samples come from; the ROS 1 reader treats formats differently.
+    colour : {'grey', 'rgb', 'palette'}
+        What a sample is: brightness, a red, green, blue triple, or an index into `palette`.
+    samples : numpy.ndarray of uint8 or uint16, shape (H, W) or (H, W, 3)
+        Values 0 .. `maxval`, or indices.
+    maxval : int
+        The sample that means full brightness.
+    alpha : numpy.ndarray, shape (H, W), optional
+        Opacity of each pixel, 0 .. `maxval` (0 .. 255 for palettes).
+    alpha_from : {'channel', 'key'}
+        Whether the opacity is a channel of its own or comes from one transparent colour.
+    palette : numpy.ndarray of uint8, shape (N, 4), optional
+        Red, green, blue, opacity of each index.
+    resolution_comment : float, optional
+        Metres per pixel, where a comment in the file's header tells them.
+    """
+
+    file_format: Literal["PNM", "PNG", "BMP", "TIFF", "JPEG"]
+    colour: Literal["grey", "rgb", "palette"]
+    samples: Samples
+    maxval: int = 255
+    alpha: Samples | None = None
+    alpha_from: Literal["channel", "key"] = "channel"
+    palette: NDArray[np.uint8] | None = None
+    resolution_comment: float | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        height, width = self.samples.shape[:2]
+        return height, width
+
+
+def check_size(source: object, width: int, height: int, limit: int) -> None:
+    """Refuse pictures without cells, or with more cells than `limit`, before memory is taken."""
+    place = "image size"
+    if width <= 0 or height <= 0:
+        rule = "width and height must be above 0"
+        raise MalformedInputError(rule, source=str(source), place=place, got=(width, height))
+    if width * height > limit:
+        rule = f"{width} x {height} are {width * height} cells, above the limit of {limit}"
+        hint = "--max-cells N raises the limit, if the file is to be trusted"
+        raise MalformedInputError(rule, source=str(source), place=place, hint=hint)
+
+
+def to_16_bit(maxval: int) -> NDArray[np.uint16]:
+    """Return the 16-bit sample of each sample 0 .. `maxval`: floor(65535 v / maxval + 0.5).
+
+    Examples
+    --------
+    >>> to_16_bit(255)[[0, 1, 255]].tolist()  # times 257
+    [0, 257, 65535]
+    """
+    values = np.arange(maxval + 1, dtype=np.int64)
+    return ((2 * 65535 * values + maxval) // (2 * maxval)).astype(np.uint16)

@@ -1,0 +1,95 @@
+"""The facts of a PNG file that Pillow smooths over: its true pixel type, key and checksums."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from mapdeal.errors import MalformedInputError
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_GREY, _RGB, _PALETTE, _GREY_ALPHA, _RGB_ALPHA = 0, 2, 3, 4, 6
+
+
+@dataclass(frozen=True)
+class PngFacts:
+    """What the chunks of a PNG file say.
+
+    Parameters
+    ----------
+    width, height : int
+        Pixels.
+    bit_depth : int
+        Bits of a sample: 1, 2, 4, 8 or 16.
+    has_colour, has_palette, has_alpha : bool
+        The parts of the colour type.
+    transparency : bytes or None
+        The tRNS chunk: opacities of a palette, or the transparent colour.
+    """
+
+    width: int
+    height: int
+    bit_depth: int
+    has_colour: bool
+    has_palette: bool
+    has_alpha: bool
+    transparency: bytes | None
+
+    def key(self) -> tuple[int, ...] | None:
+        """Return the transparent colour of a picture without palette, if it has one."""
+        if self.transparency is None or self.has_palette:
+            return None
+        return tuple(v for (v,) in struct.iter_unpack(">H", self.transparency))
+
+
+def read_png_facts(data: bytes, source: Path) -> PngFacts:
+    """Return the facts of a PNG file.
+
+    Raises
+    ------
+    MalformedInputError
+        If a checksum is wrong, the file ends early, or it is animated.
+    """
+    header: tuple[int, ...] | None = None
+    transparency = None
+    offset = len(SIGNATURE)
+    ended = False
+    while offset < len(data) and not ended:
+        if offset + 12 > len(data):
+            break
+        (length,) = struct.unpack_from(">I", data, offset)
+        name = data[offset + 4 : offset + 8]
+        end = offset + 12 + length
+        if end > len(data):
+            break
+        body = data[offset + 8 : offset + 8 + length]
+        (checksum,) = struct.unpack_from(">I", data, end - 4)
+        shown_name = name.decode("latin-1")
+        if zlib.crc32(memoryview(data)[offset + 4 : end - 4]) != checksum:
+            raise MalformedInputError("wrong checksum", source=source, place=f"chunk {shown_name}")
+        if header is None and (name != b"IHDR" or length != 13):
+            raise MalformedInputError("must start with its header", source=source, place=shown_name)
+        if name == b"IHDR":
+            header = struct.unpack(">IIBBBBB", body)
+        elif name == b"tRNS":
+            transparency = body
+        elif name == b"acTL":
+            raise MalformedInputError("animated PNG images are not supported", source=source)
+        ended = name == b"IEND"
+        offset = end
+    if header is None or not ended:
+        raise MalformedInputError("the PNG file ends early", source=source, place=f"byte {offset}")
+    width, height, bit_depth, colour_type = header[:4]
+    key_length = {_GREY: 2, _RGB: 6}.get(colour_type)
+    if transparency is not None and key_length not in (None, len(transparency)):
+        rule = f"the transparent colour takes {key_length} bytes"
+        raise MalformedInputError(rule, source=source, place="chunk tRNS", got=len(transparency))
+    return PngFacts(
+        width, height, bit_depth,
+        has_colour=colour_type in (_RGB, _PALETTE, _RGB_ALPHA),
+        has_palette=colour_type == _PALETTE,
+        has_alpha=colour_type in (_GREY_ALPHA, _RGB_ALPHA),
+        transparency=transparency,
+    )  # fmt: skip

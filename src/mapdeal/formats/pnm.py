@@ -1,0 +1,231 @@
+"""Netpbm images, P1 to P6, read and written without a library.
+
+Libraries disagree on maxval, on comments and on damaged files; ROS maps have them all.
+
+References
+----------
+The netpbm pages of the formats pbm, pgm and ppm.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
+
+_TOKEN = re.compile(rb"(?:[ \t\n\v\f\r]|#[^\n\r]*)*([^ \t\n\v\f\r#]+)")
+_COMMENT = re.compile(rb"#[^\n\r]*")
+_RESOLUTION = re.compile(rb"#[^\n\r]*?([0-9]+\.?[0-9]*)\s*m/pix")
+_LONGEST_HEADER = 1 << 16
+
+
+@dataclass(frozen=True)
+class _Header:
+    magic: int
+    width: int
+    height: int
+    maxval: int
+    end: int
+    """Offset of the byte behind the last number."""
+    raw: bytes
+
+    @property
+    def channels(self) -> int:
+        return 3 if self.magic in (3, 6) else 1
+
+
+def is_pnm(data: bytes) -> bool:
+    """Return whether `data` starts like a netpbm file, PFM and PAM included."""
+    return re.match(rb"P[1-7fF](\s|#)", data) is not None
+
+
+def decode_pnm(data: bytes, source: Path, *, max_cells: int = LARGEST_CELLS) -> Picture:
+    """Return the picture in a netpbm file.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    source : Path
+        Its name, for messages.
+    max_cells : int
+        Cells from which it is refused.
+
+    Raises
+    ------
+    MalformedInputError
+        If the header or the data are damaged, too short, or hold several pictures.
+
+    Warns
+    -----
+    MapdealWarning
+        If bytes trail behind the picture, or the header has DOS line ends.
+
+    Notes
+    -----
+    1 is black in P1 and P4, as netpbm says; the ROS 1 reader takes bits for grey levels.
+    """
+    header = _read_header(data, source)
+    check_size(source, header.width, header.height, max_cells)
+    samples = _plain(data, header, source) if header.magic <= 3 else _binary(data, header, source)
+    if header.magic in (1, 4):
+        samples = np.where(samples, 0, 255).astype(np.uint8)
+    match = _RESOLUTION.search(header.raw)
+    return Picture(
+        "PNM",
+        "rgb" if header.channels == 3 else "grey",
+        samples,
+        maxval=255 if header.magic in (1, 4) else header.maxval,
+        resolution_comment=float(match[1]) if match else None,
+    )
+
+
+def write_pgm(file: BinaryIO, pixels: NDArray[np.uint8], *, comment: str = "") -> None:
+    """Write a P5 file of 8-bit pixels, shape (H, W), row 0 in the north."""
+    height, width = pixels.shape
+    note = f"# {comment}\n" if comment else ""
+    file.write(f"P5\n{note}{width} {height}\n255\n".encode())
+    file.write(np.ascontiguousarray(pixels).data)
+
+
+def _read_header(data: bytes, source: Path) -> _Header:
+    kind = data[1:2].decode("latin-1")
+    if kind not in "123456":
+        name = "PAM" if kind == "7" else "PFM"
+        raise MalformedInputError(f"{name} images are not supported", source=source)
+    magic = int(kind)
+    names = ["width", "height"] if magic in (1, 4) else ["width", "height", "maxval"]
+    numbers: list[int] = []
+    end = 2
+    for name in names:
+        token = _TOKEN.match(data, end, end + _LONGEST_HEADER)
+        if token is None:
+            raise MalformedInputError("the file ends early", source=source, place=f"header {name}")
+        text = token[1].decode("latin-1")
+        # A width of a million digits is no width, and converting one takes time.
+        if not re.fullmatch(r"-?\d{1,12}", text):
+            rule = "must be a whole number"
+            raise MalformedInputError(rule, source=source, place=f"header {name}", got=text)
+        numbers.append(int(text))
+        end = token.end()
+    width, height = numbers[:2]
+    maxval = numbers[2] if len(numbers) == 3 else 1
+    if not 1 <= maxval <= 65535:
+        rule = "must lie between 1 and 65535"
+        raise MalformedInputError(rule, source=source, place="header maxval", got=maxval)
+    return _Header(magic, width, height, maxval, end, data[:end])
+
+
+def _binary(data: bytes, header: _Header, source: Path) -> Samples:
+    wide = header.maxval > 255
+    row = (header.width + 7) // 8 if header.magic == 4 else header.width * header.channels
+    expected = row * header.height * (2 if wide else 1)
+    start = _start_of_data(data, header, expected, source)
+    _check_length(data, start, expected, source)
+    body = np.frombuffer(data, dtype=">u2" if wide else np.uint8, count=row * header.height,
+                         offset=start)  # fmt: skip
+    if header.magic == 4:
+        return np.unpackbits(body.reshape(header.height, row), axis=1, count=header.width)
+    samples: Samples = body.astype(np.uint16) if wide else body
+    if header.maxval not in (255, 65535) and samples.max() > header.maxval:
+        index = int(np.argmax(samples > header.maxval))
+        raise _above_maxval(int(samples[index]), index, header, source)
+    if header.channels == 3:
+        return samples.reshape(header.height, header.width, 3)
+    return samples.reshape(header.height, header.width)
+
+
+def _start_of_data(data: bytes, header: _Header, expected: int, source: Path) -> int:
+    """Return the offset of the first pixel: one byte behind the header, or two after CR LF.
+
+    A file that went through a DOS text conversion has CR LF ends in its header. If no pixel
+    had the value of a line feed, the pixels came through whole, one byte late.
+    """
+    separator = data[header.end : header.end + 2]
+    if not separator[:1].isspace():
+        if not separator:
+            raise MalformedInputError("the file ends behind its header", source=source)
+        rule = "white space must stand between the header and the pixels"
+        raise MalformedInputError(rule, source=source, place=f"byte {header.end}")
+    start = header.end + 1
+    if separator != b"\r\n":
+        return start
+    length = len(data) - start
+    if length == expected + 1:
+        text = f"{source}: header: DOS line ends; the pixels are intact and were read"
+        warnings.warn(text, MapdealWarning, stacklevel=5)
+        return start + 1
+    if length == expected and b"\r\n" not in header.raw:
+        return start  # a lone CR, then a first pixel of value 10
+    rule = f"CRLF-damaged: a text conversion has changed the pixels, expected {expected} bytes"
+    raise MalformedInputError(rule, source=source, place="pixels", got=length)
+
+
+def _check_length(data: bytes, start: int, expected: int, source: Path) -> None:
+    actual = len(data) - start
+    if actual < expected:
+        rule = f"the pixels end early: expected {expected} bytes"
+        raise MalformedInputError(rule, source=source, place="pixels", got=actual)
+    if actual > expected:
+        _check_trailing(data[start + expected : start + expected + 64], source)
+        text = f"{source}: {actual - expected} bytes behind the picture were ignored"
+        warnings.warn(text, MapdealWarning, stacklevel=5)
+
+
+def _check_trailing(trailing: bytes, source: Path) -> None:
+    if is_pnm(trailing.lstrip()):
+        raise MalformedInputError("holds more than one picture", source=source)
+
+
+def _plain(data: bytes, header: _Header, source: Path) -> Samples:
+    """Return the samples of a P1, P2 or P3 file, written as text."""
+    count = header.width * header.height * header.channels
+    body = data[header.end :]
+    if b"#" in body:
+        body = _COMMENT.sub(b"", body)
+    if header.magic == 1:
+        digits = np.frombuffer(body.translate(None, b" \t\n\v\f\r"), dtype=np.uint8)
+        if not np.isin(digits, (48, 49)).all():
+            place = f"pixel {int(np.argmin(np.isin(digits, (48, 49))))}"
+            raise MalformedInputError("a P1 pixel must be 0 or 1", source=source, place=place)
+        _check_count(len(digits), count, source)
+        return (digits - 48).reshape(header.height, header.width)
+    if not body[:1].isspace():
+        rule = "white space must stand between the header and the pixels"
+        raise MalformedInputError(rule, source=source, place=f"byte {header.end}")
+    tokens = body.split()
+    odd = next((i for i, t in enumerate(tokens) if not t.isdigit() or len(t) > 9), None)
+    if odd is not None:
+        rule = f"pixels must be whole numbers from 0 to {header.maxval}"
+        got = tokens[odd].decode("latin-1")
+        raise MalformedInputError(rule, source=source, place=f"pixel {odd}", got=got)
+    _check_count(len(tokens), count, source)
+    values = np.array(tokens, dtype="S9").astype(np.int64)
+    if values.max() > header.maxval:
+        index = int(np.argmax(values > header.maxval))
+        raise _above_maxval(int(values[index]), index, header, source)
+    narrow = header.maxval <= 255
+    samples: Samples = values.astype(np.uint8) if narrow else values.astype(np.uint16)
+    if header.channels == 3:
+        return samples.reshape(header.height, header.width, 3)
+    return samples.reshape(header.height, header.width)
+
+
+def _check_count(actual: int, expected: int, source: Path) -> None:
+    if actual != expected:
+        rule = f"must hold {expected} pixel values"
+        raise MalformedInputError(rule, source=source, place=f"pixel {min(actual, expected)}",
+                                  got=actual)  # fmt: skip
+
+
+def _above_maxval(value: int, index: int, header: _Header, source: Path) -> MalformedInputError:
+    rule = f"pixels must not exceed maxval {header.maxval}"
+    return MalformedInputError(rule, source=source, place=f"pixel {index}", got=value)

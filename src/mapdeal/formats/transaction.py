@@ -1,0 +1,248 @@
+"""Writing a set of output files so that a failure leaves nothing and a kill nothing torn."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import os
+import stat
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO
+
+from mapdeal.errors import FileAccessError, ParameterError
+
+try:
+    import fcntl
+except ImportError:  # not POSIX: temporary files of killed runs are then not cleaned up
+    fcntl = None  # type: ignore[assignment]
+
+_PREFIX = ".mapdeal-"
+_SUFFIX = ".tmp"
+
+Writer = Callable[[BinaryIO], None]
+
+
+class Transaction:
+    """A set of output files that appear together, at the end.
+
+    Parameters
+    ----------
+    outputs : iterable of Path
+        All files that may be written. They are checked before any work is done.
+    inputs : sequence of Path
+        Files that no output may be, by whatever name or link.
+    force : bool
+        Whether existing outputs are replaced.
+    threads : int
+        Files that are written at the same time.
+
+    Raises
+    ------
+    FileAccessError
+        If an output exists and `force` is not set, cannot be written, or is an input.
+
+    Notes
+    -----
+    Each file is written under a temporary name in its own folder and renamed when the block
+    ends without an error, in the order of the calls to `write`. Temporary files are locked by
+    their process, so that those of a killed run are told from those of a live one and removed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with Transaction([folder / "new" / "a.txt"]) as transaction:
+    ...     transaction.write(folder / "new" / "a.txt", lambda file: file.write(b"hello"))
+    >>> (folder / "new" / "a.txt").read_text()
+    'hello'
+    """
+
+    def __init__(
+        self,
+        outputs: Iterable[Path],
+        *,
+        inputs: Sequence[Path] = (),
+        force: bool = False,
+        threads: int = 1,
+    ) -> None:
+        self._outputs = list(outputs)
+        self._pool = ThreadPoolExecutor(max_workers=threads)
+        self._pending: list[tuple[Path, _Temporary, Future[str]]] = []
+        self._made_folders: list[Path] = []
+        for output in self._outputs:
+            _check_output(output, inputs, force=force)
+
+    def __enter__(self) -> Transaction:
+        folders = dict.fromkeys(output.parent for output in self._outputs)
+        try:
+            for folder in folders:
+                self._make_folder(folder)
+                _remove_stale(folder)
+        except BaseException:
+            self._discard()
+            raise
+        return self
+
+    def write(self, path: Path, writer: Writer) -> None:
+        """Have `writer` write the file that becomes `path`, in a thread."""
+        if path not in self._outputs:
+            raise ParameterError("was not announced as an output", source=path)
+        temporary = _Temporary(path)
+        self._pending.append((path, temporary, self._pool.submit(temporary.fill, writer)))
+
+    def checksums(self) -> dict[Path, str]:
+        """Return the sha256 of each file so far, waiting for those that are being written."""
+        return {path: _result(future, path) for path, _, future in self._pending}
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            if error is None:
+                self.checksums()
+                for _, temporary, _ in self._pending:
+                    temporary.rename()
+                for folder in dict.fromkeys(path.parent for path, _, _ in self._pending):
+                    _sync_folder(folder)
+                self._made_folders.clear()
+        finally:
+            self._discard()
+
+    def _make_folder(self, folder: Path) -> None:
+        missing = []
+        while not folder.exists():
+            missing.append(folder)
+            folder = folder.parent
+        for new in reversed(missing):
+            try:
+                new.mkdir(exist_ok=True)
+            except OSError as error:
+                rule = f"the folder cannot be made: {error.strerror}"
+                raise FileAccessError(rule, source=new) from None
+            self._made_folders.append(new)
+
+    def _discard(self) -> None:
+        """Remove what was not renamed; after a success that is nothing."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        for _, temporary, _ in self._pending:
+            temporary.remove()
+        self._pending.clear()
+        for folder in reversed(self._made_folders):
+            with contextlib.suppress(OSError):  # somebody else has put a file there
+                folder.rmdir()
+        self._made_folders.clear()
+
+
+class _Temporary:
+    """A locked temporary file beside its destination."""
+
+    def __init__(self, destination: Path) -> None:
+        self.destination = destination
+        self.path = destination.parent / f"{_PREFIX}{os.urandom(6).hex()}{_SUFFIX}"
+        try:
+            descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        except OSError as error:
+            rule = f"cannot be written: {error.strerror}"
+            raise FileAccessError(rule, source=destination) from None
+        self._file: io.BufferedRandom | None = os.fdopen(descriptor, "w+b")
+        if fcntl is not None:
+            # Some network file systems have no locks; then stale files stay, no more.
+            with contextlib.suppress(OSError):
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with contextlib.suppress(FileNotFoundError):  # a replaced file keeps its permissions
+            self.path.chmod(stat.S_IMODE(destination.stat().st_mode))
+
+    def fill(self, writer: Writer) -> str:
+        """Write the contents through to the disk and return their sha256."""
+        file = self._file
+        if file is None:
+            raise FileAccessError("was discarded", source=self.destination)
+        writer(file)
+        file.flush()
+        os.fsync(file.fileno())
+        file.seek(0)
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+    def rename(self) -> None:
+        try:
+            self.path.replace(self.destination)
+        except OSError as error:
+            rule = f"cannot be replaced: {error.strerror}"
+            raise FileAccessError(rule, source=self.destination) from None
+        self._close()
+
+    def remove(self) -> None:
+        if self._file is not None:
+            self.path.unlink(missing_ok=True)
+            self._close()
+
+    def _close(self) -> None:
+        if self._file is not None:
+            with contextlib.suppress(OSError):  # a full disk says so once more
+                self._file.close()
+            self._file = None
+
+
+def _result(future: Future[str], path: Path) -> str:
+    try:
+        return future.result()
+    except OSError as error:
+        if isinstance(error, FileAccessError):
+            raise
+        rule = f"cannot be written: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None
+
+
+def _check_output(output: Path, inputs: Sequence[Path], *, force: bool) -> None:
+    try:
+        status = output.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        _check_parents(output)
+        return
+    except OSError as error:
+        rule = f"cannot be written: {error.strerror}"
+        raise FileAccessError(rule, source=output) from None
+    for path in inputs:
+        with contextlib.suppress(OSError):
+            if os.path.samestat(status, path.stat()):
+                raise FileAccessError("the output is the input", source=output)
+    if stat.S_ISDIR(status.st_mode):
+        raise FileAccessError("the output is a directory", source=output)
+    if not force:
+        hint = "--force replaces it"
+        raise FileAccessError("the output exists", source=output, hint=hint)
+
+
+def _check_parents(output: Path) -> None:
+    for parent in output.parents:
+        if parent.is_dir():
+            return
+        if parent.exists():
+            raise FileAccessError("is not a folder, outputs cannot go into it", source=parent)
+
+
+def _remove_stale(folder: Path) -> None:
+    """Remove temporary files whose process is gone: those that nobody holds locked."""
+    if fcntl is None:
+        return
+    for path in folder.glob(f"{_PREFIX}*{_SUFFIX}"):
+        with contextlib.suppress(OSError), path.open("r+b") as file:
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+
+
+def _sync_folder(folder: Path) -> None:
+    # A file system that cannot sync a folder makes renames durable by its own rules.
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

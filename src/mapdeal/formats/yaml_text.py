@@ -1,0 +1,178 @@
+"""A YAML mapping as its nodes: scalars stay text, keys keep their lines.
+
+PyYAML turns scalars into values by YAML 1.1, where ``5e-2`` is text, ``1:30`` is ninety and
+``010`` is eight; ROS reads the text. So does this.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.source import read_file
+
+_LARGEST_FILE = 1 << 20
+_DEEPEST = 20
+_MOST_ALIASES = 16
+_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
+_PLAIN_KINDS = ("str", "int", "float", "bool", "null", "timestamp", "seq", "map", "merge")
+_PLAIN_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _PLAIN_KINDS}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """The value of one key: its YAML node, and where it stands."""
+
+    source: Path
+    key: str
+    node: yaml.Node
+
+    @property
+    def place(self) -> str:
+        """Key and line, as an error names them."""
+        return f"{self.key} (line {self.node.start_mark.line + 1})"
+
+    def error(self, rule: str, *, hint: str | None = None) -> MalformedInputError:
+        """Return an error about this entry that shows its text."""
+        start, end = self.node.start_mark, self.node.end_mark
+        text = (start.buffer or "")[start.pointer : end.pointer].rstrip("\0").strip()
+        return MalformedInputError(rule, source=self.source, place=self.place, got=text, hint=hint)
+
+    def text(self) -> str:
+        """Return the text of a scalar, as it is written."""
+        if not isinstance(self.node, yaml.ScalarNode):
+            raise self.error("must be a single value")
+        return str(self.node.value)
+
+    def number(self) -> float:
+        """Return a scalar as a number, by ROS's reading of it."""
+        text = self.text().strip()
+        if not _NUMBER.fullmatch(text):
+            raise self.error("must be a number", hint=_number_hint(text))
+        if re.match(r"[-+]?0\d", text):
+            hint = "YAML readers disagree on it (octal or decimal)"
+            raise self.error("must be a number without leading zeros", hint=hint)
+        return float(text)
+
+    def items(self) -> list[Entry]:
+        """Return the elements of a list."""
+        if not isinstance(self.node, yaml.SequenceNode):
+            raise self.error("must be a list")
+        return [Entry(self.source, self.key, node) for node in self.node.value]
+
+    def value(self) -> Any:
+        """Return the value that PyYAML's safe loader makes of the node."""
+        try:
+            return yaml.SafeLoader("").construct_document(self.node)
+        except (yaml.YAMLError, ValueError) as error:
+            raise self.error(f"cannot be read ({one_line_of(error)})") from None
+
+    @property
+    def is_yaml_1_1_text(self) -> bool:
+        """Whether PyYAML would take the scalar for text although ROS reads a number."""
+        return bool(self.node.tag == "tag:yaml.org,2002:str") and not getattr(
+            self.node, "style", None
+        )
+
+
+def read_mapping(path: Path) -> dict[str, Entry]:
+    """Return the entries of the mapping that a YAML file holds, by key.
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If it is not one UTF-8 document with a mapping of distinct keys at its top.
+    """
+    text = _decode(path, read_file(path))
+    node = _compose(path, text)
+    if node is None:
+        raise MalformedInputError("no mapping in file", source=path)
+    if not isinstance(node, yaml.MappingNode):
+        kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
+        raise MalformedInputError(f"must be a mapping of keys, is a {kind}", source=path)
+    entries: dict[str, Entry] = {}
+    for key_node, value_node in node.value:
+        if not isinstance(key_node, yaml.ScalarNode):
+            place = f"line {key_node.start_mark.line + 1}"
+            raise MalformedInputError("a key must be a single word", source=path, place=place)
+        key = str(key_node.value)
+        if key in entries:
+            first = entries[key].node.start_mark.line + 1
+            rule = f"key stands twice, on lines {first} and {key_node.start_mark.line + 1}"
+            raise MalformedInputError(rule, source=path, place=key)
+        entries[key] = Entry(path, key, value_node)
+    return entries
+
+
+def one_line_of(error: Exception) -> str:
+    """Return the message of a YAML error without its several lines of context."""
+    problem = getattr(error, "problem", None) or str(error)
+    return str(problem).splitlines()[0]
+
+
+def _decode(path: Path, data: bytes) -> str:
+    if re.match(rb"P[1-7fF]\s", data) or data.startswith((b"\x89PNG", b"BM", b"II*\0", b"MM\0*")):
+        kind = f"a {data[:2].decode()} image" if data[:1] == b"P" else "an image"
+        raise MalformedInputError(f"looks like {kind}", source=path, hint="pass the .yaml")
+    if len(data) > _LARGEST_FILE:
+        rule = f"a map's YAML file has at most {_LARGEST_FILE} bytes"
+        raise MalformedInputError(rule, source=path, got=len(data))
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
+    if "\0" in text:
+        place = f"byte {text.index(chr(0))}"
+        raise MalformedInputError("not UTF-8 text: it holds a NUL byte", source=path, place=place)
+    return text
+
+
+def _compose(path: Path, text: str) -> yaml.Node | None:
+    """Return the tree of nodes, after a look at the events that keeps the tree harmless."""
+    depth = aliases = 0
+    try:
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            if isinstance(event, (yaml.SequenceStartEvent, yaml.MappingStartEvent)):
+                depth += 1
+                if depth > _DEEPEST:
+                    rule = f"nested deeper than {_DEEPEST} levels"
+                    raise MalformedInputError(rule, source=path, place=_line(event))
+            elif isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
+                depth -= 1
+            elif isinstance(event, yaml.AliasEvent):
+                aliases += 1
+                if aliases > _MOST_ALIASES:
+                    rule = f"more than {_MOST_ALIASES} aliases"
+                    raise MalformedInputError(rule, source=path, place=_line(event))
+            tag = getattr(event, "tag", None)
+            if tag not in (None, "!") and tag not in _PLAIN_TAGS:
+                place = _line(event)
+                raise MalformedInputError("tag not allowed", source=path, place=place, got=tag)
+        node: yaml.Node | None = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else None
+        rule = f"not valid YAML: {one_line_of(error)}"
+        raise MalformedInputError(rule, source=path, place=where) from None
+    return node
+
+
+def _line(event: yaml.Event) -> str:
+    return f"line {event.start_mark.line + 1}" if event.start_mark else "the file"
+
+
+def _number_hint(text: str) -> str | None:
+    if re.fullmatch(r"[-+]?\d+,\d+", text):
+        return "write the decimal point as '.'"
+    if re.match(r"[-+]?[\d.]+\s*[a-zA-Z]", text):
+        return "write the bare number, without a unit or suffix"
+    if text.lower().lstrip("+-.") == "nan":
+        return "a fault of some map savers; write 0"
+    return None

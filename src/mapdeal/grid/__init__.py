@@ -1,0 +1,1 @@
+"""Frozen grids and their geometry: where a cell lies, what its value means."""

@@ -1,0 +1,25 @@
+"""The values that cells take, by the names that ROS gives them.
+
+References
+----------
+``nav_msgs/OccupancyGrid`` for the occupancy values; ``costmap_2d/cost_values.h`` for the costs.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+UNKNOWN: Final = -1
+FREE: Final = 0
+OCCUPIED: Final = 100
+
+FREE_SPACE: Final = 0
+INSCRIBED_INFLATED_OBSTACLE: Final = 253
+LETHAL_OBSTACLE: Final = 254
+NO_INFORMATION: Final = 255
+
+DEFAULT_LETHAL_THRESHOLD: Final = 100
+
+CostScale = Literal["costmap2d", "occupancy"]
+UnknownPolicy = Literal["free", "occupied"]
+Convention = Literal["seed", "center", "border"]

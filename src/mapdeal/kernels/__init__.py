@@ -1,0 +1,1 @@
+"""Algorithms on bare arrays, in cells: no units, no files, no types but arrays."""

@@ -1,0 +1,87 @@
+"""Stage ``active``: the part of a map that anything is known of."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.grid.frame import cells_to_cover
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import UNKNOWN
+from mapdeal.kernels.neighbourhood import drop_small_groups
+from mapdeal.stages.parameters import AT_LEAST_0, stage
+
+
+@stage
+def active_region(
+    grid: OccupancyGrid,
+    *,
+    margin: Annotated[float, AT_LEAST_0] = 0.0,
+    canvas: Literal["crop", "full"] = "crop",
+    min_component: Annotated[int, AT_LEAST_0] = 0,
+) -> OccupancyGrid:
+    """Return the bounding box of all known cells.
+
+    Maps of simulated worlds lie on a canvas of some predictable, large size; the box is the
+    part that was explored.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    margin : float
+        Metres to grow the box by on every side; it is clipped to the grid.
+    canvas : {'crop', 'full'}
+        ``crop``: the grid shrinks to the box and its origin moves with it, whatever the yaw.
+        ``full``: the grid keeps its size, and cells outside of the box become unknown.
+    min_component : int
+        8-connected groups of known cells smaller than this don't count for the box, so that a
+        stray beam does not blow it up. Inside of the box they stay.
+
+    Returns
+    -------
+    OccupancyGrid
+
+    Raises
+    ------
+    MalformedInputError
+        If no cell is known, or none in a group large enough.
+
+    References
+    ----------
+    Design document 000 takes the same box, with the bugs that the documentation of this stage
+    lists; ``crop_map`` of ROS map_server is the same rule on pixels.
+
+    Examples
+    --------
+    >>> grid = OccupancyGrid([[-1, -1, -1, -1], [-1, 0, 100, -1]], 0.5, (1.0, 2.0, 0.0))
+    >>> region = active_region(grid)
+    >>> region.occupancy.tolist(), region.origin
+    ([[0, 100]], (1.5, 2.5, 0.0))
+    """
+    known = drop_small_groups(grid.occupancy != UNKNOWN, min_component)
+    if not known.any():
+        rule = "no active cells: every cell is unknown"
+        if min_component > 1:
+            rule = f"no active cells: no group of {min_component} known cells or more"
+        raise MalformedInputError(rule)
+    grow = cells_to_cover(margin, grid.resolution)
+    (top, bottom), (left, right) = (
+        _span(known.any(axis=axis), grow) for axis in (1, 0)
+    )  # fmt: skip
+    box = (slice(top, bottom), slice(left, right))
+    if canvas == "full":
+        occupancy = np.full(grid.shape, UNKNOWN, dtype=np.int8)
+        occupancy[box] = grid.occupancy[box]
+        return OccupancyGrid(occupancy, grid.resolution, grid.origin)
+    frame = grid.frame.window(top, left, bottom - top, right - left)
+    return OccupancyGrid(grid.occupancy[box], grid.resolution, frame.origin)
+
+
+def _span(has_known: NDArray[np.bool_] | np.bool_, grow: int) -> tuple[int, int]:
+    """Return the half open range of the True entries, grown and clipped."""
+    indices = np.flatnonzero(has_known)
+    return max(int(indices[0]) - grow, 0), min(int(indices[-1]) + 1 + grow, np.size(has_known))

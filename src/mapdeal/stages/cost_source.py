@@ -1,0 +1,39 @@
+"""What a cost model starts from: a map, or the distance field of one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
+
+CostSource = OccupancyGrid | DistanceField
+
+
+def check_lethal_threshold(source: CostSource, lethal_threshold: int | None) -> int:
+    """Return the threshold to use: the field's own for a field, else the given or 100."""
+    if isinstance(source, DistanceField):
+        if lethal_threshold not in (None, source.lethal_threshold):
+            rule = f"the distance field was made with {source.lethal_threshold}"
+            raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
+        return source.lethal_threshold
+    return DEFAULT_LETHAL_THRESHOLD if lethal_threshold is None else lethal_threshold
+
+
+def obstacles_of(source: CostSource, lethal_threshold: int) -> NDArray[np.bool_]:
+    """Return the mask of cells that count as obstacles."""
+    if isinstance(source, DistanceField):
+        return source.obstacles()
+    return source.occupied(lethal_threshold)
+
+
+def occupancy_with_obstacles(
+    source: CostSource, obstacles: NDArray[np.bool_]
+) -> NDArray[np.int8]:  # fmt: skip
+    """Return a copy of the occupancy in which every obstacle is 100."""
+    occupancy = source.occupancy.copy()
+    occupancy[obstacles] = OCCUPIED
+    return occupancy

@@ -1,0 +1,224 @@
+"""Stage ``cost``, model ``exponential``: costmap_2d's inflation with exact distances."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.frame import cells_to_cover
+from mapdeal.grid.values import (
+    FREE_SPACE,
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
+    NO_INFORMATION,
+    UNKNOWN,
+)
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.stages.cost_source import CostSource, check_lethal_threshold, obstacles_of
+from mapdeal.stages.esdf import reach_is_kept
+from mapdeal.stages.parameters import AT_LEAST_0, LETHAL, stage
+
+
+@stage
+def exponential_cost(
+    source: CostSource,
+    *,
+    inscribed_radius: Annotated[float, AT_LEAST_0] = 0.0,
+    inflation_radius: Annotated[float, AT_LEAST_0] = 0.55,
+    cost_scaling_factor: Annotated[float, AT_LEAST_0] = 10.0,
+    inflate_unknown: bool = False,
+    inflate_around_unknown: bool = False,
+    lethal_threshold: Annotated[int, LETHAL] | None = None,
+    circumscribed_radius: Annotated[float, AT_LEAST_0] | None = None,
+) -> Costmap:
+    """Return the costs of costmap_2d's inflation layer.
+
+    Parameters
+    ----------
+    source : OccupancyGrid or DistanceField
+        The map, or its distance field: obstacles then are the field's, distances its own.
+    inscribed_radius : float
+        Metres within which the robot collides whatever its heading: cost 253.
+    inflation_radius : float
+        Metres that the costs reach, rounded up to whole cells.
+    cost_scaling_factor : float
+        Rate of the fall-off, per metre; larger is steeper.
+    inflate_unknown : bool
+        Whether unknown cells take any cost above 0, or only 253 and more.
+    inflate_around_unknown : bool
+        Whether costs spread from unknown cells too, which become lethal themselves.
+    lethal_threshold : int, optional
+        Occupancy from which a cell is lethal; 100 for a map, a field's own for a field.
+    circumscribed_radius : float, optional
+        Metres outside of which the robot cannot collide; only reports `circumscribed_cost`.
+
+    Returns
+    -------
+    Costmap
+        On scale ``costmap2d``. 254 on obstacles; 253 where d <= `inscribed_radius`; else
+        trunc(252 exp(-cost_scaling_factor (d - inscribed_radius))) as far as the costs reach,
+        with d the metres between cell centres; unknown 255.
+
+    Raises
+    ------
+    ParameterError
+        If the field was clipped below the reach.
+
+    Warns
+    -----
+    MapdealWarning
+        If the inscribed or the circumscribed radius is larger than the inflation radius.
+
+    Notes
+    -----
+    The reach is closed and counted in cells, d <= ceil(inflation_radius / resolution), so costs
+    exist up to almost one cell beyond the radius. The brushfire of costmap_2d overestimates the
+    distance of a few cells; the costs here are of the exact distance, never lower.
+
+    References
+    ----------
+    ``inflation_layer.hpp`` of nav2_costmap_2d (``computeCost``, ``updateCosts``).
+
+    Examples
+    --------
+    >>> from mapdeal.grid.occupancy import OccupancyGrid
+    >>> grid = OccupancyGrid([[100, 0, 0, 0, 0, 0]], resolution=0.05)
+    >>> exponential_cost(grid, inscribed_radius=0.1, inflation_radius=0.2).cost.tolist()
+    [[254, 253, 253, 152, 92, 0]]
+    """
+    lethal_threshold = check_lethal_threshold(source, lethal_threshold)
+    if inscribed_radius > inflation_radius:
+        text = (
+            f"cost: inscribed_radius {inscribed_radius:g} m is larger than inflation_radius "
+            f"{inflation_radius:g} m, which cuts it off"
+        )
+        warnings.warn(text, MapdealWarning, stacklevel=2)
+    obstacles = obstacles_of(source, lethal_threshold)
+    cost = np.full(source.shape, FREE_SPACE, dtype=np.uint8)
+    cost[source.occupancy == UNKNOWN] = NO_INFORMATION
+    cost[obstacles] = LETHAL_OBSTACLE
+    reach = _reach(inflation_radius, source.resolution, source.shape)
+    if reach > 0:
+        table = cost_table(
+            reach,
+            resolution=source.resolution,
+            inscribed_radius=inscribed_radius,
+            cost_scaling_factor=cost_scaling_factor,
+        )
+        seeds = cost == LETHAL_OBSTACLE
+        if inflate_around_unknown:
+            seeds |= cost == NO_INFORMATION
+        if isinstance(source, DistanceField) and np.array_equal(seeds, obstacles):
+            squared = _squared_from_field(source, reach)
+        else:
+            squared = squared_distance(seeds)
+        cost = spread_costs(cost, squared, table, inflate_unknown=inflate_unknown)
+    circumscribed_cost = None
+    if circumscribed_radius is not None:
+        circumscribed_cost = _circumscribed_cost(
+            circumscribed_radius, inscribed_radius, inflation_radius, cost_scaling_factor
+        )
+    return Costmap(
+        cost, source.resolution, source.origin, circumscribed_cost=circumscribed_cost
+    )  # fmt: skip
+
+
+def cost_table(
+    reach: int, *, resolution: float, inscribed_radius: float, cost_scaling_factor: float
+) -> NDArray[np.uint8]:
+    """Return the cost of each squared distance in cells, 0 .. reach^2 and one 0 beyond.
+
+    Examples
+    --------
+    >>> table = cost_table(4, resolution=1.0, inscribed_radius=2.1, cost_scaling_factor=1.0)
+    >>> table[[0, 1, 4, 5, 9, 10, 16, 17]].tolist()
+    [254, 253, 253, 219, 102, 87, 37, 0]
+    """
+    metres = np.sqrt(np.arange(reach * reach + 2, dtype=np.float64)) * resolution
+    decay = np.exp(-cost_scaling_factor * np.maximum(metres - inscribed_radius, 0.0))
+    table = ((INSCRIBED_INFLATED_OBSTACLE - 1) * decay).astype(np.uint8)
+    table[metres <= inscribed_radius] = INSCRIBED_INFLATED_OBSTACLE
+    table[0] = LETHAL_OBSTACLE
+    table[-1] = FREE_SPACE
+    return table
+
+
+def spread_costs(
+    cost: NDArray[np.uint8],
+    squared: NDArray[np.int32] | NDArray[np.int64] | NDArray[np.float64],
+    table: NDArray[np.uint8],
+    *,
+    inflate_unknown: bool = False,
+) -> NDArray[np.uint8]:
+    """Return `cost` raised to what the distance to the nearest seed asks for.
+
+    Parameters
+    ----------
+    cost : numpy.ndarray of uint8, shape (H, W)
+        The costs before inflation.
+    squared : numpy.ndarray, shape (H, W)
+        Squared distance to the nearest seed, cells.
+    table : numpy.ndarray of uint8
+        The cost of each squared distance; its last entry is for all beyond.
+    inflate_unknown : bool
+        Whether unknown cells take any cost above 0, or only 253 and more.
+
+    Returns
+    -------
+    numpy.ndarray of uint8, shape (H, W)
+    """
+    spread = table[np.minimum(squared, len(table) - 1).astype(np.intp, copy=False)]
+    unknown = cost == NO_INFORMATION
+    raised = np.maximum(cost, spread)
+    overwrite = spread > 0 if inflate_unknown else spread >= INSCRIBED_INFLATED_OBSTACLE
+    np.copyto(raised, spread, where=unknown & overwrite)
+    return raised
+
+
+def _reach(inflation_radius: float, resolution: float, shape: tuple[int, int]) -> int:
+    """Return the cells that costs reach; beyond the map's diagonal nothing is left to reach."""
+    diagonal = math.ceil(math.hypot(*shape))
+    return min(
+        cells_to_cover(min(inflation_radius, 2 * diagonal * resolution), resolution), diagonal
+    )
+
+
+def _squared_from_field(
+    field: DistanceField, reach: int
+) -> NDArray[np.float64] | NDArray[np.int32] | NDArray[np.int64]:
+    metres = reach * field.resolution
+    if reach_is_kept(field, metres):
+        return field.squared_cells_to_obstacle()
+    if field.max_distance is not None and field.max_distance < metres * (1 - 1e-6):
+        rule = f"the field is clipped below the reach of the costs, {metres:g} m"
+        hint = "make the field with a larger max_distance, or none"
+        raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
+    # The clip falls on the reach: cells right there look like those beyond.
+    return squared_distance(field.obstacles())
+
+
+def _circumscribed_cost(
+    circumscribed_radius: float,
+    inscribed_radius: float,
+    inflation_radius: float,
+    cost_scaling_factor: float,
+) -> int:
+    if circumscribed_radius > inflation_radius:
+        text = (
+            f"cost: inflation_radius {inflation_radius:g} m is smaller than the robot's "
+            f"circumscribed radius {circumscribed_radius:g} m: cost 0 does not mean that "
+            "every heading is free"
+        )
+        warnings.warn(text, MapdealWarning, stacklevel=3)
+        return 0
+    if circumscribed_radius <= inscribed_radius:
+        return INSCRIBED_INFLATED_OBSTACLE
+    decay = math.exp(-cost_scaling_factor * (circumscribed_radius - inscribed_radius))
+    return int((INSCRIBED_INFLATED_OBSTACLE - 1) * decay)

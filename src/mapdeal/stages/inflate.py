@@ -1,0 +1,105 @@
+"""Stage ``inflate``: obstacles grown by the robot's radius."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Annotated, Literal
+
+from mapdeal.errors import MapdealWarning
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import cells_to_cover
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.neighbourhood import dilate_square
+from mapdeal.stages.parameters import AT_LEAST_0, LETHAL, stage
+
+_RADIUS_TOLERANCE = 1e-9
+"""In metres: cells whose centre lies exactly on the radius belong to the disc."""
+
+
+@stage
+def inflate(
+    grid: OccupancyGrid,
+    *,
+    radius: Annotated[float, AT_LEAST_0] = 0.3,
+    footprint: Footprint | None = None,
+    kernel: Literal["disc", "square"] = "disc",
+    lethal_threshold: Annotated[int, LETHAL] = DEFAULT_LETHAL_THRESHOLD,
+    inflate_unknown: bool = True,
+) -> OccupancyGrid:
+    """Return the map with every obstacle grown by a radius.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    radius : float
+        Metres to grow by.
+    footprint : Footprint, optional
+        The robot's shape; its circumscribed radius takes the place of `radius`.
+    kernel : {'disc', 'square'}
+        ``disc``: cells whose centre lies within `radius` of an obstacle cell's centre.
+        ``square``: cells within ceil(radius / resolution) cells along both axes, as design
+        document 000 has it.
+    lethal_threshold : int
+        Occupancy from which a cell is an obstacle.
+    inflate_unknown : bool
+        Whether unknown cells inside the kernel become occupied too, or stay unknown.
+
+    Returns
+    -------
+    OccupancyGrid
+        Cells inside the kernel are 100, all others keep their value.
+
+    Warns
+    -----
+    MapdealWarning
+        If the radius is shorter than half a cell, or every cell ends up occupied.
+
+    Examples
+    --------
+    >>> grid = OccupancyGrid([[0, 0, -1, 0, 100]], resolution=0.1)
+    >>> inflate(grid, radius=0.2).occupancy.tolist()
+    [[0, 0, 100, 100, 100]]
+    """
+    if footprint is not None:
+        radius = footprint.circumscribed_radius
+    if 0 < radius < grid.resolution / 2:
+        text = f"inflate: radius {radius:g} m is below half a cell and has no effect"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
+    occupied = grid.occupied(lethal_threshold)
+    if kernel == "square":
+        reach = cells_to_cover(radius, grid.resolution)
+        # no further than the grid: keeps huge radii within the integers
+        grown = dilate_square(occupied, min(reach, max(grid.shape)))
+    else:
+        diagonal = math.hypot(*grid.shape)
+        limit = largest_square_within(min(radius, diagonal * grid.resolution), grid.resolution)
+        grown = squared_distance(occupied) <= limit
+    if not inflate_unknown:
+        grown &= ~grid.unknown() | occupied
+    if grown.all() and not occupied.all():
+        text = f"inflate: radius {radius:g} m leaves no cell of the map free"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
+    occupancy = grid.occupancy.copy()
+    occupancy[grown] = OCCUPIED
+    return OccupancyGrid(occupancy, grid.resolution, grid.origin)
+
+
+def largest_square_within(radius: float, resolution: float) -> int:
+    """Return the largest whole number s with sqrt(s) * resolution <= radius + 1e-9.
+
+    Examples
+    --------
+    >>> largest_square_within(0.3, 0.1), largest_square_within(0.25, 0.1)
+    (9, 6)
+    """
+    bound = radius + _RADIUS_TOLERANCE
+    square = math.floor((bound / resolution) ** 2)
+    while math.sqrt(square + 1) * resolution <= bound:
+        square += 1
+    while square > 0 and math.sqrt(square) * resolution > bound:
+        square -= 1
+    return square

@@ -1,0 +1,202 @@
+"""The parameters of a stage, read off its function's signature.
+
+A stage is a plain function whose keyword-only arguments are its parameters. Their names,
+defaults, types and bounds stand in the signature and nowhere else; recipes, the command line
+and Python callers are all held to them.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import inspect
+import math
+import types
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import get_type_hints as hints_of
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.footprint import Footprint
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A condition on a number, in words and as a test; numbers are always finite."""
+
+    rule: str
+    holds: Callable[[Any], bool]
+
+
+AT_LEAST_0 = Bound("at least 0", lambda value: value >= 0)
+ABOVE_0 = Bound("above 0", lambda value: value > 0)
+PERCENT = Bound("between 0 and 100", lambda value: 0 <= value <= 100)
+LETHAL = Bound("between 1 and 100", lambda value: 1 <= value <= 100)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a stage: its name, default and what it may be."""
+
+    name: str
+    default: object
+    kind: Any
+    optional: bool
+    bounds: tuple[Bound, ...]
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The words that are allowed, if the parameter is a choice of words."""
+        return get_args(self.kind) if get_origin(self.kind) is Literal else ()
+
+    def accept(self, value: object) -> Any:
+        """Return `value` as the parameter's type.
+
+        Text is read as a recipe or a shell would write it: ``0.3``, ``yes``, ``90,70,50``.
+
+        Raises
+        ------
+        ParameterError
+            If it is of another type, not finite, or out of bounds.
+        """
+        if self.optional and (value is None or value == "none"):
+            return None
+        if self.choices:
+            if value in self.choices:
+                return value
+            raise self._error(f"one of {', '.join(self.choices)}", value)
+        if self.kind is Footprint:
+            return _footprint(value)
+        if self.kind is bool:
+            return self._accept_bool(value)
+        if get_origin(self.kind) is tuple:
+            values = value.split(",") if isinstance(value, str) else value
+            if not isinstance(values, Iterable) or isinstance(values, Mapping):
+                raise self._error("a list of numbers", value)
+            return tuple(self._accept_number(get_args(self.kind)[0], item) for item in values)
+        return self._accept_number(self.kind, value)
+
+    def _accept_bool(self, value: object) -> bool:
+        if isinstance(value, bool):
+            return value
+        words = {"yes": True, "true": True, "on": True, "no": False, "false": False, "off": False}
+        if isinstance(value, str) and value.lower() in words:
+            return words[value.lower()]
+        raise self._error("yes or no", value)
+
+    def _accept_number(self, kind: type, value: object) -> float:
+        number: float | None = None
+        if isinstance(value, (int, float, str)) and not isinstance(value, bool):
+            try:
+                number = float(value)
+            except (ValueError, OverflowError):
+                number = None
+        what = "a whole number" if kind is int else "a finite number"
+        rule = " ".join([what, *(bound.rule for bound in self.bounds)])
+        if number is None or not math.isfinite(number) or (kind is int and number % 1):
+            raise self._error(rule, value)
+        if not all(bound.holds(number) for bound in self.bounds):
+            raise self._error(rule, value)
+        return int(number) if kind is int else number
+
+    def _error(self, rule: str, value: object) -> ParameterError:
+        return ParameterError(f"must be {rule}", place=self.name, got=value)
+
+
+def stage(function: Callable[P, R]) -> Callable[P, R]:
+    """Make `function` check and convert its keyword arguments by its own signature."""
+    known = parameters_of(function)
+
+    @functools.wraps(function)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> R:
+        accepted: dict[str, Any] = {
+            name: known[name].accept(value) if name in known else value
+            for name, value in kwargs.items()
+        }
+        return function(*args, **accepted)
+
+    return checked
+
+
+@functools.cache
+def parameters_of(function: Callable[..., Any]) -> dict[str, Parameter]:
+    """Return the parameters of a stage's function: its keyword-only arguments."""
+    function = inspect.unwrap(function)
+    hints = hints_of(function, include_extras=True)
+    found: dict[str, Parameter] = {}
+    for name, argument in inspect.signature(function).parameters.items():
+        if argument.kind is not inspect.Parameter.KEYWORD_ONLY:
+            continue
+        kind, bounds = _split_annotated(hints[name])
+        optional = False
+        if get_origin(kind) in (Union, types.UnionType):
+            (kind,) = (arm for arm in get_args(kind) if arm is not type(None))
+            optional = True
+            kind, inner_bounds = _split_annotated(kind)
+            bounds += inner_bounds
+        found[name] = Parameter(name, argument.default, kind, optional, bounds)
+    return found
+
+
+def accept_parameters(
+    function: Callable[..., Any], given: Mapping[str, object], owner: str
+) -> dict[str, Any]:
+    """Return all parameters of a stage: those given, checked, and the defaults of the rest.
+
+    Parameters
+    ----------
+    function : callable
+        The stage's function.
+    given : mapping
+        Parameters by name.
+    owner : str
+        What to call the stage in an error.
+
+    Raises
+    ------
+    ParameterError
+        If a name is not known, or a value not allowed.
+    """
+    known = parameters_of(function)
+    values = {name: parameter.default for name, parameter in known.items()}
+    for name, value in given.items():
+        if name not in known:
+            raise unknown_name("parameter", name, known, place=owner)
+        try:
+            values[name] = known[name].accept(value)
+        except ParameterError as error:
+            error.place = f"{owner}.{error.place}"
+            raise
+    return values
+
+
+def unknown_name(
+    what: str, name: object, known: Iterable[str], *, place: str | None = None
+) -> ParameterError:
+    """Return the error for a name that is not among the `known` ones, with the nearest."""
+    names = list(known)
+    near = difflib.get_close_matches(str(name), names, n=1)
+    hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
+    return ParameterError(f"no such {what}", place=place, got=name, hint=hint)
+
+
+def _split_annotated(hint: Any) -> tuple[Any, tuple[Bound, ...]]:
+    if get_origin(hint) is Annotated:
+        kind, *extras = get_args(hint)
+        return kind, tuple(extra for extra in extras if isinstance(extra, Bound))
+    return hint, ()
+
+
+def _footprint(value: object) -> Footprint:
+    if isinstance(value, Footprint):
+        return value
+    if isinstance(value, str):
+        return Footprint.parse(value)
+    if isinstance(value, (list, tuple)):
+        return Footprint.polygon(value)
+    rule = "must look like [[x1, y1], [x2, y2], ...]"
+    raise ParameterError(rule, place="footprint", got=value)

@@ -1,0 +1,63 @@
+"""Stage ``cost``, model ``rings``: one value for each ring of cells around obstacles."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap import Costmap
+from mapdeal.kernels.neighbourhood import dilate_square
+from mapdeal.stages.cost_source import (
+    CostSource,
+    check_lethal_threshold,
+    obstacles_of,
+    occupancy_with_obstacles,
+)
+from mapdeal.stages.parameters import LETHAL, PERCENT, stage
+
+
+@stage
+def ring_cost(
+    source: CostSource,
+    *,
+    values: Annotated[tuple[int, ...], PERCENT] = (90, 70, 50),
+    lethal_threshold: Annotated[int, LETHAL] | None = None,
+) -> Costmap:
+    """Return costs that fall off ring by ring around obstacles.
+
+    Parameters
+    ----------
+    source : OccupancyGrid or DistanceField
+        The map, or a field whose map and obstacles are taken.
+    values : sequence of int
+        Costs of the cells at Chebyshev distance 1, 2, 3, ... from the nearest obstacle.
+    lethal_threshold : int, optional
+        Occupancy from which a cell is an obstacle; 100 for a map, a field's own for a field.
+
+    Returns
+    -------
+    Costmap
+        On scale ``occupancy``: obstacles 100, the rings their values, unknown cells in a ring
+        included; all other cells keep their value.
+
+    References
+    ----------
+    Design document 000, ``Set_Cost_Map``.
+
+    Examples
+    --------
+    >>> from mapdeal.grid.occupancy import OccupancyGrid
+    >>> grid = OccupancyGrid([[100, 0, -1, 0, 0, -1]], resolution=0.1)
+    >>> ring_cost(grid).cost.tolist()
+    [[100, 90, 70, 50, 0, -1]]
+    """
+    if not values:
+        raise ParameterError("needs at least one number", place="values", got=values)
+    threshold = check_lethal_threshold(source, lethal_threshold)
+    inner = obstacles_of(source, threshold)
+    cost = occupancy_with_obstacles(source, inner)
+    for value in values:
+        outer = dilate_square(inner, 1)
+        cost[outer & ~inner] = value
+        inner = outer
+    return Costmap(cost, source.resolution, source.origin, scale="occupancy")

@@ -1,0 +1,79 @@
+"""Stage ``cost``, model ``threshold``: design document 000's costs from the field's view."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.stages.cost_source import CostSource, check_lethal_threshold
+from mapdeal.stages.esdf import View, esdf, field_view
+from mapdeal.stages.parameters import ABOVE_0, AT_LEAST_0, LETHAL, PERCENT, stage
+
+_HIGHEST_BELOW_OBSTACLE = 99
+
+
+@stage
+def threshold_cost(
+    source: CostSource,
+    *,
+    down: Annotated[float, PERCENT] = 45,
+    up: Annotated[float, PERCENT] = 54,
+    down_factor: Annotated[float, AT_LEAST_0] = 0.0,
+    up_factor: Annotated[float, AT_LEAST_0] = 1.5,
+    view: View = "metric",
+    view_range: Annotated[float, ABOVE_0] = 2.0,
+    lethal_threshold: Annotated[int, LETHAL] | None = None,
+) -> Costmap:
+    """Return costs by thresholds on the 0..100 view of the distance field.
+
+    Parameters
+    ----------
+    source : OccupancyGrid or DistanceField
+        The field; a map is made into one first, with unknown cells free.
+    down, up : float
+        View values that separate far, middle and near.
+    down_factor, up_factor : float
+        Factors of the middle and the near range.
+    view : {'metric', 'seed'}
+        Which view, see `mapdeal.field_view`.
+    view_range : float
+        Metres at which the metric view reaches 0.
+    lethal_threshold : int, optional
+        Occupancy from which a cell is an obstacle; 100 for a map, a field's own for a field.
+
+    Returns
+    -------
+    Costmap
+        On scale ``occupancy``. With v the view: 0 for v <= down; trunc(down_factor v) up to
+        `up`; trunc(up_factor v) above it, at most 99; obstacles 100 and unknown -1 are kept.
+
+    Notes
+    -----
+    Design document 000 lets the product overflow its 8 bits; 100 is kept for obstacles here.
+
+    Examples
+    --------
+    >>> from mapdeal.grid.occupancy import OccupancyGrid
+    >>> grid = OccupancyGrid([[100, 0, 0, 0, 0, -1]], resolution=0.25)
+    >>> threshold_cost(grid).cost.tolist()  # the view is 100, 87, 75, 62, 50, -1
+    [[100, 99, 99, 93, 0, -1]]
+    """
+    if down > up:
+        raise ParameterError(f"must not be larger than up ({up:g})", place="down", got=down)
+    threshold = check_lethal_threshold(source, lethal_threshold)
+    if not isinstance(source, DistanceField):
+        source = esdf(source, lethal_threshold=threshold)
+    values = field_view(source, view=view, view_range=view_range).occupancy
+    by_value = np.zeros(128, dtype=np.int8)  # indexed by the view; int8 never exceeds 127
+    for value in range(FREE, OCCUPIED):
+        factor = 0.0 if value <= down else down_factor if value <= up else up_factor
+        by_value[value] = min(int(factor * value), _HIGHEST_BELOW_OBSTACLE)
+    by_value[OCCUPIED] = OCCUPIED
+    cost = by_value[values]  # -1 reads the table's last entry, put right below
+    cost[values == UNKNOWN] = UNKNOWN
+    return Costmap(cost, source.resolution, source.origin, scale="occupancy")
