@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from mapdeal.errors import MalformedInputError, MapdealWarning
-from mapdeal.formats.yaml_text import Entry, read_mapping
+from mapdeal.formats.yaml_text import Entry, read_mapping, yaml_document
 from mapdeal.grid.frame import Origin
 from mapdeal.grid.values import CostScale
 
@@ -102,8 +102,6 @@ def read_metadata(path: Path, *, dialect: Dialect = "nav2") -> MapMetadata:
 
 def yaml_of(metadata: MapMetadata) -> bytes:
     """Return the YAML file of `metadata`: keys in ROS's order, floats in shortest form."""
-    import yaml
-
     document: dict[str, Any] = {
         "image": metadata.image,
         "mode": metadata.mode,
@@ -116,10 +114,7 @@ def yaml_of(metadata: MapMetadata) -> bytes:
     if metadata.cost_scale is not None:
         document["cost_scale"] = metadata.cost_scale
     document.update(metadata.extra)
-    text = yaml.safe_dump(
-        document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1000
-    )
-    return text.encode()
+    return yaml_document(document)
 
 
 def _warn(path: Path, place: str, text: str) -> None:

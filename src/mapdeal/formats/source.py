@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
 from pathlib import Path
@@ -44,3 +45,23 @@ def read_file(path: Path, *, limit: int = LARGEST_FILE) -> bytes:
     if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
         raise FileAccessError("changed while it was read", source=path)
     return data
+
+
+def holds(path: Path, sha256: str) -> bool:
+    """Return whether `path` is a file with exactly the contents of that checksum."""
+    return path.is_file() and sha256_of(path) == sha256
+
+
+def sha256_of(path: Path) -> str:
+    """Return the sha256 of a file's contents, as hexadecimal digits.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise FileAccessError(f"cannot be read: {error.strerror}", source=path) from None

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import BinaryIO
 
 from mapdeal.errors import FileAccessError, ParameterError
+from mapdeal.formats.source import holds
 
 try:
     import fcntl
@@ -138,6 +139,22 @@ class Transaction:
             with contextlib.suppress(OSError):  # somebody else has put a file there
                 folder.rmdir()
         self._made_folders.clear()
+
+
+def remove_if_unchanged(path: Path, sha256: str) -> None:
+    """Remove a file of which only the checksum is known, unless somebody has changed it.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read or removed.
+    """
+    if not holds(path, sha256):
+        return
+    try:
+        path.unlink()
+    except OSError as error:
+        raise FileAccessError(f"cannot be removed: {error.strerror}", source=path) from None
 
 
 class _Temporary:

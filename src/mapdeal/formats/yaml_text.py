@@ -176,3 +176,11 @@ def _number_hint(text: str) -> str | None:
     if text.lower().lstrip("+-.") == "nan":
         return "a fault of some map savers; write 0"
     return None
+
+
+def yaml_document(document: dict[str, Any]) -> bytes:
+    """Return a YAML file of `document`: keys in order, lists in brackets, floats shortest."""
+    text = yaml.safe_dump(
+        document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1000
+    )
+    return text.encode()

@@ -1,0 +1,153 @@
+"""``mapdeal cost``: a costmap from a map or from its distance field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mapdeal.cli import options as opt
+from mapdeal.cli.stage_command import file_options, run_stage
+from mapdeal.errors import ParameterError
+from mapdeal.stages.exponential_cost import exponential_cost
+from mapdeal.stages.ring_cost import ring_cost
+from mapdeal.stages.threshold_cost import threshold_cost
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+
+@app.command()
+def cost(
+    source: Annotated[
+        Path, typer.Argument(metavar="MAP|ESDF.npz", help="A map, or the distance field of one.")
+    ],
+    output: Annotated[Path, opt.output_argument("OUT", "The costs: .yaml (with .pgm) or .npz.")],
+    model: Annotated[
+        str, typer.Option(metavar="exponential|threshold|rings", help="The rule of the costs.")
+    ] = "exponential",
+    inscribed_radius: Annotated[
+        float | None,
+        opt.stage_option(
+            exponential_cost,
+            "inscribed_radius",
+            "exponential: cost 253 up to here.",
+            metavar="M",
+        ),
+    ] = None,
+    inflation_radius: Annotated[
+        float | None,
+        opt.stage_option(
+            exponential_cost, "inflation_radius", "exponential: costs reach this far.", metavar="M"
+        ),
+    ] = None,
+    cost_scaling_factor: Annotated[
+        float | None,
+        opt.stage_option(
+            exponential_cost,
+            "cost_scaling_factor",
+            "exponential: steepness, per metre.",
+            metavar="K",
+        ),
+    ] = None,
+    footprint: opt.FootprintText = None,
+    robot_radius: opt.RobotRadius = None,
+    footprint_padding: opt.FootprintPadding = 0.0,
+    inflate_unknown: Annotated[
+        bool | None,
+        opt.stage_option(
+            exponential_cost, "inflate_unknown", "exponential: unknown cells take any cost."
+        ),
+    ] = None,
+    inflate_around_unknown: Annotated[
+        bool | None,
+        opt.stage_option(
+            exponential_cost,
+            "inflate_around_unknown",
+            "exponential: unknown cells are lethal and spread costs.",
+        ),
+    ] = None,
+    down: Annotated[
+        float | None,
+        opt.stage_option(
+            threshold_cost, "down", "threshold: view values up to here cost 0.", metavar="V"
+        ),
+    ] = None,
+    up: Annotated[
+        float | None,
+        opt.stage_option(threshold_cost, "up", "threshold: end of the middle range.", metavar="V"),
+    ] = None,
+    down_factor: Annotated[
+        float | None,
+        opt.stage_option(
+            threshold_cost, "down_factor", "threshold: factor of the middle range.", metavar="K"
+        ),
+    ] = None,
+    up_factor: Annotated[
+        float | None,
+        opt.stage_option(
+            threshold_cost, "up_factor", "threshold: factor of the near range.", metavar="K"
+        ),
+    ] = None,
+    view: Annotated[
+        str | None,
+        opt.stage_option(threshold_cost, "view", "threshold: how distances become 0..100."),
+    ] = None,
+    view_range: Annotated[
+        float | None,
+        opt.stage_option(
+            threshold_cost, "view_range", "threshold: where the metric view is 0.", metavar="M"
+        ),
+    ] = None,
+    values: Annotated[
+        str | None,
+        opt.stage_option(
+            ring_cost, "values", "rings: cost of each ring of cells, inside out.", metavar="N,N,..."
+        ),
+    ] = None,
+    lethal_threshold: Annotated[
+        int | None,
+        opt.stage_option(
+            exponential_cost,
+            "lethal_threshold",
+            "Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.",
+            metavar="N",
+        ),
+    ] = None,
+    encoding: Annotated[
+        opt.EncodingName,
+        typer.Option(help="Pixels of a .yaml: what ROS would publish, or costmap_2d's bytes."),
+    ] = opt.EncodingName.occupancy,
+    image: opt.Image = None,
+    dialect: opt.Dialect = opt.DialectName.nav2,
+    max_cells: opt.MaxCells = None,
+    force: opt.Force = False,
+    threads: opt.Threads = None,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Turn a map or its distance field into a costmap."""
+    opt.start(quiet=quiet, verbose=verbose)
+    shape = opt.robot_shape(footprint, robot_radius, footprint_padding)
+    if shape is not None and inscribed_radius is not None:
+        rule = "cannot be given together with a robot's shape"
+        raise ParameterError(rule, source="--inscribed-radius")
+    parameters = opt.given(
+        model=model,
+        inscribed_radius=shape.inscribed_radius if shape else inscribed_radius,
+        circumscribed_radius=shape.circumscribed_radius if shape else None,
+        inflation_radius=inflation_radius,
+        cost_scaling_factor=cost_scaling_factor,
+        inflate_unknown=inflate_unknown,
+        inflate_around_unknown=inflate_around_unknown,
+        down=down,
+        up=up,
+        down_factor=down_factor,
+        up_factor=up_factor,
+        view=view,
+        view_range=view_range,
+        values=values,
+        lethal_threshold=lethal_threshold,
+    )
+    files = file_options(dialect, max_cells, force, threads, image)
+    run_stage("cost", source, output, parameters, files, encoding=encoding.value)

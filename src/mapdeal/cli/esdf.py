@@ -1,0 +1,75 @@
+"""``mapdeal esdf``: the signed distance field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mapdeal.cli import options as opt
+from mapdeal.cli.stage_command import file_options, run_stage
+from mapdeal.stages.esdf import esdf as esdf_stage
+from mapdeal.stages.esdf import field_view
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+
+@app.command()
+def esdf(
+    source: opt.MapArgument,
+    output: Annotated[
+        Path,
+        opt.output_argument(
+            "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as .yaml (with .pgm)."
+        ),
+    ],
+    unknown: Annotated[
+        str | None, opt.stage_option(esdf_stage, "unknown", "What unknown cells count as.")
+    ] = None,
+    convention: Annotated[
+        str | None,
+        opt.stage_option(esdf_stage, "convention", "Where zero lies; see the documentation."),
+    ] = None,
+    max_distance: Annotated[
+        float | None,
+        opt.stage_option(esdf_stage, "max_distance", "Clip both signs to this.", metavar="M"),
+    ] = None,
+    lethal_threshold: Annotated[
+        int | None,
+        opt.stage_option(
+            esdf_stage, "lethal_threshold", "Occupancy of an obstacle, 1..100.", metavar="N"
+        ),
+    ] = None,
+    strength: Annotated[
+        float | None,
+        opt.stage_option(esdf_stage, "strength", "Factor of positive distances.", metavar="K"),
+    ] = None,
+    view: Annotated[
+        str | None, opt.stage_option(field_view, "view", "How distances become 0..100.")
+    ] = None,
+    view_range: Annotated[
+        float | None,
+        opt.stage_option(field_view, "view_range", "Where the metric view is 0.", metavar="M"),
+    ] = None,
+    image: opt.Image = None,
+    dialect: opt.Dialect = opt.DialectName.nav2,
+    max_cells: opt.MaxCells = None,
+    force: opt.Force = False,
+    threads: opt.Threads = None,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Compute the exact signed distance field of a map."""
+    opt.start(quiet=quiet, verbose=verbose)
+    parameters = opt.given(
+        unknown=unknown,
+        convention=convention,
+        max_distance=max_distance,
+        lethal_threshold=lethal_threshold,
+        strength=strength,
+        view=view,
+        view_range=view_range,
+    )
+    files = file_options(dialect, max_cells, force, threads, image)
+    run_stage("esdf", source, output, parameters, files)

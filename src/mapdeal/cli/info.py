@@ -1,0 +1,62 @@
+"""``mapdeal info``: what a file holds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from mapdeal.cli import options as opt
+from mapdeal.cli import terminal
+from mapdeal.pipeline.figures import summary_of
+from mapdeal.pipeline.inspect import describe_file
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+
+@app.command()
+def info(
+    sources: Annotated[
+        list[Path], typer.Argument(metavar="MAP...", help="Maps, costmaps or fields.")
+    ],
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object per file, each on a line.")
+    ] = False,
+    dialect: opt.Dialect = opt.DialectName.nav2,
+    max_cells: opt.MaxCells = None,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Tell size, origin, cell counts and checksum of files."""
+    opt.start(quiet=quiet, verbose=verbose)
+    for index, source in enumerate(sources):
+        report = describe_file(source, dialect=dialect.value, max_cells=max_cells)
+        if as_json:
+            terminal.result(json.dumps(report))
+        else:
+            terminal.result("\n" * (index > 0) + _text(report))
+
+
+def _text(report: dict[str, Any]) -> str:
+    width, height, resolution = report["width"], report["height"], report["resolution"]
+    x, y, yaw = report["origin"]
+    rows = [
+        ("kind", report["kind"]),
+        ("size", f"{width} x {height} cells, {width * resolution:g} x {height * resolution:g} m"),
+        ("resolution", f"{resolution!r} m"),
+        ("origin", f"x {x!r} m, y {y!r} m, yaw {yaw!r} rad"),
+        ("cells", summary_of(report)),
+    ]
+    if report.get("known_box"):
+        row, col, box_height, box_width = report["known_box"]
+        rows.append(("known box", f"{box_width} x {box_height} cells from row {row}, col {col}"))
+    if "mode" in report:
+        thresholds = f"occupied {report['occupied_thresh']:g}, free {report['free_thresh']:g}"
+        negate = ", negate" if report["negate"] else ""
+        rows.append(("image", str(report["image"])))
+        rows.append(("read as", f"{report['mode']}{negate}, {thresholds}, {report['dialect']}"))
+    rows.append(("sha256", report["sha256"]))
+    lines = [f"  {name:<11} {value}" for name, value in rows]
+    return "\n".join([str(report["file"]), *lines])

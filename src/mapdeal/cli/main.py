@@ -1,0 +1,148 @@
+"""The entry point: builds the command line, runs it, and turns errors into exit codes."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from mapdeal.cli import terminal
+from mapdeal.errors import MalformedInputError, MapdealError, ParameterError
+
+# typer brings its own copy of click in new versions and uses the package in old ones; both
+# have the same tree of errors, reached from the one class that typer exports.
+_UsageError: Any = typer.BadParameter.__mro__[1]
+_ClickError: Any = typer.BadParameter.__mro__[2]
+
+COMMANDS = ("run", "active", "inflate", "esdf", "cost", "convert", "info")
+_FLAGS = ("inflate-unknown", "inflate-around-unknown")
+_WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
+
+_INTERRUPTED, _INTERNAL = 130, 70
+
+
+class _LazyGroup(TyperGroup):
+    """A group that imports a command's module when the command is asked for.
+
+    Each lives in ``mapdeal.cli.<name>`` as a typer app with one command.
+    """
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - click's signature
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 - click's signature
+        if cmd_name not in COMMANDS:
+            return None
+        module = import_module(f"mapdeal.cli.{cmd_name}")
+        command = typer.main.get_command(module.app)
+        command.name = cmd_name
+        return command
+
+
+app = typer.Typer(
+    cls=_LazyGroup, rich_markup_mode=None, add_completion=False, pretty_exceptions_enable=False
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from mapdeal.kernels.engine import engine_name
+        from mapdeal.version import __version__
+
+        terminal.result(f"mapdeal {__version__} (kernels: {engine_name()})")
+        raise typer.Exit
+
+
+@app.callback()
+def mapdeal(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Process robot map files without ROS.
+
+    A MAP is a map_server .yaml with its image, or an .npz written by mapdeal. Lengths are in
+    metres, angles in radians. "mapdeal COMMAND --help" tells all options of a command.
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        The words behind ``mapdeal``; those of the process if not given.
+    """
+    words = _joined_flags(list(sys.argv[1:] if arguments is None else arguments))
+    terminal.show_warnings()
+    command = typer.main.get_command(app)
+    try:
+        code = command.main(args=words or ["--help"], prog_name="mapdeal", standalone_mode=False)
+        sys.stdout.flush()
+    except MapdealError as error:
+        terminal.error(error)
+        return error.exit_code
+    except _ClickError as error:
+        terminal.error(_usage_error(error))
+        return ParameterError.exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        terminal.error(MapdealError("interrupted"))
+        return _INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has seen enough
+        terminal.close_stdout()
+        return 0
+    except MemoryError:
+        terminal.error(MalformedInputError("not enough memory for a map of this size"))
+        return MalformedInputError.exit_code
+    except Exception:  # noqa: BLE001 - the last resort, which says that it is one
+        traceback.print_exc()
+        terminal.error(
+            MapdealError("internal error", hint="this is a bug in mapdeal; please report it")
+        )
+        return _INTERNAL
+    return code if isinstance(code, int) else 0
+
+
+def _usage_error(error: Any) -> ParameterError:
+    """Return click's error as one of ours, on one line."""
+    message = " ".join(error.format_message().split()).removesuffix(".")
+    message = message[:1].lower() + message[1:] if not message.startswith("'") else message
+    context = getattr(error, "ctx", None)
+    path = getattr(context, "command_path", None) or "mapdeal"
+    return ParameterError(message, hint=f"{path} --help tells what is allowed")
+
+
+def _joined_flags(words: list[str]) -> list[str]:
+    """Let flags be written as parameters are: ``--inflate-unknown no``, ``=no``.
+
+    Recipes spell the parameter ``inflate_unknown: no``; its option is a pair of flags.
+    """
+    joined: list[str] = []
+    index = 0
+    while index < len(words):
+        name, equals, value = words[index].removeprefix("--").partition("=")
+        if words[index] == "--":
+            return joined + words[index:]
+        if words[index].startswith("--") and name in _FLAGS:
+            if not equals and index + 1 < len(words) and words[index + 1].lower() in _WORDS:
+                index += 1
+                value = words[index]
+            word = f"--{_WORDS.get(value.lower(), '')}{name}"
+            if value and value.lower() not in _WORDS:
+                raise_word = ParameterError("must be yes or no", source=f"--{name}", got=value)
+                terminal.error(raise_word)
+                raise SystemExit(raise_word.exit_code)
+            joined.append(word)
+        else:
+            joined.append(words[index])
+        index += 1
+    return joined

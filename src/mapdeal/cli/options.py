@@ -1,0 +1,144 @@
+"""Options that several commands share, and the one way to make a stage's options."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from mapdeal.cli import terminal
+from mapdeal.errors import ParameterError
+from mapdeal.grid.footprint import Footprint
+from mapdeal.stages.parameters import parameters_of
+
+
+class DialectName(StrEnum):
+    """The readers whose reading of images can be followed."""
+
+    nav2 = "nav2"
+    humble = "humble"
+    ros1 = "ros1"
+
+
+class EncodingName(StrEnum):
+    """What pixels of costs can hold."""
+
+    occupancy = "occupancy"
+    costmap2d = "costmap2d"
+
+
+class ModeName(StrEnum):
+    """How values can become pixels."""
+
+    trinary = "trinary"
+    scale = "scale"
+    raw = "raw"
+
+
+MapArgument = Annotated[
+    Path, typer.Argument(metavar="MAP", help="A map_server .yaml, or an .npz of mapdeal's.")
+]
+Dialect = Annotated[
+    DialectName,
+    typer.Option(help="Whose reading of the image: nav2 (jazzy and newer), humble, or ros1."),
+]
+MaxCells = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        min=1,
+        help="Refuse larger images before memory is taken.  "
+        "[default: 2e8 for compressed images, 1e9 for others]",
+    ),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace outputs that exist.")]
+Threads = Annotated[
+    int | None,
+    typer.Option(metavar="N", min=1, help="Threads to use.  [default: all processors]"),
+]
+Image = Annotated[
+    Path | None, typer.Option(metavar="FILE.png", help="Write a picture of the result, too.")
+]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Say nothing but errors and asked-for results.")
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say what is read and done.")]
+FootprintText = Annotated[
+    str | None,
+    typer.Option(
+        "--footprint", metavar="[[X,Y],...]", help="The robot's corners around its centre."
+    ),
+]
+RobotRadius = Annotated[
+    float | None, typer.Option(metavar="M", help="The radius of a round robot.")
+]
+FootprintPadding = Annotated[
+    float, typer.Option(metavar="M", help="Move the shape's edges outwards; ROS pads by 0.01.")
+]
+
+
+def output_argument(metavar: str, help_text: str) -> Any:
+    """Return the option -o of a command."""
+    return typer.Option("--output", "-o", metavar=metavar, help=help_text)
+
+
+def stage_option(
+    function: Callable[..., Any], name: str, help_text: str, *, metavar: str | None = None
+) -> Any:
+    """Return the option of a stage's parameter: its name with dashes, its default shown.
+
+    The option's own default is None, "not given": the value stands in the stage's signature.
+    """
+    parameter = parameters_of(function)[name]
+    dashed = name.replace("_", "-")
+    default = parameter.default
+    name_on_line = f"--{dashed}"
+    if parameter.kind is bool:
+        name_on_line = f"--{dashed}/--no-{dashed}"
+        default = "yes" if default else "no"
+    elif parameter.choices:
+        metavar = "|".join(parameter.choices)
+    elif isinstance(default, tuple):
+        default = ",".join(str(value) for value in default)
+    shown = "" if default is None else f"  [default: {default}]"
+    return typer.Option(name_on_line, metavar=metavar, help=help_text + shown, show_default=False)
+
+
+def given(**options: object) -> dict[str, object]:
+    """Return the options that were given on the command line."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def processors(threads: int | None) -> int:
+    """Return the number of threads to use: those asked for, or all processors allowed."""
+    if threads is not None:
+        return threads
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def robot_shape(text: str | None, radius: float | None, padding: float) -> Footprint | None:
+    """Return the robot's shape that the options describe, if they do."""
+    if text is not None and radius is not None:
+        rule = "cannot be given together with --robot-radius"
+        raise ParameterError(rule, source="--footprint")
+    if text is not None:
+        return Footprint.parse(text).padded(padding)
+    if radius is not None:
+        return Footprint.circle(radius).padded(padding)
+    if padding:
+        rule = "needs --footprint or --robot-radius"
+        raise ParameterError(rule, source="--footprint-padding")
+    return None
+
+
+def start(*, quiet: bool, verbose: bool) -> None:
+    """Set how much a command says."""
+    if quiet and verbose:
+        raise ParameterError("cannot be given together with --quiet", source="--verbose")
+    terminal.configure(quiet=quiet, verbose=verbose)

@@ -1,0 +1,106 @@
+"""``mapdeal run``: maps through a whole recipe."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mapdeal.cli import options as opt
+from mapdeal.cli import terminal
+from mapdeal.errors import BatchError, MapdealError
+from mapdeal.pipeline.batch import folders_of, run_all
+from mapdeal.pipeline.figures import summary_of
+from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
+from mapdeal.pipeline.run import RunOptions, RunReport, run_map
+from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+
+@app.command()
+def run(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(metavar="MAP...", help="map_server .yaml files, or .npz of mapdeal's."),
+    ],
+    output: Annotated[
+        Path, opt.output_argument("DIR", "Where the folder of each map goes, named as the map.")
+    ],
+    recipe: Annotated[
+        str, typer.Option(metavar="NAME|FILE", help=f"One of {', '.join(BUILT_IN)}, or a file.")
+    ] = "default",
+    sim: Annotated[
+        bool,
+        typer.Option(
+            "--sim", help="The map is of a simulated world: cut out its active region first."
+        ),
+    ] = False,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="Change a parameter."),
+    ] = None,
+    footprint: opt.FootprintText = None,
+    robot_radius: opt.RobotRadius = None,
+    footprint_padding: opt.FootprintPadding = 0.0,
+    image_max: Annotated[
+        int,
+        typer.Option(
+            metavar="PIXELS", min=0, help="Longest side of pictures; 0 for a pixel per cell."
+        ),
+    ] = DEFAULT_IMAGE_MAX,
+    no_images: Annotated[bool, typer.Option("--no-images", help="Write no pictures.")] = False,
+    dialect: opt.Dialect = opt.DialectName.nav2,
+    max_cells: opt.MaxCells = None,
+    force: opt.Force = False,
+    threads: opt.Threads = None,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Run maps through a recipe: inflate, field, costmap.
+
+    Each map gets a folder of its own with the pgm, npz, yaml and png files of every stage and
+    a manifest. A map whose manifest shows that nothing has changed is skipped.
+    """
+    opt.start(quiet=quiet, verbose=verbose)
+    shape = opt.robot_shape(footprint, robot_radius, footprint_padding)
+    loaded = load_recipe(recipe, sim=sim, footprint=shape, settings=settings or [])
+    terminal.detail(f"recipe: {loaded.described()}")
+    run_options = RunOptions(dialect.value, images=not no_images, image_max=image_max)
+    folders = folders_of(sources, output)
+
+    def run_one(path: Path, folder: Path) -> RunReport:
+        report = run_map(
+            path,
+            folder,
+            loaded,
+            options=run_options,
+            force=force,
+            threads=opt.processors(threads),
+            max_cells=max_cells,
+        )
+        terminal.summary(_lines(path, report))
+        return report
+
+    if len(sources) == 1:
+        run_one(sources[0], folders[0])
+        return
+    jobs = list(zip(sources, folders, strict=True))
+    results = run_all(jobs, output, run_one, terminal.error)
+    failed = sum(isinstance(result, MapdealError) for result in results)
+    unchanged = sum(isinstance(r, RunReport) and r.status == "unchanged" for r in results)
+    done = len(results) - failed - unchanged
+    terminal.summary([f"{done} done, {unchanged} unchanged, {failed} failed"])
+    if failed:
+        raise BatchError(f"{failed} of {len(results)} maps failed")
+
+
+def _lines(path: Path, report: RunReport) -> list[str]:
+    if report.status == "unchanged":
+        return [f"{path} -> {report.folder}: unchanged"]
+    lines = [f"{path} -> {report.folder}"]
+    for stage, figures in report.figures.items():
+        size = f"{figures['width']} x {figures['height']}"
+        lines.append(f"  {stage:<8} {size} cells, {summary_of(figures)}")
+    return lines

@@ -1,0 +1,43 @@
+"""What the commands of single stages have in common."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from mapdeal.cli import terminal
+from mapdeal.cli.options import DialectName, processors
+from mapdeal.formats.map_writer import Encoding
+from mapdeal.pipeline.figures import summary_of
+from mapdeal.pipeline.single import FileOptions, apply_to_file
+from mapdeal.pipeline.stage_list import step
+
+
+def file_options(
+    dialect: DialectName,
+    max_cells: int | None,
+    force: bool,
+    threads: int | None,
+    image: Path | None,
+) -> FileOptions:
+    """Return the shared options as the pipeline takes them."""
+    return FileOptions(dialect.value, max_cells, force, processors(threads), image)
+
+
+def run_stage(
+    name: str,
+    source: Path,
+    output: Path,
+    parameters: dict[str, object],
+    options: FileOptions,
+    *,
+    encoding: Encoding = "occupancy",
+) -> None:
+    """Run a stage from file to file and say what came out."""
+    one = step(name, parameters)
+    terminal.detail(f"{name}: {one.described()[name]}")
+    started = time.perf_counter()
+    figures = apply_to_file(source, output, one, options, encoding=encoding)
+    terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
+    size = f"{figures['width']} x {figures['height']}"
+    terminal.summary([f"{output}: {size} cells, {summary_of(figures)}"])

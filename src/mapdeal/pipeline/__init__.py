@@ -1,0 +1,1 @@
+"""Recipes, runs and their outputs: what ties sources, stages and sinks together."""

@@ -1,0 +1,77 @@
+"""Several runs, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import MapdealError, ParameterError
+from mapdeal.formats.json_text import json_of
+from mapdeal.formats.transaction import Transaction
+from mapdeal.pipeline.run import RunReport
+
+SUMMARY = "summary.json"
+
+
+def folders_of(paths: Sequence[Path], output: Path) -> list[Path]:
+    """Return the output folder of each map, ``output/<stem>``.
+
+    Raises
+    ------
+    ParameterError
+        If two maps would write into one folder.
+    """
+    folders: dict[Path, Path] = {}
+    for path in paths:
+        folder = output / path.stem
+        if folder in folders:
+            rule = f"would write into {folder}, as {folders[folder]} does"
+            raise ParameterError(rule, source=path)
+        folders[folder] = path
+    return list(folders)
+
+
+def run_all(
+    jobs: Sequence[tuple[Path, Path]],
+    output: Path,
+    run_one: Callable[[Path, Path], RunReport],
+    on_error: Callable[[MapdealError], None],
+) -> list[RunReport | MapdealError]:
+    """Run every job, none stopped by another's failure, and write ``summary.json``.
+
+    Parameters
+    ----------
+    jobs : sequence of (Path, Path)
+        Map and output folder of each.
+    output : Path
+        Where the summary goes.
+    run_one : callable
+        Runs one job.
+    on_error : callable
+        Told of each failure when it happens.
+    """
+    results: list[RunReport | MapdealError] = []
+    for path, folder in jobs:
+        try:
+            results.append(run_one(path, folder))
+        except MapdealError as error:
+            on_error(error)
+            results.append(error)
+    document = json_of({"maps": [_entry(job, r) for job, r in zip(jobs, results, strict=True)]})
+    summary = output / SUMMARY
+
+    def write(file: Any) -> None:
+        file.write(document)
+
+    with Transaction([summary], force=True) as transaction:
+        transaction.write(summary, write)
+    return results
+
+
+def _entry(job: tuple[Path, Path], result: RunReport | MapdealError) -> dict[str, Any]:
+    path, folder = job
+    entry: dict[str, Any] = {"map": path.name, "folder": folder.name}
+    if isinstance(result, MapdealError):
+        return {**entry, "status": "failed", "exit_code": result.exit_code, "error": str(result)}
+    return {**entry, "status": result.status, "figures": result.figures}

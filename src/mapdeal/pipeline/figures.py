@@ -1,0 +1,98 @@
+"""The figures of each stage, for the manifest and for a line on the terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mapdeal.formats.npz import Grid
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import (
+    FREE,
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
+    NO_INFORMATION,
+    OCCUPIED,
+    UNKNOWN,
+)
+
+Figures = dict[str, Any]
+
+_COST_SHARES = ["lethal", "inscribed", "free", "unknown"]
+_OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
+
+
+def figures_of(grid: Grid) -> Figures:
+    """Return the figures of a grid, as JSON can hold them."""
+    figures: Figures = {
+        "width": grid.shape[1],
+        "height": grid.shape[0],
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
+    }
+    if isinstance(grid, DistanceField):
+        figures |= _field_figures(grid)
+    elif isinstance(grid, Costmap):
+        figures |= _cost_figures(grid)
+    else:
+        figures |= occupancy_counts(grid)
+    return figures
+
+
+def occupancy_counts(grid: OccupancyGrid) -> Figures:
+    """Return how many cells are occupied, free, unknown and in between."""
+    counts = np.bincount(grid.occupancy.view(np.uint8).ravel(), minlength=256)
+    occupied, free = int(counts[OCCUPIED]), int(counts[FREE])
+    unknown = int(counts[UNKNOWN % 256])
+    between = grid.occupancy.size - occupied - free - unknown
+    return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
+
+
+def summary_of(figures: Figures) -> str:
+    """Return the figures as one line for a person."""
+    cells = figures["width"] * figures["height"]
+
+    def share(name: str) -> str:
+        percent = 100 * figures[name] / cells
+        return f"{name} {percent:.2f} %"
+
+    if "min_distance" in figures:
+        least, most = figures["min_distance"], figures["max_distance"]
+        if least is None or most is None:
+            return "no obstacle" if figures["obstacles"] == 0 else "nothing but obstacles"
+        return f"{least:.3f} .. {most:.3f} m, {figures['convention']}"
+    if "lethal" in figures:
+        names = [name for name in _COST_SHARES if name in figures]
+        text = ", ".join(share(name) for name in names)
+        if figures.get("circumscribed_cost") is not None:
+            text += f", circumscribed_cost {figures['circumscribed_cost']}"
+        return text
+    names = [name for name in _OCCUPANCY_SHARES if figures[name] or name != "between"]
+    return ", ".join(share(name) for name in names)
+
+
+def _field_figures(field: DistanceField) -> Figures:
+    finite = bool(np.isfinite(field.distance.flat[0]))
+    return {
+        "convention": field.convention,
+        "obstacles": int(np.count_nonzero(field.obstacles())),
+        "min_distance": float(field.distance.min()) if finite else None,
+        "max_distance": float(field.distance.max()) if finite else None,
+    }
+
+
+def _cost_figures(costmap: Costmap) -> Figures:
+    counts = np.bincount(costmap.cost.view(np.uint8).ravel(), minlength=256)
+    figures: Figures = {"cost_scale": costmap.scale, "free": int(counts[0])}
+    if costmap.scale == "costmap2d":
+        figures["lethal"] = int(counts[LETHAL_OBSTACLE])
+        figures["inscribed"] = int(counts[INSCRIBED_INFLATED_OBSTACLE])
+        figures["unknown"] = int(counts[NO_INFORMATION])
+        figures["circumscribed_cost"] = costmap.circumscribed_cost
+    else:
+        figures["lethal"] = int(counts[OCCUPIED])
+        figures["unknown"] = int(counts[UNKNOWN % 256])
+    return figures

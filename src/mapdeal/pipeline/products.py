@@ -1,0 +1,96 @@
+"""Which files a stage's result becomes, and how they are written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mapdeal.formats.map_writer import write_pair
+from mapdeal.formats.maps import write_grid
+from mapdeal.formats.npz import Grid
+from mapdeal.formats.png import write_indexed_png
+from mapdeal.formats.transaction import Transaction
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.pipeline.stage_list import Step
+from mapdeal.render.canvas import Image
+from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+from mapdeal.stages.esdf import field_view
+
+_NAMES = {"active": "active", "inflate": "inflated", "esdf": "esdf", "cost": "cost"}
+
+
+def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
+    """Return the files that a step of a run writes into `folder`, in the order of writing."""
+    name = _NAMES[step.name]
+    endings = [".npz"] if step.name in ("esdf", "cost") else []
+    endings += [".pgm", ".yaml", *([".png"] if images else [])]
+    return [folder / f"{name}{ending}" for ending in endings]
+
+
+def write_products(
+    transaction: Transaction,
+    step: Step,
+    grid: Grid,
+    folder: Path,
+    *,
+    stem: str,
+    images: bool = True,
+    image_max: int = DEFAULT_IMAGE_MAX,
+) -> None:
+    """Write all files of a step's result, those of `paths_of`."""
+    base = folder / _NAMES[step.name]
+    if step.name in ("esdf", "cost"):
+        write_grid(transaction, base.with_suffix(".npz"), grid)
+    pair = base.with_suffix(".yaml")
+    if isinstance(grid, DistanceField):
+        write_pair(transaction, pair, field_view(grid, **step.view), mode="raw")
+    else:
+        write_pair(transaction, pair, grid)
+    if images:
+        title = f"{stem}: {title_of(step)}"
+        write_picture(transaction, base.with_suffix(".png"), grid, title, image_max=image_max)
+
+
+def write_picture(
+    transaction: Transaction,
+    path: Path,
+    grid: Grid,
+    title: str,
+    *,
+    image_max: int = DEFAULT_IMAGE_MAX,
+) -> None:
+    """Write the picture of a grid; it is drawn in the thread that writes it."""
+
+    def draw() -> Image:
+        if isinstance(grid, DistanceField):
+            return field_image(grid, title=title, image_max=image_max)
+        if isinstance(grid, Costmap):
+            return cost_image(grid, title=title, image_max=image_max)
+        return occupancy_image(grid, title=title, image_max=image_max)
+
+    def write(file: object) -> None:
+        image = draw()
+        write_indexed_png(file, image.indices, image.palette)  # type: ignore[arg-type]
+
+    transaction.write(path, write)
+
+
+def title_of(step: Step) -> str:
+    """Return what a step has done, as a picture's title says it."""
+    parameters = step.parameters
+    if step.name == "active":
+        return "active region"
+    if step.name == "inflate":
+        footprint = parameters["footprint"]
+        radius = footprint.circumscribed_radius if footprint else parameters["radius"]
+        return f"inflated by {radius:.4g} m ({parameters['kernel']})"
+    if step.name == "esdf":
+        return "signed distance field"
+    if step.model == "exponential":
+        return (
+            f"cost, inscribed {parameters['inscribed_radius']:.4g} m, "
+            f"inflation {parameters['inflation_radius']:.4g} m, "
+            f"factor {parameters['cost_scaling_factor']:.4g}"
+        )
+    return f"cost, model {step.model}"

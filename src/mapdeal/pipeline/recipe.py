@@ -1,0 +1,189 @@
+"""Recipes: which stages run, in which order, with which parameters."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.formats.yaml_text import read_mapping
+from mapdeal.grid.footprint import Footprint
+from mapdeal.pipeline.stage_list import STAGES, Step, step
+from mapdeal.stages.parameters import unknown_name
+
+BUILT_IN = ("default", "nav2", "seed-real", "seed-sim")
+
+Draft = list[tuple[str, dict[str, object]]]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A checked sequence of steps."""
+
+    steps: tuple[Step, ...]
+
+    def described(self) -> list[dict[str, Any]]:
+        """Return the recipe with all parameters, as JSON or YAML can hold it."""
+        return [one.described() for one in self.steps]
+
+
+def load_recipe(
+    name: str,
+    *,
+    sim: bool = False,
+    footprint: Footprint | None = None,
+    settings: Sequence[str] = (),
+) -> Recipe:
+    """Return a recipe, adapted and checked.
+
+    Parameters
+    ----------
+    name : str
+        One of `BUILT_IN`, or the path of a YAML file.
+    sim : bool
+        Whether the map is of a simulated world: puts ``active`` in front if the recipe has
+        none, and has the field count unknown cells as occupied.
+    footprint : Footprint, optional
+        The robot's shape: inflate's radius, or the radii of cost if nothing is inflated.
+    settings : sequence of str
+        ``stage.parameter=value``, stronger than all else.
+
+    Raises
+    ------
+    ParameterError
+        If the recipe is malformed or a parameter not allowed.
+    FileAccessError
+        If the recipe's file cannot be read.
+
+    Warns
+    -----
+    MapdealWarning
+        If the robot's radius would count twice.
+    """
+    draft = _read_draft(name)
+    if sim:
+        _adapt_to_sim(draft)
+    if footprint is not None:
+        _adapt_to_footprint(draft, footprint, name)
+    for setting in settings:
+        _apply_setting(draft, setting, name)
+    steps = tuple(step(stage, given) for stage, given in draft)
+    _warn_of_double_radius(steps)
+    return Recipe(steps)
+
+
+def _read_draft(name: str) -> Draft:
+    if name in BUILT_IN:
+        with resources.as_file(resources.files("mapdeal.pipeline") / "recipes") as folder:
+            return _parse(folder / f"{name}.yaml", name)
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml") and not path.exists():
+        raise unknown_name("recipe", name, BUILT_IN)
+    return _parse(path, name)
+
+
+def _parse(path: Path, name: str) -> Draft:
+    try:
+        entries = read_mapping(path)
+        for key, entry in entries.items():
+            if key != "stages":
+                raise unknown_name("recipe key", key, ["stages"], place=entry.place)
+        listed = entries["stages"].value() if "stages" in entries else None
+    except ValueError as error:  # malformed, but of the user's making: a recipe is usage
+        raise _as_usage(error, path) from None
+    if not isinstance(listed, list) or not listed:
+        raise ParameterError("a recipe needs stages: a list of stages", source=name)
+    draft: Draft = []
+    for item in listed:
+        stage, given = _stage_of(item, name)
+        if stage not in STAGES:
+            raise _as_usage(unknown_name("stage", stage, STAGES), path)
+        if stage in (done for done, _ in draft):
+            raise ParameterError("a stage can run once", source=name, place=stage)
+        if draft and draft[-1][0] == "cost":
+            rule = "no stage can follow cost"
+            raise ParameterError(rule, source=name, place=stage)
+        draft.append((stage, given))
+    return draft
+
+
+def _as_usage(error: ValueError, path: Path) -> ParameterError:
+    if isinstance(error, ParameterError):
+        error.source = error.source or path
+        return error
+    return ParameterError(str(error), hint=getattr(error, "hint", None))
+
+
+def _stage_of(item: object, name: str) -> tuple[str, dict[str, object]]:
+    """Return stage and parameters of a list item, ``stage`` or ``stage: {...}``."""
+    if isinstance(item, str):
+        return item, {}
+    if isinstance(item, Mapping) and len(item) == 1:
+        ((stage, given),) = item.items()
+        if given is None:
+            given = {}
+        if isinstance(given, Mapping):
+            return str(stage), {str(key): value for key, value in given.items()}
+    rule = "an item of stages must look like stage: {parameter: value}"
+    raise ParameterError(rule, source=name, got=item)
+
+
+def _find(draft: Draft, stage: str) -> dict[str, object] | None:
+    return next((given for done, given in draft if done == stage), None)
+
+
+def _adapt_to_sim(draft: Draft) -> None:
+    if _find(draft, "active") is None:
+        draft.insert(0, ("active", {}))
+    field = _find(draft, "esdf")
+    if field is not None:
+        field["unknown"] = "occupied"
+
+
+def _adapt_to_footprint(draft: Draft, footprint: Footprint, name: str) -> None:
+    inflated = _find(draft, "inflate")
+    if inflated is not None:
+        inflated.pop("radius", None)
+        inflated["footprint"] = footprint
+        return
+    cost = _find(draft, "cost")
+    if cost is None or cost.get("model", "exponential") != "exponential":
+        rule = "the recipe has no stage that a robot's shape could go into"
+        raise ParameterError(rule, source=name)
+    cost["inscribed_radius"] = footprint.inscribed_radius
+    cost["circumscribed_radius"] = footprint.circumscribed_radius
+
+
+def _apply_setting(draft: Draft, setting: str, name: str) -> None:
+    target, equals, value = setting.partition("=")
+    stage, dot, parameter = target.strip().partition(".")
+    if not (equals and dot and stage and parameter):
+        rule = "must look like stage.parameter=value"
+        raise ParameterError(rule, source="--set", got=setting)
+    given = _find(draft, stage)
+    if given is None:
+        if stage not in STAGES:
+            raise unknown_name("stage", stage, STAGES, place="--set")
+        rule = f"recipe {name} has no stage {stage}"
+        hint = f"its stages are {', '.join(done for done, _ in draft)}"
+        raise ParameterError(rule, source="--set", got=setting, hint=hint)
+    if stage == "inflate" and parameter == "radius":
+        given.pop("footprint", None)
+    given[parameter.replace("-", "_")] = value.strip()
+
+
+def _warn_of_double_radius(steps: Sequence[Step]) -> None:
+    inflated = False
+    for one in steps:
+        inflated = inflated or one.name == "inflate"
+        inscribed = one.parameters.get("inscribed_radius", 0.0)
+        if inflated and one.name == "cost" and inscribed > 0:
+            text = (
+                f"cost: inscribed_radius {inscribed:g} m comes on top of the inflation before "
+                "it, so the robot's radius counts twice"
+            )
+            warnings.warn(text, MapdealWarning, stacklevel=3)

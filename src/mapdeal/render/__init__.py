@@ -1,0 +1,1 @@
+"""Pictures of layers for people to look at: arrays in, palette images out."""

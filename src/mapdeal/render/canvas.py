@@ -1,0 +1,218 @@
+"""The sheet around a map: title, legend, colour bar and scale bar."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.render.colours import Colours
+
+MOST_COLOURS = 240
+"""Palette entries that a map may use; the rest are the greys of the text."""
+
+_GREYS = 256 - MOST_COLOURS
+_WHITE = 255
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """A palette image: indices, shape (H, W), row 0 at the top, and colours, shape (256, 3)."""
+
+    indices: NDArray[np.uint8]
+    palette: Colours
+
+
+@dataclass(frozen=True)
+class Swatch:
+    """A legend entry: a palette index and what it stands for."""
+
+    index: int
+    label: str
+
+
+@dataclass(frozen=True)
+class ColourBar:
+    """A scale: palette indices from bottom to top, and labels at heights 0..1."""
+
+    indices: Sequence[int]
+    ticks: Sequence[tuple[float, str]]
+    unit: str
+
+
+def sheet(
+    pixels: NDArray[np.uint8],
+    colours: Colours,
+    *,
+    title: str,
+    subtitle: str,
+    metres_per_pixel: float,
+    bar: ColourBar | None = None,
+    swatches: Sequence[Swatch] = (),
+) -> Image:
+    """Return the picture of a map on a sheet with everything that explains it.
+
+    Parameters
+    ----------
+    pixels : numpy.ndarray of uint8, shape (H, W)
+        Palette indices below `MOST_COLOURS`, row 0 in the south.
+    colours : numpy.ndarray of uint8, shape (N, 3)
+        What the indices mean.
+    title, subtitle : str
+        Two lines above the map.
+    metres_per_pixel : float
+        For the scale bar.
+    bar : ColourBar, optional
+        The colour scale, right of the map.
+    swatches : sequence of Swatch
+        Legend entries, below the colour bar.
+    """
+    height, width = pixels.shape
+    text_size = int(min(40, max(14, max(height, width) / 55)))
+    pen = _Pen(text_size)
+    pad = text_size
+    column = pen.legend_width(bar, swatches)
+    map_width = max(width, pen.minimum_width())
+    body_height = max(height, pen.legend_height(bar, swatches))
+    left, top = pad, pad + int(3.4 * text_size)
+    sheet_width = left + map_width + (pad + column if column else 0) + pad
+    sheet_height = top + body_height + int(3.2 * text_size)
+
+    pen.open(sheet_width, sheet_height)
+    pen.text(left, pad, title, limit=sheet_width - 2 * pad, bold=True)
+    pen.text(left, pad + int(1.45 * text_size), subtitle, limit=sheet_width - 2 * pad)
+    pen.scale_bar(left, top + body_height + int(0.9 * text_size), map_width, metres_per_pixel)
+    boxes = pen.legend(left + map_width + pad, top, body_height, bar, swatches)
+    indices = pen.indices()
+
+    indices[top : top + height, left : left + width] = pixels[::-1]
+    _frame(indices, top, left, height, width)
+    for (x, y, w, h), content in boxes:
+        indices[y : y + h, x : x + w] = content
+        _frame(indices, y, x, h, w)
+
+    palette = np.zeros((256, 3), dtype=np.uint8)
+    palette[: len(colours)] = colours
+    palette[MOST_COLOURS:] = np.linspace(0, 255, _GREYS).astype(np.uint8)[:, np.newaxis]
+    return Image(indices, palette)
+
+
+def size_text(shape: tuple[int, int], resolution: float) -> str:
+    """Return a map's size in cells and metres, for a subtitle."""
+    height, width = shape
+    metres = f"{width * resolution:.4g} x {height * resolution:.4g} m"
+    return f"{width} x {height} cells, {resolution:.6g} m each, {metres}"
+
+
+def _frame(indices: NDArray[np.uint8], y: int, x: int, height: int, width: int) -> None:
+    """Draw a thin dark line around a rectangle, outside of it."""
+    grey = MOST_COLOURS + _GREYS // 3
+    indices[y - 1, x - 1 : x + width + 1] = grey
+    indices[y + height, x - 1 : x + width + 1] = grey
+    indices[y - 1 : y + height + 1, x - 1] = grey
+    indices[y - 1 : y + height + 1, x + width] = grey
+
+
+def round_length(length: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is at most `length`.
+
+    Examples
+    --------
+    >>> round_length(7.3), round_length(0.25)
+    (5.0, 0.2)
+    """
+    power = 10.0 ** math.floor(math.log10(length))
+    step = max(s for s in (1, 2, 5) if s * power <= length * (1 + 1e-9))
+    return float(step * power)
+
+
+class _Pen:
+    """Text and lines, in one size, on a grey sheet of their own."""
+
+    def __init__(self, size: int) -> None:
+        from PIL import ImageFont
+
+        self._size = size
+        self._font = ImageFont.load_default(size)
+        self._title_font = ImageFont.load_default(round(1.15 * size))
+        self._draw: Any = None
+        self._sheet: Any = None
+
+    def open(self, width: int, height: int) -> None:
+        from PIL import Image as PillowImage
+        from PIL import ImageDraw
+
+        self._sheet = PillowImage.new("L", (width, height), _WHITE)
+        self._draw = ImageDraw.Draw(self._sheet)
+
+    def indices(self) -> NDArray[np.uint8]:
+        """Return the sheet as palette indices."""
+        return (np.asarray(self._sheet) // (256 // _GREYS) + MOST_COLOURS).astype(np.uint8)
+
+    def text(self, x: int, y: int, text: str, *, limit: int, bold: bool = False) -> None:
+        font = self._title_font if bold else self._font
+        if font.getlength(text) > limit:
+            while text and font.getlength(text + "...") > limit:
+                text = text[:-1]
+            text += "..."
+        self._draw.text((x, y), text, fill=0, font=font, stroke_width=0.4 if bold else 0)
+
+    def minimum_width(self) -> int:
+        """Return the width below which a scale bar makes no sense."""
+        return 8 * self._size
+
+    def legend_width(self, bar: ColourBar | None, swatches: Sequence[Swatch]) -> int:
+        labels = [s.label for s in swatches]
+        if bar is not None:
+            labels += [label for _, label in bar.ticks] + [bar.unit]
+        if not labels:
+            return 0
+        return int(1.9 * self._size + max(self._font.getlength(label) for label in labels))
+
+    def legend_height(self, bar: ColourBar | None, swatches: Sequence[Swatch]) -> int:
+        return int(self._size * (1.6 * len(swatches) + (14 if bar is not None else 0)))
+
+    def legend(
+        self, x: int, y: int, height: int, bar: ColourBar | None, swatches: Sequence[Swatch]
+    ) -> list[tuple[tuple[int, int, int, int], NDArray[np.uint8]]]:
+        """Draw the labels; return the boxes of colour with their palette indices."""
+        boxes = []
+        size = self._size
+        if bar is not None:
+            top = y + int(1.5 * size)
+            bar_height = min(height - int(size * (1.6 * len(swatches) + 3)), 30 * size)
+            self.text(x, y - int(0.2 * size), bar.unit, limit=10**6)
+            column = np.asarray(bar.indices, dtype=np.uint8)[::-1]
+            rows = np.arange(bar_height) * len(column) // bar_height
+            content = np.repeat(column[rows][:, np.newaxis], int(1.2 * size), axis=1)
+            boxes.append(((x, top, int(1.2 * size), bar_height), content))
+            for position, label in bar.ticks:
+                tick_y = top + round((1 - position) * (bar_height - 1))
+                self._draw.line([(x + 1.2 * size, tick_y), (x + 1.5 * size, tick_y)], fill=0)
+                self._draw.text(
+                    (x + 1.8 * size, tick_y), label, fill=0, font=self._font, anchor="lm"
+                )
+            y = top + bar_height + size
+        for swatch in swatches:
+            content = np.full((int(1.1 * size), int(1.2 * size)), swatch.index, dtype=np.uint8)
+            boxes.append(((x, y, content.shape[1], content.shape[0]), content))
+            centre = y + content.shape[0] / 2
+            self._draw.text(
+                (x + 1.8 * size, centre), swatch.label, fill=0, font=self._font, anchor="lm"
+            )
+            y += int(1.6 * size)
+        return boxes
+
+    def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> None:
+        length = round_length(width * metres_per_pixel * 0.4)
+        pixels = round(length / metres_per_pixel)
+        thick = max(2, self._size // 6)
+        self._draw.rectangle([(x, y), (x + pixels, y + thick)], fill=0)
+        for end in (x, x + pixels):
+            self._draw.rectangle([(end, y - 2 * thick), (end + thick // 2, y + thick)], fill=0)
+        label = f"{length:g} m"
+        self._draw.text((x + pixels + self._size, y), label, fill=0, font=self._font, anchor="lm")

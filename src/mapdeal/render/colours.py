@@ -1,0 +1,90 @@
+"""Colour scales whose steps look even, interpolated in the OKLab space.
+
+References
+----------
+Bjoern Ottosson, "A perceptual color space for image processing", 2020: the matrices.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Colours = NDArray[np.uint8]
+
+# Occupancy, by RViz's colour scheme "map".
+RVIZ_FREE = (255, 255, 255)
+RVIZ_OCCUPIED = (0, 0, 0)
+RVIZ_UNKNOWN = (112, 137, 134)
+
+INSCRIBED = (0, 190, 200)  # cyan, as in RViz's scheme "costmap"
+LETHAL = (16, 16, 20)
+LINE = (0, 0, 0)
+CONTOUR = (120, 255, 70)
+
+_COST_ANCHORS = [(255, 247, 188), (254, 196, 79), (236, 112, 20), (190, 30, 70), (92, 12, 92)]
+_FREE_SIDE_ANCHORS = [(247, 247, 245), (171, 210, 232), (72, 147, 198), (24, 79, 140), (8, 36, 84)]
+_OBSTACLE_SIDE_ANCHORS = [(252, 219, 199), (228, 130, 104), (178, 34, 48), (96, 6, 30)]
+
+_LMS_FROM_RGB = np.array(
+    [
+        [0.4122214708, 0.5363325363, 0.0514459929],
+        [0.2119034982, 0.6806995451, 0.1073969566],
+        [0.0883024619, 0.2817188376, 0.6299787005],
+    ]
+)
+_LAB_FROM_LMS = np.array(
+    [
+        [0.2104542553, 0.7936177850, -0.0040720468],
+        [1.9779984951, -2.4285922050, 0.4505937099],
+        [0.0259040371, 0.7827717662, -0.8086757660],
+    ]
+)
+
+
+def cost_scale(levels: int) -> Colours:
+    """Return colours from low to high cost, shape (levels, 3): pale yellow to dark purple."""
+    return interpolated(_COST_ANCHORS, levels)
+
+
+def free_side(levels: int) -> Colours:
+    """Return colours of positive distances, near to far: white to dark blue."""
+    return interpolated(_FREE_SIDE_ANCHORS, levels)
+
+
+def obstacle_side(levels: int) -> Colours:
+    """Return colours of negative distances, shallow to deep: pale to dark red."""
+    return interpolated(_OBSTACLE_SIDE_ANCHORS, levels)
+
+
+def mixed(colours: ArrayLike, other: tuple[int, int, int], share: float) -> Colours:
+    """Return `colours` with the given share of another one mixed in."""
+    base = np.asarray(colours, dtype=np.float64)
+    return np.rint(base * (1 - share) + np.array(other) * share).astype(np.uint8)
+
+
+def interpolated(anchors: list[tuple[int, int, int]], levels: int) -> Colours:
+    """Return `levels` colours through the anchors, at even steps in OKLab.
+
+    Examples
+    --------
+    >>> interpolated([(0, 0, 0), (255, 255, 255)], 3).tolist()
+    [[0, 0, 0], [99, 99, 99], [255, 255, 255]]
+    """
+    lab = _oklab_from_rgb(np.array(anchors, dtype=np.float64) / 255)
+    steps = np.linspace(0, len(anchors) - 1, levels)
+    columns = [np.interp(steps, np.arange(len(anchors)), lab[:, c]) for c in range(3)]
+    rgb = _rgb_from_oklab(np.stack(columns, axis=1))
+    return np.rint(np.clip(rgb, 0, 1) * 255).astype(np.uint8)
+
+
+def _oklab_from_rgb(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    lab: NDArray[np.float64] = np.cbrt(linear @ _LMS_FROM_RGB.T) @ _LAB_FROM_LMS.T
+    return lab
+
+
+def _rgb_from_oklab(lab: NDArray[np.float64]) -> NDArray[np.float64]:
+    lms = (lab @ np.linalg.inv(_LAB_FROM_LMS).T) ** 3
+    linear = np.clip(lms @ np.linalg.inv(_LMS_FROM_RGB).T, 0, None)
+    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)

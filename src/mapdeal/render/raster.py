@@ -1,0 +1,79 @@
+"""From cells to pixels: whole factors only, so that cells stay sharp and obstacles stay."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_SMALL_SIDE = 600
+"""Pixels that the long side of a small map is enlarged to, about."""
+
+DEFAULT_IMAGE_MAX = 2048
+
+
+@dataclass(frozen=True)
+class Raster:
+    """How cells become pixels: `enlarge` pixels per cell, or `reduce` cells per pixel."""
+
+    enlarge: int = 1
+    reduce: int = 1
+
+    @classmethod
+    def fitting(cls, shape: tuple[int, int], image_max: int) -> Raster:
+        """Return the factors for a map, its long side at most `image_max` pixels.
+
+        0 means one pixel per cell, whatever the size.
+
+        Examples
+        --------
+        >>> Raster.fitting((10, 20), 2048), Raster.fitting((5000, 10), 2048)
+        (Raster(enlarge=30, reduce=1), Raster(enlarge=1, reduce=3))
+        """
+        side = max(shape)
+        if image_max == 0:
+            return cls()
+        if side > image_max:
+            return cls(reduce=math.ceil(side / image_max))
+        return cls(enlarge=max(1, min(math.ceil(_SMALL_SIDE / side), image_max // side)))
+
+    def metres_per_pixel(self, resolution: float) -> float:
+        """Return the length of a pixel's side."""
+        return resolution * self.reduce / self.enlarge
+
+    def largest(self, layer: NDArray[Any]) -> NDArray[Any]:
+        """Return the largest value of the cells under each pixel, before enlarging."""
+        if self.reduce == 1:
+            return layer
+        rows, cols = (np.arange(0, length, self.reduce) for length in layer.shape)
+        reduced: NDArray[Any] = np.maximum.reduceat(layer, rows, axis=0)
+        reduced = np.maximum.reduceat(reduced, cols, axis=1)
+        return reduced
+
+    def smallest(self, layer: NDArray[Any]) -> NDArray[Any]:
+        """Return the smallest value of the cells under each pixel, before enlarging."""
+        if self.reduce == 1:
+            return layer
+        rows, cols = (np.arange(0, length, self.reduce) for length in layer.shape)
+        reduced: NDArray[Any] = np.minimum.reduceat(layer, rows, axis=0)
+        reduced = np.minimum.reduceat(reduced, cols, axis=1)
+        return reduced
+
+    def enlarged(self, pixels: NDArray[Any]) -> NDArray[Any]:
+        """Return each pixel as a square of `enlarge` pixels a side."""
+        if self.enlarge == 1:
+            return pixels
+        return np.repeat(np.repeat(pixels, self.enlarge, axis=0), self.enlarge, axis=1)
+
+
+def inner_outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the pixels of `mask` that touch one outside of it, over an edge."""
+    inner = mask.copy()
+    inner[1:] &= mask[:-1]
+    inner[:-1] &= mask[1:]
+    inner[:, 1:] &= mask[:, :-1]
+    inner[:, :-1] &= mask[:, 1:]
+    return mask & ~inner
