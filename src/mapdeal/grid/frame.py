@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -147,13 +148,22 @@ class Frame:
         Its corner is that cell's corner, so that every cell keeps its place in the map frame
         whatever the yaw.
         """
-        corner = self._xy_from_cells(np.array([[col, row]], dtype=np.float64))[0]
-        if self.origin[2] == 0.0:  # keeps the digits: no product with cos 0
-            corner = np.array([self.origin[0], self.origin[1]]) + np.array(
-                [col * self.resolution, row * self.resolution]
-            )
-        origin = (float(corner[0]), float(corner[1]), self.origin[2])
+        x, y, yaw = self.origin
+        if yaw == 0.0:
+            origin = (_stepped(x, col, self.resolution), _stepped(y, row, self.resolution), yaw)
+        else:
+            corner = self._xy_from_cells(np.array([[col, row]], dtype=np.float64))[0]
+            origin = (float(corner[0]), float(corner[1]), yaw)
         return Frame(height, width, self.resolution, origin)
+
+
+def _stepped(start: float, steps: int, step: float) -> float:
+    """Return start + steps * step in decimals: -50 + 789 * 0.05 is -10.55, with no noise.
+
+    Origins and resolutions are decimal numbers in a file; the sum of the floats nearest to them
+    would put the last digits of binary rounding into the next file.
+    """
+    return float(Decimal(repr(start)) + steps * Decimal(repr(step)))
 
 
 class Framed:
