@@ -72,16 +72,19 @@ class MapdealError(Exception):
 class ParameterError(MapdealError, ValueError):
     """A parameter, recipe or usage that is not allowed."""
 
+    # The only one with a built-in base: an "except OSError" around file access must never
+    # swallow a FileAccessError.
+
     exit_code = 2
 
 
-class MalformedInputError(MapdealError, ValueError):
+class MalformedInputError(MapdealError):
     """An input file whose contents break its format's rules."""
 
     exit_code = 3
 
 
-class FileAccessError(MapdealError, OSError):
+class FileAccessError(MapdealError):
     """A file that cannot be read or written, or an output that exists already."""
 
     exit_code = 4

@@ -82,10 +82,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : sequence of str, optional
         The words behind ``mapdeal``; those of the process if not given.
     """
-    words = _joined_flags(list(sys.argv[1:] if arguments is None else arguments))
     terminal.show_warnings()
     command = typer.main.get_command(app)
     try:
+        words = _joined_flags(list(sys.argv[1:] if arguments is None else arguments))
         code = command.main(args=words or ["--help"], prog_name="mapdeal", standalone_mode=False)
         sys.stdout.flush()
     except MapdealError as error:
@@ -138,9 +138,7 @@ def _joined_flags(words: list[str]) -> list[str]:
                 value = words[index]
             word = f"--{_WORDS.get(value.lower(), '')}{name}"
             if value and value.lower() not in _WORDS:
-                raise_word = ParameterError("must be yes or no", source=f"--{name}", got=value)
-                terminal.error(raise_word)
-                raise SystemExit(raise_word.exit_code)
+                raise ParameterError("must be yes or no", source=f"--{name}", got=value)
             joined.append(word)
         else:
             joined.append(words[index])

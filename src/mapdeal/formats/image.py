@@ -69,24 +69,43 @@ def _refuse_other_contents(data: bytes, path: Path) -> None:
 
 
 def _decode_with_pillow(data: bytes, path: Path, limit: int) -> Picture:
+    image = _open(data, path, limit)
+    with image:
+        facts = read_png_facts(data, path) if image.format == "PNG" else None
+        # Pillow's decoders raise whatever the damage leads them to.
+        with _damage_named(path):
+            image.load()
+            orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
+        if orientation != 1:
+            _warn(path, "the EXIF orientation was not applied, as in ROS")
+        return _picture_of(image, data, path, facts)
+
+
+def _open(data: bytes, path: Path, limit: int) -> Any:
+    """Return the image, its header read and checked, its pixels not decoded yet."""
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with _no_size_limit(), Image.open(io.BytesIO(data), formats=_PILLOW_FORMATS) as image:
-            check_size(path, image.width, image.height, limit)
-            if getattr(image, "n_frames", 1) > 1:
-                raise MalformedInputError("holds more than one picture", source=path)
-            facts = read_png_facts(data, path) if image.format == "PNG" else None
-            image.load()
-            if image.getexif().get(_EXIF_ORIENTATION, 1) != 1:
-                _warn(path, "the EXIF orientation was not applied, as in ROS")
-            return _picture_of(image, data, path, facts)
+        with _no_size_limit(), _damage_named(path):
+            image = Image.open(io.BytesIO(data), formats=_PILLOW_FORMATS)
+            frames = getattr(image, "n_frames", 1)
     except UnidentifiedImageError:
         rule = "is no image of a format that maps have: pgm, pbm, ppm, png, bmp, tiff"
         raise MalformedInputError(rule, source=path) from None
-    except MalformedInputError:
+    check_size(path, image.width, image.height, limit)
+    if frames > 1:
+        raise MalformedInputError("holds more than one picture", source=path)
+    return image
+
+
+@contextmanager
+def _damage_named(path: Path) -> Iterator[None]:
+    from PIL import UnidentifiedImageError
+
+    try:
+        yield
+    except UnidentifiedImageError:
         raise
-    # Pillow's decoders raise whatever the damage leads them to.
     except (OSError, SyntaxError, ValueError, EOFError, IndexError, KeyError, TypeError,
             OverflowError, struct.error) as error:  # fmt: skip
         rule = f"the image is damaged: {error}"

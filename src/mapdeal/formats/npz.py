@@ -140,8 +140,6 @@ class _Reader:
         except zipfile.BadZipFile:
             raise MalformedInputError("is not an npz file", source=path) from None
         except OSError as error:
-            if isinstance(error, FileAccessError):
-                raise
             rule = f"cannot be read: {error.strerror}"
             raise FileAccessError(rule, source=path) from None
 
@@ -228,8 +226,6 @@ class _Reader:
                 return array.reshape(found_shape, order="F" if fortran else "C")
         except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError,
                 RuntimeError, OSError) as error:  # fmt: skip
-            if isinstance(error, MalformedInputError):
-                raise
             raise self._error(name, f"damaged: {error}") from None
 
 

@@ -98,6 +98,8 @@ def write_pgm(file: BinaryIO, pixels: NDArray[np.uint8], *, comment: str = "") -
 
 def _read_header(data: bytes, source: Path) -> _Header:
     kind = data[1:2].decode("latin-1")
+    if not data.startswith(b"P") or kind not in list("1234567fF"):
+        raise MalformedInputError("is no netpbm image", source=source)
     if kind not in "123456":
         name = "PAM" if kind == "7" else "PFM"
         raise MalformedInputError(f"{name} images are not supported", source=source)

@@ -38,8 +38,6 @@ def read_file(path: Path, *, limit: int = LARGEST_FILE) -> bytes:
         rule = "does not fit into memory"
         raise FileAccessError(rule, source=path, got=before.st_size) from None
     except OSError as error:
-        if isinstance(error, FileAccessError):
-            raise
         rule = f"cannot be read: {error.strerror or error}"
         raise FileAccessError(rule, source=path) from None
     if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):

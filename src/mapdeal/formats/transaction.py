@@ -211,8 +211,6 @@ def _result(future: Future[str], path: Path) -> str:
     try:
         return future.result()
     except OSError as error:
-        if isinstance(error, FileAccessError):
-            raise
         rule = f"cannot be written: {error.strerror or error}"
         raise FileAccessError(rule, source=path) from None
 

@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.yaml_text import read_mapping
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.stage_list import STAGES, Step, step
@@ -91,17 +91,17 @@ def _parse(path: Path, name: str) -> Draft:
         entries = read_mapping(path)
         for key, entry in entries.items():
             if key != "stages":
-                raise unknown_name("recipe key", key, ["stages"], place=entry.place)
+                raise _in_file(unknown_name("key", key, ["stages"], place=entry.place), path)
         listed = entries["stages"].value() if "stages" in entries else None
-    except ValueError as error:  # malformed, but of the user's making: a recipe is usage
-        raise _as_usage(error, path) from None
+    except MalformedInputError as error:  # of the user's making: a recipe is usage
+        raise ParameterError(str(error), hint=error.hint) from None
     if not isinstance(listed, list) or not listed:
         raise ParameterError("a recipe needs stages: a list of stages", source=name)
     draft: Draft = []
     for item in listed:
         stage, given = _stage_of(item, name)
         if stage not in STAGES:
-            raise _as_usage(unknown_name("stage", stage, STAGES), path)
+            raise _in_file(unknown_name("stage", stage, STAGES), path)
         if stage in (done for done, _ in draft):
             raise ParameterError("a stage can run once", source=name, place=stage)
         if draft and draft[-1][0] == "cost":
@@ -111,11 +111,9 @@ def _parse(path: Path, name: str) -> Draft:
     return draft
 
 
-def _as_usage(error: ValueError, path: Path) -> ParameterError:
-    if isinstance(error, ParameterError):
-        error.source = error.source or path
-        return error
-    return ParameterError(str(error), hint=getattr(error, "hint", None))
+def _in_file(error: ParameterError, path: Path) -> ParameterError:
+    error.source = path
+    return error
 
 
 def _stage_of(item: object, name: str) -> tuple[str, dict[str, object]]:

@@ -166,7 +166,7 @@ def _range_of(field: DistanceField) -> tuple[float, float]:
     shown = field.distance[known] if known.any() else field.distance
     finite = shown[np.isfinite(shown)]
     far = float(finite.max(initial=0.0))
-    deep = -float(np.min(field.distance, where=np.isfinite(field.distance), initial=0.0))
+    deep = -float(finite.min(initial=0.0))
     return max(far, field.resolution), max(deep, field.resolution)
 
 

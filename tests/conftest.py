@@ -1,0 +1,44 @@
+"""Shared fixtures."""
+
+import os
+import warnings
+from pathlib import Path
+
+import pytest
+
+from mapdeal import MapdealWarning
+from mapdeal.cli.main import main
+
+ROOT = Path(__file__).parents[1]
+# Real maps of public repositories; they are not part of the project.
+SHARED = Path(os.environ.get("MAPDEAL_SHARED", ROOT.parent / "shared"))
+
+
+@pytest.fixture(scope="session")
+def real_maps():
+    """The folder of real maps, or a skip where it is not at hand."""
+    folder = SHARED / "data"
+    if not folder.is_dir():
+        pytest.skip("the real maps are not here")
+    return folder
+
+
+@pytest.fixture
+def command(capsys):
+    """Run the command line in this process; return exit code, stdout and stderr."""
+
+    def run(*words):
+        with warnings.catch_warnings():
+            code = main([str(word) for word in words])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def mapdeal_warnings():
+    """Let mapdeal's warnings pass, where a test is about something else."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapdealWarning)
+        yield

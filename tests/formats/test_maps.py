@@ -1,0 +1,190 @@
+"""Writing grids and reading them back."""
+
+import json
+import os
+import stat
+import zipfile
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import mapdeal
+from drawn import cells, grid_from_text
+from mapdeal import (
+    Costmap,
+    FileAccessError,
+    MapdealWarning,
+    OccupancyGrid,
+    ParameterError,
+    esdf,
+    read_map,
+    write_map,
+)
+from strategies import occupancies
+
+IN_A_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+ORIGINS = st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-3.2, 3.2))
+
+
+@IN_A_FOLDER
+@given(
+    occupancies(), st.floats(1e-3, 10), ORIGINS, st.sampled_from([".yaml", ".pgm", ".png", ".npz"])
+)
+def test_values_and_geometry_survive_a_round_trip(tmp_path, occupancy, resolution, origin, ending):
+    path = tmp_path / f"map{ending}"
+    write_map(path, OccupancyGrid(occupancy, resolution, origin), force=True)
+    grid = read_map(path.with_suffix(".yaml") if ending in (".pgm", ".png") else path)
+    assert np.array_equal(grid.occupancy, occupancy)
+    assert (grid.resolution, grid.origin) == (resolution, origin)
+
+
+@pytest.mark.parametrize("dialect", ["nav2", "humble", "ros1"])
+def test_every_dialect_reads_a_written_map_alike(tmp_path, dialect):
+    grid = grid_from_text("#.?\n.?#")
+    write_map(tmp_path / "map.yaml", grid)
+    assert np.array_equal(
+        read_map(tmp_path / "map.yaml", dialect=dialect).occupancy, grid.occupancy
+    )
+
+
+def test_the_yaml_is_what_ros_writes_with_digits_kept(tmp_path):
+    write_map(tmp_path / "map.yaml", grid_from_text("#.?", 0.0125, (12345.6789, -1e-7, 0.1)))
+    assert (tmp_path / "map.yaml").read_text() == (
+        "image: map.pgm\nmode: trinary\nresolution: 0.0125\n"
+        "origin: [12345.6789, -1.0e-07, 0.1]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+
+
+def test_pixels_are_map_saver_s_with_the_north_on_top(tmp_path):
+    write_map(tmp_path / "map.yaml", grid_from_text("#.?\n..."))
+    data = (tmp_path / "map.pgm").read_bytes()
+    assert data == b"P5\n# CREATOR: mapdeal 0.25 m/pix\n3 2\n255\n" + bytes(
+        [0, 254, 205] + [254] * 3
+    )
+
+
+def test_values_in_between_are_written_raw_unless_a_mode_is_asked_for(tmp_path):
+    grid = OccupancyGrid([[0, 20, 50, 80, 100, -1]], 0.25)
+    write_map(tmp_path / "raw.yaml", grid)
+    assert yaml.safe_load((tmp_path / "raw.yaml").read_text())["mode"] == "raw"
+    with pytest.warns(MapdealWarning, match="3 values"):
+        write_map(tmp_path / "trinary.yaml", grid, mode="trinary")
+    trinary = read_map(tmp_path / "trinary.yaml").occupancy
+    assert trinary.tolist() == [[0, 0, -1, 100, 100, -1]]
+
+
+@pytest.mark.parametrize("dialect", ["nav2", "humble"])
+def test_mode_scale_keeps_every_value(tmp_path, dialect):
+    values = np.arange(-1, 101, dtype=np.int8).reshape(2, 51)
+    write_map(tmp_path / "map.png", OccupancyGrid(values, 0.25), mode="scale")
+    about = yaml.safe_load((tmp_path / "map.yaml").read_text())
+    assert (about["occupied_thresh"], about["free_thresh"]) == (1.0, 0.0)
+    assert np.array_equal(read_map(tmp_path / "map.yaml", dialect=dialect).occupancy, values)
+
+
+def test_mode_scale_of_unknown_cells_needs_a_png(tmp_path):
+    with pytest.raises(ParameterError, match="transparent"):
+        write_map(tmp_path / "map.yaml", grid_from_text("#?."), mode="scale")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_costs_as_ros_would_publish_them(tmp_path):
+    costmap = Costmap([[0, 1, 128, 253, 254, 255]], 0.25, (1.5, -2.0, 0.4))
+    write_map(tmp_path / "cost.yaml", costmap)
+    assert (tmp_path / "cost.pgm").read_bytes().endswith(bytes([0, 1, 50, 99, 100, 255]))
+    for dialect in ("nav2", "humble", "ros1"):
+        values = read_map(tmp_path / "cost.yaml", dialect=dialect).occupancy
+        assert values.tolist() == [[0, 1, 50, 99, 100, -1]]
+
+
+def test_costs_as_bytes_come_back_as_a_costmap(tmp_path):
+    costmap = Costmap([[0, 1, 128], [253, 254, 255]], 0.25, (1.5, -2.0, 0.4))
+    with pytest.warns(MapdealWarning, match="misread"):
+        write_map(tmp_path / "cost.yaml", costmap, encoding="costmap2d")
+    back = read_map(tmp_path / "cost.yaml")
+    assert isinstance(back, Costmap)
+    assert np.array_equal(back.cost, costmap.cost)
+    assert back.origin == costmap.origin
+
+
+def test_the_keys_of_an_npz(tmp_path):
+    field = esdf(grid_from_text("#..?"), max_distance=0.6, strength=1.5, unknown="occupied")
+    write_map(tmp_path / "field.npz", field)
+    with np.load(tmp_path / "field.npz", allow_pickle=False) as data:
+        assert str(data["format"]) == "mapdeal/1"
+        assert (data["resolution"].shape, data["origin"].shape) == ((), (3,))
+        assert (data["distance"].dtype, data["occupancy"].dtype) == (np.float32, np.int8)
+        assert (str(data["convention"]), str(data["unknown"])) == ("seed", "occupied")
+        assert float(data["strength"]) == 1.5
+        assert (float(data["max_distance"]), int(data["lethal_threshold"])) == (0.6, 100)
+    back = read_map(tmp_path / "field.npz")
+    assert np.array_equal(back.distance, field.distance)
+    for name in ("convention", "strength", "max_distance", "lethal_threshold", "unknown", "origin"):
+        assert getattr(back, name) == getattr(field, name)
+
+
+@pytest.mark.parametrize("scale", ["costmap2d", "occupancy"])
+def test_costs_in_an_npz(tmp_path, scale):
+    costmap = Costmap([[0, 99, 100]], 0.25, (1.5, -2.0, 0.4), scale, circumscribed_cost=77)
+    write_map(tmp_path / "cost.npz", costmap)
+    back = read_map(tmp_path / "cost.npz")
+    assert (back.scale, back.circumscribed_cost, back.cost.tolist()) == (scale, 77, [[0, 99, 100]])
+
+
+def test_the_same_grid_gives_the_same_bytes(tmp_path):
+    field = esdf(grid_from_text("#..?\n...."))
+    for name in ("one", "two"):
+        write_map(tmp_path / name / "field.npz", field)
+    one, two = ((tmp_path / n / "field.npz").read_bytes() for n in ("one", "two"))
+    assert one == two
+    with zipfile.ZipFile(tmp_path / "one" / "field.npz") as archive:
+        assert {i.date_time[0] for i in archive.infolist()} == {1980}
+
+
+def test_an_existing_file_stays_unless_forced(tmp_path):
+    path = tmp_path / "map.yaml"
+    write_map(path, grid_from_text("#."))
+    before = (tmp_path / "map.pgm").read_bytes()
+    with pytest.raises(FileAccessError, match="exists"):
+        write_map(path, grid_from_text(".#"))
+    assert (tmp_path / "map.pgm").read_bytes() == before
+    write_map(path, grid_from_text(".#"), force=True)
+    assert read_map(path).occupancy.tolist() == cells(".#").tolist()
+
+
+def test_a_replaced_file_keeps_its_permissions(tmp_path):
+    path = tmp_path / "map.npz"
+    write_map(path, grid_from_text("#."))
+    path.chmod(0o604)
+    write_map(path, grid_from_text(".#"), force=True)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o604
+
+
+def test_a_new_file_follows_the_umask(tmp_path):
+    before = os.umask(0o027)
+    try:
+        write_map(tmp_path / "map.npz", grid_from_text("#."))
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "map.npz").stat().st_mode) == 0o640
+
+
+def test_importing_the_package_imports_nothing_large():
+    import subprocess
+    import sys
+
+    code = "import sys, mapdeal; print(json) if 'numpy' in sys.modules else print('light')"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "light"
+    assert json  # the module that the snippet would fail on
+
+
+def test_every_public_name_is_there():
+    for name in mapdeal.__all__:
+        assert getattr(mapdeal, name) is not None
+    with pytest.raises(AttributeError, match="nothing"):
+        mapdeal.nothing  # noqa: B018

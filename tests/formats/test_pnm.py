@@ -1,0 +1,136 @@
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mapdeal import MalformedInputError, MapdealWarning
+from mapdeal.formats.pnm import decode_pnm, write_pgm
+
+PIXELS = np.array([[0, 10, 255], [13, 205, 254]], dtype=np.uint8)
+BODY = PIXELS.tobytes()
+
+
+def decode(data, **options):
+    return decode_pnm(data, "map.pgm", **options)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"P5\n3 2\n255\n",
+        b"P5 3 2 255 ",
+        b"P5\n# CREATOR: map_saver.cpp 0.050 m/pix\n3 2\n255\n",
+        b"P5\n#\n3\n#a\n#b\n2 # rows\n255\n",
+        b"P5#glued\n3 2\n255\n",
+        b"P5\t3\r2\x0b255\x0c",
+    ],
+)
+def test_headers_with_comments_and_white_space_of_all_kinds(header):
+    assert np.array_equal(decode(header + BODY).samples, PIXELS)
+
+
+def test_the_resolution_in_a_comment_is_kept():
+    assert (
+        decode(b"P5\n# Cartographer map; 0.05 m/pixel\n3 2\n255\n" + BODY).resolution_comment
+        == 0.05
+    )
+
+
+def test_plain_pictures_with_comments_between_pixels():
+    text = b"P2 3 2 255\n0 10\n# a comment 7 7\n255 13 205 254"
+    assert np.array_equal(decode(text).samples, PIXELS)
+
+
+def test_bitmaps_are_black_where_they_are_1():
+    expected = [
+        [0, 255, 0, 255, 255, 255, 255, 255, 0],
+        [255, 0, 255, 255, 255, 255, 255, 255, 255],
+    ]
+    plain = decode(b"P1\n9 2\n101000001\n0 1 0000000\n")
+    assert plain.samples.tolist() == expected
+    packed = decode(b"P4\n9 2\n" + bytes([0b10100000, 0b10000000, 0b01000000, 0b01111111]))
+    assert packed.samples.tolist() == expected
+
+
+def test_colour_and_wide_samples():
+    rgb = decode(b"P6 1 2 255\n\x01\x02\x03\x04\x05\x06")
+    assert rgb.samples.tolist() == [[[1, 2, 3]], [[4, 5, 6]]]
+    assert decode(b"P3 1 2 9\n1 2 3 4 5 6\n").samples.tolist() == [[[1, 2, 3]], [[4, 5, 6]]]
+    wide = decode(b"P5 2 1 1000\n\x00\x05\x03\xe8")
+    assert (wide.samples.tolist(), wide.maxval) == ([[5, 1000]], 1000)
+
+
+def test_dos_line_ends_over_intact_pixels_are_read_right_with_a_warning():
+    with pytest.warns(MapdealWarning, match="DOS"):
+        picture = decode(b"P5\r\n3 2\r\n255\r\n" + BODY)
+    assert np.array_equal(picture.samples, PIXELS)
+
+
+def test_pixels_damaged_by_a_text_conversion_are_refused():
+    damaged = b"P5\r\n3 2\r\n255\r\n" + BODY.replace(b"\n", b"\r\n")
+    with pytest.raises(MalformedInputError, match="CRLF"):
+        decode(damaged)
+
+
+def test_a_first_pixel_of_value_10_behind_a_lone_cr_is_a_pixel():
+    data = b"P5\n3 2\n255\r" + b"\n" + BODY[1:]
+    assert decode(data).samples[0].tolist() == [10, 10, 255]
+
+
+def test_trailing_bytes_are_warned_of():
+    with pytest.warns(MapdealWarning, match="4 bytes"):
+        assert np.array_equal(decode(b"P5 3 2 255\n" + BODY + b"tail").samples, PIXELS)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"P5 3 2 255\n" + BODY[:-1], "expected 6 bytes, got 5"),
+        (b"P5 3 2 255\n" + BODY + b"P5 3 2 255\n" + BODY, "more than one"),
+        (b"P5 0 2 255\n", "above 0"),
+        (b"P5 -3 2 255\n", "above 0"),
+        (b"P5 3 2 0\n" + BODY, "maxval"),
+        (b"P5 3 2 70000\n" + BODY, "maxval"),
+        (b"P5 3", "ends early"),
+        (b"P5 3 two 255\n", "height"),
+        (b"P5 " + b"9" * 5000 + b" 2 255\n", "width"),
+        (b"P5 100000 100000 255\n", "limit"),
+        (b"P5 3 2 100\n" + BODY, "maxval 100, got 255"),
+        (b"P2 3 2 255\n0 1 2 3 4", "6 pixel values, got 5"),
+        (b"P2 3 2 255\n0 1 2 3 4 5 6", "6 pixel values, got 7"),
+        (b"P2 3 2 255\n0 1 x 3 4 5", "pixel 2"),
+        (b"P2 3 2 255\n0 1 2 3 256 5", "pixel 4"),
+        (b"P2 3 2 255\n0 1 2 3 -4 5", "pixel 4"),
+        (b"P1 3 2\n10120 1", "pixel 3"),
+        (b"PF 3 2 -1.0\n" + BODY, "PFM"),
+        (b"P7\nWIDTH 3\n", "PAM"),
+    ],
+)  # fmt: skip
+def test_damaged_files_are_refused_with_the_place(data, said):
+    with pytest.raises(MalformedInputError, match=said):
+        decode(data)
+
+
+def test_the_limit_of_cells_can_be_set():
+    with pytest.raises(MalformedInputError, match="limit of 5"):
+        decode(b"P5 3 2 255\n" + BODY, max_cells=5)
+
+
+@given(st.binary(max_size=60), st.sampled_from([b"", b"P5 2 2 255\n", b"P2 2 1 9\n", b"P4 9 1\n"]))
+def test_any_bytes_give_a_picture_or_a_clear_error(data, start):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapdealWarning)
+        try:
+            picture = decode(start + b"P" + data if not start else start + data)
+        except MalformedInputError as error:
+            assert str(error)
+        else:
+            assert picture.samples.size > 0
+
+
+def test_what_is_written_reads_back(tmp_path):
+    with (tmp_path / "map.pgm").open("wb") as file:
+        write_pgm(file, PIXELS, comment="CREATOR: mapdeal 0.05 m/pix")
+    assert np.array_equal(decode((tmp_path / "map.pgm").read_bytes()).samples, PIXELS)

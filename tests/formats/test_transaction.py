@@ -1,0 +1,106 @@
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from mapdeal import FileAccessError
+from mapdeal.formats.transaction import Transaction
+
+
+def _writer(text):
+    return lambda file: file.write(text.encode())
+
+
+def test_nothing_appears_before_the_end(tmp_path):
+    one, two = tmp_path / "one.txt", tmp_path / "two.txt"
+    with Transaction([one, two]) as transaction:
+        transaction.write(one, _writer("1"))
+        transaction.checksums()
+        assert not one.exists()
+        transaction.write(two, _writer("2"))
+    assert (one.read_text(), two.read_text()) == ("1", "2")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["one.txt", "two.txt"]
+
+
+def test_a_failure_leaves_nothing_and_old_files_as_they_were(tmp_path):
+    old, new = tmp_path / "old.txt", tmp_path / "folder" / "new.txt"
+    old.write_text("before")
+
+    def fail(file):
+        file.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    with (
+        pytest.raises(FileAccessError, match="No space left"),
+        Transaction([old, new], force=True) as transaction,
+    ):
+        transaction.write(old, _writer("after"))
+        transaction.write(new, fail)
+    assert old.read_text() == "before"
+    assert [p.name for p in tmp_path.iterdir()] == ["old.txt"]
+
+
+def test_an_error_of_the_caller_leaves_nothing(tmp_path):
+    with pytest.raises(ZeroDivisionError), Transaction([tmp_path / "a" / "b.txt"]) as transaction:
+        transaction.write(tmp_path / "a" / "b.txt", _writer("x"))
+        1 / 0  # noqa: B018
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("link", [os.link, os.symlink])
+def test_an_output_that_is_an_input_under_another_name_is_refused(tmp_path, link):
+    source, output = tmp_path / "map.pgm", tmp_path / "other.pgm"
+    source.write_text("precious")
+    link(source, output)
+    with pytest.raises(FileAccessError, match="the output is the input"):
+        Transaction([output], inputs=[source], force=True)
+    assert source.read_text() == "precious"
+
+
+def test_a_file_in_the_place_of_a_folder_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileAccessError, match="not a folder"):
+        Transaction([tmp_path / "file" / "x" / "map.pgm"])
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from mapdeal.formats.transaction import Transaction
+path = Path(sys.argv[1])
+with Transaction([path]) as transaction:
+    transaction.write(path, lambda file: file.write(b"x"))
+    transaction.checksums()
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_files_of_a_killed_run_are_removed_and_those_of_a_live_one_kept(tmp_path):
+    def hold(name):
+        words = [sys.executable, "-c", HOLD, str(tmp_path / name)]
+        process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+        assert process.stdout.readline() == "ready\n"
+        return process
+
+    def temporaries():
+        return {p for p in tmp_path.iterdir() if p.name.startswith(".mapdeal-")}
+
+    killed = hold("killed.txt")
+    stale = temporaries()
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    live = hold("live.txt")
+    try:
+        assert stale.isdisjoint(temporaries())  # the second run has cleaned up
+        mine = temporaries()
+        with Transaction([tmp_path / "third.txt"]) as transaction:
+            transaction.write(tmp_path / "third.txt", _writer("3"))
+        assert temporaries() == mine
+    finally:
+        live.kill()
+        live.wait()
+        killed.stdout.close()
+        live.stdout.close()

@@ -1,0 +1,62 @@
+import math
+
+import pytest
+
+from mapdeal import Footprint, MapdealWarning, ParameterError
+
+
+def test_radii_of_a_rectangle_off_its_centre():
+    # Edges at x = 0.4, -0.2 and y = +-0.25; the farthest corner is (0.4, 0.25).
+    shape = Footprint.polygon([[0.4, 0.25], [0.4, -0.25], [-0.2, -0.25], [-0.2, 0.25]])
+    assert shape.inscribed_radius == pytest.approx(0.2)
+    assert shape.circumscribed_radius == pytest.approx(math.hypot(0.4, 0.25))
+
+
+def test_either_sense_of_rotation_gives_the_same_radii():
+    corners = [(0.3, 0.1), (-0.1, 0.3), (-0.2, -0.3)]
+    one, other = Footprint.polygon(corners), Footprint.polygon(corners[::-1])
+    assert one.inscribed_radius == pytest.approx(other.inscribed_radius)
+    assert one.circumscribed_radius == other.circumscribed_radius
+
+
+def test_padding_moves_each_coordinate_by_its_sign_and_leaves_zero():
+    shape = Footprint.polygon([[0.3, 0.0], [-0.2, 0.2], [-0.2, -0.2]]).padded(0.01)
+    assert shape.vertices == ((0.31, 0.0), (-0.21000000000000002, 0.21000000000000002),
+                              (-0.21000000000000002, -0.21000000000000002))  # fmt: skip
+
+
+def test_a_circle_is_a_circle_and_no_polygon():
+    shape = Footprint.circle(0.25).padded(0.05)
+    assert shape.inscribed_radius == shape.circumscribed_radius == pytest.approx(0.3)
+
+
+def test_a_repeated_corner_does_no_harm():
+    shape = Footprint.polygon([[0.3, 0.2], [0.3, 0.2], [-0.3, 0.2], [0.0, -0.4]])
+    assert math.isfinite(shape.inscribed_radius)
+
+
+def test_text_in_ros_form_is_parsed():
+    shape = Footprint.parse("[[0.3, 0.2], [0.3,-.2],[-3e-1, -0.2], [-0.3, +0.2]]")
+    assert shape.vertices == ((0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2))
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[[0.1, 0.2], [0.3, 0.4]]", "three"),
+        ("[[0.1, 0.2], [0.3, 0.4], [0.5]]", "vertex 3"),
+        ("[[0.1, 0.2], [nan, 0.4], [0.5, 0.1]]", "vertex 2"),
+        ("[[0.1, 0.2], [0.3, 0.4], [1e9, 0.1]]", "vertex 3"),
+        ("[[1,1],[-1,-1],[1,-1],[-1,1]]", "vertex 1"),
+        ("0.3", "look like"),
+        ("[[1,1],[2,2],[3,'a']]", "look like"),
+    ],
+)
+def test_shapes_that_are_none_are_refused_by_name(text, named):
+    with pytest.raises(ParameterError, match=named):
+        Footprint.parse(text)
+
+
+def test_a_robot_beside_its_centre_is_warned_of():
+    with pytest.warns(MapdealWarning, match="outside"):
+        Footprint.polygon([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]])

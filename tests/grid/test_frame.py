@@ -1,0 +1,93 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mapdeal import Frame, OccupancyGrid, ParameterError
+from mapdeal.grid.frame import cells_to_cover
+
+YAWED = Frame(4, 7, 0.25, (1.5, -2.0, math.pi / 2))
+
+
+def test_yaw_turns_the_grid_about_the_corner_of_its_first_cell():
+    # At 90 degrees columns run along +y and rows along -x.
+    centres = YAWED.xy_from_rowcol([[0, 0], [0, 6], [3, 0]])
+    expected = [[1.5 - 0.125, -2.0 + 0.125], [1.5 - 0.125, -2.0 + 1.625], [0.625, -1.875]]
+    assert np.allclose(centres, expected, atol=1e-12)
+
+
+def test_costmap_2d_reference_points():
+    # costmap_2d/test/static_tests.cpp and coordinates_test.cpp
+    unit = Frame(10, 10, 1.0)
+    points = [[0, 0.99], [0, 1.0], [1, 0.99], [9.99, 9.99], [8.2, 3.4]]
+    rows_cols = unit.rowcol_from_xy(points)
+    assert [r * 10 + c for r, c in rows_cols.tolist()] == [0, 10, 1, 99, 38]
+    small = Frame(3, 2, 0.1, (-0.2, 0.2, 0.0))
+    assert np.allclose(small.xy_from_rowcol([[2, 1]]), [[-0.05, 0.45]])
+
+
+@given(
+    st.floats(-4, 4),
+    st.floats(-1e4, 1e4),
+    st.floats(-1e4, 1e4),
+    st.integers(-50, 50),
+    st.integers(-50, 50),
+)
+def test_a_centre_falls_into_its_own_cell(yaw, x, y, row, col):
+    frame = Frame(9, 5, 0.05, (x, y, yaw))
+    assert frame.rowcol_from_xy(frame.xy_from_rowcol([[row, col]])).tolist() == [[row, col]]
+
+
+def test_exact_multiples_do_not_fall_one_cell_short():
+    frame = Frame(20, 20, 0.1)
+    points = [[k * 0.1, (k + 10) / 10] for k in range(10)]
+    assert frame.rowcol_from_xy(points).tolist() == [[k + 10, k] for k in range(10)]
+
+
+def test_the_grid_is_half_open():
+    frame = Frame(4, 8, 0.5, (-1.0, 2.0, 0.0))
+    corners = [[-1.0, 2.0], [3.0, 2.0], [-1.0, 4.0], [2.999, 3.999], [-1.001, 2.0]]
+    assert frame.contains(corners).tolist() == [True, False, False, True, False]
+
+
+def test_a_window_keeps_its_cells_in_place_at_any_yaw():
+    window = YAWED.window(1, 2, 2, 3)
+    assert window.shape == (2, 3)
+    assert np.allclose(
+        window.xy_from_rowcol([[0, 0], [1, 2]]), YAWED.xy_from_rowcol([[1, 2], [2, 4]])
+    )
+
+
+def test_a_window_of_an_unturned_grid_has_clean_decimals():
+    window = Frame(1984, 1984, 0.05, (-50.0, -50.0, 0.0)).window(797, 789, 407, 417)
+    assert window.origin == (-10.55, -10.15, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("length", "resolution", "cells"),
+    [(0.3, 0.1, 3), (0.6, 0.2, 3), (0.55, 0.05, 11), (0.551, 0.05, 12), (0.0, 0.05, 0)],
+)
+def test_cells_to_cover_a_length(length, resolution, cells):
+    assert cells_to_cover(length, resolution) == cells
+
+
+@pytest.mark.parametrize("resolution", [0.0, -0.1, math.nan, math.inf])
+def test_resolutions_that_are_no_length_are_refused(resolution):
+    with pytest.raises(ParameterError, match="resolution"):
+        OccupancyGrid(np.zeros((2, 3), np.int8), resolution)
+
+
+@pytest.mark.parametrize("occupancy", [[[101]], [[-2]], [[0.5]], [[]], [0, 1], [[300]]])
+def test_arrays_that_are_no_occupancy_are_refused(occupancy):
+    with pytest.raises(ParameterError):
+        OccupancyGrid(occupancy, 0.05)
+
+
+def test_a_grid_cannot_be_changed():
+    grid = OccupancyGrid(np.zeros((2, 3), np.int8), 0.05)
+    with pytest.raises(ValueError, match="read-only"):
+        grid.occupancy[0, 0] = 1
+    with pytest.raises(AttributeError):
+        grid.resolution = 0.1

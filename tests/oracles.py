@@ -1,0 +1,113 @@
+"""Naive versions of every algorithm, by loops over all pairs of cells. Slow, and plain to see."""
+
+import math
+
+import numpy as np
+
+
+def squared_distance(marked):
+    """Squared distance in cells to the nearest marked cell; None where there is none."""
+    sites = np.argwhere(marked)
+    result = np.empty(marked.shape, dtype=object)
+    for row, col in np.ndindex(marked.shape):
+        squares = [(row - r) ** 2 + (col - c) ** 2 for r, c in sites.tolist()]
+        result[row, col] = min(squares, default=None)
+    return result
+
+
+def disc_inflation(occupied, radius, resolution):
+    """Mask of cells whose centre is within the radius of an occupied cell's centre."""
+    squared = squared_distance(occupied)
+    reached = np.zeros(occupied.shape, dtype=bool)
+    for index in np.ndindex(occupied.shape):
+        s = squared[index]
+        reached[index] = s is not None and math.sqrt(s) * resolution <= radius + 1e-9
+    return reached
+
+
+def square_inflation(occupied, reach):
+    """Mask of cells within `reach` cells of an occupied one along both axes."""
+    grown = np.zeros(occupied.shape, dtype=bool)
+    height, width = occupied.shape
+    for row, col in np.argwhere(occupied).tolist():
+        for r in range(max(row - reach, 0), min(row + reach, height - 1) + 1):
+            for c in range(max(col - reach, 0), min(col + reach, width - 1) + 1):
+                grown[r, c] = True
+    return grown
+
+
+def signed_distance(occupied, resolution, convention):
+    """Signed distance in metres by the rule of each convention."""
+    outside, inside = squared_distance(occupied), squared_distance(~occupied)
+    result = np.empty(occupied.shape)
+    for index in np.ndindex(occupied.shape):
+        s = inside[index] if occupied[index] else outside[index]
+        metres = math.inf if s is None else math.sqrt(s) * resolution
+        if occupied[index]:
+            shift = {"seed": resolution, "center": 0.0, "border": resolution / 2}[convention]
+            result[index] = -metres + shift
+        else:
+            result[index] = metres - (resolution / 2 if convention == "border" else 0.0)
+    return result
+
+
+def cost_of_distance(cells, resolution, inscribed_radius, factor):
+    """The cost of a distance in cells, as costmap_2d's computeCost."""
+    if cells == 0:
+        return 254
+    if cells * resolution <= inscribed_radius:
+        return 253
+    return int(252 * math.exp(-factor * (cells * resolution - inscribed_radius)))
+
+
+def exponential_cost(
+    old, resolution, inscribed_radius, inflation_radius, factor, inflate_unknown, around_unknown
+):
+    """costmap_2d's inflation of old costs, with exact distances."""
+    reach = math.ceil(inflation_radius / resolution - 1e-9)
+    if reach == 0:
+        return old.copy()
+    seeds = (old == 254) | (around_unknown & (old == 255))
+    squared = squared_distance(seeds)
+    result = old.copy()
+    for index in np.ndindex(old.shape):
+        s = squared[index]
+        if s is None or math.sqrt(s) > reach:
+            continue
+        cost = cost_of_distance(math.sqrt(s), resolution, inscribed_radius, factor)
+        if old[index] == 255:
+            if cost > 0 if inflate_unknown else cost >= 253:
+                result[index] = cost
+        else:
+            result[index] = max(old[index], cost)
+    return result
+
+
+def metric_view(occupancy, occupied, resolution, view_range):
+    """The 0..100 view that falls linearly to 0 at view_range."""
+    squared = squared_distance(occupied)
+    result = np.zeros(occupancy.shape, dtype=np.int8)
+    for index in np.ndindex(occupancy.shape):
+        if occupied[index]:
+            result[index] = 100
+        elif occupancy[index] == -1:
+            result[index] = -1
+        elif squared[index] is not None:
+            d = min(math.sqrt(squared[index]) * resolution, view_range)
+            result[index] = int(100 * (1 - d / view_range))
+    return result
+
+
+def seed_view(occupancy, occupied, resolution):
+    """The 0..100 view scaled between the map's own extremes."""
+    outside, inside = squared_distance(occupied), squared_distance(~occupied)
+    result = np.zeros(occupancy.shape, dtype=np.int8)
+    if occupied.any() and not occupied.all():
+        farthest = max(math.sqrt(s) for s in outside.ravel()) * resolution
+        deepest = max(math.sqrt(s) for s in inside.ravel()) * resolution
+        for index in np.ndindex(occupancy.shape):
+            d = math.sqrt(outside[index]) * resolution
+            result[index] = int(100 * (farthest - d) / (farthest - resolution + deepest))
+    result[occupancy == -1] = -1
+    result[occupied] = 100
+    return result

@@ -1,0 +1,149 @@
+import warnings
+
+import pytest
+
+from mapdeal import FileAccessError, Footprint, MapdealWarning, ParameterError
+from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
+
+SHAPE = Footprint.polygon([[0.3, 0.4], [0.3, -0.4], [-0.3, -0.4], [-0.3, 0.4]])
+
+
+def described(*arguments, **options):
+    return {
+        k: v for step in load_recipe(*arguments, **options).described() for k, v in step.items()
+    }
+
+
+def write(tmp_path, text):
+    path = tmp_path / "recipe.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_the_default_recipe_has_the_documented_defaults():
+    assert load_recipe("default").described() == [
+        {"inflate": {"radius": 0.3, "footprint": None, "kernel": "disc", "lethal_threshold": 100,
+                     "inflate_unknown": True}},
+        {"esdf": {"unknown": "free", "convention": "seed", "max_distance": None,
+                  "lethal_threshold": 100, "strength": 1.0, "view": "metric", "view_range": 2.0}},
+        {"cost": {"model": "exponential", "inscribed_radius": 0.0, "inflation_radius": 0.55,
+                  "cost_scaling_factor": 10.0, "inflate_unknown": False,
+                  "inflate_around_unknown": False, "lethal_threshold": None,
+                  "circumscribed_radius": None}},
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "stages"),
+    [
+        ("default", ["inflate", "esdf", "cost"]),
+        ("nav2", ["esdf", "cost"]),
+        ("seed-real", ["inflate", "esdf", "cost"]),
+        ("seed-sim", ["active", "inflate", "esdf", "cost"]),
+    ],
+)
+def test_the_stages_of_the_built_in_recipes(name, stages):
+    assert name in BUILT_IN
+    assert list(described(name)) == stages
+
+
+def test_the_recipes_of_the_design_document():
+    real, sim = described("seed-real"), described("seed-sim")
+    assert (real["inflate"]["kernel"], real["inflate"]["radius"]) == ("square", 0.5)
+    assert (real["esdf"]["unknown"], sim["esdf"]["unknown"]) == ("free", "occupied")
+    for recipe in (real, sim):
+        assert (recipe["esdf"]["view"], recipe["cost"]["view"]) == ("seed", "seed")
+        assert recipe["cost"]["model"] == "threshold"
+
+
+def test_sim_cuts_out_the_active_region_and_counts_unknown_as_occupied():
+    recipe = described("default", sim=True)
+    assert list(recipe) == ["active", "inflate", "esdf", "cost"]
+    assert recipe["esdf"]["unknown"] == "occupied"
+
+
+def test_settings_win_over_sim_and_shape():
+    recipe = described(
+        "nav2", sim=True, footprint=SHAPE,
+        settings=["esdf.unknown=free", "cost.inscribed_radius=0.1", "active.margin=5e-1"],
+    )  # fmt: skip
+    assert recipe["esdf"]["unknown"] == "free"
+    assert recipe["cost"]["inscribed_radius"] == 0.1
+    assert recipe["active"]["margin"] == 0.5
+
+
+def test_a_shape_goes_into_inflate_or_else_into_cost():
+    inflated = described("default", footprint=SHAPE)
+    assert inflated["inflate"]["footprint"] == [[0.3, 0.4], [0.3, -0.4], [-0.3, -0.4], [-0.3, 0.4]]
+    assert inflated["cost"]["inscribed_radius"] == 0.0
+    plain = described("nav2", footprint=SHAPE)
+    assert plain["cost"]["inscribed_radius"] == pytest.approx(0.3)
+    assert plain["cost"]["circumscribed_radius"] == pytest.approx(0.5)
+
+
+def test_a_radius_that_counts_twice_is_warned_of():
+    with pytest.warns(MapdealWarning, match="twice"):
+        load_recipe("default", settings=["cost.inscribed_radius=0.2"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_recipe("nav2")
+
+
+def test_a_recipe_file_in_every_way_of_writing(tmp_path):
+    path = write(
+        tmp_path,
+        "stages:\n  - active\n  - inflate:\n  - esdf: {max_distance: none, strength: 5e-1}\n"
+        "  - cost:\n      model: rings\n      values: [80, 40]\n",
+    )
+    recipe = described(path)
+    assert list(recipe) == ["active", "inflate", "esdf", "cost"]
+    assert (recipe["esdf"]["max_distance"], recipe["esdf"]["strength"]) == (None, 0.5)
+    assert recipe["cost"] == {"model": "rings", "values": [80, 40], "lethal_threshold": None}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("stages: []\n", "stages"),
+        ("steps:\n  - esdf:\n", "no such key"),
+        ("stages:\n  - inflat:\n", "did you mean inflate|no such stage"),
+        ("stages:\n  - inflate: {radios: 1}\n", "no such parameter"),
+        ("stages:\n  - inflate: {radius: wide}\n", "inflate.radius"),
+        ("stages:\n  - inflate: {radius: -1}\n", "inflate.radius"),
+        ("stages:\n  - esdf:\n  - esdf:\n", "once"),
+        ("stages:\n  - cost:\n  - esdf:\n", "follow cost"),
+        ("stages:\n  - cost: {model: rings, down: 4}\n", "threshold"),
+        ("stages:\n  - cost: {model: ring}\n", "no such cost model"),
+        ("stages:\n  - inflate: 3\n", "look like"),
+        ("stages: [\n", "YAML"),
+        ("- a\n", "mapping"),
+    ],
+)
+def test_malformed_recipes_are_refused_as_usage(tmp_path, text, said):
+    with pytest.raises(ParameterError, match=said):
+        load_recipe(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("radius=0.3", "look like"),
+        ("inflate.radius", "look like"),
+        ("inflat.radius=1", "no such stage"),
+        ("active.margin=1", "no stage active"),
+        ("inflate.radios=1", "no such parameter"),
+        ("inflate.inflate_unknown=maybe", "yes or no"),
+        ("esdf.lethal_threshold=101", "between 1 and 100"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(setting, said):
+    with pytest.raises(ParameterError, match=said):
+        load_recipe("default", settings=[setting])
+
+
+def test_names_of_recipes_that_are_none():
+    with pytest.raises(ParameterError, match="no such recipe") as caught:
+        load_recipe("nav")
+    assert caught.value.hint == "did you mean nav2?"
+    with pytest.raises(FileAccessError):
+        load_recipe("missing.yaml")

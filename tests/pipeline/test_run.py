@@ -1,0 +1,154 @@
+import hashlib
+import json
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from drawn import grid_from_text
+from mapdeal import FileAccessError, MalformedInputError, read_map, write_map
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.run import RunOptions, run_map
+
+ROOM = "\n".join(["?" * 30, *["??" + "#" * 20 + "?" * 8]] + ["??#" + "." * 18 + "#" + "?" * 8] * 9)
+
+
+@pytest.fixture
+def room(tmp_path):
+    """A map of a room on a larger canvas, as files."""
+    write_map(tmp_path / "room.yaml", grid_from_text(ROOM, 0.1, (1.5, -2.0, 0.4)))
+    return tmp_path / "room.yaml"
+
+
+def contents(folder):
+    return {p.name: p.read_bytes() for p in sorted(folder.iterdir())}
+
+
+def test_a_run_writes_every_file_and_a_manifest_of_them(room, tmp_path):
+    folder = tmp_path / "out" / "room"
+    report = run_map(room, folder, load_recipe("default", sim=True))
+    names = [f"{stem}.{end}" for stem in ("active", "inflated") for end in ("pgm", "yaml", "png")]
+    names += [f"{s}.{e}" for s in ("esdf", "cost") for e in ("npz", "pgm", "yaml", "png")]
+    files = contents(folder)
+    assert set(files) == {*names, "manifest.json"}
+    manifest = json.loads(files["manifest.json"])
+    assert manifest["outputs"] == {n: hashlib.sha256(files[n]).hexdigest() for n in names}
+    image = (tmp_path / "room.pgm").read_bytes()
+    assert manifest["inputs"]["room.pgm"] == hashlib.sha256(image).hexdigest()
+    assert report.figures["active"]["width"] == 20
+    assert str(tmp_path) not in files["manifest.json"].decode()
+
+
+def test_stages_work_each_on_what_the_one_before_made(room, tmp_path):
+    from mapdeal import active_region, esdf, exponential_cost, inflate
+
+    run_map(room, tmp_path / "out", load_recipe("default", sim=True))
+    grid = inflate(active_region(read_map(room)))
+    field = esdf(grid, unknown="occupied")
+    assert np.array_equal(read_map(tmp_path / "out" / "inflated.yaml").occupancy, grid.occupancy)
+    assert np.array_equal(read_map(tmp_path / "out" / "esdf.npz").distance, field.distance)
+    costs = read_map(tmp_path / "out" / "cost.npz")
+    assert np.array_equal(costs.cost, exponential_cost(field).cost)
+    assert costs.origin == grid.origin
+
+
+def test_the_same_run_gives_the_same_bytes_whatever_the_threads(room, tmp_path):
+    recipe = load_recipe("seed-sim")
+    run_map(room, tmp_path / "one", recipe, threads=1)
+    run_map(room, tmp_path / "many", recipe, threads=4)
+    assert contents(tmp_path / "one") == contents(tmp_path / "many")
+
+
+def test_an_unchanged_map_is_skipped(room, tmp_path):
+    recipe, folder = load_recipe("default"), tmp_path / "out"
+    assert run_map(room, folder, recipe).status == "done"
+    before = {p: p.stat().st_mtime_ns for p in folder.iterdir()}
+    assert run_map(room, folder, recipe).status == "unchanged"
+    assert {p: p.stat().st_mtime_ns for p in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("change", ["input", "recipe", "options", "output", "manifest"])
+def test_what_has_changed_is_not_overwritten_without_force(room, tmp_path, change):
+    recipe, folder, options = load_recipe("default"), tmp_path / "out", RunOptions()
+    run_map(room, folder, recipe)
+    if change == "input":
+        write_map(room, grid_from_text(ROOM.replace("#", ".", 1), 0.1), force=True)
+    elif change == "recipe":
+        recipe = load_recipe("default", settings=["inflate.radius=0.2"])
+    elif change == "options":
+        options = RunOptions(image_max=100)
+    elif change == "output":
+        (folder / "cost.pgm").write_bytes(b"edited by hand")
+    else:
+        (folder / "manifest.json").write_text("{")
+    before = contents(folder)
+    with pytest.raises(FileAccessError, match="exists"):
+        run_map(room, folder, recipe, options=options)
+    assert contents(folder) == before
+    assert run_map(room, folder, recipe, options=options, force=True).status == "done"
+    assert run_map(room, folder, recipe, options=options).status == "unchanged"
+
+
+def test_a_replaced_run_leaves_no_outputs_of_the_old_one_behind(room, tmp_path):
+    folder = tmp_path / "out"
+    run_map(room, folder, load_recipe("default", sim=True))
+    (folder / "notes.txt").write_text("mine")
+    (folder / "active.png").write_bytes(b"edited by hand")
+    run_map(room, folder, load_recipe("nav2"), force=True, options=RunOptions(images=False))
+    left = {"esdf.npz", "esdf.pgm", "esdf.yaml", "cost.npz", "cost.pgm", "cost.yaml"}
+    assert set(contents(folder)) == {*left, "manifest.json", "notes.txt", "active.png"}
+
+
+def test_a_run_that_fails_leaves_nothing(tmp_path):
+    write_map(tmp_path / "blank.yaml", grid_from_text("???\n???"))
+    with pytest.raises(MalformedInputError, match="no active cells"):
+        run_map(tmp_path / "blank.yaml", tmp_path / "out" / "blank", load_recipe("seed-sim"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_outputs_never_replace_the_input(room, tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    shutil.copy(tmp_path / "room.pgm", folder / "inflated.pgm")
+    (folder / "inflated.yaml").write_text(room.read_text().replace("room.pgm", "inflated.pgm"))
+    before = contents(folder)
+    with pytest.raises(FileAccessError, match="the output is the input"):
+        run_map(folder / "inflated.yaml", folder, load_recipe("default"), force=True)
+    assert contents(folder) == before
+
+
+def test_the_size_of_pictures(room, tmp_path):
+    recipe = load_recipe("nav2")
+    sizes = {}
+    for image_max in (0, 100, 2048):
+        folder = tmp_path / f"out{image_max}"
+        run_map(room, folder, recipe, options=RunOptions(image_max=image_max))
+        with Image.open(folder / "cost.png") as image:
+            sizes[image_max] = image.width
+    assert sizes[0] <= sizes[100] < sizes[2048]
+
+
+def test_every_readable_real_map_runs(real_maps, tmp_path, mapdeal_warnings):
+    fail = {
+        "avidbots__flatland/load_world_tests/map_invalid_A/map.yaml",
+        "avidbots__flatland/load_world_tests/map_invalid_B/map.yaml",
+        "f1tenth__f1tenth_gym/maps/levine.yaml",
+        "ros-navigation__navigation2/nav2_map_server/test/invalid_image.yaml",
+    }
+    # Without pictures, and the two largest left to be run by hand: this is about reading.
+    large = {"f1tenth__f1tenth_gym/maps/vegas.yaml", "tools/planner_benchmarking/100by100_10.yaml"}
+    paths = sorted(real_maps.rglob("*.yaml"))
+    assert len(paths) == 43
+    recipe = load_recipe("default")
+    for number, path in enumerate(paths):
+        name = path.relative_to(real_maps).as_posix()
+        if any(name.endswith(end) for end in large):
+            continue
+        folder = tmp_path / str(number)
+        if name in fail:
+            with pytest.raises((MalformedInputError, FileAccessError)):
+                run_map(path, folder, recipe)
+        else:
+            run_map(path, folder, recipe, options=RunOptions(images=False), threads=2)
+            assert (folder / "manifest.json").exists()

@@ -1,0 +1,137 @@
+import io
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from drawn import grid_from_text
+from mapdeal import Costmap, OccupancyGrid, esdf, exponential_cost, inflate
+from mapdeal.formats.png import write_indexed_png
+from mapdeal.render.colours import cost_scale, free_side, obstacle_side
+from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.raster import Raster, inner_outline
+
+BLACK, RVIZ_UNKNOWN = (0, 0, 0), (112, 137, 134)
+
+
+def rgb(image):
+    """Return the picture as a decoder sees it, shape (H, W, 3)."""
+    buffer = io.BytesIO()
+    write_indexed_png(buffer, image.indices, image.palette)
+    return np.asarray(Image.open(buffer).convert("RGB"))
+
+
+def count(pixels, colour):
+    return int(np.all(pixels == colour, axis=2).sum())
+
+
+@given(st.integers(1, 5000), st.integers(1, 5000), st.sampled_from([2048, 600, 50]))
+def test_small_maps_grow_by_a_whole_factor_and_large_ones_fit(height, width, image_max):
+    raster = Raster.fitting((height, width), image_max)
+    assert min(raster.enlarge, raster.reduce) == 1
+    side = max(height, width)
+    shown = -(-side // raster.reduce) * raster.enlarge
+    assert shown <= image_max
+    if image_max >= 1200:
+        assert shown >= min(side, 600)
+
+
+def test_zero_means_a_pixel_per_cell():
+    assert Raster.fitting((5, 3), 0) == Raster.fitting((9000, 3), 0) == Raster()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 7))
+def test_no_obstacle_vanishes_when_cells_share_a_pixel(seed, reduce):
+    rng = np.random.default_rng(seed)
+    layer = (rng.random((23, 31)) < 0.02).astype(np.int8)
+    small = Raster(reduce=reduce).largest(layer)
+    for row, col in np.argwhere(layer).tolist():
+        assert small[row // reduce, col // reduce] == 1
+    assert small.sum() <= layer.sum()
+
+
+def test_a_single_obstacle_of_a_large_map_is_seen():
+    occupancy = np.zeros((900, 1300), np.int8)
+    occupancy[450, 701] = 100
+    grid = OccupancyGrid(occupancy, 0.05)
+    empty = OccupancyGrid(np.zeros_like(occupancy), 0.05)
+    for draw in (lambda g: occupancy_image(g, title="t", image_max=200),):
+        assert count(rgb(draw(grid)), BLACK) > count(rgb(draw(empty)), BLACK)
+
+
+def test_the_north_is_on_top_and_unknown_has_rviz_s_grey():
+    pixels = rgb(occupancy_image(grid_from_text("###\n???\n..."), title="t"))
+    middle = pixels[:, 120]
+    rows = {c: np.flatnonzero(np.all(middle == c, axis=1)).mean() for c in (BLACK, RVIZ_UNKNOWN)}
+    assert rows[BLACK] < rows[RVIZ_UNKNOWN]
+    assert count(pixels, RVIZ_UNKNOWN) > 3 * 200 * 200
+
+
+def test_cells_are_sharp_squares():
+    # 3 cells enlarged by 200: the occupied one is exactly 200 x 200 black pixels and some text.
+    pixels = rgb(occupancy_image(grid_from_text(".#."), title=""))
+    runs = np.all(pixels == BLACK, axis=2).sum(axis=1)
+    assert np.count_nonzero(runs >= 200) == 200
+
+
+@pytest.mark.parametrize("drawing", [".", "#", "?", "....\n....", "####", "????", "." * 400])
+def test_every_kind_of_map_has_pictures(drawing):
+    grid = grid_from_text(drawing)
+    for image in (
+        occupancy_image(grid, title="x" * 300),
+        field_image(esdf(grid), title="field"),
+        cost_image(exponential_cost(grid), title="cost"),
+    ):
+        height, width = image.indices.shape
+        assert height > 100
+        assert 100 < width < 2000
+        assert image.palette.shape == (256, 3)
+
+
+def test_the_edge_of_obstacles_is_drawn_in_the_field():
+    grid = grid_from_text(".....\n.###.\n.###.\n.###.\n.....")
+    with_edge = count(rgb(field_image(esdf(grid), title="")), BLACK)
+    without = count(rgb(field_image(esdf(grid_from_text(".....\n" * 5)), title="")), BLACK)
+    # An outline one pixel wide around a square of three cells of 120 pixels.
+    assert with_edge - without >= 4 * 360 - 4 - 200
+
+
+def test_inner_outline_of_a_mask_that_touches_the_border():
+    mask = np.ones((4, 5), dtype=bool)
+    assert not inner_outline(mask).any()
+    mask[0, 0] = False
+    assert np.argwhere(inner_outline(mask)).tolist() == [[0, 1], [1, 0]]
+
+
+@pytest.mark.parametrize("scale", [cost_scale, free_side, obstacle_side])
+def test_scales_fall_evenly_in_lightness(scale):
+    colours = scale(40) / 255
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    luminance = linear @ [0.2126, 0.7152, 0.0722]
+    assert (np.diff(luminance) < 0).all()
+
+
+def test_special_costs_stand_apart():
+    costmap = Costmap([[0, 1, 252, 253, 254, 255]], 0.25)
+    pixels = rgb(cost_image(costmap, title=""))
+    row = pixels[len(pixels) // 4]
+    seen = [tuple(row[k].tolist()) for k in range(30, 600, 2)]
+    blocks = [c for c, before in zip(seen[1:], seen, strict=False) if c != before]
+    colours = {seen[0], *blocks}
+    assert len(colours) >= 6
+    for one in colours:
+        for other in colours - {one}:
+            assert sum(abs(a - b) for a, b in zip(one, other, strict=True)) > 20
+
+
+def test_the_circumscribed_cost_is_drawn_as_a_line():
+    grid = inflate(grid_from_text("." * 21 + "\n" + "." * 10 + "#" + "." * 10), radius=0.0)
+    plain = exponential_cost(grid, inflation_radius=2.0, cost_scaling_factor=1.0)
+    shaped = exponential_cost(
+        grid, inflation_radius=2.0, cost_scaling_factor=1.0, circumscribed_radius=1.0
+    )
+    contour = (120, 255, 70)
+    assert count(rgb(cost_image(plain, title="")), contour) == 0
+    assert count(rgb(cost_image(shaped, title="")), contour) > 100

@@ -1,0 +1,173 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import oracles
+from drawn import grid_from_text
+from mapdeal import MapdealWarning, OccupancyGrid, ParameterError, esdf, exponential_cost, read_map
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.stages.exponential_cost import cost_table, spread_costs
+from strategies import RESOLUTIONS, occupancies
+
+pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+
+
+def _row(length, resolution, **parameters):
+    grid = OccupancyGrid([[100] + [0] * (length - 1)], resolution, (1.0, 2.0, 0.3))
+    return exponential_cost(grid, inflation_radius=length * resolution, **parameters).cost[0]
+
+
+# Computed by hand from the formula of costmap_2d.
+@pytest.mark.parametrize(
+    ("resolution", "inscribed", "factor", "expected"),
+    [
+        (0.05, 0.2, 10, [254, 253, 253, 253, 253, 152, 92, 56, 34, 20, 12, 7]),
+        (0.05, 0.325, 10, [254, *[253] * 6, 196, 119, 72, 43, 26, 16, 9, 5, 3]),
+        (0.05, 0.22, 3, [254, *[253] * 4, 230, 198, 170, 146, 126, 108, 93]),
+    ],
+)
+def test_golden_costs_along_a_row(resolution, inscribed, factor, expected):
+    costs = _row(len(expected), resolution, inscribed_radius=inscribed, cost_scaling_factor=factor)
+    assert costs.tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("squared", "cost"), [(0, 254), (1, 253), (4, 253), (5, 219), (9, 102), (10, 87), (16, 37)]
+)
+def test_golden_costs_of_squared_distances(squared, cost):
+    table = cost_table(5, resolution=1.0, inscribed_radius=2.1, cost_scaling_factor=1.0)
+    assert table[squared] == cost
+
+
+def test_inflation_reaches_whole_cells_and_then_stops():
+    grid = OccupancyGrid([[100] + [0] * 9], 0.1)
+    cost = exponential_cost(grid, inflation_radius=0.42, cost_scaling_factor=0.0).cost
+    assert cost.tolist() == [[254, 252, 252, 252, 252, 252, 0, 0, 0, 0]]
+
+
+def test_the_unit_test_of_nav2_with_an_unknown_map():
+    occupancy = np.full((9, 9), -1, np.int8)
+    occupancy[4, 4] = 100
+    costmap = exponential_cost(
+        OccupancyGrid(occupancy, 1.0), inflation_radius=4.1, cost_scaling_factor=1.0,
+        inflate_unknown=True,
+    )  # fmt: skip
+    unknown = {tuple(c) for c in np.argwhere(costmap.cost == 255).tolist()}
+    assert unknown == {(0, 0), (0, 8), (8, 0), (8, 8)}
+
+
+def test_the_map_of_costmap_2d_s_own_tests(real_maps):
+    grid = read_map(real_maps / "ros-planning__navigation/costmap_2d/test/TenByTen.yaml")
+    radii = {"inscribed_radius": 1.0, "inflation_radius": 1.0}
+    cost = exponential_cost(grid, **radii).cost
+    assert (np.count_nonzero(cost == 254), np.count_nonzero(cost == 253)) == (20, 28)
+    occupancy = grid.occupancy.copy()
+    occupancy[0, 0] = 100
+    cost = exponential_cost(OccupancyGrid(occupancy, grid.resolution), **radii).cost
+    assert np.count_nonzero(cost >= 253) - np.count_nonzero(cost == 255) == 51
+
+
+@given(
+    occupancies(),
+    RESOLUTIONS,
+    st.sampled_from([0.0, 0.1, 0.22, 0.5]),
+    st.sampled_from([0.0, 0.3, 0.55, 2.0]),
+    st.sampled_from([0.0, 1.0, 10.0, 1e4]),
+    st.booleans(),
+    st.booleans(),
+)
+def test_costs_equal_brute_force(
+    occupancy, resolution, inscribed, inflation, factor, inflate_unknown, around_unknown
+):
+    old = np.zeros(occupancy.shape, np.uint8)
+    old[occupancy == -1] = 255
+    old[occupancy == 100] = 254
+    expected = oracles.exponential_cost(
+        old, resolution, inscribed, inflation, factor, inflate_unknown, around_unknown
+    )
+    parameters = {
+        "inscribed_radius": inscribed,
+        "inflation_radius": inflation,
+        "cost_scaling_factor": factor,
+        "inflate_unknown": inflate_unknown,
+        "inflate_around_unknown": around_unknown,
+    }
+    grid = OccupancyGrid(occupancy, resolution)
+    assert np.array_equal(exponential_cost(grid, **parameters).cost, expected)
+    for convention in ("seed", "center", "border"):
+        field = esdf(grid, convention=convention, strength=1.5)
+        assert np.array_equal(exponential_cost(field, **parameters).cost, expected)
+
+
+@pytest.mark.parametrize("case", range(16))
+def test_costs_equal_the_real_layer_within_the_brushfire_s_error(real_maps, case):
+    expected = np.load(real_maps / "expected" / "peers.npz")
+    about = json.loads((real_maps / "expected" / "peers.json").read_text())[f"inflation/{case}"]
+    old, legacy = (expected[f"inflation/{case}/{name}"] for name in ("in", "legacy"))
+    reach = math.ceil(about["inflation_radius"] / about["resolution"] - 1e-9)
+    cost = old
+    if reach > 0:
+        seeds = (old == 254) | (about["inflate_around_unknown"] & (old == 255))
+        table = cost_table(
+            reach,
+            resolution=about["resolution"],
+            inscribed_radius=about["inscribed_radius"],
+            cost_scaling_factor=about["cost_scaling_factor"],
+        )
+        cost = spread_costs(
+            old, squared_distance(seeds), table, inflate_unknown=about["inflate_unknown"]
+        )
+    differing = cost != legacy
+    assert differing.mean() <= 0.003
+    assert (cost[differing] > legacy[differing]).all()
+
+
+def test_a_field_that_counts_unknown_as_occupied_makes_it_lethal():
+    grid = grid_from_text("#..?", resolution=0.5)
+    field = esdf(grid, unknown="occupied")
+    cost = exponential_cost(field, inflation_radius=0.5, cost_scaling_factor=0.0).cost
+    assert cost.tolist() == [[254, 252, 252, 254]]
+    assert exponential_cost(esdf(grid)).cost[0, 3] == 255
+
+
+def test_a_field_clipped_below_the_reach_is_refused():
+    field = esdf(grid_from_text("#......", resolution=0.1), max_distance=0.5)
+    with pytest.raises(ParameterError, match="max_distance"):
+        exponential_cost(field, inflation_radius=0.55)
+
+
+@pytest.mark.parametrize("convention", ["seed", "border"])
+@pytest.mark.parametrize("max_distance", [0.6, 0.7])
+def test_a_field_clipped_at_the_reach_or_beyond_gives_the_same_costs(convention, max_distance):
+    grid = grid_from_text("#.........", resolution=0.1)
+    parameters = {"inflation_radius": 0.6, "cost_scaling_factor": 1.0}
+    whole = exponential_cost(grid, **parameters).cost
+    clipped = esdf(grid, convention=convention, max_distance=max_distance)
+    assert np.array_equal(exponential_cost(clipped, **parameters).cost, whole)
+    assert whole[0, 6] > 0 == whole[0, 7]
+
+
+def test_another_threshold_than_the_field_s_is_refused():
+    field = esdf(grid_from_text("#.+"), lethal_threshold=50)
+    with pytest.raises(ParameterError, match="lethal_threshold"):
+        exponential_cost(field, lethal_threshold=100)
+
+
+def test_the_circumscribed_cost_is_the_cost_at_that_distance():
+    grid = OccupancyGrid([[100] + [0] * 11], 0.05)
+    costmap = exponential_cost(
+        grid, inscribed_radius=0.2, circumscribed_radius=0.35, cost_scaling_factor=10
+    )
+    assert costmap.circumscribed_cost == 56 == costmap.cost[0, 7]
+
+
+def test_radii_that_do_not_fit_are_warned_of():
+    grid = grid_from_text("#..")
+    with pytest.warns(MapdealWarning, match="inscribed_radius"):
+        exponential_cost(grid, inscribed_radius=0.6)
+    with pytest.warns(MapdealWarning, match="circumscribed"):
+        assert exponential_cost(grid, circumscribed_radius=0.6).circumscribed_cost == 0

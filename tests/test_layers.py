@@ -1,0 +1,72 @@
+"""The order of the layers, read off the imports."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import mapdeal
+
+PACKAGE = Path(mapdeal.__file__).parent
+
+ALLOWED = {
+    "errors": set(),
+    "version": set(),
+    "grid": {"errors"},
+    "kernels": {"errors"},
+    "stages": {"errors", "grid", "kernels"},
+    "formats": {"errors", "grid", "kernels"},
+    "render": {"errors", "grid", "kernels"},
+    "pipeline": {"errors", "version", "grid", "kernels", "stages", "formats", "render"},
+    "cli": {"errors", "version", "grid", "kernels", "stages", "formats", "render", "pipeline"},
+}
+
+
+def _layer(path):
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def _imports(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: p.stem)
+def test_no_layer_imports_from_above(path):
+    layer = _layer(path)
+    if layer in ("__init__", "__main__"):
+        return
+    for module in _imports(path):
+        parts = module.split(".")
+        if parts[0] == "mapdeal" and len(parts) > 1:
+            assert parts[1] in ALLOWED[layer] | {layer}, f"{path.name} imports {module}"
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: p.stem)
+def test_only_formats_touches_files_and_only_cli_knows_typer(path):
+    modules = set(_imports(path))
+    if _layer(path) != "cli":
+        assert "typer" not in modules
+    if _layer(path) not in ("formats", "render"):
+        assert not {m for m in modules if m.split(".")[0] in ("PIL", "zipfile", "tempfile")}
+
+
+def test_modules_stay_short():
+    too_long = {
+        p.name: n for p in PACKAGE.rglob("*.py") if (n := len(p.read_text().splitlines())) > 400
+    }
+    assert not too_long
+
+
+def test_starting_up_loads_no_numerical_library():
+    code = (
+        "import sys; from mapdeal.cli.main import main; main(['--version']); "
+        "print([m for m in ('numpy', 'scipy', 'PIL', 'yaml') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.splitlines()[-1] == "[]"
