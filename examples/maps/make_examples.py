@@ -1,4 +1,6 @@
-"""Make the example maps: python examples/maps/make_examples.py
+"""Make the example maps.
+
+Run it as ``python examples/maps/make_examples.py``.
 
 A simulated laser scanner drives through a floor plan and through an arena; what it sees is
 saved the way that gmapping's map_saver and Cartographer save their maps. Seeded: the files
@@ -7,6 +9,7 @@ come out the same every time.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -103,7 +106,7 @@ def drive(plan: Plan, waypoints: list[tuple[float, float]], rng: np.random.Gener
     """Return how often each cell was hit and passed by a scanner on its way."""
     hits = np.zeros(plan.solid.shape, dtype=np.int32)
     passes = np.zeros(plan.solid.shape, dtype=np.int32)
-    for (ax, ay), (bx, by) in zip(waypoints, waypoints[1:], strict=False):
+    for (ax, ay), (bx, by) in pairwise(waypoints):
         for share in np.arange(0, 1, 0.5 / max(np.hypot(bx - ax, by - ay), 0.5)):
             scan(plan, ax + (bx - ax) * share, ay + (by - ay) * share, hits, passes, rng)
     return hits, passes
@@ -189,9 +192,15 @@ def main() -> None:
     """Write all examples beside this script."""
     rng = np.random.default_rng(2026)
     corridor = [(1.5, 6.9), (9.0, 6.9), (14.0, 6.1), (19.5, 6.5)]
-    rooms = [(2.5, 6.5), (2.5, 3.0), (2.5, 6.5), (6.7, 6.5), (6.7, 3.0), (6.7, 6.9), (11.5, 6.9),
-             (11.5, 2.6), (11.5, 6.9), (17.3, 6.5), (17.3, 2.4), (17.3, 6.5), (17.9, 10.5),
-             (17.9, 6.5), (13.1, 6.9), (13.1, 8.9), (13.1, 6.9), (8.5, 6.9), (8.5, 9.8)]  # fmt: skip
+    rooms = [
+        *[(2.5, 6.5), (2.5, 3.0), (2.5, 6.5)],
+        *[(6.7, 6.5), (6.7, 3.0), (6.7, 6.9)],
+        *[(11.5, 6.9), (11.5, 2.6), (11.5, 6.9)],
+        *[(17.3, 6.5), (17.3, 2.4), (17.3, 6.5)],
+        *[(17.9, 10.5), (17.9, 6.5)],
+        *[(13.1, 6.9), (13.1, 8.9), (13.1, 6.9)],
+        *[(8.5, 6.9), (8.5, 9.8)],
+    ]
     hits, passes = drive(office(), corridor + rooms, rng)
     gmapping = on_canvas(gmapping_pixels(hits, passes), 544, 544, 205, 150, 60)
     comment = f"CREATOR: map_saver.cpp {RESOLUTION:.3f} m/pix"

@@ -37,11 +37,13 @@ def test_threshold_costs_equal_brute_force_on_the_view(occupancy, view, one, oth
     for index in np.ndindex(occupancy.shape):
         v = int(values[index])
         expected = v
-        if 0 <= v <= down:
+        if v == 100:
+            pass
+        elif 0 <= v <= down:
             expected = 0
-        elif down < v <= up and v < 100:
+        elif down < v <= up:
             expected = min(99, int(0.3 * v))
-        elif up < v < 100:
+        elif up < v:
             expected = min(99, int(1.5 * v))
         assert cost[index] == expected
 
