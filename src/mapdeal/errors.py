@@ -7,7 +7,7 @@ other place has to decide it. Anything else that escapes is a bug (exit 70).
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Self
 
 __all__ = [
     "BatchError",
@@ -59,6 +59,12 @@ class MapdealError(Exception):
         self.hint = hint
         self._got = got
         super().__init__(rule)
+
+    def found_in(self, source: Path | str) -> Self:
+        """Return the error with the file it belongs to, unless it names one already."""
+        if self.source is None:
+            self.source = source
+        return self
 
     def __str__(self) -> str:
         """Return ``SOURCE: PLACE: rule, got VALUE`` on one line, control characters escaped."""

@@ -129,6 +129,9 @@ def cost(
     """Turn a map or its distance field into a costmap."""
     opt.start(quiet=quiet, verbose=verbose)
     shape = opt.robot_shape(footprint, robot_radius, footprint_padding)
+    if shape is not None and model != "exponential":
+        rule = "only costs of model exponential depend on the robot's shape"
+        raise ParameterError(rule, source="--model", got=model)
     if shape is not None and inscribed_radius is not None:
         rule = "cannot be given together with a robot's shape"
         raise ParameterError(rule, source="--inscribed-radius")

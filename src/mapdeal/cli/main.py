@@ -26,6 +26,10 @@ _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "
 _INTERRUPTED, _INTERNAL = 130, 70
 
 
+class _ReaderGoneError(Exception):
+    """Whoever read our output has seen enough."""
+
+
 class _LazyGroup(TyperGroup):
     """A group that imports a command's module when the command is asked for.
 
@@ -42,6 +46,13 @@ class _LazyGroup(TyperGroup):
         command = typer.main.get_command(module.app)
         command.name = cmd_name
         return command
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; a closed pipe is no finding, which click's exit code 1 would say."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            raise _ReaderGoneError from None
 
 
 app = typer.Typer(
@@ -97,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         terminal.error(MapdealError("interrupted"))
         return _INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has seen enough
+    except (_ReaderGoneError, BrokenPipeError):
         terminal.close_stdout()
         return 0
     except MemoryError:

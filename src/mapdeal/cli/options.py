@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -135,6 +135,12 @@ def robot_shape(text: str | None, radius: float | None, padding: float) -> Footp
         rule = "needs --footprint or --robot-radius"
         raise ParameterError(rule, source="--footprint-padding")
     return None
+
+
+def described(stage: str, parameters: Mapping[str, object]) -> str:
+    """Return a stage's parameters as a verbose command says them."""
+    pairs = (f"{name}={'none' if value is None else value}" for name, value in parameters.items())
+    return f"{stage}: {', '.join(pairs)}"
 
 
 def start(*, quiet: bool, verbose: bool) -> None:

@@ -66,7 +66,8 @@ def run(
     opt.start(quiet=quiet, verbose=verbose)
     shape = opt.robot_shape(footprint, robot_radius, footprint_padding)
     loaded = load_recipe(recipe, sim=sim, footprint=shape, settings=settings or [])
-    terminal.detail(f"recipe: {loaded.described()}")
+    for one in loaded.steps:
+        terminal.detail(opt.described(one.name, one.described()[one.name]))
     run_options = RunOptions(dialect.value, images=not no_images, image_max=image_max)
     folders = folders_of(sources, output)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.options import DialectName, processors
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.single import FileOptions, apply_to_file
@@ -14,14 +14,14 @@ from mapdeal.pipeline.stage_list import step
 
 
 def file_options(
-    dialect: DialectName,
+    dialect: opt.DialectName,
     max_cells: int | None,
     force: bool,
     threads: int | None,
     image: Path | None,
 ) -> FileOptions:
     """Return the shared options as the pipeline takes them."""
-    return FileOptions(dialect.value, max_cells, force, processors(threads), image)
+    return FileOptions(dialect.value, max_cells, force, opt.processors(threads), image)
 
 
 def run_stage(
@@ -35,7 +35,7 @@ def run_stage(
 ) -> None:
     """Run a stage from file to file and say what came out."""
     one = step(name, parameters)
-    terminal.detail(f"{name}: {one.described()[name]}")
+    terminal.detail(opt.described(name, one.described()[name]))
     started = time.perf_counter()
     figures = apply_to_file(source, output, one, options, encoding=encoding)
     terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")

@@ -21,7 +21,7 @@ from mapdeal.grid.values import (
 
 Figures = dict[str, Any]
 
-_COST_SHARES = ["lethal", "inscribed", "free", "unknown"]
+_COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 
 
@@ -95,4 +95,6 @@ def _cost_figures(costmap: Costmap) -> Figures:
     else:
         figures["lethal"] = int(counts[OCCUPIED])
         figures["unknown"] = int(counts[UNKNOWN % 256])
+    named = sum(figures.get(name, 0) for name in _COST_SHARES)
+    figures["graded"] = costmap.cost.size - named
     return figures

@@ -126,7 +126,7 @@ def _compute(
     outputs = _outputs(folder, recipe, options)
     with Transaction(outputs, inputs=source.files, force=force, threads=threads) as transaction:
         for step in recipe.steps:
-            grid = step.apply(grid)
+            grid = step.apply(grid, source.files[0])
             figures[step.name] = figures_of(grid)
             write_products(
                 transaction,

@@ -65,7 +65,7 @@ def apply_to_file(
     with Transaction(
         outputs, inputs=source.files, force=options.force, threads=options.threads
     ) as transaction:
-        grid = step.apply(source.grid)
+        grid = step.apply(source.grid, path)
         _write(transaction, output, grid, step, encoding)
         if options.image is not None:
             write_picture(transaction, options.image, grid, f"{path.stem}: {title_of(step)}")

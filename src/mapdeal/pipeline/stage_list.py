@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.formats.maps import as_occupancy
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap
@@ -47,8 +48,14 @@ class Step:
     view: Mapping[str, Any]
     model: str | None = None
 
-    def apply(self, grid: Grid) -> Grid:
-        """Return what the stage makes of `grid`."""
+    def apply(self, grid: Grid, source: Path) -> Grid:
+        """Return what the stage makes of `grid`; errors name the file it came from."""
+        try:
+            return self._apply(grid)
+        except MapdealError as error:
+            raise error.found_in(source) from None
+
+    def _apply(self, grid: Grid) -> Grid:
         if self.name == "active":
             return active_region(as_occupancy(grid), **self.parameters)
         if self.name == "inflate":

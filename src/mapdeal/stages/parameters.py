@@ -96,7 +96,7 @@ class Parameter:
             except (ValueError, OverflowError):
                 number = None
         what = "a whole number" if kind is int else "a finite number"
-        rule = " ".join([what, *(bound.rule for bound in self.bounds)])
+        rule = ", ".join([what, *(bound.rule for bound in self.bounds)])
         if number is None or not math.isfinite(number) or (kind is int and number % 1):
             raise self._error(rule, value)
         if not all(bound.holds(number) for bound in self.bounds):

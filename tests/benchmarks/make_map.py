@@ -1,0 +1,37 @@
+"""A large office-like map of any size: ``python make_map.py SIDE_CELLS OUT.yaml`` (seeded)."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+RESOLUTION = 0.05
+
+
+def make_map(side: int, path: Path) -> None:
+    """Write a map of `side` x `side` cells: walls, specks, and a tenth of it unknown."""
+    rng = np.random.default_rng(side)
+    pixels = np.full((side, side), 254, np.uint8)
+    for _ in range(side // 10):
+        row, col = rng.integers(0, side, 2)
+        length, thickness = int(rng.integers(20, 300)), int(rng.integers(1, 5))
+        if rng.random() < 0.5:
+            pixels[row : row + thickness, col : col + length] = 0
+        else:
+            pixels[row : row + length, col : col + thickness] = 0
+    pixels[rng.random(pixels.shape) < 0.0003] = 0
+    border = side // 10
+    pixels[:border] = 205
+    pixels[:, :border] = 205
+    path.with_suffix(".pgm").write_bytes(b"P5\n%d %d\n255\n" % (side, side) + pixels.tobytes())
+    half = side * RESOLUTION / 2
+    path.write_text(
+        f"image: {path.stem}.pgm\nresolution: {RESOLUTION}\norigin: [-{half}, -{half}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+
+
+if __name__ == "__main__":
+    make_map(int(sys.argv[1]), Path(sys.argv[2]))

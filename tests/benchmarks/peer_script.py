@@ -1,0 +1,98 @@
+"""The pipeline as one would write it by hand, with OpenCV or with scipy.
+
+Run it as ``python peer_script.py opencv|scipy MAP.yaml OUT_DIR``. It does the work of ``mapdeal
+run`` with the default recipe and writes the same kinds of files, without the checks: no
+damaged input is noticed, and a kill leaves half a set.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+RADIUS, INFLATION_RADIUS, FACTOR, VIEW_RANGE = 0.3, 0.55, 10.0, 2.0
+
+
+def main(engine: str, source: Path, folder: Path) -> None:
+    """Run the whole pipeline with one of the two libraries."""
+    about = yaml.safe_load(source.read_text())
+    resolution = about["resolution"]
+    pixels, dilate, distances, save, coloured = _library(engine, source.parent / about["image"])
+    dark = (255 - pixels) / np.float32(255)
+    occupancy = np.full(pixels.shape, -1, np.int8)
+    occupancy[dark <= about["free_thresh"]] = 0
+    occupancy[dark >= about["occupied_thresh"]] = 100
+
+    reach = int(np.ceil(RADIUS / resolution - 1e-9))
+    offsets = np.arange(-reach, reach + 1) * resolution
+    disc = np.hypot(offsets[:, None], offsets) <= RADIUS + 1e-9
+    solid = dilate(occupancy == 100, disc)
+    outside, inside = (d * np.float32(resolution) for d in distances(solid))
+    field = np.where(solid, np.float32(resolution) - inside, outside).astype(np.float32)
+    cost = (252 * np.exp(-FACTOR * outside)).astype(np.uint8)
+    cost[outside > INFLATION_RADIUS] = 0
+    cost[(occupancy == -1) & (cost < 253)] = 255
+    cost[solid] = 254
+    view = (100 * (1 - np.minimum(outside, VIEW_RANGE) / VIEW_RANGE)).astype(np.uint8)
+    inflated = np.where(solid, 0, np.where(occupancy == -1, 205, 254)).astype(np.uint8)
+
+    folder.mkdir(parents=True, exist_ok=True)
+    geometry = {"resolution": resolution, "origin": about["origin"]}
+    np.savez_compressed(folder / "esdf.npz", distance=field[::-1], **geometry)
+    np.savez_compressed(folder / "cost.npz", cost=cost[::-1], **geometry)
+    for name, layer in (("inflated", inflated), ("esdf", view), ("cost", cost)):
+        save(folder / f"{name}.pgm", layer)
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump({**about, "image": f"{name}.pgm"}))
+    save(folder / "inflated.png", inflated)
+    shade = np.clip(field / max(float(field.max()), 1e-6), 0, 1) * 255
+    save(folder / "esdf.png", coloured(shade.astype(np.uint8)))
+    save(folder / "cost.png", coloured(cost))
+
+
+def _library(engine: str, image: Path) -> tuple:
+    """Return the pixels, and functions that dilate, measure, save and colour."""
+    if engine == "opencv":
+        import cv2
+
+        def dilate(mask: np.ndarray, disc: np.ndarray) -> np.ndarray:
+            return cv2.dilate(mask.astype(np.uint8), disc.astype(np.uint8)) > 0
+
+        def distances(solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            sides = (~solid, solid)
+            return tuple(
+                cv2.distanceTransform(s.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+                for s in sides
+            )
+
+        def save(path: Path, pixels: np.ndarray) -> None:
+            cv2.imwrite(str(path), pixels)
+
+        def coloured(pixels: np.ndarray) -> np.ndarray:
+            return cv2.applyColorMap(pixels, cv2.COLORMAP_VIRIDIS)
+
+        return cv2.imread(str(image), cv2.IMREAD_GRAYSCALE), dilate, distances, save, coloured
+
+    from PIL import Image
+    from scipy import ndimage
+
+    def dilate(mask: np.ndarray, disc: np.ndarray) -> np.ndarray:
+        return ndimage.binary_dilation(mask, disc)
+
+    def distances(solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        sides = (~solid, solid)
+        return tuple(ndimage.distance_transform_edt(s).astype(np.float32) for s in sides)
+
+    def save(path: Path, pixels: np.ndarray) -> None:
+        Image.fromarray(pixels).save(path)
+
+    def coloured(pixels: np.ndarray) -> np.ndarray:
+        return np.stack([pixels, pixels // 2, 255 - pixels], axis=2)
+
+    return np.asarray(Image.open(image).convert("L")), dilate, distances, save, coloured
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]))
