@@ -109,5 +109,8 @@ def one_line(text: str) -> str:
 
 def shown(value: object, limit: int = 60) -> str:
     """Return a value as an error message shows it: short, text in quotes."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to print numbers of many thousand digits
+        text = f"a very long {type(value).__name__}"
     return text if len(text) <= limit else text[: limit - 3] + "..."

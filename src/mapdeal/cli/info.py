@@ -10,6 +10,7 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
+from mapdeal.errors import one_line
 from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.inspect import describe_file
 
@@ -59,4 +60,4 @@ def _text(report: dict[str, Any]) -> str:
         rows.append(("read as", f"{report['mode']}{negate}, {thresholds}, {report['dialect']}"))
     rows.append(("sha256", report["sha256"]))
     lines = [f"  {name:<11} {value}" for name, value in rows]
-    return "\n".join([str(report["file"]), *lines])
+    return "\n".join(one_line(line) for line in [str(report["file"]), *lines])

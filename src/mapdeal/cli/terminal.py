@@ -29,7 +29,7 @@ def summary(lines: Iterable[str]) -> None:
     """Print what was done, unless quiet."""
     if not _quiet:
         for line in lines:
-            print(line)  # noqa: T201
+            print(one_line(line))  # noqa: T201
 
 
 def detail(text: str) -> None:

@@ -7,6 +7,8 @@ not the file's name.
 from __future__ import annotations
 
 import io
+import logging
+import os
 import struct
 import warnings
 from collections.abc import Iterator
@@ -26,11 +28,12 @@ from mapdeal.formats.picture import (
     check_size,
 )
 from mapdeal.formats.png_chunks import PngFacts, read_png_facts
-from mapdeal.formats.pnm import decode_pnm, is_pnm
+from mapdeal.formats.pnm import check_pnm_header, decode_pnm, is_pnm
 from mapdeal.formats.source import read_file
 
 _PILLOW_FORMATS = ("PNG", "BMP", "TIFF", "JPEG")
 _EXIF_ORIENTATION = 0x0112
+_PILLOW_REMARKS = logging.NullHandler()
 
 
 def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
@@ -51,11 +54,17 @@ def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
     MalformedInputError
         If it is no image, damaged, too large, or of a kind that maps are not made of.
     """
-    data = read_file(path)
+    plain_limit = LARGEST_CELLS if max_cells is None else max_cells
+
+    def inspect(head: bytes) -> None:
+        if is_pnm(head):
+            check_pnm_header(head, path, max_cells=plain_limit)
+        else:
+            _refuse_other_contents(head, path)
+
+    data = read_file(path, inspect=inspect)
     if is_pnm(data):
-        limit = LARGEST_CELLS if max_cells is None else max_cells
-        return decode_pnm(data, path, max_cells=limit)
-    _refuse_other_contents(data, path)
+        return decode_pnm(data, path, max_cells=plain_limit)
     limit = LARGEST_COMPRESSED_CELLS if max_cells is None else max_cells
     return _decode_with_pillow(data, path, limit)
 
@@ -72,8 +81,7 @@ def _decode_with_pillow(data: bytes, path: Path, limit: int) -> Picture:
     image = _open(data, path, limit)
     with image:
         facts = read_png_facts(data, path) if image.format == "PNG" else None
-        # Pillow's decoders raise whatever the damage leads them to.
-        with _damage_named(path):
+        with _damage_named(path), _silent_libtiff(image.format):
             image.load()
             orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
         if orientation != 1:
@@ -100,16 +108,37 @@ def _open(data: bytes, path: Path, limit: int) -> Any:
 
 @contextmanager
 def _damage_named(path: Path) -> Iterator[None]:
+    """Turn whatever damage leads Pillow's decoders to into one clear error."""
     from PIL import UnidentifiedImageError
 
+    # Pillow remarks on odd tags and logs what it cannot decode; neither decides anything here.
+    logging.getLogger("PIL").addHandler(_PILLOW_REMARKS)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
     except UnidentifiedImageError:
         raise
     except (OSError, SyntaxError, ValueError, EOFError, IndexError, KeyError, TypeError,
             OverflowError, struct.error) as error:  # fmt: skip
         rule = f"the image is damaged: {error}"
         raise MalformedInputError(rule, source=path) from None
+
+
+@contextmanager
+def _silent_libtiff(file_format: str | None) -> Iterator[None]:
+    """Keep libtiff, which writes to the terminal by itself, from doing so."""
+    if file_format != "TIFF":
+        yield
+        return
+    saved, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(nowhere)
 
 
 @contextmanager

@@ -15,7 +15,10 @@ _LARGEST_FILE = 1 << 26
 def json_of(value: Any) -> bytes:
     """Return `value` as indented JSON in UTF-8; it must not hold nan or infinity."""
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
-    return (text + "\n").encode()
+    try:
+        return f"{text}\n".encode()
+    except UnicodeEncodeError:  # a file name that is not UTF-8
+        return (json.dumps(value, indent=2, allow_nan=False) + "\n").encode()
 
 
 def read_json(path: Path) -> Any:

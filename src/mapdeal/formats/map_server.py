@@ -16,6 +16,7 @@ from mapdeal.formats.dialects import DIALECTS
 from mapdeal.formats.image import read_image
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, read_metadata
 from mapdeal.formats.picture import Picture
+from mapdeal.formats.source import exists
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
 
@@ -91,11 +92,11 @@ def find_image(yaml_path: Path, image: str) -> Path:
         If there is no such file.
     """
     folder = yaml_path.parent
-    name = os.path.expanduser(image) if image.startswith("~") else image  # noqa: PTH111 - text
+    name = _expanded(image)
     if name != image:
         _warn_path(yaml_path, f"{image} was expanded; map_server does not")
     path = folder / name
-    if path.exists():
+    if exists(path):
         return path
     candidates = []
     if "\\" in image:
@@ -106,13 +107,21 @@ def find_image(yaml_path: Path, image: str) -> Path:
     if windows_path.is_absolute():
         candidates.append(folder / windows_path.name)
     for candidate in candidates:
-        if candidate.exists():
+        if exists(candidate):
             _warn_path(yaml_path, f"{image} does not exist here; took {candidate}")
             return candidate
     hint = _nearest_name(path)
     raise FileAccessError(
         "the image does not exist", source=yaml_path, place="image", got=image, hint=hint
     )
+
+
+def _expanded(image: str) -> str:
+    """Return the name with a leading ``~`` replaced by the home folder, if there is one."""
+    try:
+        return os.path.expanduser(image) if image.startswith("~") else image  # noqa: PTH111
+    except ValueError:
+        return image
 
 
 def _warn_path(yaml_path: Path, text: str) -> None:
@@ -123,7 +132,7 @@ def _nearest_name(path: Path) -> str | None:
     """Return a hint that names the files most like `path`, other case or ending included."""
     try:
         names = sorted(p.name for p in path.parent.iterdir() if p.is_file())
-    except OSError:
+    except (OSError, ValueError):
         return None
     images = [n for n in names if not n.endswith((".yaml", ".yml"))]
     lower = {n.lower(): n for n in images}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,9 +10,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.yaml_text import Entry, read_mapping, yaml_document
-from mapdeal.grid.frame import Origin
+from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import CostScale
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -96,7 +95,9 @@ def read_metadata(path: Path, *, dialect: Dialect = "nav2") -> MapMetadata:
         occupied_thresh=occupied_thresh,
         free_thresh=free_thresh,
         cost_scale=_cost_scale(entries),
-        extra={k: e.value() for k, e in entries.items() if k not in (*_KNOWN, *_LEGACY_MODES)},
+        extra={
+            k: e.printable_value() for k, e in entries.items() if k not in (*_KNOWN, *_LEGACY_MODES)
+        },
     )
 
 
@@ -145,20 +146,20 @@ def _number(entry: Entry) -> float:
 
 
 def _resolution(entry: Entry) -> float:
-    value = _number(entry)
-    if not 1e-6 <= value <= 1e6:
-        raise entry.error("must be a number of metres between 1e-6 and 1e6")
-    return value
+    try:
+        return check_resolution(_number(entry))
+    except ParameterError as error:
+        raise entry.error(error.rule) from None
 
 
 def _origin(entry: Entry) -> Origin:
     items = entry.items()
     if len(items) != 3:
         raise entry.error(f"must be three numbers [x, y, yaw], has {len(items)}")
-    x, y, yaw = (_number(item) for item in items)
-    if not all(map(math.isfinite, (x, y, yaw))):
-        raise entry.error("must be three finite numbers [x, y, yaw]")
-    return x, y, yaw
+    try:
+        return check_origin([_number(item) for item in items])
+    except ParameterError as error:
+        raise entry.error(error.rule) from None
 
 
 def _threshold(entries: dict[str, Entry], key: str, default: float) -> float:

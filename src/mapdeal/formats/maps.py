@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
+from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.map_server import read_pair
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode
 from mapdeal.formats.npz import Grid, read_npz, write_npz
+from mapdeal.formats.source import exists, status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -55,9 +56,8 @@ def read_source(
         return Source(read_npz(path, max_cells=max_cells), (path,))
     if suffix in _IMAGE_SUFFIXES:
         sibling = path.with_suffix(".yaml")
-        hint = f"pass {sibling}" if sibling.exists() else "pass the .yaml that names the image"
-        if not path.exists():
-            raise FileAccessError("no such file", source=path)
+        hint = f"pass {sibling}" if exists(sibling) else "pass the .yaml that names the image"
+        status_of(path)
         raise MalformedInputError("looks like an image, not a map's YAML", source=path, hint=hint)
     pair = read_pair(path, dialect=dialect, max_cells=max_cells)
     return Source(pair.grid, pair.files, pair.metadata)

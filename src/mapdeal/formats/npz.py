@@ -6,6 +6,8 @@ is taken for it, and nothing is ever unpickled.
 
 from __future__ import annotations
 
+import tokenize
+import warnings
 import zipfile
 import zlib
 from pathlib import Path
@@ -24,6 +26,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 FORMAT = "mapdeal/1"
 _COMPRESSION_LEVEL = 1
 _LARGEST_SMALL_ARRAY = 4096
+_LARGEST_SMALL_NUMBER = 1 << 31
 
 Grid = OccupancyGrid | Costmap | DistanceField
 
@@ -107,7 +110,7 @@ def _read_costmap(reader: _Reader, resolution: float, origin: Any) -> Costmap:
     cost = reader.layer("cost", np.uint8 if scale == "costmap2d" else np.int8)
     circumscribed = None
     if "circumscribed_cost" in reader.names():
-        circumscribed = int(reader.number("circumscribed_cost"))
+        circumscribed = reader.whole_number("circumscribed_cost")
     return Costmap(cost, resolution, origin, scale, circumscribed)  # type: ignore[arg-type]
 
 
@@ -121,7 +124,7 @@ def _read_field(reader: _Reader, resolution: float, origin: Any) -> DistanceFiel
         convention=reader.text("convention", ("seed", "center", "border")),  # type: ignore[arg-type]
         strength=reader.number("strength"),
         max_distance=None if np.isinf(limit) else limit,
-        lethal_threshold=int(reader.number("lethal_threshold")),
+        lethal_threshold=reader.whole_number("lethal_threshold"),
         unknown=reader.text("unknown", ("free", "occupied")),  # type: ignore[arg-type]
     )
 
@@ -137,7 +140,7 @@ class _Reader:
                 rule = "cannot be read: no such file" if not path.exists() else "no regular file"
                 raise FileAccessError(rule, source=path)
             self._zip = zipfile.ZipFile(path)
-        except zipfile.BadZipFile:
+        except (zipfile.BadZipFile, NotImplementedError, ValueError):
             raise MalformedInputError("is not an npz file", source=path) from None
         except OSError as error:
             rule = f"cannot be read: {error.strerror}"
@@ -176,6 +179,12 @@ class _Reader:
             raise self._error(name, f"must be a number, is {value.dtype}")
         return float(value)
 
+    def whole_number(self, name: str) -> int:
+        value = self.number(name)
+        if value % 1 or abs(value) > _LARGEST_SMALL_NUMBER:  # nan and inf leave a rest of nan
+            raise self._error(name, f"must be a whole number, is {value:g}")
+        return int(value)
+
     def text(self, name: str, choices: tuple[str, ...] | None) -> str:
         value = self._read(name, None, (), _LARGEST_SMALL_ARRAY)
         if value.dtype.kind != "U":
@@ -199,6 +208,8 @@ class _Reader:
             info = self._zip.getinfo(f"{name}.npy")
         except KeyError:
             raise self._error(name, "missing key") from None
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise self._error(name, "compressed in a way that npz files are not")
         try:
             with self._zip.open(info) as entry:
                 version = npy_format.read_magic(entry)
@@ -208,7 +219,9 @@ class _Reader:
                 }.get(version)
                 if read_header is None:
                     raise self._error(name, f"array format {version} is not supported")
-                found_shape, fortran, found_dtype = read_header(entry)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+                    found_shape, fortran, found_dtype = read_header(entry)
                 if found_dtype.hasobject:
                     raise self._error(name, "holds Python objects, which are never loaded")
                 if dtype is not None and found_dtype != dtype:
@@ -218,14 +231,18 @@ class _Reader:
                 count = int(np.prod([int(n) for n in found_shape], dtype=object))
                 if count > most_elements:
                     raise self._error(name, f"{count} elements, above the limit of {most_elements}")
+                if dtype is None and count * found_dtype.itemsize > _LARGEST_SMALL_ARRAY:
+                    raise self._error(name, f"must be a single value, is {found_dtype}")
                 # The header's word is only taken as far as the archive has bytes for it.
                 if count * found_dtype.itemsize + entry.tell() != info.file_size:
                     raise self._error(name, "the array's size does not fit its data")
                 array = np.empty(count, dtype=found_dtype)
                 _read_into(entry, array)
                 return array.reshape(found_shape, order="F" if fortran else "C")
+        # What reading a damaged header or entry leads to, in numpy and in zipfile.
         except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError,
-                RuntimeError, OSError) as error:  # fmt: skip
+                RuntimeError, OSError, SyntaxError, tokenize.TokenError, LookupError,
+                TypeError) as error:  # fmt: skip
             raise self._error(name, f"damaged: {error}") from None
 
 

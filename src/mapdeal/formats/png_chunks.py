@@ -10,6 +10,10 @@ from pathlib import Path
 from mapdeal.errors import MalformedInputError
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_AT_A_TIME = 1 << 20
+# First column, first row, column step, row step of each pass of an interlaced picture.
+_ADAM7 = [(0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2),
+          (0, 1, 1, 2)]  # fmt: skip
 _GREY, _RGB, _PALETTE, _GREY_ALPHA, _RGB_ALPHA = 0, 2, 3, 4, 6
 
 
@@ -53,7 +57,8 @@ def read_png_facts(data: bytes, source: Path) -> PngFacts:
         If a checksum is wrong, the file ends early, or it is animated.
     """
     header: tuple[int, ...] | None = None
-    transparency = None
+    transparency = palette = None
+    pixels: list[memoryview] = []
     offset = len(SIGNATURE)
     ended = False
     while offset < len(data) and not ended:
@@ -75,6 +80,10 @@ def read_png_facts(data: bytes, source: Path) -> PngFacts:
             header = struct.unpack(">IIBBBBB", body)
         elif name == b"tRNS":
             transparency = body
+        elif name == b"PLTE":
+            palette = body
+        elif name == b"IDAT":
+            pixels.append(memoryview(data)[offset + 8 : offset + 8 + length])
         elif name == b"acTL":
             raise MalformedInputError("animated PNG images are not supported", source=source)
         ended = name == b"IEND"
@@ -82,6 +91,13 @@ def read_png_facts(data: bytes, source: Path) -> PngFacts:
     if header is None or not ended:
         raise MalformedInputError("the PNG file ends early", source=source, place=f"byte {offset}")
     width, height, bit_depth, colour_type = header[:4]
+    if colour_type not in (_GREY, _RGB, _PALETTE, _GREY_ALPHA, _RGB_ALPHA):
+        rule = "is none of PNG's colour types"
+        raise MalformedInputError(rule, source=source, place="chunk IHDR", got=colour_type)
+    if colour_type == _PALETTE and (not palette or len(palette) % 3 or len(palette) > 768):
+        rule = "a palette of 1 to 256 colours must be there"
+        raise MalformedInputError(rule, source=source, place="chunk PLTE")
+    _check_pixels(pixels, header, source)
     key_length = {_GREY: 2, _RGB: 6}.get(colour_type)
     if transparency is not None and key_length not in (None, len(transparency)):
         rule = f"the transparent colour takes {key_length} bytes"
@@ -93,3 +109,39 @@ def read_png_facts(data: bytes, source: Path) -> PngFacts:
         has_alpha=colour_type in (_GREY_ALPHA, _RGB_ALPHA),
         transparency=transparency,
     )  # fmt: skip
+
+
+def _check_pixels(chunks: list[memoryview], header: tuple[int, ...], source: Path) -> None:
+    """Refuse a file whose pixels end early: decoders fill up with zeros, which is black.
+
+    Only counts: what is decompressed is dropped at once.
+    """
+    expected = _size_of_pixels(header)
+    decompressor = zlib.decompressobj()
+    found = 0
+    try:
+        for chunk in chunks:
+            rest: bytes | memoryview = chunk
+            while rest and found < expected and not decompressor.eof:
+                found += len(decompressor.decompress(rest, _AT_A_TIME))
+                rest = decompressor.unconsumed_tail
+    except zlib.error as error:
+        raise MalformedInputError(f"the pixels are damaged: {error}", source=source) from None
+    found += 0 if found >= expected else len(decompressor.flush())
+    if found < expected:
+        rule = f"the pixels end early: expected {expected} bytes"
+        raise MalformedInputError(rule, source=source, place="pixels", got=found)
+
+
+def _size_of_pixels(header: tuple[int, ...]) -> int:
+    """Return the bytes of all rows before compression, each with its filter byte."""
+    width, height, bit_depth, colour_type, _, _, interlace = header
+    bits = bit_depth * {_GREY: 1, _RGB: 3, _PALETTE: 1, _GREY_ALPHA: 2, _RGB_ALPHA: 4}[colour_type]
+    passes = _ADAM7 if interlace else [(0, 0, 1, 1)]
+    total = 0
+    for first_col, first_row, col_step, row_step in passes:
+        cols = -(-(width - first_col) // col_step)
+        rows = -(-(height - first_row) // row_step)
+        if cols > 0 and rows > 0:
+            total += rows * (1 + (cols * bits + 7) // 8)
+    return total

@@ -88,6 +88,12 @@ def decode_pnm(data: bytes, source: Path, *, max_cells: int = LARGEST_CELLS) -> 
     )
 
 
+def check_pnm_header(head: bytes, source: Path, *, max_cells: int) -> None:
+    """Refuse a file by its first bytes alone, if its header is malformed or asks for too much."""
+    header = _read_header(head, source)
+    check_size(source, header.width, header.height, max_cells)
+
+
 def write_pgm(file: BinaryIO, pixels: NDArray[np.uint8], *, comment: str = "") -> None:
     """Write a P5 file of 8-bit pixels, shape (H, W), row 0 in the north."""
     height, width = pixels.shape
@@ -151,6 +157,10 @@ def _start_of_data(data: bytes, header: _Header, expected: int, source: Path) ->
     A file that went through a DOS text conversion has CR LF ends in its header. If no pixel
     had the value of a line feed, the pixels came through whole, one byte late.
     """
+    if data[header.end : header.end + 1] == b"#":
+        # A comment right behind maxval: its line end is the one byte before the pixels.
+        line_end = data.find(b"\n", header.end)
+        return line_end + 1 if line_end >= 0 else len(data)
     separator = data[header.end : header.end + 2]
     if not separator[:1].isspace():
         if not separator:

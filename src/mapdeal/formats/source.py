@@ -5,33 +5,62 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 
-from mapdeal.errors import FileAccessError
+from mapdeal.errors import FileAccessError, MalformedInputError
 
 _GIBIBYTE = 1 << 30
 LARGEST_FILE = 16 * _GIBIBYTE
+_HEAD = 1 << 20
 
 
-def read_file(path: Path, *, limit: int = LARGEST_FILE) -> bytes:
+def exists(path: Path) -> bool:
+    """Return whether there is something at `path`; a name that no file can have is not there."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
+def read_file(
+    path: Path, *, limit: int = LARGEST_FILE, inspect: Callable[[bytes], None] | None = None
+) -> bytes:
     """Return the contents of a regular file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    limit : int
+        Bytes that it may have.
+    inspect : callable, optional
+        Is shown the first MiB, or the whole if that is less, before memory is taken for the
+        rest; raises if the file is not wanted.
 
     Raises
     ------
     FileAccessError
-        If it is missing, not a regular file, not readable, longer than `limit` bytes, or
-        changed while it was read.
+        If it is missing, not a regular file, not readable, or changed while it was read.
+    MalformedInputError
+        If it is longer than `limit` bytes.
     """
     try:
         # Only a regular file is opened: a pipe or a device would block or never end.
-        before = path.stat()
+        before = status_of(path)
         if not stat.S_ISREG(before.st_mode):
             kind = "a directory" if stat.S_ISDIR(before.st_mode) else "no regular file"
             raise FileAccessError(f"cannot be read: it is {kind}", source=path)
-        if before.st_size > limit:
-            rule = f"is larger than {limit} bytes"
-            raise FileAccessError(rule, source=path, got=before.st_size)
         with path.open("rb") as file:
+            if inspect is not None:
+                inspect(file.read(_HEAD))
+                file.seek(0)
+            if before.st_size > LARGEST_FILE:  # sparse files claim any size
+                rule = f"cannot be read: larger than {LARGEST_FILE} bytes"
+                raise FileAccessError(rule, source=path, got=before.st_size)
+            if before.st_size > limit:
+                rule = f"must not be larger than {limit} bytes"
+                raise MalformedInputError(rule, source=path, got=before.st_size)
             data = file.read()
             after = os.fstat(file.fileno())
     except MemoryError:
@@ -47,7 +76,24 @@ def read_file(path: Path, *, limit: int = LARGEST_FILE) -> bytes:
 
 def holds(path: Path, sha256: str) -> bool:
     """Return whether `path` is a file with exactly the contents of that checksum."""
-    return path.is_file() and sha256_of(path) == sha256
+    return exists(path) and path.is_file() and sha256_of(path) == sha256
+
+
+def status_of(path: Path) -> os.stat_result:
+    """Return the status of a file.
+
+    Raises
+    ------
+    FileAccessError
+        If there is none, or no file can have such a name.
+    """
+    try:
+        return path.stat()
+    except ValueError:
+        raise FileAccessError("cannot be read: no file has such a name", source=path) from None
+    except OSError as error:
+        rule = f"cannot be read: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None
 
 
 def sha256_of(path: Path) -> str:

@@ -74,8 +74,13 @@ class Transaction:
         self._pool = ThreadPoolExecutor(max_workers=threads)
         self._pending: list[tuple[Path, _Temporary, Future[str]]] = []
         self._made_folders: list[Path] = []
+        places: set[Path] = set()
         for output in self._outputs:
             _check_output(output, inputs, force=force)
+            place = output.parent.resolve() / output.name
+            if place in places:
+                raise ParameterError("is the place of two outputs", source=output)
+            places.add(place)
 
     def __enter__(self) -> Transaction:
         folders = dict.fromkeys(output.parent for output in self._outputs)
@@ -221,6 +226,8 @@ def _check_output(output: Path, inputs: Sequence[Path], *, force: bool) -> None:
     except (FileNotFoundError, NotADirectoryError):
         _check_parents(output)
         return
+    except ValueError:
+        raise FileAccessError("no file can have such a name", source=output) from None
     except OSError as error:
         rule = f"cannot be written: {error.strerror}"
         raise FileAccessError(rule, source=output) from None

@@ -69,8 +69,19 @@ class Entry:
         """Return the value that PyYAML's safe loader makes of the node."""
         try:
             return yaml.SafeLoader("").construct_document(self.node)
-        except (yaml.YAMLError, ValueError) as error:
+        # PyYAML's constructors fail on tags that do not fit in whatever way they fail.
+        except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError,
+                OverflowError) as error:  # fmt: skip
             raise self.error(f"cannot be read ({one_line_of(error)})") from None
+
+    def printable_value(self) -> Any:
+        """Return the value, if it can be written again."""
+        value = self.value()
+        try:
+            yaml.safe_dump(value)
+        except ValueError as error:  # a whole number of many thousand digits
+            raise self.error(f"cannot be kept ({one_line_of(error)})") from None
+        return value
 
     @property
     def is_yaml_1_1_text(self) -> bool:
@@ -90,7 +101,8 @@ def read_mapping(path: Path) -> dict[str, Entry]:
     MalformedInputError
         If it is not one UTF-8 document with a mapping of distinct keys at its top.
     """
-    text = _decode(path, read_file(path))
+    data = read_file(path, limit=_LARGEST_FILE, inspect=lambda head: _refuse_image(path, head))
+    text = _decode(path, data)
     node = _compose(path, text)
     if node is None:
         raise MalformedInputError("no mapping in file", source=path)
@@ -117,13 +129,13 @@ def one_line_of(error: Exception) -> str:
     return str(problem).splitlines()[0]
 
 
-def _decode(path: Path, data: bytes) -> str:
+def _refuse_image(path: Path, data: bytes) -> None:
     if re.match(rb"P[1-7fF]\s", data) or data.startswith((b"\x89PNG", b"BM", b"II*\0", b"MM\0*")):
         kind = f"a {data[:2].decode()} image" if data[:1] == b"P" else "an image"
         raise MalformedInputError(f"looks like {kind}", source=path, hint="pass the .yaml")
-    if len(data) > _LARGEST_FILE:
-        rule = f"a map's YAML file has at most {_LARGEST_FILE} bytes"
-        raise MalformedInputError(rule, source=path, got=len(data))
+
+
+def _decode(path: Path, data: bytes) -> str:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

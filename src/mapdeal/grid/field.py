@@ -57,12 +57,18 @@ class DistanceField(Framed):
             raise ParameterError("convention must be seed, center or border", got=self.convention)
         if self.unknown not in ("free", "occupied"):
             raise ParameterError("unknown must be free or occupied", got=self.unknown)
-        if not (math.isfinite(self.strength) and self.strength > 0):
-            raise ParameterError("strength must be a finite number above 0", got=self.strength)
-        if self.max_distance is not None and not self.max_distance > 0:
-            raise ParameterError("max_distance must be above 0", got=self.max_distance)
+        if not 1e-6 <= self.strength <= 1e6:
+            raise ParameterError("strength must lie between 1e-6 and 1e6", got=self.strength)
+        if self.max_distance is not None and not 0 < self.max_distance < math.inf:
+            raise ParameterError("max_distance must be finite and above 0", got=self.max_distance)
+        if not 1 <= self.lethal_threshold <= 100:
+            rule = "lethal_threshold must lie between 1 and 100"
+            raise ParameterError(rule, got=self.lethal_threshold)
+        distance = as_layer(self.distance, np.float32, "distance")
+        if distance.size and np.isnan(distance.min()):  # min hands nan on
+            raise ParameterError("distance must not hold nan")
         self._freeze(
-            distance=as_layer(self.distance, np.float32, "distance"),
+            distance=distance,
             occupancy=as_layer(self.occupancy, np.int8, "occupancy"),
         )
 

@@ -12,6 +12,7 @@ from itertools import pairwise
 from mapdeal.errors import MapdealWarning, ParameterError
 
 _LARGEST_COORDINATE = 1000.0
+_MOST_VERTICES = 500
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?\.?[nN]a[nN]|[-+]?\.?[iI]nf"
 
 Point = tuple[float, float]
@@ -54,6 +55,9 @@ class Footprint:
     @classmethod
     def polygon(cls, vertices: Sequence[Sequence[float]]) -> Footprint:
         """Return a robot with the given corners, (x, y) in metres."""
+        if len(vertices) > _MOST_VERTICES:
+            rule = f"a footprint has at most {_MOST_VERTICES} vertices"
+            raise ParameterError(rule, place="footprint", got=len(vertices))
         points: list[Point] = []
         for index, vertex in enumerate(vertices):
             place = f"footprint vertex {index + 1}"

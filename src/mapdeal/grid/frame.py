@@ -19,6 +19,10 @@ division one part in 1e16 short or long; the tolerance keeps them on their cell.
 
 Origin = tuple[float, float, float]
 
+# Far beyond any robot; inside of them no product of lengths and cells overflows.
+_SMALLEST_CELL, _LARGEST_CELL = 1e-6, 1e6
+_FARTHEST = 1e12
+
 
 def cells_to_cover(length: float, resolution: float) -> int:
     """Return how many cells it takes to cover `length` metres, exact multiples exactly.
@@ -34,10 +38,10 @@ def cells_to_cover(length: float, resolution: float) -> int:
 
 
 def check_resolution(resolution: float) -> float:
-    """Return `resolution` as a float; it must be finite and positive."""
+    """Return `resolution` as a float; it must be a length that a cell can have."""
     value = float(resolution)
-    if not (math.isfinite(value) and value > 0):
-        rule = "resolution must be a finite number of metres above 0"
+    if not _SMALLEST_CELL <= value <= _LARGEST_CELL:  # refuses nan too
+        rule = f"resolution must lie between {_SMALLEST_CELL:g} and {_LARGEST_CELL:g} m"
         raise ParameterError(rule, got=resolution)
     return value
 
@@ -45,8 +49,8 @@ def check_resolution(resolution: float) -> float:
 def check_origin(origin: Sequence[float]) -> Origin:
     """Return `origin` as a tuple (x, y, yaw) of finite floats."""
     values = tuple(float(v) for v in origin)
-    if len(values) != 3 or not all(map(math.isfinite, values)):
-        rule = "origin must be three finite numbers x, y, yaw"
+    if len(values) != 3 or not all(abs(value) <= _FARTHEST for value in values):
+        rule = f"origin must be three numbers x, y, yaw within {_FARTHEST:g}"
         raise ParameterError(rule, got=tuple(origin))
     return values[0], values[1], values[2]
 

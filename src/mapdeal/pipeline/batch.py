@@ -13,6 +13,10 @@ from mapdeal.pipeline.run import RunReport
 
 SUMMARY = "summary.json"
 
+# Names that Windows keeps for devices: such a folder could not be copied there.
+_DEVICES = ("COM", "LPT")
+_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{d}{n}" for d in _DEVICES for n in range(1, 10))}
+
 
 def folders_of(paths: Sequence[Path], output: Path) -> list[Path]:
     """Return the output folder of each map, ``output/<stem>``.
@@ -25,6 +29,11 @@ def folders_of(paths: Sequence[Path], output: Path) -> list[Path]:
     folders: dict[Path, Path] = {}
     for path in paths:
         folder = output / path.stem
+        if path.stem in ("", ".", "..") or path.stem.upper() in _RESERVED:
+            rule = "the map's name makes no name for a folder"
+            raise ParameterError(rule, source=path, got=path.stem)
+        if len(paths) > 1 and path.stem == SUMMARY:
+            raise ParameterError(f"would write into the place of {SUMMARY}", source=path)
         if folder in folders:
             rule = f"would write into {folder}, as {folders[folder]} does"
             raise ParameterError(rule, source=path)
@@ -58,6 +67,11 @@ def run_all(
         except MapdealError as error:
             on_error(error)
             results.append(error)
+        except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
+            text = f"internal error: {type(problem).__name__}: {problem}"
+            internal = MapdealError(text, source=path, hint="this is a bug in mapdeal")
+            on_error(internal)
+            results.append(internal)
     document = json_of({"maps": [_entry(job, r) for job, r in zip(jobs, results, strict=True)]})
     summary = output / SUMMARY
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mapdeal.errors import one_line
 from mapdeal.formats.map_writer import write_pair
 from mapdeal.formats.maps import write_grid
 from mapdeal.formats.npz import Grid
@@ -48,7 +49,7 @@ def write_products(
     else:
         write_pair(transaction, pair, grid)
     if images:
-        title = f"{stem}: {title_of(step)}"
+        title = one_line(f"{stem}: {title_of(step)}")
         write_picture(transaction, base.with_suffix(".png"), grid, title, image_max=image_max)
 
 

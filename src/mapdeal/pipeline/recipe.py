@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.formats.source import exists
 from mapdeal.formats.yaml_text import read_mapping
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.stage_list import STAGES, Step, step
@@ -81,7 +82,7 @@ def _read_draft(name: str) -> Draft:
         with resources.as_file(resources.files("mapdeal.pipeline") / "recipes") as folder:
             return _parse(folder / f"{name}.yaml", name)
     path = Path(name)
-    if path.suffix not in (".yaml", ".yml") and not path.exists():
+    if path.suffix not in (".yaml", ".yml") and not exists(path):
         raise unknown_name("recipe", name, BUILT_IN)
     return _parse(path, name)
 

@@ -161,7 +161,7 @@ def _is_unchanged(old: Any, manifest: dict[str, Any], folder: Path) -> bool:
     outputs = old.get("outputs")
     if not isinstance(outputs, dict):
         return False
-    return all(holds(folder / name, str(digest)) for name, digest in outputs.items())
+    return all(holds(folder / Path(name).name, str(sum_)) for name, sum_ in outputs.items())
 
 
 def _remove_left_over(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, one_line
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.map_yaml import Dialect, Mode
 from mapdeal.formats.maps import output_paths, read_source, write_grid
@@ -68,7 +68,9 @@ def apply_to_file(
         grid = step.apply(source.grid, path)
         _write(transaction, output, grid, step, encoding)
         if options.image is not None:
-            write_picture(transaction, options.image, grid, f"{path.stem}: {title_of(step)}")
+            write_picture(
+                transaction, options.image, grid, one_line(f"{path.stem}: {title_of(step)}")
+            )
     return figures_of(grid)
 
 
@@ -101,7 +103,7 @@ def convert_file(
             transaction, output, grid, mode=mode, encoding=encoding or "occupancy", extra=extra
         )
         if options.image is not None:
-            write_picture(transaction, options.image, grid, path.stem)
+            write_picture(transaction, options.image, grid, one_line(path.stem))
     return figures_of(grid)
 
 

@@ -104,15 +104,15 @@ def step(name: str, given: Mapping[str, object]) -> Step:
 
 def _cost_step(given: dict[str, object]) -> Step:
     model = given.pop("model", DEFAULT_MODEL)
-    if model not in COST_MODELS:
+    if not isinstance(model, str) or model not in COST_MODELS:
         raise unknown_name("cost model", model, COST_MODELS, place="cost.model")
-    function = COST_MODELS[str(model)]
+    function = COST_MODELS[model]
     for key in given:
         others = [m for m, f in COST_MODELS.items() if key in parameters_of(f)]
         if others and key not in parameters_of(function):
             rule = f"is a parameter of model {' and '.join(others)}, not of {model}"
             raise ParameterError(rule, place=f"cost.{key}")
-    return Step("cost", accept_parameters(function, given, "cost"), {}, str(model))
+    return Step("cost", accept_parameters(function, given, "cost"), {}, model)
 
 
 def _check_names(given: Mapping[str, object], known: tuple[str, ...], owner: str) -> None:

@@ -68,7 +68,8 @@ def active_region(
         if min_component > 1:
             rule = f"no active cells: no group of {min_component} known cells or more"
         raise MalformedInputError(rule)
-    grow = cells_to_cover(margin, grid.resolution)
+    # A margin of more than the map is as good as one of the map.
+    grow = cells_to_cover(min(margin, max(grid.shape) * grid.resolution), grid.resolution)
     (top, bottom), (left, right) = (
         _span(known.any(axis=axis), grow) for axis in (1, 0)
     )  # fmt: skip

@@ -19,7 +19,7 @@ from mapdeal.grid.values import (
     UnknownPolicy,
 )
 from mapdeal.kernels.distance import signed_squared_distance, unreachable
-from mapdeal.stages.parameters import ABOVE_0, LETHAL, stage
+from mapdeal.stages.parameters import ABOVE_0, LETHAL, STRENGTH, stage
 
 View = Literal["metric", "seed"]
 
@@ -32,7 +32,7 @@ def esdf(
     convention: Convention = "seed",
     max_distance: Annotated[float, ABOVE_0] | None = None,
     lethal_threshold: Annotated[int, LETHAL] = DEFAULT_LETHAL_THRESHOLD,
-    strength: Annotated[float, ABOVE_0] = 1.0,
+    strength: Annotated[float, STRENGTH] = 1.0,
 ) -> DistanceField:
     """Return the signed distance of every cell to the nearest obstacle's edge.
 

@@ -71,9 +71,8 @@ def inflate(
         warnings.warn(text, MapdealWarning, stacklevel=2)
     occupied = grid.occupied(lethal_threshold)
     if kernel == "square":
-        reach = cells_to_cover(radius, grid.resolution)
-        # no further than the grid: keeps huge radii within the integers
-        grown = dilate_square(occupied, min(reach, max(grid.shape)))
+        extent = max(grid.shape) * grid.resolution
+        grown = dilate_square(occupied, cells_to_cover(min(radius, extent), grid.resolution))
     else:
         diagonal = math.hypot(*grid.shape)
         limit = largest_square_within(min(radius, diagonal * grid.resolution), grid.resolution)

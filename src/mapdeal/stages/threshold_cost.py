@@ -72,7 +72,7 @@ def threshold_cost(
     by_value = np.zeros(128, dtype=np.int8)  # indexed by the view; int8 never exceeds 127
     for value in range(FREE, OCCUPIED):
         factor = 0.0 if value <= down else down_factor if value <= up else up_factor
-        by_value[value] = min(int(factor * value), _HIGHEST_BELOW_OBSTACLE)
+        by_value[value] = int(min(factor * value, _HIGHEST_BELOW_OBSTACLE))
     by_value[OCCUPIED] = OCCUPIED
     cost = by_value[values]  # -1 reads the table's last entry, put right below
     cost[values == UNKNOWN] = UNKNOWN

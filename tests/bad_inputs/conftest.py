@@ -1,0 +1,65 @@
+"""Commands that must fail cleanly, and those that must not."""
+
+import json
+
+import pytest
+
+from bad_maps import tree, write_map
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder to work in, with a good map m.yaml and m.pgm."""
+    monkeypatch.chdir(tmp_path)
+    write_map(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def refused(command, folder):
+    """Run a command that must fail cleanly: one error line, nothing written."""
+
+    def check(words, exit_code, *named, hint=""):
+        before = tree(folder)
+        code, out, err = command(*words)
+        lines = err.splitlines()
+        errors = [line for line in lines if line.startswith("error: ")]
+        hints = [line for line in lines if line.startswith("hint: ")]
+        assert "Traceback" not in out + err
+        assert code == exit_code, err
+        assert len(errors) == 1, err
+        assert len(hints) <= 1, err
+        assert all(line.startswith(("error: ", "hint: ", "warning: ")) for line in lines), err
+        assert out == ""
+        for text in named:
+            assert text in errors[0]
+        assert hint in "".join(hints)
+        assert bool(hints) or not hint
+        assert tree(folder) == before
+
+    return check
+
+
+@pytest.fixture
+def accepted(command, folder):
+    """Run a command that must succeed; return its stdout and its warning lines."""
+
+    def check(*words):
+        code, out, err = command(*words)
+        assert code == 0, err
+        assert all(line.startswith("warning: ") for line in err.splitlines()), err
+        assert not list(folder.rglob(".mapdeal-*"))
+        return out, err.splitlines()
+
+    return check
+
+
+@pytest.fixture
+def info(accepted):
+    """What `info --json` tells of m.yaml, and the warnings it makes."""
+
+    def tell(*options):
+        out, warned = accepted("info", "m.yaml", "--json", *options)
+        return json.loads(out), warned
+
+    return tell

@@ -1,0 +1,165 @@
+"""Outputs that cannot be written, and batches with a bad map (rows F)."""
+
+import json
+import os
+
+import pytest
+
+from bad_maps import PGM, tree, write_map, yaml_text
+
+COMMANDS = ["active", "inflate", "esdf", "cost", "convert"]
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, id=f"F1-{n}") for n in COMMANDS])
+@pytest.mark.parametrize("existing", ["o.yaml", "o.pgm"])
+def test_an_output_that_exists_is_refused_unless_forced(folder, refused, accepted, name, existing):
+    (folder / existing).write_text("precious\n")
+    refused([name, "m.yaml", "-o", "o.yaml"], 4, existing, hint="--force")
+    accepted(name, "m.yaml", "-o", "o.yaml", "--force")
+    assert (folder / "o.yaml").read_text().startswith("image: o.pgm\n")
+    assert (folder / "o.pgm").read_bytes().startswith(b"P5\n")
+
+
+def test_a_picture_that_exists_is_refused_f1(folder, refused):
+    (folder / "p.png").write_text("precious\n")
+    refused(["esdf", "m.yaml", "-o", "o.npz", "--image", "p.png"], 4, "p.png", hint="--force")
+
+
+def test_a_run_that_is_up_to_date_is_skipped_f1(folder, accepted):
+    accepted("run", "m.yaml", "-o", "out")
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    accepted("run", "m.yaml", "-o", "out")
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+
+
+def test_a_run_into_the_outputs_of_another_is_refused_f1(accepted, refused):
+    accepted("run", "m.yaml", "-o", "out")
+    refused(["run", "m.yaml", "-o", "out", "--set", "inflate.radius=0.1"], 4, "out/m/",
+            hint="--force")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, id=f"F2-{n}") for n in COMMANDS])
+def test_a_missing_output_folder_is_made(folder, accepted, name):
+    accepted(name, "m.yaml", "-o", "new/deeper/o.npz")
+    assert [path.name for path in (folder / "new" / "deeper").iterdir()] == ["o.npz"]
+
+
+@pytest.mark.parametrize(
+    ("words", "place"),
+    [
+        pytest.param(["esdf", "-o", "file/o.npz"], "file", id="F2-below-a-file"),
+        pytest.param(["esdf", "-o", "file/a/b/o.npz"], "file", id="F2-far-below-a-file"),
+        pytest.param(["run", "-o", "file"], "file", id="F2-run-into-a-file"),
+        pytest.param(["esdf", "-o", "sub.npz"], "sub.npz", id="F2-onto-a-folder"),
+        pytest.param(["esdf", "-o", "sub.npz", "--force"], "sub.npz", id="F2-forced-on-a-folder"),
+        pytest.param(["esdf", "-o", "loop/o.npz"], "loop", id="F2-through-a-symlink-loop"),
+        pytest.param(["esdf", "-o", "n" * 300 + ".npz"], "nnnn", id="F2-long-name"),
+        pytest.param(["esdf", "-o", "n" * 252 + ".npz"], "nnnn", id="F2-name-one-too-long"),
+    ],
+)
+def test_an_output_that_cannot_be_made_is_refused(folder, refused, words, place):
+    (folder / "file").write_text("precious\n")
+    (folder / "sub.npz").mkdir()
+    (folder / "loop").symlink_to("loop")
+    name, *rest = words
+    refused([name, "m.yaml", *rest], 4, place)
+
+
+def test_a_run_of_a_bad_map_leaves_no_folder_f2(folder, refused):
+    write_map(folder, image=PGM[:-1])
+    refused(["run", "m.yaml", "-o", "new/deeper"], 3, "m.pgm")
+
+
+@pytest.mark.parametrize("name", ["...yaml", "..yaml"], ids=["F11-three-dots", "F11-two-dots"])
+def test_a_map_named_by_dots_writes_nothing_beside_its_own_folder(folder, command, name):
+    (folder / name).write_text(yaml_text())
+    before = tree(folder)
+    code, _, err = command("run", name, "-o", "out")
+    assert code in (0, 2)
+    assert "Traceback" not in err
+    outside = {path: data for path, data in tree(folder).items() if path.split("/")[0] != "out"}
+    assert outside == before
+    assert not (folder / "out" / "manifest.json").exists()
+
+
+def test_a_map_whose_name_is_not_utf_8_is_run_f11(folder, command):
+    (folder / "m.yaml").rename(folder / os.fsdecode(b"\xff.yaml"))
+    code, _, err = command("run", os.fsdecode(b"\xff.yaml"), "-o", "out")
+    assert "Traceback" not in err
+    assert code == 0
+    assert json.loads((folder / "out" / os.fsdecode(b"\xff") / "manifest.json").read_text())
+
+
+def test_one_map_with_a_broken_tag_does_not_stop_a_batch_f9(folder, command):
+    (folder / "bad.yaml").write_text(yaml_text(x='!!int ""'))
+    code, _, err = command("run", "bad.yaml", "m.yaml", "-o", "out")
+    assert "Traceback" not in err
+    assert code == 5
+    assert (folder / "out" / "m" / "manifest.json").exists()
+    assert not (folder / "out" / "bad").exists()
+
+
+OWN_INPUTS = [
+    ("F3-itself", ["convert", "m.yaml", "-o", "m.yaml"], "m."),
+    ("F3-its-image", ["convert", "m.yaml", "-o", "m.pgm"], "m."),
+    ("F3-another-spelling", ["convert", "m.yaml", "-o", "sub/../m.yaml"], "m."),
+    ("F3-symlink", ["convert", "m.yaml", "-o", "soft.yaml"], "soft.yaml"),
+    ("F3-hard-link", ["convert", "m.yaml", "-o", "hard.yaml"], "hard.yaml"),
+    ("F3-hard-link-of-the-image", ["convert", "m.yaml", "-o", "hard_image.pgm"], "hard_image"),
+    ("F3-geometry-of-a-bare-array", ["esdf", "m.yaml", "-o", "m.npy"], "m.yaml"),
+    ("F3-picture", ["esdf", "p.yaml", "-o", "o.npz", "--image", "p.png"], "p.png"),
+    ("F3-run", ["run", "inflated/inflated.yaml", "-o", "."], "inflated.yaml"),
+]
+
+
+@pytest.mark.parametrize("force", [False, True], ids=["plain", "forced"])
+@pytest.mark.parametrize(
+    ("words", "place"), [pytest.param(*case, id=row) for row, *case in OWN_INPUTS]
+)
+def test_an_output_that_is_the_input_is_refused_always(folder, refused, words, place, force):
+    write_map(folder / "inflated", yaml_text(image="m.pgm"))
+    (folder / "inflated" / "m.yaml").rename(folder / "inflated" / "inflated.yaml")
+    (folder / "sub").mkdir()
+    (folder / "soft.yaml").symlink_to("m.yaml")
+    (folder / "hard.yaml").hardlink_to(folder / "m.yaml")
+    (folder / "hard_image.pgm").hardlink_to(folder / "m.pgm")
+    (folder / "p.yaml").write_text(yaml_text(image="p.png"))
+    (folder / "p.png").write_bytes(PGM)
+    refused([*words, *["--force"] * force], 4, place)
+
+
+@pytest.mark.parametrize("name", ["CON", "com1", "nul"])
+def test_a_map_named_as_a_device_is_refused_f11(folder, refused, name):
+    (folder / f"{name}.yaml").write_text(yaml_text())
+    refused(["run", f"{name}.yaml", "-o", "out"], 2, name)
+
+
+def test_a_map_in_the_place_of_the_summary_is_refused_before_any_work_f8(folder, refused):
+    (folder / "summary.json.yaml").write_text(yaml_text())
+    refused(["run", "summary.json.yaml", "m.yaml", "-o", "out"], 2, "summary.json")
+
+
+def test_two_outputs_in_one_place_are_refused_f8(folder, refused):
+    (folder / "sub").mkdir()
+    words = ["convert", "m.yaml", "-o", "o.png", "--image", "sub/../o.png"]
+    refused(words, 2, "two outputs")
+
+
+@pytest.mark.parametrize(
+    "manifest",
+    ["{", "[]", '{"outputs": 3}', '{"figures": {}, "outputs": {"' + "n" * 300 + '": "0"}}'],
+)
+def test_a_manifest_that_is_none_counts_as_stale_f16(folder, accepted, manifest):
+    accepted("run", "m.yaml", "-o", "out")
+    (folder / "out" / "m" / "manifest.json").write_text(manifest)
+    accepted("run", "m.yaml", "-o", "out", "--force")
+    assert "outputs" in json.loads((folder / "out" / "m" / "manifest.json").read_text())
+
+
+def test_odd_characters_in_a_name_stay_on_their_line_f11(folder, command):
+    name = "a\nb\x1b[31m"
+    (folder / f"{name}.yaml").write_text(yaml_text())
+    code, out, _ = command("inflate", f"{name}.yaml", "-o", f"{name}2.yaml")
+    assert code == 0
+    assert out.count("\n") == 1
+    assert "\x1b" not in out

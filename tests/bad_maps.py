@@ -1,0 +1,43 @@
+"""The pieces that bad inputs are made of, and a look at what is left of a folder."""
+
+import numpy as np
+
+GOOD_KEYS = {
+    "image": "m.pgm",
+    "mode": "trinary",
+    "resolution": "0.05",
+    "origin": "[1.5, -2.0, 0.4]",
+    "negate": "0",
+    "occupied_thresh": "0.65",
+    "free_thresh": "0.196",
+}
+PIXELS = bytes([0, 254, 205, 254, 254, 0])
+PGM = b"P5\n3 2\n255\n" + PIXELS
+DRAWING = "#.?\n..#"
+
+
+def yaml_text(**changes):
+    keys = {**GOOD_KEYS, **changes}
+    return "".join(f"{key}: {text}\n" for key, text in keys.items() if text is not None)
+
+
+def write_map(folder, text=None, image=PGM):
+    folder.mkdir(exist_ok=True)
+    text = yaml_text() if text is None else text
+    (folder / "m.yaml").write_bytes(text if isinstance(text, bytes) else text.encode())
+    (folder / "m.pgm").write_bytes(image)
+
+
+def tree(folder):
+    """Every path below a folder with its contents, for large files their size."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        found[path.relative_to(folder).as_posix()] = (
+            path.stat().st_size if path.stat().st_size > 1 << 20 else path.read_bytes()
+        ) if path.is_file() else path.is_symlink()  # fmt: skip
+    return found
+
+
+def cells_of(path, layer="occupancy"):
+    with np.load(path) as entries:
+        return entries[layer].tolist()
