@@ -41,3 +41,19 @@ def tree(folder):
 def cells_of(path, layer="occupancy"):
     with np.load(path) as entries:
         return entries[layer].tolist()
+
+
+def check_failure(code, out, err, exit_code, named, hint):
+    """Hold a failure to its exit code and to one clear line that names what is at fault."""
+    lines = err.splitlines()
+    errors = [line for line in lines if line.startswith("error: ")]
+    hints = [line for line in lines if line.startswith("hint: ")]
+    assert "Traceback" not in out + err
+    assert code == exit_code, err
+    assert len(errors) == 1, err
+    assert len(hints) <= 1, err
+    assert all(line.startswith(("error: ", "hint: ", "warning: ")) for line in lines), err
+    assert out == ""
+    for text in named:
+        assert text in errors[0]
+    assert hint in "".join(hints)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bad_maps import cells_of, tree
+from bad_maps import cells_of, check_failure, tree
 
 YAML = """\
 image: m.pgm
@@ -41,18 +41,7 @@ def refused(command, folder):
         for words in (["info", "m.yaml"], ["run", "m.yaml", "-o", "out"]):
             before = tree(folder)
             code, out, err = command(*words, *options)
-            lines = err.splitlines()
-            errors = [line for line in lines if line.startswith("error: ")]
-            hints = [line for line in lines if line.startswith("hint: ")]
-            assert "Traceback" not in out + err
-            assert code == exit_code, err
-            assert len(errors) == 1, err
-            assert len(hints) <= 1, err
-            assert all(line.startswith(("error: ", "hint: ", "warning: ")) for line in lines), err
-            assert out == ""
-            for text in named:
-                assert text in errors[0]
-            assert hint in "".join(hints)
+            check_failure(code, out, err, exit_code, named, hint)
             assert tree(folder) == before
 
     return check

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from bad_maps import tree, write_map
+from bad_maps import check_failure, tree, write_map
 
 
 @pytest.fixture
@@ -22,19 +22,7 @@ def refused(command, folder):
     def check(words, exit_code, *named, hint=""):
         before = tree(folder)
         code, out, err = command(*words)
-        lines = err.splitlines()
-        errors = [line for line in lines if line.startswith("error: ")]
-        hints = [line for line in lines if line.startswith("hint: ")]
-        assert "Traceback" not in out + err
-        assert code == exit_code, err
-        assert len(errors) == 1, err
-        assert len(hints) <= 1, err
-        assert all(line.startswith(("error: ", "hint: ", "warning: ")) for line in lines), err
-        assert out == ""
-        for text in named:
-            assert text in errors[0]
-        assert hint in "".join(hints)
-        assert bool(hints) or not hint
+        check_failure(code, out, err, exit_code, named, hint)
         assert tree(folder) == before
 
     return check

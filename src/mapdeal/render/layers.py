@@ -181,6 +181,6 @@ def _field_bar(field: DistanceField, far: float, deep: float) -> ColourBar:
     if not np.isfinite(field.distance).any():
         sign = "+inf" if field.distance.flat[0] > 0 else "-inf"
         return ColourBar(indices.tolist(), [(middle, sign)], "distance, m")
-    ticks = [(0.0, f"-{deep:.3g}"), (middle, "0")]
+    ticks = [(0.0, f"-{deep:.3g}"), (middle / 2, f"-{deep / 2:.3g}"), (middle, "0")]
     ticks += [(middle + (1 - middle) * k / 4, f"{far * k / 4:.3g}") for k in (1, 2, 3, 4)]
     return ColourBar(indices.tolist(), ticks, "distance, m")

@@ -46,21 +46,18 @@ class Raster:
 
     def largest(self, layer: NDArray[Any]) -> NDArray[Any]:
         """Return the largest value of the cells under each pixel, before enlarging."""
-        if self.reduce == 1:
-            return layer
-        rows, cols = (np.arange(0, length, self.reduce) for length in layer.shape)
-        reduced: NDArray[Any] = np.maximum.reduceat(layer, rows, axis=0)
-        reduced = np.maximum.reduceat(reduced, cols, axis=1)
-        return reduced
+        return self._pooled(layer, np.maximum)
 
     def smallest(self, layer: NDArray[Any]) -> NDArray[Any]:
         """Return the smallest value of the cells under each pixel, before enlarging."""
+        return self._pooled(layer, np.minimum)
+
+    def _pooled(self, layer: NDArray[Any], choose: np.ufunc) -> NDArray[Any]:
         if self.reduce == 1:
             return layer
         rows, cols = (np.arange(0, length, self.reduce) for length in layer.shape)
-        reduced: NDArray[Any] = np.minimum.reduceat(layer, rows, axis=0)
-        reduced = np.minimum.reduceat(reduced, cols, axis=1)
-        return reduced
+        pooled: NDArray[Any] = choose.reduceat(choose.reduceat(layer, rows, axis=0), cols, axis=1)
+        return pooled
 
     def enlarged(self, pixels: NDArray[Any]) -> NDArray[Any]:
         """Return each pixel as a square of `enlarge` pixels a side."""
