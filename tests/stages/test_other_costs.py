@@ -79,3 +79,16 @@ def test_rings_of_a_field_take_its_obstacles():
 def test_values_that_are_no_costs_are_refused(values):
     with pytest.raises(ParameterError, match="values"):
         ring_cost(grid_from_text("#."), values=values)
+
+
+def test_a_field_clipped_where_costs_still_fall_is_refused():
+    grid = OccupancyGrid([[100] + [0] * 9], 0.25)
+    with pytest.raises(ParameterError, match="max_distance"):
+        threshold_cost(esdf(grid, max_distance=1.0))  # the view there is 50, above down
+    with pytest.raises(ParameterError, match="max_distance"):
+        threshold_cost(esdf(grid, max_distance=1.5), view="seed")
+    whole = threshold_cost(esdf(grid)).cost
+    # At 1.25 m the view is 37: beyond it everything costs 0, clipped or not.
+    assert np.array_equal(threshold_cost(esdf(grid, max_distance=1.25)).cost, whole)
+    assert np.array_equal(threshold_cost(esdf(grid, max_distance=9.0), view="seed").cost,
+                          threshold_cost(esdf(grid), view="seed").cost)  # fmt: skip

@@ -52,6 +52,11 @@ def threshold_cost(
         On scale ``occupancy``. With v the view: 0 for v <= down; trunc(down_factor v) up to
         `up`; trunc(up_factor v) above it, at most 99; obstacles 100 and unknown -1 are kept.
 
+    Raises
+    ------
+    ParameterError
+        If the field was clipped where the costs still depend on the distance.
+
     Notes
     -----
     Design document 000 lets the product overflow its 8 bits; 100 is kept for obstacles here.
@@ -68,6 +73,7 @@ def threshold_cost(
     threshold = check_lethal_threshold(source, lethal_threshold)
     if not isinstance(source, DistanceField):
         source = esdf(source, lethal_threshold=threshold)
+    _check_clip(source, down, view, view_range)
     values = field_view(source, view=view, view_range=view_range).occupancy
     by_value = np.zeros(128, dtype=np.int8)  # indexed by the view; int8 never exceeds 127
     for value in range(FREE, OCCUPIED):
@@ -77,3 +83,23 @@ def threshold_cost(
     cost = by_value[values]  # -1 reads the table's last entry, put right below
     cost[values == UNKNOWN] = UNKNOWN
     return Costmap(cost, source.resolution, source.origin, scale="occupancy")
+
+
+def _check_clip(field: DistanceField, down: float, view: View, view_range: float) -> None:
+    """Refuse a field whose clipped cells would get another cost at their true distance.
+
+    In the metric view all is well if cells at the clip cost nothing already. The seed view is
+    scaled by the farthest and the deepest cell, which a clip hides.
+    """
+    if field.max_distance is None:
+        return
+    limit = np.float32(field.max_distance)
+    clipped = (field.distance >= limit * np.float32(field.strength)) | (field.distance <= -limit)
+    if not clipped.any():
+        return
+    at_clip = 100 * (1 - min(field.max_distance, view_range) / view_range)
+    if view == "metric" and int(at_clip) <= down:
+        return
+    rule = f"the field is clipped where the {view} view still falls"
+    hint = "make the field with a larger max_distance, or none"
+    raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
