@@ -253,3 +253,31 @@ def test_an_error_of_the_program_is_told_from_one_of_the_input(
     code, _, err = command("info", room)
     assert code == 70
     assert "internal error" in err
+
+
+def test_costs_that_are_passed_as_a_map_are_warned_of(command, room, tmp_path):
+    command("cost", room, "-o", tmp_path / "c.npz")
+    code, _, err = command("inflate", tmp_path / "c.npz", "-o", tmp_path / "i.npz")
+    assert code == 0
+    assert "holds costs" in err
+
+
+def test_convert_tells_what_it_wrote_not_what_it_read(command, tmp_path):
+    write_map(tmp_path / "raw.yaml", OccupancyGrid([[0, 20, 50, 80]], 0.25))
+    words = ["convert", tmp_path / "raw.yaml", "-o", tmp_path / "t.yaml", "--mode", "trinary"]
+    _, out, err = command(*words)
+    assert "3 values" in err
+    assert "occupied 25.00 %, free 50.00 %, unknown 25.00 %" in out
+    assert read_map(tmp_path / "t.yaml").occupancy.tolist() == [[0, 0, -1, 100]]
+
+
+def test_a_field_s_info_tells_how_it_was_made(command, room, tmp_path):
+    command("esdf", room, "-o", tmp_path / "e.npz", "--max-distance", 0.5, "--unknown", "occupied")
+    report = json.loads(command("info", tmp_path / "e.npz", "--json")[1])
+    assert (report["max_distance"], report["unknown"]) == (0.5, "occupied")
+    assert "max_distance 0.5 m" in command("info", tmp_path / "e.npz")[1]
+
+
+def test_the_short_form_of_help(command):
+    assert command("-h")[1] == command("--help")[1]
+    assert "Usage: mapdeal esdf" in command("esdf", "-h")[1]

@@ -135,3 +135,16 @@ def test_the_circumscribed_cost_is_drawn_as_a_line():
     contour = (120, 255, 70)
     assert count(rgb(cost_image(plain, title="")), contour) == 0
     assert count(rgb(cost_image(shaped, title="")), contour) > 100
+
+
+def test_fields_without_a_finite_distance_have_a_legend_instead_of_a_scale():
+    endless = field_image(esdf(grid_from_text("....")), title="")
+    finite = field_image(esdf(grid_from_text("#...")), title="")
+    assert len(np.unique(endless.indices)) < len(np.unique(finite.indices)) - 50
+
+
+def test_names_in_other_scripts_do_not_change_the_sheet():
+    grid = grid_from_text("#..")
+    latin = occupancy_image(grid, title="K\u00fcche")
+    plain = occupancy_image(grid, title="Kuche")
+    assert np.array_equal(latin.indices, plain.indices)

@@ -5,7 +5,7 @@ import pytest
 
 import mapdeal
 from drawn import cells
-from mapdeal import MalformedInputError, OccupancyGrid
+from mapdeal import MalformedInputError, OccupancyGrid, ParameterError
 
 STAGES = {
     "active": mapdeal.active_region,
@@ -62,3 +62,9 @@ def test_mirroring_the_map_mirrors_the_result(stage):
         mirrored = stage(OccupancyGrid(turn(occupancy), 0.25))
         for name, layer in _layers(straight).items():
             assert np.array_equal(turn(layer), getattr(mirrored, name))
+
+
+@pytest.mark.parametrize("stage", STAGES.values(), ids=STAGES)
+def test_a_bare_array_is_refused_with_what_to_pass(stage):
+    with pytest.raises(ParameterError, match="OccupancyGrid"):
+        stage(np.zeros((2, 3), np.int8))

@@ -48,16 +48,28 @@ def _text(report: dict[str, Any]) -> str:
         ("size", f"{width} x {height} cells, {width * resolution:g} x {height * resolution:g} m"),
         ("resolution", f"{resolution!r} m"),
         ("origin", f"x {x!r} m, y {y!r} m, yaw {yaw!r} rad"),
-        ("cells", summary_of(report)),
+        ("distances" if "lowest_distance" in report else "cells", summary_of(report)),
     ]
+    if "lowest_distance" in report:
+        limit = "none" if report["max_distance"] is None else f"{report['max_distance']:g} m"
+        made = f"unknown {report['unknown']}, lethal_threshold {report['lethal_threshold']}, "
+        made += f"max_distance {limit}, strength {report['strength']:g}"
+        rows.append(("made with", made))
     if report.get("known_box"):
         row, col, box_height, box_width = report["known_box"]
-        rows.append(("known box", f"{box_width} x {box_height} cells from row {row}, col {col}"))
+        rows.append(
+            (
+                "known box",
+                f"{box_width} x {box_height} cells from row {row}, col {col}; row 0 south",
+            )
+        )
     if "mode" in report:
-        thresholds = f"occupied {report['occupied_thresh']:g}, free {report['free_thresh']:g}"
-        negate = ", negate" if report["negate"] else ""
+        how = str(report["mode"])
+        if report["mode"] != "raw":
+            how += f", occupied {report['occupied_thresh']:g}, free {report['free_thresh']:g}"
+        how += ", negate" if report["negate"] else ""
         rows.append(("image", str(report["image"])))
-        rows.append(("read as", f"{report['mode']}{negate}, {thresholds}, {report['dialect']}"))
+        rows.append(("read as", f"{how}, dialect {report['dialect']}"))
     rows.append(("sha256", report["sha256"]))
     lines = [f"  {name:<11} {value}" for name, value in rows]
     return "\n".join(one_line(line) for line in [str(report["file"]), *lines])

@@ -45,6 +45,7 @@ class _LazyGroup(TyperGroup):
         module = import_module(f"mapdeal.cli.{cmd_name}")
         command = typer.main.get_command(module.app)
         command.name = cmd_name
+        command.context_settings["help_option_names"] = ["-h", "--help"]
         return command
 
     def invoke(self, ctx: Any) -> Any:
@@ -56,7 +57,11 @@ class _LazyGroup(TyperGroup):
 
 
 app = typer.Typer(
-    cls=_LazyGroup, rich_markup_mode=None, add_completion=False, pretty_exceptions_enable=False
+    cls=_LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    rich_markup_mode=None,
+    add_completion=False,
+    pretty_exceptions_enable=False,
 )
 
 

@@ -139,7 +139,11 @@ def robot_shape(text: str | None, radius: float | None, padding: float) -> Footp
 
 def described(stage: str, parameters: Mapping[str, object]) -> str:
     """Return a stage's parameters as a verbose command says them."""
-    pairs = (f"{name}={'none' if value is None else value}" for name, value in parameters.items())
+    words = {None: "none", True: "yes", False: "no"}
+    pairs = (
+        f"{name}={words[value] if value is None or isinstance(value, bool) else value}"
+        for name, value in parameters.items()
+    )
     return f"{stage}: {', '.join(pairs)}"
 
 

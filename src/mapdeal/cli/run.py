@@ -60,8 +60,8 @@ def run(
 ) -> None:
     """Run maps through a recipe: inflate, field, costmap.
 
-    Each map gets a folder of its own with the pgm, npz, yaml and png files of every stage and
-    a manifest. A map whose manifest shows that nothing has changed is skipped.
+    Each map gets a folder of its own: a pgm, yaml and png file of every stage, npz files of
+    field and costs, and a manifest. A map whose manifest shows that nothing has changed is skipped.
     """
     opt.start(quiet=quiet, verbose=verbose)
     shape = opt.robot_shape(footprint, robot_radius, footprint_padding)

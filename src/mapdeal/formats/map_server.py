@@ -137,7 +137,9 @@ def _nearest_name(path: Path) -> str | None:
     images = [n for n in names if not n.endswith((".yaml", ".yml"))]
     lower = {n.lower(): n for n in images}
     near = [n for n in images if Path(n).stem.lower() == path.stem.lower()]
-    near += [lower[n] for n in difflib.get_close_matches(path.name.lower(), lower, n=3)]
+    near += [
+        lower[n] for n in difflib.get_close_matches(path.name.lower(), lower, n=3, cutoff=0.75)
+    ]
     unique = list(dict.fromkeys(near))
     return f"the folder has {', '.join(unique)}" if unique else None
 

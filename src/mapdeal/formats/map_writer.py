@@ -88,7 +88,9 @@ def write_pair(
         values = grid.occupancy
         has_between = bool(((values > FREE) & (values < OCCUPIED)).any())
         mode = mode or ("raw" if has_between else "trinary")
-        write_image = _occupancy_writer(image, grid, mode, has_between=has_between)
+        write_image = _occupancy_writer(
+            image, in_trinary(grid) if mode == "trinary" else grid, mode
+        )
     scaled = mode == "scale"
     metadata = MapMetadata(
         image=image.name,
@@ -105,21 +107,32 @@ def write_pair(
     transaction.write(yaml_path, lambda file: _write_all(file, document))
 
 
+def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
+    """Return the map that is left of `grid` in mode trinary, with a warning if that is less.
+
+    As map_saver does by default: 0..25 free, 65..100 occupied, all else unknown.
+    """
+    values = grid.occupancy
+    lost = int(np.count_nonzero((values > FREE) & (values < OCCUPIED)))
+    if not lost:
+        return grid
+    text = f"{lost} values between 1 and 99 are lost in mode trinary"
+    warnings.warn(text, MapdealWarning, stacklevel=3)
+    kept = np.full(values.shape, UNKNOWN, dtype=np.int8)
+    kept[(values >= FREE) & (values <= _TRINARY_FREE)] = FREE
+    kept[values >= _TRINARY_OCCUPIED] = OCCUPIED
+    return OccupancyGrid(kept, grid.resolution, grid.origin)
+
+
 def _write_all(file: Any, data: bytes) -> None:
     file.write(data)
 
 
-def _occupancy_writer(
-    image: Path, grid: OccupancyGrid, mode: Mode, *, has_between: bool
-) -> Writer:  # fmt: skip
+def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
     values = grid.occupancy
     if mode == "raw":
         return _pixel_writer(image, _raw_pixels(values), grid)
     if mode == "trinary":
-        if has_between:
-            count = int(np.count_nonzero((values > FREE) & (values < OCCUPIED)))
-            text = f"{image}: {count} values between 1 and 99 are lost in mode trinary"
-            warnings.warn(text, MapdealWarning, stacklevel=3)
         return _pixel_writer(image, _by_value(_trinary_table(), values), grid)
     scaled = _by_value(_scale_table(), values)
     unknown = values == UNKNOWN
@@ -151,10 +164,9 @@ def _raw_pixels(values: NDArray[np.int8]) -> NDArray[np.uint8]:
 
 def _trinary_table() -> NDArray[np.uint8]:
     """Return the pixel of each value, indexed by its byte (-1 is the last)."""
-    value = np.arange(256)
     table = np.full(256, _UNKNOWN_PIXEL, dtype=np.uint8)
-    table[value <= _TRINARY_FREE] = _FREE_PIXEL
-    table[(value >= _TRINARY_OCCUPIED) & (value <= OCCUPIED)] = _OCCUPIED_PIXEL
+    table[FREE] = _FREE_PIXEL
+    table[OCCUPIED] = _OCCUPIED_PIXEL
     return table
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.map_server import read_pair
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode
@@ -68,6 +69,8 @@ def as_occupancy(grid: Grid) -> OccupancyGrid:
     if isinstance(grid, DistanceField):
         return grid.grid
     if isinstance(grid, Costmap):
+        text = "the input holds costs; taken as the occupancy that ROS would publish for them"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
         return grid.to_occupancy()
     return grid
 

@@ -40,6 +40,8 @@ class Transaction:
         Whether existing outputs are replaced.
     threads : int
         Files that are written at the same time.
+    hint : str
+        What an error says of an output that exists.
 
     Raises
     ------
@@ -69,6 +71,7 @@ class Transaction:
         inputs: Sequence[Path] = (),
         force: bool = False,
         threads: int = 1,
+        hint: str = "--force replaces it",
     ) -> None:
         self._outputs = list(outputs)
         self._pool = ThreadPoolExecutor(max_workers=threads)
@@ -76,7 +79,7 @@ class Transaction:
         self._made_folders: list[Path] = []
         places: set[Path] = set()
         for output in self._outputs:
-            _check_output(output, inputs, force=force)
+            _check_output(output, inputs, None if force else hint)
             place = output.parent.resolve() / output.name
             if place in places:
                 raise ParameterError("is the place of two outputs", source=output)
@@ -220,7 +223,8 @@ def _result(future: Future[str], path: Path) -> str:
         raise FileAccessError(rule, source=path) from None
 
 
-def _check_output(output: Path, inputs: Sequence[Path], *, force: bool) -> None:
+def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> None:
+    """Refuse an output that cannot be; one that exists only if there is a hint for that."""
     try:
         status = output.stat()
     except (FileNotFoundError, NotADirectoryError):
@@ -237,8 +241,7 @@ def _check_output(output: Path, inputs: Sequence[Path], *, force: bool) -> None:
                 raise FileAccessError("the output is the input", source=output)
     if stat.S_ISDIR(status.st_mode):
         raise FileAccessError("the output is a directory", source=output)
-    if not force:
-        hint = "--force replaces it"
+    if hint is not None:
         raise FileAccessError("the output exists", source=output, hint=hint)
 
 

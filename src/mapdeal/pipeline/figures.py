@@ -59,11 +59,11 @@ def summary_of(figures: Figures) -> str:
         percent = 100 * figures[name] / cells
         return f"{name} {percent:.2f} %"
 
-    if "min_distance" in figures:
-        least, most = figures["min_distance"], figures["max_distance"]
+    if "lowest_distance" in figures:
+        least, most = figures["lowest_distance"], figures["highest_distance"]
         if least is None or most is None:
             return "no obstacle" if figures["obstacles"] == 0 else "nothing but obstacles"
-        return f"{least:.3f} .. {most:.3f} m, {figures['convention']}"
+        return f"{least + 0.0:.4g} .. {most:.4g} m, convention {figures['convention']}"
     if "lethal" in figures:
         names = [name for name in _COST_SHARES if name in figures]
         text = ", ".join(share(name) for name in names)
@@ -79,8 +79,8 @@ def _field_figures(field: DistanceField) -> Figures:
     return {
         "convention": field.convention,
         "obstacles": int(np.count_nonzero(field.obstacles())),
-        "min_distance": float(field.distance.min()) if finite else None,
-        "max_distance": float(field.distance.max()) if finite else None,
+        "lowest_distance": float(field.distance.min()) if finite else None,
+        "highest_distance": float(field.distance.max()) if finite else None,
     }
 
 

@@ -16,6 +16,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.pipeline.figures import figures_of
 
+_SHOWN_OF_FIELDS = ("unknown", "max_distance", "strength", "lethal_threshold")
 _SHOWN_KEYS = ("image", "mode", "negate", "occupied_thresh", "free_thresh")
 
 
@@ -36,6 +37,7 @@ def describe_file(
     elif isinstance(grid, DistanceField):
         report["kind"] = "distance field"
         layer = grid.distance
+        report |= {key: getattr(grid, key) for key in _SHOWN_OF_FIELDS}
     else:
         report["kind"] = "costmap"
         layer = grid.cost

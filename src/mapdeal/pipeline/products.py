@@ -94,4 +94,6 @@ def title_of(step: Step) -> str:
             f"inflation {parameters['inflation_radius']:.4g} m, "
             f"factor {parameters['cost_scaling_factor']:.4g}"
         )
-    return f"cost, model {step.model}"
+    if step.model == "rings":
+        return f"cost, rings {', '.join(str(value) for value in parameters['values'])}"
+    return f"cost, thresholds {parameters['down']:g} and {parameters['up']:g}, {parameters['view']}"

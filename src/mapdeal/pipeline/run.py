@@ -105,45 +105,48 @@ def run_map(
     old = read_json(folder / MANIFEST)
     if not force and _is_unchanged(old, manifest, folder):
         return RunReport(folder, "unchanged", old["figures"])
-    figures = _compute(source, folder, recipe, options, manifest, force=force, threads=threads)
+    hint = "--force replaces it"
+    if isinstance(old, dict):
+        hint += "; the run in this folder had other inputs, parameters, or its files were changed"
+    outputs = _outputs(folder, recipe, options)
+    with Transaction(
+        outputs, inputs=source.files, force=force, threads=threads, hint=hint
+    ) as transaction:
+        figures = _compute(transaction, source, folder, recipe, options, manifest)
     if isinstance(old, dict):
         _remove_left_over(old, folder, recipe, options)
     return RunReport(folder, "done", figures)
 
 
 def _compute(
+    transaction: Transaction,
     source: Source,
     folder: Path,
     recipe: Recipe,
     options: RunOptions,
     manifest: dict[str, Any],
-    *,
-    force: bool,
-    threads: int,
 ) -> dict[str, Figures]:
     grid = source.grid
     figures: dict[str, Figures] = {}
-    outputs = _outputs(folder, recipe, options)
-    with Transaction(outputs, inputs=source.files, force=force, threads=threads) as transaction:
-        for step in recipe.steps:
-            grid = step.apply(grid, source.files[0])
-            figures[step.name] = figures_of(grid)
-            write_products(
-                transaction,
-                step,
-                grid,
-                folder,
-                stem=source.files[0].stem,
-                images=options.images,
-                image_max=options.image_max,
-            )
-        sums = {path.name: digest for path, digest in transaction.checksums().items()}
-        document = json_of({**manifest, "figures": figures, "outputs": sums})
+    for step in recipe.steps:
+        grid = step.apply(grid, source.files[0])
+        figures[step.name] = figures_of(grid)
+        write_products(
+            transaction,
+            step,
+            grid,
+            folder,
+            stem=source.files[0].stem,
+            images=options.images,
+            image_max=options.image_max,
+        )
+    sums = {path.name: digest for path, digest in transaction.checksums().items()}
+    document = json_of({**manifest, "figures": figures, "outputs": sums})
 
-        def write_manifest(file: Any) -> None:
-            file.write(document)
+    def write_manifest(file: Any) -> None:
+        file.write(document)
 
-        transaction.write(folder / MANIFEST, write_manifest)
+    transaction.write(folder / MANIFEST, write_manifest)
     return figures
 
 

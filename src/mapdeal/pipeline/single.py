@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import ParameterError, one_line
-from mapdeal.formats.map_writer import Encoding
+from mapdeal.formats.map_writer import Encoding, in_trinary
 from mapdeal.formats.map_yaml import Dialect, Mode
 from mapdeal.formats.maps import output_paths, read_source, write_grid
 from mapdeal.formats.npz import Grid, write_npy
@@ -15,6 +15,7 @@ from mapdeal.formats.transaction import Transaction
 from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.products import title_of, write_picture
 from mapdeal.pipeline.stage_list import Step
@@ -98,6 +99,8 @@ def convert_file(
     ) as transaction:
         if isinstance(grid, DistanceField) and output.suffix != ".npz":
             grid, mode = field_view(grid), mode or "raw"
+        if isinstance(grid, OccupancyGrid) and mode == "trinary":
+            grid = in_trinary(grid)
         extra = dict(source.metadata.extra) if source.metadata else {}
         write_grid(
             transaction, output, grid, mode=mode, encoding=encoding or "occupancy", extra=extra

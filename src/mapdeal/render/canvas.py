@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid.frame import Frame
 from mapdeal.render.colours import Colours
 
 MOST_COLOURS = 240
@@ -77,16 +79,18 @@ def sheet(
     pad = text_size
     column = pen.legend_width(bar, swatches)
     map_width = max(width, pen.minimum_width())
-    body_height = max(height, pen.legend_height(bar, swatches))
+    legend_height = max(height, pen.legend_height(bar, swatches))
     left, top = pad, pad + int(3.4 * text_size)
-    sheet_width = left + map_width + (pad + column if column else 0) + pad
-    sheet_height = top + body_height + int(3.2 * text_size)
+    needed = left + map_width + (pad + column if column else 0) + pad
+    # Thin maps get a sheet that their title fits on, very long titles are cut.
+    sheet_width = max(needed, min(pen.text_width(title, subtitle), 60 * text_size) + 2 * pad)
+    sheet_height = max(top + height + int(3.2 * text_size), top + legend_height + pad)
 
     pen.open(sheet_width, sheet_height)
-    pen.text(left, pad, title, limit=sheet_width - 2 * pad, bold=True)
-    pen.text(left, pad + int(1.45 * text_size), subtitle, limit=sheet_width - 2 * pad)
-    pen.scale_bar(left, top + body_height + int(0.9 * text_size), map_width, metres_per_pixel)
-    boxes = pen.legend(left + map_width + pad, top, body_height, bar, swatches)
+    pen.text(left, pad, title, limit=sheet_width - 2 * pad, large=True)
+    pen.text(left, pad + int(1.55 * text_size), subtitle, limit=sheet_width - 2 * pad)
+    pen.scale_bar(left, top + height + int(0.9 * text_size), map_width, metres_per_pixel)
+    boxes = pen.legend(left + map_width + pad, top, legend_height, bar, swatches)
     indices = pen.indices()
 
     indices[top : top + height, left : left + width] = pixels[::-1]
@@ -101,11 +105,34 @@ def sheet(
     return Image(indices, palette)
 
 
-def size_text(shape: tuple[int, int], resolution: float) -> str:
-    """Return a map's size in cells and metres, for a subtitle."""
-    height, width = shape
-    metres = f"{width * resolution:.4g} x {height * resolution:.4g} m"
-    return f"{width} x {height} cells, {resolution:.6g} m each, {metres}"
+def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[Swatch]:
+    """Return the legend entries whose colour a map shows."""
+    shown = np.bincount(pixels.ravel(), minlength=256) > 0
+    return [swatch for swatch in swatches if shown[swatch.index]]
+
+
+def frame_text(frame: Frame) -> str:
+    """Return a map's size in cells and metres and its yaw, for a subtitle."""
+    width, height = frame.width * frame.resolution, frame.height * frame.resolution
+    text = (
+        f"{frame.width} x {frame.height} cells, {frame.resolution:.6g} m each, "
+        f"{width:.6g} x {height:.6g} m"
+    )
+    yaw = frame.origin[2]
+    return f"{text}, yaw {yaw:.4g} rad (not turned here)" if yaw else text
+
+
+def printable(text: str) -> str:
+    """Return `text` as the built-in font can show it: no accents, ? for other scripts.
+
+    Examples
+    --------
+    >>> printable("K\u00fcche 2")
+    'Kuche 2'
+    """
+    plain = unicodedata.normalize("NFKD", text)
+    kept = (c for c in plain if not unicodedata.combining(c))
+    return "".join(c if c.isascii() else "?" for c in kept)
 
 
 def _frame(indices: NDArray[np.uint8], y: int, x: int, height: int, width: int) -> None:
@@ -138,7 +165,7 @@ class _Pen:
 
         self._size = size
         self._font = ImageFont.load_default(size)
-        self._title_font = ImageFont.load_default(round(1.15 * size))
+        self._title_font = ImageFont.load_default(round(1.25 * size))
         self._draw: Any = None
         self._sheet: Any = None
 
@@ -153,13 +180,19 @@ class _Pen:
         """Return the sheet as palette indices."""
         return (np.asarray(self._sheet) // (256 // _GREYS) + MOST_COLOURS).astype(np.uint8)
 
-    def text(self, x: int, y: int, text: str, *, limit: int, bold: bool = False) -> None:
-        font = self._title_font if bold else self._font
+    def text_width(self, title: str, subtitle: str) -> int:
+        """Return the pixels that the two lines above the map take."""
+        title_width = self._title_font.getlength(printable(title))
+        return int(max(title_width, self._font.getlength(printable(subtitle)))) + 1
+
+    def text(self, x: int, y: int, text: str, *, limit: int, large: bool = False) -> None:
+        font = self._title_font if large else self._font
+        text = printable(text)
         if font.getlength(text) > limit:
             while text and font.getlength(text + "...") > limit:
                 text = text[:-1]
             text += "..."
-        self._draw.text((x, y), text, fill=0, font=font, stroke_width=0.4 if bold else 0)
+        self._draw.text((x, y), text, fill=0, font=font)
 
     def minimum_width(self) -> int:
         """Return the width below which a scale bar makes no sense."""

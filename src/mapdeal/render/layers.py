@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,10 +18,19 @@ from mapdeal.grid.values import (
     UNKNOWN,
 )
 from mapdeal.render import colours
-from mapdeal.render.canvas import ColourBar, Image, Swatch, sheet, size_text
+from mapdeal.render.canvas import (
+    ColourBar,
+    Image,
+    Swatch,
+    frame_text,
+    round_length,
+    sheet,
+    swatches_in,
+)
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
 
-_FREE_LEVELS, _OBSTACLE_LEVELS, _COST_LEVELS = 80, 30, 200
+_FREE_LEVELS, _OBSTACLE_LEVELS, _COST_LEVELS = 70, 49, 200
+_FIELD_LEVELS = _FREE_LEVELS + _OBSTACLE_LEVELS
 
 
 def occupancy_image(
@@ -35,20 +46,19 @@ def occupancy_image(
     ramp = np.rint(255 - 255 * np.arange(OCCUPIED + 1) / OCCUPIED).astype(np.uint8)
     palette = np.vstack([np.repeat(ramp[:, np.newaxis], 3, axis=1), [colours.RVIZ_UNKNOWN]])
     pixels = np.where(values == UNKNOWN, unknown_index, values).astype(np.uint8)
-    swatches = [
-        Swatch(OCCUPIED, "occupied"),
-        Swatch(0, "free"),
-        Swatch(unknown_index, "unknown"),
-    ]
-    if ((grid.occupancy > 0) & (grid.occupancy < OCCUPIED)).any():
-        swatches.insert(1, Swatch(OCCUPIED // 2, "in between"))
+    swatches = [Swatch(OCCUPIED, "occupied"), Swatch(0, "free"), Swatch(unknown_index, "unknown")]
+    bar = None
+    if ((values > 0) & (values < OCCUPIED)).any():
+        ticks = [(value / OCCUPIED, str(value)) for value in (0, 25, 50, 75, OCCUPIED)]
+        bar = ColourBar(range(OCCUPIED + 1), ticks, "occupancy")
     return sheet(
         raster.enlarged(pixels),
         palette.astype(np.uint8),
         title=title,
-        subtitle=size_text(grid.shape, grid.resolution),
+        subtitle=frame_text(grid.frame),
         metres_per_pixel=raster.metres_per_pixel(grid.resolution),
-        swatches=swatches,
+        bar=bar,
+        swatches=swatches_in(pixels, swatches),
     )
 
 
@@ -58,42 +68,45 @@ def field_image(
     """Return a distance field in a diverging scale, obstacles red, free space blue.
 
     The outermost obstacle cells, where the field of convention seed is 0, are drawn black.
-    Unknown cells are washed out. Where cells share a pixel the smallest distance shows. The
-    scale's upper end is the largest distance of a known cell.
+    Unknown cells are faded. Where cells share a pixel the smallest distance shows. Each side
+    of the scale ends at its largest distance of a known cell.
     """
     raster = Raster.fitting(field.shape, image_max)
     distance = raster.smallest(field.distance)
     obstacles = raster.largest(field.obstacles())
     unknown = raster.smallest(field.occupancy == UNKNOWN)
     far, deep = _range_of(field)
-    levels = _FREE_LEVELS + _OBSTACLE_LEVELS
     indices = np.empty(distance.shape, dtype=np.uint8)
     indices[:] = _OBSTACLE_LEVELS + _level(distance, far, _FREE_LEVELS)
     inside = _OBSTACLE_LEVELS - 1 - _level(-distance, deep, _OBSTACLE_LEVELS)
     np.copyto(indices, inside, where=obstacles, casting="unsafe")
-    indices[unknown] += levels
+    indices[unknown] += _FIELD_LEVELS
     pixels = raster.enlarged(indices)
-    line_index = 2 * levels
-    pixels = pixels.copy() if pixels is indices else pixels
-    pixels[inner_outline(raster.enlarged(obstacles))] = line_index
+    line = 2 * _FIELD_LEVELS
+    pixels[inner_outline(raster.enlarged(obstacles))] = line
 
     known_side = np.vstack([
         colours.obstacle_side(_OBSTACLE_LEVELS)[::-1], colours.free_side(_FREE_LEVELS)
     ])  # fmt: skip
-    palette = np.vstack(
-        [known_side, colours.mixed(known_side, colours.RVIZ_UNKNOWN, 0.6), [colours.LINE]]
-    )
-    swatches = [Swatch(line_index, "obstacle edge")]
-    if unknown.any():
-        swatches.append(Swatch(_OBSTACLE_LEVELS + levels, "unknown"))
+    faded = colours.mixed(known_side, colours.RVIZ_UNKNOWN, 0.6)
+    swatches = swatches_in(pixels, [Swatch(line, "obstacle edge")])
+    bar = None
+    if np.isfinite(field.distance).any():
+        bar = _field_bar(field, far, deep)
+    else:
+        everywhere = "+inf: no obstacle" if field.distance.flat[0] > 0 else "-inf: nothing free"
+        swatches.append(Swatch(int(indices.flat[0]), everywhere))
+    if unknown.any() and bar is not None:
+        middle = _FIELD_LEVELS + (0 if obstacles[unknown].all() else _OBSTACLE_LEVELS)
+        swatches.append(Swatch(middle + _OBSTACLE_LEVELS // 2, "unknown: faded"))
     strength = "" if field.strength == 1.0 else f", strength {field.strength:g}"
     return sheet(
         pixels,
-        palette.astype(np.uint8),
+        np.vstack([known_side, faded, [colours.LINE]]).astype(np.uint8),
         title=title,
-        subtitle=f"{size_text(field.shape, field.resolution)}; {field.convention}{strength}",
+        subtitle=f"{frame_text(field.frame)}; convention {field.convention}{strength}",
         metres_per_pixel=raster.metres_per_pixel(field.resolution),
-        bar=_field_bar(field, far, deep),
+        bar=bar,
         swatches=swatches,
     )
 
@@ -130,57 +143,63 @@ def cost_image(
     if on_byte_scale:
         swatches.append(Swatch(inscribed, f"inscribed {INSCRIBED_INFLATED_OBSTACLE}"))
     swatches += [Swatch(free, "free 0"), Swatch(unknown, "unknown")]
-    if costmap.circumscribed_cost:
+    # Between the radii of a round robot there is nothing to bound: its cost is inscribed.
+    if costmap.circumscribed_cost and costmap.circumscribed_cost < INSCRIBED_INFLATED_OBSTACLE:
         above = raster.enlarged(values >= costmap.circumscribed_cost)
-        pixels = pixels.copy()
-        pixels[inner_outline(above)] = contour
+        line = inner_outline(above)
+        line |= inner_outline(above & ~line)
+        pixels[line] = contour
         label = f"circumscribed {costmap.circumscribed_cost}"
         swatches.append(Swatch(contour, label))
-    ticks = [(value / top, str(value)) for value in _round_values(top)]
+    ticks = [(value / top, f"{value:g}") for value in (1, *_round_values(top, 5), top)]
     return sheet(
         pixels,
         palette.astype(np.uint8),
         title=title,
-        subtitle=size_text(costmap.shape, costmap.resolution),
+        subtitle=frame_text(costmap.frame),
         metres_per_pixel=raster.metres_per_pixel(costmap.resolution),
         bar=ColourBar(range(_COST_LEVELS), ticks, "cost"),
-        swatches=swatches,
+        swatches=swatches_in(pixels, swatches),
     )
-
-
-def _round_values(top: int) -> list[int]:
-    step = 50 if top > OCCUPIED else 20
-    return [1, *range(step, top - step // 2, step), top]
 
 
 def _level(distance: NDArray[np.float32], end: float, levels: int) -> NDArray[np.uint8]:
     """Return the level 0 .. levels - 1 of distances 0 .. `end`; others take the nearest."""
-    share = np.clip(distance * np.float32(1 / end), 0, 1)
+    share = np.clip(distance * np.float32(1 / max(end, 1e-9)), 0, 1)
     level: NDArray[np.uint8] = np.minimum(share * np.float32(levels), levels - 1).astype(np.uint8)
     return level
 
 
 def _range_of(field: DistanceField) -> tuple[float, float]:
-    """Return the largest distance in known free space and the largest depth, finite, above 0."""
+    """Return the largest distance and the largest depth of known cells, finite; 0 for none."""
     known = field.occupancy != UNKNOWN
     shown = field.distance[known] if known.any() else field.distance
     finite = shown[np.isfinite(shown)]
-    far = float(finite.max(initial=0.0))
-    deep = -float(finite.min(initial=0.0))
-    return max(far, field.resolution), max(deep, field.resolution)
+    return float(finite.max(initial=0.0)), -float(finite.min(initial=0.0))
 
 
 def _field_bar(field: DistanceField, far: float, deep: float) -> ColourBar:
-    middle = 0.3
+    """Return the scale of a field: red below zero, blue above, each linear in itself."""
+    middle = 0.0 if deep == 0 else 1.0 if far == 0 else 0.3
     steps = 200
     positions = np.linspace(0, 1, steps)
-    below = _OBSTACLE_LEVELS * positions / middle
-    above = _OBSTACLE_LEVELS + _FREE_LEVELS * (positions - middle) / (1 - middle)
-    last = _OBSTACLE_LEVELS + _FREE_LEVELS - 1
+    last = _FIELD_LEVELS - 1
+    below = _OBSTACLE_LEVELS * positions / max(middle, 1e-9)
+    above = _OBSTACLE_LEVELS + _FREE_LEVELS * (positions - middle) / max(1 - middle, 1e-9)
     indices = np.where(positions < middle, below, np.minimum(above, last)).astype(int)
-    if not np.isfinite(field.distance).any():
-        sign = "+inf" if field.distance.flat[0] > 0 else "-inf"
-        return ColourBar(indices.tolist(), [(middle, sign)], "distance, m")
-    ticks = [(0.0, f"-{deep:.3g}"), (middle / 2, f"-{deep / 2:.3g}"), (middle, "0")]
-    ticks += [(middle + (1 - middle) * k / 4, f"{far * k / 4:.3g}") for k in (1, 2, 3, 4)]
+    ticks = [(middle, "0")]
+    if deep > 0:
+        sign = "<-" if field.distance.min() < -deep else "-"
+        ticks += [(middle * (1 - v / deep), f"-{v:g}") for v in _round_values(deep, 2)]
+        ticks.append((0.0, f"{sign}{deep:.3g}"))
+    if far > 0:
+        sign = ">" if field.distance.max() > far else ""
+        ticks += [(middle + (1 - middle) * v / far, f"{v:g}") for v in _round_values(far, 5)]
+        ticks.append((1.0, f"{sign}{far:.3g}"))
     return ColourBar(indices.tolist(), ticks, "distance, m")
+
+
+def _round_values(end: float, about: int) -> list[float]:
+    """Return round numbers between 0 and `end`, both excluded, none close to the end."""
+    step = round_length(end / about * 1.5)
+    return [step * k for k in range(1, math.ceil(end / step)) if end - step * k > 0.35 * step]

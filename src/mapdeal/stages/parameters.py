@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 from typing import get_type_hints as hints_of
 
+import numpy as np
+
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 
@@ -118,6 +120,9 @@ def stage(function: Callable[P, R]) -> Callable[P, R]:
             name: known[name].accept(value) if name in known else value
             for name, value in kwargs.items()
         }
+        if args and isinstance(args[0], np.ndarray):
+            rule = "takes a grid: OccupancyGrid(array, resolution, origin)"
+            raise ParameterError(rule, source=function.__name__)
         return function(*args, **accepted)
 
     return checked
