@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -170,15 +171,16 @@ def _stepped(start: float, steps: int, step: float) -> float:
     return float(Decimal(repr(start)) + steps * Decimal(repr(step)))
 
 
-class Framed:
+class Framed(ABC):
     """What every grid type shares: a resolution, an origin, and a frame made of both."""
 
     resolution: float
     origin: Origin
 
     @property
+    @abstractmethod
     def _layer(self) -> NDArray[Any]:
-        raise NotImplementedError
+        """The layer that all others have the shape of."""
 
     @property
     def shape(self) -> tuple[int, int]:
