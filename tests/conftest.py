@@ -28,7 +28,7 @@ def command(capsys):
     """Run the command line in this process; return exit code, stdout and stderr."""
 
     def run(*words):
-        with warnings.catch_warnings():
+        with warnings.catch_warnings():  # a command sets how warnings are shown
             code = main([str(word) for word in words])
         captured = capsys.readouterr()
         return code, captured.out, captured.err

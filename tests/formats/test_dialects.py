@@ -185,7 +185,10 @@ def test_a_transparent_grey_level(tmp_path):
     image = Image.fromarray(np.array([[254, 0, 100]], dtype=np.uint8))
     image.save(tmp_path / "key.png", transparency=254)
     path = _write_yaml(tmp_path / "map.yaml", "key.png")
-    assert read_map(path).occupancy.tolist() == [[-1, 100, 100 if 155 / 255 > 0.65 else -1]]
+    # 254 is the transparent one, and 100 has a darkness of 0.61, between the thresholds.
+    assert read_map(path).occupancy.tolist() == [[-1, 100, -1]]
+    # ROS 1 averages grey and opacity: (254 + 0) / 2, (0 + 255) / 2, (100 + 255) / 2.
+    assert read_map(path, dialect="ros1").occupancy.tolist() == [[-1, -1, -1]]
 
 
 def test_tiff_reads_like_png(tmp_path):

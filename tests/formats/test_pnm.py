@@ -31,13 +31,6 @@ def test_headers_with_comments_and_white_space_of_all_kinds(header):
     assert np.array_equal(decode(header + BODY).samples, PIXELS)
 
 
-def test_the_resolution_in_a_comment_is_kept():
-    assert (
-        decode(b"P5\n# Cartographer map; 0.05 m/pixel\n3 2\n255\n" + BODY).resolution_comment
-        == 0.05
-    )
-
-
 def test_plain_pictures_with_comments_between_pixels():
     text = b"P2 3 2 255\n0 10\n# a comment 7 7\n255 13 205 254"
     assert np.array_equal(decode(text).samples, PIXELS)

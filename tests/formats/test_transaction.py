@@ -104,3 +104,22 @@ def test_files_of_a_killed_run_are_removed_and_those_of_a_live_one_kept(tmp_path
         live.wait()
         killed.stdout.close()
         live.stdout.close()
+
+
+def test_a_temporary_file_that_another_run_has_removed_is_made_again(tmp_path, monkeypatch):
+    import mapdeal.formats.transaction as module
+
+    lock, removed = module.fcntl.flock, []
+
+    def lose_the_first(descriptor, operation):
+        if not removed:
+            removed.extend(tmp_path.glob(".mapdeal-*"))
+            removed[0].unlink()
+        lock(descriptor, operation)
+
+    monkeypatch.setattr(module.fcntl, "flock", lose_the_first)
+    with Transaction([tmp_path / "a.txt"]) as transaction:
+        transaction.write(tmp_path / "a.txt", _writer("kept"))
+    assert len(removed) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    assert (tmp_path / "a.txt").read_text() == "kept"

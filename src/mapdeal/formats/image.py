@@ -195,9 +195,7 @@ def _picture_of(image: Any, data: bytes, path: Path, facts: PngFacts | None) -> 
 
 def _palette(image: Any, facts: PngFacts | None) -> NDArray[np.uint8]:
     """Return red, green, blue, opacity of all 256 indices; those not defined are black."""
-    colours = np.frombuffer(bytes(image.palette.convert("RGB").palette
-                                  if image.palette.mode != "RGB" else image.palette.palette),
-                            dtype=np.uint8).reshape(-1, 3)  # fmt: skip
+    colours = np.array(image.getpalette("RGB"), dtype=np.uint8).reshape(-1, 3)
     table = np.zeros((256, 4), dtype=np.uint8)
     table[:, 3] = 255
     table[: len(colours), :3] = colours

@@ -36,8 +36,6 @@ class Picture:
         Whether the opacity is a channel of its own or comes from one transparent colour.
     palette : numpy.ndarray of uint8, shape (N, 4), optional
         Red, green, blue, opacity of each index.
-    resolution_comment : float, optional
-        Metres per pixel, where a comment in the file's header tells them.
     """
 
     file_format: Literal["PNM", "PNG", "BMP", "TIFF", "JPEG"]
@@ -47,7 +45,6 @@ class Picture:
     alpha: Samples | None = None
     alpha_from: Literal["channel", "key"] = "channel"
     palette: NDArray[np.uint8] | None = None
-    resolution_comment: float | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

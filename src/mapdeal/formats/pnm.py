@@ -23,7 +23,6 @@ from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
 
 _TOKEN = re.compile(rb"(?:[ \t\n\v\f\r]|#[^\n\r]*)*([^ \t\n\v\f\r#]+)")
 _COMMENT = re.compile(rb"#[^\n\r]*")
-_RESOLUTION = re.compile(rb"#[^\n\r]*?([0-9]+\.?[0-9]*)\s*m/pix")
 _LONGEST_HEADER = 1 << 16
 
 
@@ -78,13 +77,11 @@ def decode_pnm(data: bytes, source: Path, *, max_cells: int = LARGEST_CELLS) -> 
     samples = _plain(data, header, source) if header.magic <= 3 else _binary(data, header, source)
     if header.magic in (1, 4):
         samples = np.where(samples, 0, 255).astype(np.uint8)
-    match = _RESOLUTION.search(header.raw)
     return Picture(
         "PNM",
         "rgb" if header.channels == 3 else "grey",
         samples,
         maxval=255 if header.magic in (1, 4) else header.maxval,
-        resolution_comment=float(match[1]) if match else None,
     )
 
 

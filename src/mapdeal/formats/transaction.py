@@ -170,17 +170,8 @@ class _Temporary:
 
     def __init__(self, destination: Path) -> None:
         self.destination = destination
-        self.path = destination.parent / f"{_PREFIX}{os.urandom(6).hex()}{_SUFFIX}"
-        try:
-            descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-        except OSError as error:
-            rule = f"cannot be written: {error.strerror}"
-            raise FileAccessError(rule, source=destination) from None
-        self._file: io.BufferedRandom | None = os.fdopen(descriptor, "w+b")
-        if fcntl is not None:
-            # Some network file systems have no locks; then stale files stay, no more.
-            with contextlib.suppress(OSError):
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._file: io.BufferedRandom | None
+        self.path, self._file = _locked_new_file(destination)
         with contextlib.suppress(FileNotFoundError):  # a replaced file keeps its permissions
             self.path.chmod(stat.S_IMODE(destination.stat().st_mode))
 
@@ -213,6 +204,28 @@ class _Temporary:
             with contextlib.suppress(OSError):  # a full disk says so once more
                 self._file.close()
             self._file = None
+
+
+def _locked_new_file(destination: Path) -> tuple[Path, io.BufferedRandom]:
+    """Return a new temporary file beside `destination`, open and locked.
+
+    Between its making and its locking another run may take it for one of a dead process and
+    remove it; then there is no file of that name any more, and another is made.
+    """
+    while True:
+        path = destination.parent / f"{_PREFIX}{os.urandom(6).hex()}{_SUFFIX}"
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        except OSError as error:
+            rule = f"cannot be written: {error.strerror}"
+            raise FileAccessError(rule, source=destination) from None
+        if fcntl is not None:
+            # Some network file systems have no locks; then stale files stay, no more.
+            with contextlib.suppress(OSError):
+                fcntl.flock(descriptor, fcntl.LOCK_EX)
+        if path.exists():
+            return path, os.fdopen(descriptor, "w+b")
+        os.close(descriptor)
 
 
 def _result(future: Future[str], path: Path) -> str:
