@@ -136,6 +136,29 @@ def test_a_zip_bomb_is_refused_before_memory_is_taken(folder, refused, name, dty
         tracemalloc.stop()
 
 
+@pytest.mark.parametrize(
+    "body",
+    [
+        pytest.param(bytes(7), id="S16-a-byte-too-many"),
+        pytest.param(bytes(5), id="S16-a-byte-too-few"),
+    ],
+)
+def test_a_layer_that_does_not_fill_its_entry_is_refused(folder, refused, body):
+    write_npz(folder / "n.npz", {**MAP, "occupancy": layer_header((2, 3)) + body})
+    refused(["info", "n.npz"], 3, "n.npz", "occupancy")
+
+
+def test_a_header_that_claims_more_than_the_entry_has_takes_no_memory_s16(folder, refused):
+    claim = layer_header((30_000, 30_000)) + bytes(6)
+    write_npz(folder / "n.npz", {**MAP, "occupancy": claim})
+    tracemalloc.start()
+    try:
+        refused(["info", "n.npz"], 3, "n.npz", "occupancy")
+        assert tracemalloc.get_traced_memory()[1] < 16_000_000
+    finally:
+        tracemalloc.stop()
+
+
 def test_a_file_that_is_no_zip_is_refused_s16(folder, refused):
     for contents in (b"", b"\x93NUMPY\x01\x00", b"PK\x03\x04" + b"\0" * 60, PGM):
         (folder / "n.npz").write_bytes(contents)

@@ -60,6 +60,21 @@ def test_the_unit_test_of_nav2_with_an_unknown_map():
     assert unknown == {(0, 0), (0, 8), (8, 0), (8, 8)}
 
 
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        # Inscribed cells at 0.2 m and less; trunc(252 exp(-10 * 0.1)) is 92 at 0.3 m.
+        ({}, [254, 253, 253, 255, 34, 255]),
+        ({"inflate_unknown": True}, [254, 253, 253, 92, 34, 12]),
+        ({"inflate_around_unknown": True}, [254, 254, 254, 254, 253, 254]),
+    ],
+)
+def test_unknown_cells_take_inscribed_costs_always_and_others_if_told(options, expected):
+    grid = grid_from_text("#???.?", resolution=0.1)
+    cost = exponential_cost(grid, inscribed_radius=0.2, inflation_radius=0.5, **options).cost
+    assert cost.tolist() == [expected]
+
+
 def test_the_map_of_costmap_2d_s_own_tests(real_maps):
     grid = read_map(real_maps / "ros-planning__navigation/costmap_2d/test/TenByTen.yaml")
     radii = {"inscribed_radius": 1.0, "inflation_radius": 1.0}
@@ -141,7 +156,7 @@ def test_a_field_clipped_below_the_reach_is_refused():
 
 
 @pytest.mark.parametrize("convention", ["seed", "border"])
-@pytest.mark.parametrize("max_distance", [0.6, 0.7])
+@pytest.mark.parametrize("max_distance", [0.6, 0.601, 0.7])
 def test_a_field_clipped_at_the_reach_or_beyond_gives_the_same_costs(convention, max_distance):
     grid = grid_from_text("#.........", resolution=0.1)
     parameters = {"inflation_radius": 0.6, "cost_scaling_factor": 1.0}
