@@ -1,10 +1,47 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 
 import oracles
-from mapdeal.kernels.distance import signed_squared_distance, squared_distance, unreachable
+from mapdeal.errors import ParameterError
+from mapdeal.kernels import engine, scipy_distance
+from mapdeal.kernels.distance import (
+    bytes_by_distance,
+    signed_distance,
+    signed_squared_distance,
+    squared_distance,
+    within_distance,
+)
+from mapdeal.kernels.squares import unreachable
+from mapdeal.kernels.threads import use_threads
 from strategies import masks
+
+needs_compiled = pytest.mark.skipif(
+    engine.compiled_module() is None, reason="the compiled kernels were not built"
+)
+ENGINES = [pytest.param("compiled", marks=needs_compiled), "scipy"]
+
+
+@pytest.fixture(params=ENGINES, scope="module", autouse=True)
+def engine_in_use(request):
+    """Run every test of this module on each engine."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(engine.VARIABLE, request.param)
+        yield request.param
+
+
+def maps(side, density, seed=0):
+    """Random cells, with a part of each map left empty so that long distances occur."""
+    marked = np.random.default_rng(seed).random((side, side + side // 7)) < density
+    marked[: side // 3, side // 4 :] = False
+    return marked
+
+
+def bits(array):
+    return array.shape, array.dtype, array.tobytes()
 
 
 @given(masks())
@@ -18,7 +55,7 @@ def test_squared_distance_equals_brute_force(marked):
 
 
 @given(masks())
-def test_signed_distance_is_positive_outside_and_negative_inside(occupied):
+def test_signed_squares_are_positive_outside_and_negative_inside(occupied):
     signed = signed_squared_distance(occupied)
     outside, inside = oracles.squared_distance(occupied), oracles.squared_distance(~occupied)
     far = unreachable(signed)
@@ -28,23 +65,192 @@ def test_signed_distance_is_positive_outside_and_negative_inside(occupied):
         assert signed[index] == (-expected if occupied[index] else expected)
 
 
+@given(masks(), st.integers(0, 300))
+def test_a_limit_makes_what_lies_beyond_unreachable(marked, limit):
+    endless = np.iinfo(np.int32).max
+    for cut_off, whole in [
+        (squared_distance(marked, limit=limit), squared_distance(marked)),
+        (signed_squared_distance(marked, limit=limit), signed_squared_distance(marked)),
+    ]:
+        far = np.abs(whole) > limit
+        assert np.array_equal(cut_off, np.where(far, np.sign(whole) * endless, whole))
+
+
+@pytest.mark.parametrize("limit", [0, 1, 5, 36, 9215, 9216, 9217, 30_975, 30_976, 30_977, 60_000])
+@pytest.mark.parametrize("density", [0.5, 3e-4])
+def test_limits_hold_at_every_distance(limit, density):
+    marked = maps(370, density)
+    whole = oracles.squared_distance_by_columns(marked)
+    expected = np.where(whole > limit, np.iinfo(np.int32).max, whole)
+    assert np.array_equal(squared_distance(marked, limit=limit), expected)
+
+
+@given(masks(), st.integers(1, 200), st.randoms(use_true_random=False))
+def test_bytes_are_those_of_the_squares(marked, entries, random):
+    table = np.array([random.randrange(256) for _ in range(entries + 1)], dtype=np.uint8)
+    squares = squared_distance(marked)
+    assert np.array_equal(bytes_by_distance(marked, table), table[np.minimum(squares, entries)])
+
+
+@given(masks(), st.integers(0, 30) | st.just(1 << 21))
+def test_within_a_distance_is_a_threshold_on_squares(marked, square):
+    expected = np.array(
+        [s is not None and s <= square for s in oracles.squared_distance(marked).flat]
+    )
+    assert np.array_equal(within_distance(marked, square).ravel(), expected)
+
+
+@given(masks())
+def test_signed_distances_round_the_exact_root_once(occupied):
+    distance = signed_distance(occupied, scale=0.25, inside_shift=0.25)
+    for index, square in np.ndenumerate(signed_squared_distance(occupied)):
+        if abs(square) == np.iinfo(np.int32).max:
+            expected = math.inf if square > 0 else -math.inf
+        else:
+            metres = math.sqrt(abs(int(square))) * 0.25  # a power of two: one rounding
+            expected = np.float32(metres if square > 0 else 0.25 - metres)
+        assert distance[index] == expected
+
+
+@pytest.mark.parametrize("clip", [math.inf, 2.0, 4.79, 4.81, 30.0])
+def test_shifts_clip_and_gain_act_in_this_order(clip):
+    occupied = maps(250, 4e-4)
+    squares = signed_squared_distance(occupied)
+    distance = signed_distance(
+        occupied, scale=0.05, outside_shift=-0.025, inside_shift=0.025, clip=clip, gain=3.0
+    )
+    metres = np.sqrt(np.abs(squares).astype(np.float64)) * 0.05
+    free = 3.0 * np.clip(metres - 0.025, -clip, clip)
+    inside = np.clip(0.025 - metres, -clip, clip)
+    assert np.array_equal(distance, np.where(squares > 0, free, inside).astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("side", "density"),
+    [(700, 0.0), (700, 2e-6), (650, 1e-4), (640, 0.01), (333, 0.5), (333, 0.99), (700, 0.99999)],
+)
+def test_long_distances_equal_an_independent_transform(side, density):
+    marked = maps(side, density, seed=side)
+    marked[-1, -1] = True
+    assert np.array_equal(squared_distance(marked), oracles.squared_distance_by_columns(marked))
+
+
+@pytest.mark.parametrize("width", [31, 32, 33, 63, 64, 65, 95, 97, 127, 129, 193])
+def test_rows_that_end_within_a_block(width):
+    marked = np.zeros((5, width), dtype=bool)
+    marked[3, width - 1] = True
+    expected = oracles.squared_distance_by_columns(marked)
+    assert np.array_equal(squared_distance(marked), expected)
+    inside = signed_squared_distance(~marked)
+    assert np.array_equal(-inside[~marked], expected[~marked])
+
+
 def test_a_grid_without_marked_cell_is_nowhere_near_one():
     squared = squared_distance(np.zeros((3, 5), dtype=bool))
     assert (squared == np.iinfo(squared.dtype).max).all()
+    assert (signed_distance(np.zeros((3, 5), dtype=bool)) == math.inf).all()
+    assert (signed_distance(np.ones((3, 5), dtype=bool)) == -math.inf).all()
 
 
-@pytest.mark.parametrize("shape", [(1, 46_400), (46_400, 1)])
+@pytest.mark.parametrize("shape", [(1, 46_400), (46_400, 1), (2, 32_767), (32_768, 2)])
 def test_squares_beyond_32_bits_do_not_overflow(shape):
     marked = np.zeros(shape, dtype=bool)
-    marked.flat[0] = True
+    marked[0, 0] = True
     squared = squared_distance(marked)
-    assert squared.flat[-1] == 46_399**2
+    assert squared[-1, -1] == (shape[0] - 1) ** 2 + (shape[1] - 1) ** 2
+    assert squared.dtype == (np.int32 if max(shape) <= 32_767 else np.int64)
+    assert signed_distance(marked)[-1, -1] == np.float32(math.hypot(shape[0] - 1, shape[1] - 1))
 
 
-def test_the_input_is_not_touched():
-    marked = np.array([[True, False], [False, False]])
+@pytest.mark.parametrize("shape", [(1, 1_600_000), (1_600_000, 1)])
+def test_sides_of_millions_of_cells(shape):
+    marked = np.zeros(shape, dtype=bool)
+    marked[0, 0] = True
+    assert squared_distance(marked)[-1, -1] == 1_599_999**2
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_the_number_of_threads_makes_no_difference(threads):
+    marked = maps(600, 1e-3)
+    with use_threads(threads):
+        squares = signed_squared_distance(marked)
+    assert np.array_equal(squared_distance(marked), np.maximum(squares, 0))
+
+
+def test_the_input_is_not_touched_and_may_be_any_view():
+    marked = np.array([[True, False, False], [False, False, True], [False, True, False]])[::-1, ::2]
     before = marked.copy()
     marked.flags.writeable = False
     squared_distance(marked)
-    signed_squared_distance(marked)
+    signed_distance(marked)
+    bytes_by_distance(marked, np.zeros(5, dtype=np.uint8))
+    assert np.array_equal(signed_squared_distance(marked), signed_squared_distance(before))
     assert np.array_equal(marked, before)
+
+
+@needs_compiled
+class TestTwins:
+    """The compiled kernels give the bytes of scipy's."""
+
+    @staticmethod
+    def check(marked, scale, limit, table):
+        from mapdeal.kernels import compiled_distance
+
+        metric = {
+            "scale": scale,
+            "outside_shift": -0.5 * scale,
+            "inside_shift": scale,
+            "clip": scale * 7.3,
+            "gain": 1.7,
+        }
+        for name, arguments in [
+            ("squares", {"both_kinds": True, "limit": None}),
+            ("squares", {"both_kinds": False, "limit": None}),
+            ("squares", {"both_kinds": True, "limit": limit}),
+            ("metres", metric),
+            ("metres", metric | {"clip": math.inf, "gain": 1.0}),
+            ("bytes_of_squares", {"table": table}),
+        ]:
+            ours = getattr(compiled_distance, name)(marked, **arguments)
+            twin = getattr(scipy_distance, name)(marked, **arguments)
+            assert bits(ours) == bits(twin), name
+
+    @given(
+        st.integers(1, 64),
+        st.integers(1, 64),
+        st.floats(0, 1),
+        st.integers(0, 2**32),
+        st.floats(1e-3, 10),
+        st.integers(0, 5000),
+    )
+    def test_on_random_cells(self, height, width, density, seed, scale, limit):
+        rng = np.random.default_rng(seed)
+        marked = rng.random((height, width)) < density
+        table = rng.integers(0, 256, 2 + limit // 7, dtype=np.uint8)
+        self.check(marked, scale, limit, table)
+
+    @pytest.mark.parametrize("density", [0.0, 1e-6, 1e-4, 0.1, 0.9, 0.9999])
+    def test_on_2000_x_2000_cells(self, density):
+        rng = np.random.default_rng(7)
+        marked = rng.random((2000, 2000)) < density
+        marked[:500, 200:1300] = density > 0.5
+        self.check(marked, 0.05, 40_000, rng.integers(0, 256, 40_002, dtype=np.uint8))
+
+
+def test_the_environment_chooses_the_engine(monkeypatch, engine_in_use):
+    assert engine.engine_name() == engine_in_use
+    monkeypatch.setenv(engine.VARIABLE, "opencv")
+    with pytest.raises(ParameterError, match="must be compiled or scipy"):
+        engine.engine_name()
+    monkeypatch.setenv(engine.VARIABLE, "")
+    usual = "scipy" if engine.compiled_module() is None else "compiled"
+    assert engine.engine_name() == usual
+
+
+def test_asking_for_an_engine_that_was_not_built_is_an_error(monkeypatch):
+    monkeypatch.setattr(engine, "compiled_module", lambda: None)
+    monkeypatch.setenv(engine.VARIABLE, "compiled")
+    with pytest.raises(ParameterError, match="not part of this installation"):
+        engine.engine_name()
+    monkeypatch.delenv(engine.VARIABLE)
+    assert engine.engine_name() == "scipy"

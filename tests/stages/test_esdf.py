@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 import oracles
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, ParameterError, esdf, field_view
+from mapdeal.stages.field_values import squares_in
 from strategies import RESOLUTIONS, occupancies
 
 CONVENTIONS = st.sampled_from(["seed", "center", "border"])
@@ -54,7 +55,7 @@ def test_squared_cells_come_back_exactly_from_metres(occupancy, resolution, conv
     grid = OccupancyGrid(occupancy, resolution)
     field = esdf(grid, convention=convention, strength=strength)
     expected = oracles.squared_distance(occupancy >= 100)
-    squared = field.squared_cells_to_obstacle()
+    squared = squares_in(field, field.obstacles())
     for index in np.ndindex(occupancy.shape):
         assert squared[index] == (math.inf if expected[index] is None else expected[index])
 
@@ -63,7 +64,8 @@ def test_squared_cells_come_back_exactly_over_a_thousand_cells():
     occupancy = np.zeros((3, 1001), np.int8)
     occupancy[0, 0] = 100
     for resolution in (0.05, 0.0504, 0.1):
-        squared = esdf(OccupancyGrid(occupancy, resolution)).squared_cells_to_obstacle()
+        field = esdf(OccupancyGrid(occupancy, resolution))
+        squared = squares_in(field, field.obstacles())
         rows, cols = np.indices(occupancy.shape)
         assert np.array_equal(squared, rows**2 + cols**2)
 

@@ -72,7 +72,7 @@ def read_pair(
         text = f"{image_path}: ROS 1 reads indices of the palette, not colours"
         warnings.warn(text, MapdealWarning, stacklevel=2)
     # Image rows run from the north, grid rows from the south.
-    occupancy = np.ascontiguousarray(DIALECTS[dialect](picture, metadata)[::-1])
+    occupancy = np.ascontiguousarray(DIALECTS[dialect](picture.from_the_south(), metadata))
     if metadata.mode == "raw":
         _warn_of_lost_values(picture, image_path)
     grid = OccupancyGrid(occupancy, metadata.resolution, metadata.origin)

@@ -19,6 +19,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
+from mapdeal.kernels.lookup import look_up
 
 Encoding = Literal["occupancy", "costmap2d"]
 
@@ -133,8 +134,8 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
     if mode == "raw":
         return _pixel_writer(image, _raw_pixels(values), grid)
     if mode == "trinary":
-        return _pixel_writer(image, _by_value(_trinary_table(), values), grid)
-    scaled = _by_value(_scale_table(), values)
+        return _pixel_writer(image, look_up(values, _trinary_table()), grid)
+    scaled = look_up(values, _scale_table())
     unknown = values == UNKNOWN
     if not unknown.any():
         return _pixel_writer(image, scaled, grid)
@@ -152,10 +153,6 @@ def _pixel_writer(image: Path, pixels: NDArray[np.uint8], grid: Framed) -> Write
     if image.suffix == ".png":
         return lambda file: write_grey_png(file, np.ascontiguousarray(pixels[::-1]))
     return lambda file: write_pgm(file, pixels[::-1], comment=comment)
-
-
-def _by_value(table: NDArray[np.uint8], values: NDArray[np.int8]) -> NDArray[np.uint8]:
-    return table[values.view(np.uint8)]
 
 
 def _raw_pixels(values: NDArray[np.int8]) -> NDArray[np.uint8]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
+from mapdeal.kernels.lookup import look_up
 
 Samples = NDArray[np.unsignedinteger[Any]]
 
@@ -46,11 +47,25 @@ class Picture:
     alpha_from: Literal["channel", "key"] = "channel"
     palette: NDArray[np.uint8] | None = None
 
+    def from_the_south(self) -> Picture:
+        """Return the picture with row 0 in the south, as grids have it."""
+        alpha = None if self.alpha is None else self.alpha[::-1]
+        return replace(self, samples=self.samples[::-1], alpha=alpha)
+
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         height, width = self.samples.shape[:2]
         return height, width
+
+
+def by_sample(table: NDArray[Any], samples: Samples) -> NDArray[Any]:
+    """Return the table's entry for each sample; samples of 8 bits go the fast way."""
+    if samples.dtype == np.uint8 and table.dtype.itemsize == 1 and samples.ndim == 2:
+        whole = np.zeros(256, dtype=table.dtype)
+        whole[: len(table)] = table
+        return look_up(samples, whole)
+    return table[samples]
 
 
 def check_size(source: object, width: int, height: int, limit: int) -> None:

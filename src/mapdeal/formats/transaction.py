@@ -9,6 +9,7 @@ import os
 import stat
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
@@ -101,7 +102,9 @@ class Transaction:
         if path not in self._outputs:
             raise ParameterError("was not announced as an output", source=path)
         temporary = _Temporary(path)
-        self._pending.append((path, temporary, self._pool.submit(temporary.fill, writer)))
+        self._pending.append(
+            (path, temporary, self._pool.submit(copy_context().run, temporary.fill, writer))
+        )
 
     def checksums(self) -> dict[Path, str]:
         """Return the sha256 of each file so far, waiting for those that are being written."""

@@ -88,34 +88,6 @@ class DistanceField(Framed):
             occupied |= self.occupancy == UNKNOWN
         return occupied
 
-    def squared_cells_to_obstacle(self) -> NDArray[np.float64]:
-        """Return the squared distance to the nearest obstacle centre, in cells.
-
-        Returns
-        -------
-        numpy.ndarray of float64, shape (H, W)
-            Whole numbers: 0 on obstacles; +inf where there is no obstacle, and where
-            `max_distance` has hidden the distance.
-
-        Notes
-        -----
-        Undoes convention and strength, then rounds: distances between cell centres are square
-        roots of whole numbers of cells, so float32 metres give the exact integer back as long
-        as neighbouring squares are told apart, up to about 1000 cells. Beyond, the result is
-        within one part in 10^6.
-        """
-        metres = self.distance.astype(np.float64) / self.strength
-        clipped = None
-        if self.max_distance is not None:
-            clipped = metres >= self.max_distance * (1 - 1e-6)
-        if self.convention == "border":
-            metres += 0.5 * self.resolution
-        squared = np.rint((metres / self.resolution) ** 2)
-        if clipped is not None:
-            squared[clipped] = np.inf
-        squared[self.obstacles()] = 0.0
-        return squared
-
     def depth_in_obstacle(self) -> NDArray[np.float64]:
         """Return how deep cells lie in obstacles, shape (H, W).
 

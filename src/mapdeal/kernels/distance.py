@@ -1,33 +1,41 @@
-"""Exact squared Euclidean distances between cell centres, as integers."""
+"""Exact Euclidean distances between cell centres.
+
+Squares of distances are whole numbers of cells, and are kept so until the last step. The engine
+(see `mapdeal.kernels.engine`) makes no difference to any result.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
-SquaredDistances = NDArray[np.signedinteger[Any]]
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.squares import SquaredDistances, unreachable
+
+_LARGEST_TABLE = 1 << 20
 
 
-def unreachable(squared: SquaredDistances) -> int:
-    """Return the value that stands for "no such cell" in an array of squared distances."""
-    return int(np.iinfo(squared.dtype).max)
-
-
-def squared_distance(marked: NDArray[np.bool_]) -> SquaredDistances:
+def squared_distance(
+    marked: NDArray[np.bool_], *, limit: int | None = None
+) -> SquaredDistances:  # fmt: skip
     """Return each cell's squared distance to the nearest marked cell.
 
     Parameters
     ----------
     marked : numpy.ndarray of bool, shape (H, W)
         The cells to measure to.
+    limit : int, optional
+        The largest square of interest, at least 0; cells beyond count as unreachable, which
+        makes a small limit fast.
 
     Returns
     -------
     numpy.ndarray of int32 or int64, shape (H, W)
-        Squares of cells; 0 on marked cells; `unreachable` everywhere if none is marked.
-        int64 where the diagonal's square does not fit into int32.
+        Squares of cells; 0 on marked cells; `mapdeal.kernels.squares.unreachable` where no
+        marked cell is within the limit. int64 if a side is longer than 32,767 cells.
 
     Examples
     --------
@@ -35,50 +43,144 @@ def squared_distance(marked: NDArray[np.bool_]) -> SquaredDistances:
     array([[0, 1, 4],
            [1, 2, 5]], dtype=int32)
     """
-    from scipy import ndimage
-
-    height, width = marked.shape
-    dtype = _dtype_of_squares(height, width)
-    if not marked.any():  # scipy would measure to a cell that is not there
-        return np.full(marked.shape, np.iinfo(dtype).max, dtype=dtype)
-    # scipy's distances are float64 square roots: the nearest cell's index is exact.
-    nearest = ndimage.distance_transform_edt(~marked, return_distances=False, return_indices=True)
-    rows, cols = nearest.astype(dtype, copy=False)
-    rows -= np.arange(height, dtype=dtype)[:, np.newaxis]
-    cols -= np.arange(width, dtype=dtype)
-    rows *= rows
-    cols *= cols
-    rows += cols
-    squared: SquaredDistances = rows
-    return squared
+    return _engine(marked).squares(marked, both_kinds=False, limit=limit)  # type: ignore[no-any-return]
 
 
-def signed_squared_distance(occupied: NDArray[np.bool_]) -> SquaredDistances:
+def signed_squared_distance(
+    occupied: NDArray[np.bool_], *, limit: int | None = None
+) -> SquaredDistances:  # fmt: skip
     """Return each cell's squared distance to the nearest cell of the other kind.
 
     Parameters
     ----------
     occupied : numpy.ndarray of bool, shape (H, W)
         The obstacle cells.
+    limit : int, optional
+        The largest square of interest, as for `squared_distance`.
 
     Returns
     -------
     numpy.ndarray of int32 or int64, shape (H, W)
         Squares of cells: positive on free cells, negative on occupied ones, never 0; plus or
-        minus `unreachable` everywhere if there is no cell of the other kind.
+        minus `mapdeal.kernels.squares.unreachable` where no cell of the other kind is within
+        the limit.
 
     Examples
     --------
     >>> signed_squared_distance(np.array([[True, True, False, False]]))
     array([[-4, -1,  1,  4]], dtype=int32)
     """
-    squared = squared_distance(occupied)
-    inside = squared_distance(~occupied)
-    np.negative(inside, out=squared, where=occupied)
-    return squared
+    return _engine(occupied).squares(occupied, both_kinds=True, limit=limit)  # type: ignore[no-any-return]
 
 
-def _dtype_of_squares(height: int, width: int) -> type[np.int32] | type[np.int64]:
-    # strictly below: the largest int32 is taken as "unreachable"
-    fits = height * height + width * width < np.iinfo(np.int32).max
-    return np.int32 if fits else np.int64
+def signed_distance(
+    occupied: NDArray[np.bool_],
+    *,
+    scale: float = 1.0,
+    outside_shift: float = 0.0,
+    inside_shift: float = 0.0,
+    clip: float = math.inf,
+    gain: float = 1.0,
+) -> NDArray[np.float32]:
+    """Return each cell's signed distance to the nearest cell of the other kind.
+
+    Parameters
+    ----------
+    occupied : numpy.ndarray of bool, shape (H, W)
+        The obstacle cells.
+    scale : float
+        Length of a cell's side.
+    outside_shift, inside_shift : float
+        Added to the distances of free cells and, after their sign, of occupied cells.
+    clip : float
+        What both signs are then clipped to.
+    gain : float
+        Factor of the distances of free cells, applied last.
+
+    Returns
+    -------
+    numpy.ndarray of float32, shape (H, W)
+        With d the distance in float64, rounded once at the end: gain * (d + outside_shift) on
+        free cells, inside_shift - d on occupied ones; d is infinite if there is no cell of the
+        other kind.
+
+    Examples
+    --------
+    >>> signed_distance(np.array([[True, True, False, False]]), scale=0.5, inside_shift=0.5)
+    array([[-0.5,  0. ,  0.5,  1. ]], dtype=float32)
+    """
+    return _engine(occupied).metres(  # type: ignore[no-any-return]
+        occupied,
+        scale=scale,
+        outside_shift=outside_shift,
+        inside_shift=inside_shift,
+        clip=clip,
+        gain=gain,
+    )
+
+
+def within_distance(marked: NDArray[np.bool_], square: int) -> NDArray[np.bool_]:
+    """Return the mask of cells within a distance of a marked one.
+
+    Parameters
+    ----------
+    marked : numpy.ndarray of bool, shape (H, W)
+        The cells to measure to.
+    square : int
+        The square of the distance, at least 0; it belongs to what is within.
+
+    Returns
+    -------
+    numpy.ndarray of bool, shape (H, W)
+
+    Examples
+    --------
+    >>> within_distance(np.array([[True, False, False], [False, False, False]]), 2).astype(int)
+    array([[1, 1, 0],
+           [1, 1, 0]])
+    """
+    if square > _LARGEST_TABLE:
+        squared = squared_distance(marked, limit=square)
+        return squared != unreachable(squared)  # type: ignore[no-any-return]
+    table = np.ones(square + 2, dtype=np.uint8)
+    table[-1] = 0
+    return bytes_by_distance(marked, table).view(np.bool_)
+
+
+def bytes_by_distance(
+    marked: NDArray[np.bool_], table: NDArray[np.uint8]
+) -> NDArray[np.uint8]:  # fmt: skip
+    """Return for each cell what a table says of its squared distance to the nearest marked cell.
+
+    Parameters
+    ----------
+    marked : numpy.ndarray of bool, shape (H, W)
+        The cells to measure to.
+    table : numpy.ndarray of uint8, shape (N,)
+        The result for the squares 0 .. N - 2, and for all larger ones; at least 2 entries.
+
+    Returns
+    -------
+    numpy.ndarray of uint8, shape (H, W)
+
+    Examples
+    --------
+    >>> by_square = np.array([9, 8, 7, 7, 6, 0], dtype=np.uint8)
+    >>> bytes_by_distance(np.array([[True, False, False, False]]), by_square)
+    array([[9, 8, 6, 0]], dtype=uint8)
+    """
+    if len(table) < 2:
+        raise ValueError("the table needs at least two entries")
+    return _engine(marked).bytes_of_squares(marked, table)  # type: ignore[no-any-return]
+
+
+def _engine(marked: NDArray[np.bool_]) -> ModuleType:
+    """Return the module that serves for a grid: compiled_distance or its twin."""
+    if engine_name() == "compiled":
+        from mapdeal.kernels import compiled_distance
+
+        if max(marked.shape) <= compiled_distance.LONGEST_SIDE:
+            return compiled_distance
+    from mapdeal.kernels import scipy_distance
+
+    return scipy_distance

@@ -1,8 +1,50 @@
-"""Which engine the kernels run on."""
+"""Which engine the kernels run on: compiled code, or numpy and scipy.
+
+Both give the same bytes. The compiled module is built at installation where there is a C
+compiler.
+"""
 
 from __future__ import annotations
 
+import os
+from types import ModuleType
+from typing import Literal
 
-def engine_name() -> str:
-    """Return the engine's name, without importing it."""
+from mapdeal.errors import ParameterError
+
+Engine = Literal["compiled", "scipy"]
+
+VARIABLE = "MAPDEAL_KERNELS"
+"""Name of the environment variable that chooses the engine."""
+
+
+def engine_name() -> Engine:
+    """Return the engine's name, without importing scipy.
+
+    Raises
+    ------
+    ParameterError
+        If the environment variable asks for an engine that there is not.
+    """
+    asked = os.environ.get(VARIABLE) or None
+    if asked not in (None, "compiled", "scipy"):
+        raise ParameterError("must be compiled or scipy", place=VARIABLE, got=asked)
+    if asked == "scipy":
+        return "scipy"
+    if compiled_module() is not None:
+        return "compiled"
+    if asked == "compiled":
+        rule = "the compiled kernels are not part of this installation"
+        hint = "install again where there is a C compiler"
+        raise ParameterError(rule, place=VARIABLE, got=asked, hint=hint)
     return "scipy"
+
+
+def compiled_module() -> ModuleType | None:
+    """Return the compiled module, or None where it was not built or cannot be loaded."""
+    try:
+        from mapdeal.kernels import _compiled  # type: ignore[attr-defined,unused-ignore]
+    except ImportError:
+        return None
+    module: ModuleType = _compiled
+    return module

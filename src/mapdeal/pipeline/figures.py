@@ -18,6 +18,7 @@ from mapdeal.grid.values import (
     OCCUPIED,
     UNKNOWN,
 )
+from mapdeal.kernels.lookup import histogram
 
 Figures = dict[str, Any]
 
@@ -44,9 +45,9 @@ def figures_of(grid: Grid) -> Figures:
 
 def occupancy_counts(grid: OccupancyGrid) -> Figures:
     """Return how many cells are occupied, free, unknown and in between."""
-    counts = np.bincount(grid.occupancy.view(np.uint8).ravel(), minlength=256)
+    counts = histogram(grid.occupancy)
     occupied, free = int(counts[OCCUPIED]), int(counts[FREE])
-    unknown = int(counts[UNKNOWN % 256])
+    unknown = int(counts[UNKNOWN])
     between = grid.occupancy.size - occupied - free - unknown
     return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
 
@@ -85,7 +86,7 @@ def _field_figures(field: DistanceField) -> Figures:
 
 
 def _cost_figures(costmap: Costmap) -> Figures:
-    counts = np.bincount(costmap.cost.view(np.uint8).ravel(), minlength=256)
+    counts = histogram(costmap.cost)
     figures: Figures = {"cost_scale": costmap.scale, "free": int(counts[0])}
     if costmap.scale == "costmap2d":
         figures["lethal"] = int(counts[LETHAL_OBSTACLE])
@@ -94,7 +95,7 @@ def _cost_figures(costmap: Costmap) -> Figures:
         figures["circumscribed_cost"] = costmap.circumscribed_cost
     else:
         figures["lethal"] = int(counts[OCCUPIED])
-        figures["unknown"] = int(counts[UNKNOWN % 256])
+        figures["unknown"] = int(counts[UNKNOWN])
     named = sum(figures.get(name, 0) for name in _COST_SHARES)
     figures["graded"] = costmap.cost.size - named
     return figures

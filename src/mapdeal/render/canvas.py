@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
+from mapdeal.kernels.lookup import histogram
 from mapdeal.render.colours import Colours
 
 MOST_COLOURS = 240
@@ -91,7 +92,7 @@ def sheet(
     pen.text(left, pad + int(1.55 * text_size), subtitle, limit=sheet_width - 2 * pad)
     pen.scale_bar(left, top + height + int(0.9 * text_size), map_width, metres_per_pixel)
     boxes = pen.legend(left + map_width + pad, top, legend_height, bar, swatches)
-    indices = pen.indices()
+    indices = pen.indices_around(left, top, width, height)
 
     indices[top : top + height, left : left + width] = pixels[::-1]
     _frame(indices, top, left, height, width)
@@ -107,7 +108,7 @@ def sheet(
 
 def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[Swatch]:
     """Return the legend entries whose colour a map shows."""
-    shown = np.bincount(pixels.ravel(), minlength=256) > 0
+    shown = histogram(pixels) > 0
     return [swatch for swatch in swatches if shown[swatch.index]]
 
 
@@ -176,9 +177,22 @@ class _Pen:
         self._sheet = PillowImage.new("L", (width, height), _WHITE)
         self._draw = ImageDraw.Draw(self._sheet)
 
-    def indices(self) -> NDArray[np.uint8]:
-        """Return the sheet as palette indices."""
-        return (np.asarray(self._sheet) // (256 // _GREYS) + MOST_COLOURS).astype(np.uint8)
+    def indices_around(self, left: int, top: int, width: int, height: int) -> NDArray[np.uint8]:
+        """Return the sheet as palette indices, all but those of a box, and let it go."""
+        sheet_width, sheet_height = self._sheet.size
+        indices = np.empty((sheet_height, sheet_width), dtype=np.uint8)
+        right, bottom = left + width, top + height
+        for box in (
+            (0, 0, sheet_width, top),
+            (0, top, left, bottom),
+            (right, top, sheet_width, bottom),
+            (0, bottom, sheet_width, sheet_height),
+        ):
+            x, y, end_x, end_y = box
+            greys = np.asarray(self._sheet.crop(box))
+            indices[y:end_y, x:end_x] = greys // (256 // _GREYS) + MOST_COLOURS
+        self._sheet = self._draw = None
+        return indices
 
     def text_width(self, title: str, subtitle: str) -> int:
         """Return the pixels that the two lines above the map take."""

@@ -17,6 +17,8 @@ from mapdeal.grid.values import (
     OCCUPIED,
     UNKNOWN,
 )
+from mapdeal.kernels.lookup import histogram, look_up
+from mapdeal.kernels.threads import for_rows
 from mapdeal.render import colours
 from mapdeal.render.canvas import (
     ColourBar,
@@ -45,10 +47,12 @@ def occupancy_image(
     unknown_index = OCCUPIED + 1
     ramp = np.rint(255 - 255 * np.arange(OCCUPIED + 1) / OCCUPIED).astype(np.uint8)
     palette = np.vstack([np.repeat(ramp[:, np.newaxis], 3, axis=1), [colours.RVIZ_UNKNOWN]])
-    pixels = np.where(values == UNKNOWN, unknown_index, values).astype(np.uint8)
+    by_value = np.full(256, unknown_index, dtype=np.uint8)
+    by_value[: OCCUPIED + 1] = np.arange(OCCUPIED + 1)
+    pixels = look_up(values, by_value)
     swatches = [Swatch(OCCUPIED, "occupied"), Swatch(0, "free"), Swatch(unknown_index, "unknown")]
     bar = None
-    if ((values > 0) & (values < OCCUPIED)).any():
+    if histogram(values)[1:OCCUPIED].any():
         ticks = [(value / OCCUPIED, str(value)) for value in (0, 25, 50, 75, OCCUPIED)]
         bar = ColourBar(range(OCCUPIED + 1), ticks, "occupancy")
     return sheet(
@@ -77,10 +81,14 @@ def field_image(
     unknown = raster.smallest(field.occupancy == UNKNOWN)
     far, deep = _range_of(field)
     indices = np.empty(distance.shape, dtype=np.uint8)
-    indices[:] = _OBSTACLE_LEVELS + _level(distance, far, _FREE_LEVELS)
-    inside = _OBSTACLE_LEVELS - 1 - _level(-distance, deep, _OBSTACLE_LEVELS)
-    np.copyto(indices, inside, where=obstacles, casting="unsafe")
-    indices[unknown] += _FIELD_LEVELS
+
+    def colour(rows: slice) -> None:
+        part = _OBSTACLE_LEVELS + _level(distance[rows], far, _FREE_LEVELS)
+        inside = _OBSTACLE_LEVELS - 1 - _level(-distance[rows], deep, _OBSTACLE_LEVELS)
+        np.copyto(part, inside, where=obstacles[rows])
+        indices[rows] = part + _FIELD_LEVELS * unknown[rows].view(np.uint8)
+
+    for_rows(colour, indices.shape)
     pixels = raster.enlarged(indices)
     line = 2 * _FIELD_LEVELS
     pixels[inner_outline(raster.enlarged(obstacles))] = line
@@ -121,18 +129,18 @@ def cost_image(
     """
     raster = Raster.fitting(costmap.shape, image_max)
     on_byte_scale = costmap.scale == "costmap2d"
-    values = costmap.cost.astype(np.int16)
-    if on_byte_scale:
-        values[values == NO_INFORMATION] = UNKNOWN
-    values = raster.largest(values)
     top = INSCRIBED_INFLATED_OBSTACLE - 1 if on_byte_scale else OCCUPIED - 1
     free, inscribed, lethal, unknown, contour = (_COST_LEVELS + k for k in range(5))
-    by_value = np.full(LETHAL_OBSTACLE + 1, lethal, dtype=np.uint8)
+    by_value = np.full(256, lethal, dtype=np.uint8)
     by_value[0] = free
     by_value[1 : top + 1] = (np.arange(top) * _COST_LEVELS) // top
     if on_byte_scale:
         by_value[INSCRIBED_INFLATED_OBSTACLE] = inscribed
-    pixels = np.where(values == UNKNOWN, unknown, by_value[values]).astype(np.uint8)
+    by_value[NO_INFORMATION] = unknown  # -1 on the occupancy scale
+    # One more than the cost, so that unknown cells are the lowest: 255 + 1 is 0.
+    ranks = look_up(costmap.cost, (np.arange(256) + 1).astype(np.uint8))
+    ranks = raster.largest(ranks)
+    pixels = look_up(ranks, np.roll(by_value, 1))
     pixels = raster.enlarged(pixels)
     palette = np.vstack([
         colours.cost_scale(_COST_LEVELS),
@@ -145,7 +153,7 @@ def cost_image(
     swatches += [Swatch(free, "free 0"), Swatch(unknown, "unknown")]
     # Between the radii of a round robot there is nothing to bound: its cost is inscribed.
     if costmap.circumscribed_cost and costmap.circumscribed_cost < INSCRIBED_INFLATED_OBSTACLE:
-        above = raster.enlarged(values >= costmap.circumscribed_cost)
+        above = raster.enlarged(ranks > costmap.circumscribed_cost)
         line = inner_outline(above)
         line |= inner_outline(above & ~line)
         pixels[line] = contour
@@ -172,10 +180,19 @@ def _level(distance: NDArray[np.float32], end: float, levels: int) -> NDArray[np
 
 def _range_of(field: DistanceField) -> tuple[float, float]:
     """Return the largest distance and the largest depth of known cells, finite; 0 for none."""
-    known = field.occupancy != UNKNOWN
-    shown = field.distance[known] if known.any() else field.distance
-    finite = shown[np.isfinite(shown)]
-    return float(finite.max(initial=0.0)), -float(finite.min(initial=0.0))
+    has_known = bool((field.occupancy != UNKNOWN).any())
+    ends: list[tuple[float, float]] = []
+
+    def look(rows: slice) -> None:
+        distance = field.distance[rows]
+        shown = np.isfinite(distance)
+        if has_known:
+            shown &= field.occupancy[rows] != UNKNOWN
+        finite = np.where(shown, distance, np.float32(0))
+        ends.append((float(finite.max()), float(finite.min())))
+
+    for_rows(look, field.shape)
+    return max(end[0] for end in ends), -min(end[1] for end in ends)
 
 
 def _field_bar(field: DistanceField, far: float, deep: float) -> ColourBar:

@@ -73,4 +73,6 @@ def inner_outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     inner[:-1] &= mask[1:]
     inner[:, 1:] &= mask[:, :-1]
     inner[:, :-1] &= mask[:, 1:]
-    return mask & ~inner
+    np.logical_not(inner, out=inner)
+    inner &= mask
+    return inner

@@ -12,13 +12,13 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
-    FREE,
     OCCUPIED,
     UNKNOWN,
     Convention,
     UnknownPolicy,
 )
-from mapdeal.kernels.distance import signed_squared_distance, unreachable
+from mapdeal.kernels.distance import signed_distance
+from mapdeal.stages.field_values import bytes_of_metres, furthest_kept, largest_distance_in
 from mapdeal.stages.parameters import ABOVE_0, LETHAL, STRENGTH, stage
 
 View = Literal["metric", "seed"]
@@ -72,22 +72,21 @@ def esdf(
     occupied = grid.occupied(lethal_threshold)
     if unknown == "occupied":
         occupied = occupied | grid.unknown()
-    squared = signed_squared_distance(occupied)
-    endless = np.abs(squared) == unreachable(squared)
-    metres = np.sqrt(np.abs(squared), dtype=np.float64)
-    metres *= grid.resolution
-    metres[endless] = np.inf
-    if convention == "border":
-        metres -= 0.5 * grid.resolution
-    np.negative(metres, out=metres, where=occupied)
-    if convention == "seed":
-        np.add(metres, grid.resolution, out=metres, where=occupied)
-    if max_distance is not None:
-        np.clip(metres, -max_distance, max_distance, out=metres)
-    if strength != 1.0:
-        np.multiply(metres, strength, out=metres, where=~occupied)
+    outside_shift, inside_shift = {
+        "seed": (0.0, grid.resolution),
+        "center": (0.0, 0.0),
+        "border": (-0.5 * grid.resolution, 0.5 * grid.resolution),
+    }[convention]
+    distance = signed_distance(
+        occupied,
+        scale=grid.resolution,
+        outside_shift=outside_shift,
+        inside_shift=inside_shift,
+        clip=math.inf if max_distance is None else max_distance,
+        gain=strength,
+    )
     return DistanceField(
-        metres.astype(np.float32),
+        distance,
         grid.occupancy,
         grid.resolution,
         grid.origin,
@@ -133,30 +132,30 @@ def field_view(
     [[100, 75, 50, -1]]
     """
     obstacles = field.obstacles()
-    values = np.full(field.shape, FREE, dtype=np.int8)
-    if obstacles.any():
-        distance = _centre_distance(field)
-        if view == "metric":
-            values[:] = 100 * (1 - np.minimum(distance, view_range) / view_range)
-        elif not obstacles.all():
-            farthest = float(distance[~obstacles].max())
-            deepest = float(field.depth_in_obstacle().max())
-            span = farthest - field.resolution + deepest
-            values[~obstacles] = (100 * (farthest - distance) / span)[~obstacles]
-    values[field.occupancy == UNKNOWN] = UNKNOWN
+    if not obstacles.any():
+        values = np.zeros(field.shape, dtype=np.int8)
+    elif obstacles.all():
+        values = np.full(field.shape, OCCUPIED, dtype=np.int8)
+    elif view == "metric":
+
+        def metric(metres: NDArray[np.float64]) -> NDArray[np.float64]:
+            return 100 * (1 - np.minimum(metres, view_range) / view_range)
+
+        values = bytes_of_metres(field, obstacles, metric, constant_from=view_range)
+    else:
+        farthest = largest_distance_in(field, obstacles)
+        deepest = float(field.depth_in_obstacle().max())
+        span = farthest - field.resolution + deepest
+
+        def seed(metres: NDArray[np.float64]) -> NDArray[np.float64]:
+            return 100 * (farthest - np.minimum(metres, farthest)) / span
+
+        values = bytes_of_metres(field, obstacles, seed, constant_from=farthest)
     values[obstacles] = OCCUPIED
+    unknown = field.occupancy == UNKNOWN
+    unknown &= ~obstacles
+    values[unknown] = UNKNOWN
     return OccupancyGrid(values, field.resolution, field.origin)
-
-
-def _centre_distance(field: DistanceField) -> NDArray[np.float64]:
-    """Return metres to the nearest obstacle's centre, as far as the field has kept them."""
-    distance = np.sqrt(field.squared_cells_to_obstacle()) * field.resolution
-    if field.max_distance is not None:
-        furthest = field.max_distance
-        if field.convention == "border":
-            furthest += 0.5 * field.resolution
-        np.minimum(distance, furthest, out=distance)
-    return distance
 
 
 def reach_is_kept(field: DistanceField, reach: float) -> bool:
@@ -164,9 +163,6 @@ def reach_is_kept(field: DistanceField, reach: float) -> bool:
 
     A clipped field does not know its cells at exactly the clip from those beyond it.
     """
-    if field.max_distance is None:
-        return True
-    kept = field.max_distance
-    if field.convention == "border":
-        kept += 0.5 * field.resolution
-    return kept > reach * (1 + 1e-6) and math.isfinite(reach)
+    return field.max_distance is None or (
+        furthest_kept(field) > reach * (1 + 1e-6) and math.isfinite(reach)
+    )

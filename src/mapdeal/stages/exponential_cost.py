@@ -20,9 +20,11 @@ from mapdeal.grid.values import (
     NO_INFORMATION,
     UNKNOWN,
 )
-from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.distance import bytes_by_distance
+from mapdeal.kernels.threads import for_rows
 from mapdeal.stages.cost_source import CostSource, check_lethal_threshold, obstacles_of
 from mapdeal.stages.esdf import reach_is_kept
+from mapdeal.stages.field_values import bytes_in
 from mapdeal.stages.parameters import AT_LEAST_0, LETHAL, stage
 
 
@@ -101,9 +103,10 @@ def exponential_cost(
         )
         warnings.warn(text, MapdealWarning, stacklevel=2)
     obstacles = obstacles_of(source, lethal_threshold)
-    cost = np.full(source.shape, FREE_SPACE, dtype=np.uint8)
-    cost[source.occupancy == UNKNOWN] = NO_INFORMATION
-    cost[obstacles] = LETHAL_OBSTACLE
+    cost = np.where(obstacles, np.uint8(LETHAL_OBSTACLE), np.uint8(FREE_SPACE))
+    unknown = source.occupancy == UNKNOWN
+    unknown &= ~obstacles
+    cost[unknown] = NO_INFORMATION
     reach = _reach(inflation_radius, source.resolution, source.shape)
     if reach > 0:
         table = cost_table(
@@ -112,14 +115,13 @@ def exponential_cost(
             inscribed_radius=inscribed_radius,
             cost_scaling_factor=cost_scaling_factor,
         )
-        seeds = cost == LETHAL_OBSTACLE
-        if inflate_around_unknown:
-            seeds |= cost == NO_INFORMATION
-        if isinstance(source, DistanceField) and np.array_equal(seeds, obstacles):
-            squared = _squared_from_field(source, reach)
+        around_unknown = inflate_around_unknown and bool(unknown.any())
+        if isinstance(source, DistanceField) and not around_unknown:
+            spread = _spread_from_field(source, obstacles, table, reach)
         else:
-            squared = squared_distance(seeds)
-        cost = spread_costs(cost, squared, table, inflate_unknown=inflate_unknown)
+            seeds = obstacles | unknown if around_unknown else obstacles
+            spread = bytes_by_distance(seeds, table)
+        raise_costs(cost, spread, inflate_unknown=inflate_unknown)
     circumscribed_cost = None
     if circumscribed_radius is not None:
         circumscribed_cost = _circumscribed_cost(
@@ -150,36 +152,30 @@ def cost_table(
     return table
 
 
-def spread_costs(
-    cost: NDArray[np.uint8],
-    squared: NDArray[np.int32] | NDArray[np.int64] | NDArray[np.float64],
-    table: NDArray[np.uint8],
-    *,
-    inflate_unknown: bool = False,
-) -> NDArray[np.uint8]:
-    """Return `cost` raised to what the distance to the nearest seed asks for.
+def raise_costs(
+    cost: NDArray[np.uint8], spread: NDArray[np.uint8], *, inflate_unknown: bool = False
+) -> None:
+    """Raise `cost`, in place, to what the distance to the nearest seed asks for.
 
     Parameters
     ----------
     cost : numpy.ndarray of uint8, shape (H, W)
         The costs before inflation.
-    squared : numpy.ndarray, shape (H, W)
-        Squared distance to the nearest seed, cells.
-    table : numpy.ndarray of uint8
-        The cost of each squared distance; its last entry is for all beyond.
+    spread : numpy.ndarray of uint8, shape (H, W)
+        The costs by distance alone.
     inflate_unknown : bool
         Whether unknown cells take any cost above 0, or only 253 and more.
-
-    Returns
-    -------
-    numpy.ndarray of uint8, shape (H, W)
     """
-    spread = table[np.minimum(squared, len(table) - 1).astype(np.intp, copy=False)]
-    unknown = cost == NO_INFORMATION
-    raised = np.maximum(cost, spread)
-    overwrite = spread > 0 if inflate_unknown else spread >= INSCRIBED_INFLATED_OBSTACLE
-    np.copyto(raised, spread, where=unknown & overwrite)
-    return raised
+    least = 1 if inflate_unknown else INSCRIBED_INFLATED_OBSTACLE
+
+    def raise_rows(rows: slice) -> None:
+        before, asked = cost[rows], spread[rows]
+        overwritten = before == NO_INFORMATION
+        overwritten &= asked >= least
+        np.maximum(before, asked, out=before)
+        np.copyto(before, asked, where=overwritten)
+
+    for_rows(raise_rows, cost.shape)
 
 
 def _reach(inflation_radius: float, resolution: float, shape: tuple[int, int]) -> int:
@@ -190,18 +186,18 @@ def _reach(inflation_radius: float, resolution: float, shape: tuple[int, int]) -
     )
 
 
-def _squared_from_field(
-    field: DistanceField, reach: int
-) -> NDArray[np.float64] | NDArray[np.int32] | NDArray[np.int64]:
+def _spread_from_field(
+    field: DistanceField, obstacles: NDArray[np.bool_], table: NDArray[np.uint8], reach: int
+) -> NDArray[np.uint8]:
     metres = reach * field.resolution
     if reach_is_kept(field, metres):
-        return field.squared_cells_to_obstacle()
+        return bytes_in(field, obstacles, table)
     if field.max_distance is not None and field.max_distance < metres * (1 - 1e-6):
         rule = f"the field is clipped below the reach of the costs, {metres:g} m"
         hint = "make the field with a larger max_distance, or none"
         raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
     # The clip falls on the reach: cells right there look like those beyond.
-    return squared_distance(field.obstacles())
+    return bytes_by_distance(obstacles, table)
 
 
 def _circumscribed_cost(

@@ -11,7 +11,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
-from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.distance import within_distance
 from mapdeal.kernels.neighbourhood import dilate_square
 from mapdeal.stages.parameters import AT_LEAST_0, LETHAL, stage
 
@@ -76,7 +76,7 @@ def inflate(
     else:
         diagonal = math.hypot(*grid.shape)
         limit = largest_square_within(min(radius, diagonal * grid.resolution), grid.resolution)
-        grown = squared_distance(occupied) <= limit
+        grown = within_distance(occupied, limit)
     if not inflate_unknown:
         grown &= ~grid.unknown() | occupied
     if grown.all() and not occupied.all():

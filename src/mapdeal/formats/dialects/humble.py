@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.formats.map_yaml import MapMetadata
-from mapdeal.formats.picture import Picture, Samples, to_16_bit
+from mapdeal.formats.picture import Picture, Samples, by_sample, to_16_bit
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 
 _FULL = 65535
@@ -19,11 +19,11 @@ def occupancy_of(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
         colours, opacities = picture.palette[:, :3], picture.palette[:, 3]
         opacity = wide[opacities] if (opacities < 255).any() else None
         by_index = _occupancy(_sum(wide, colours), opacity, metadata)
-        return by_index[picture.samples]
+        return by_sample(by_index, picture.samples)
     if picture.alpha is None:
         if picture.colour == "grey":
-            by_sample = _occupancy(3 * wide, None, metadata)
-            return by_sample[picture.samples]
+            by_grey = _occupancy(3 * wide, None, metadata)
+            return by_sample(by_grey, picture.samples)
         return _occupancy(_sum(wide, picture.samples), None, metadata)
     opacity = wide[picture.alpha]
     if picture.colour == "rgb":

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.formats.map_yaml import MapMetadata
-from mapdeal.formats.picture import Picture, to_16_bit
+from mapdeal.formats.picture import Picture, by_sample, to_16_bit
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 
 
@@ -15,14 +15,14 @@ def occupancy_of(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
     by_grey = _by_grey_level(metadata)
     alpha = picture.alpha
     if picture.palette is not None:
-        occupancy = by_grey[_grey_of_rgb(picture.palette[:, :3], 255)][picture.samples]
+        occupancy = by_sample(by_grey[_grey_of_rgb(picture.palette[:, :3], 255)], picture.samples)
         if (picture.palette[:, 3] < 255).any():
             alpha = picture.palette[:, 3][picture.samples]
     elif picture.colour == "rgb":
         occupancy = by_grey[_grey_of_rgb(picture.samples, picture.maxval)]
     else:
         grey = to_16_bit(picture.maxval) // 257
-        occupancy = by_grey[grey][picture.samples]
+        occupancy = by_sample(by_grey[grey], picture.samples)
     if alpha is not None and metadata.mode != "raw":
         opaque = to_16_bit(picture.maxval) // 257 == 255
         occupancy[~opaque[alpha]] = UNKNOWN

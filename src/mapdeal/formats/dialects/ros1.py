@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.formats.map_yaml import MapMetadata
-from mapdeal.formats.picture import Picture, Samples
+from mapdeal.formats.picture import Picture, Samples, by_sample
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 
 
@@ -24,7 +24,7 @@ def occupancy_of(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
     trinary = metadata.mode == "trinary"
     if samples.ndim == 2 and alpha is None:
         # One byte: no test of a last byte, whatever the mode.
-        return _by_sum(1, metadata)[samples]
+        return by_sample(_by_sum(1, metadata), samples)
     if samples.ndim == 2 and alpha is not None:  # brightness, and opacity from a key
         return _occupancy([samples, alpha], 2, alpha, metadata)
     channels = [samples[..., c] for c in range(3)]

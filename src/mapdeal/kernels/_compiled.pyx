@@ -1,0 +1,266 @@
+# cython: language_level=3, binding=False, embedsignature=False
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Compiled kernels, without the GIL: distance transforms in bands of rows, and table look-ups.
+
+The modules distance.py and lookup.py are their face to the rest; the algorithm of the transform is
+in distance_bands.h.
+"""
+
+from libc.math cimport INFINITY
+from libc.stdint cimport int64_t, uint8_t, uint32_t
+from libc.stdlib cimport free, malloc
+from libc.string cimport memset
+
+cdef extern from "distance_bands.h" nogil:
+    const int NEAR_REACH, NEAR_SQUARE, NEAR_MOST
+    const int64_t UNREACHABLE
+    enum: LONGEST_SIDE
+    ctypedef enum Form:
+        SQUARES_32, SQUARES_64, METRES, BYTES
+    ctypedef struct Task:
+        const uint8_t *marked
+        int64_t height, width, band_rows, bands
+        Form form
+        int both_kinds
+        int64_t limit
+        int near_reach, near_most, has_far
+        double scale, outside_shift, inside_shift, clip, gain
+        const float *near_metres
+        const uint8_t *bytes
+        void *cells
+    void fill_squares_16()
+    float metres_of(const Task *task, double square)
+    void scan_band(const Task *task, int64_t band, uint32_t *down, uint32_t *up)
+    void join_bands(const Task *task, uint32_t *down, uint32_t *up)
+    int solve_band(const Task *task, const uint32_t *down, const uint32_t *up, int64_t band)
+
+cdef extern from "lookup.h" nogil:
+    ctypedef struct Measure:
+        double scale, shift, gain, clip
+        int64_t last
+    void bytes_of_row(
+        const Measure *measure,
+        const float *distance,
+        const uint8_t *obstacles,
+        const uint8_t *table,
+        uint8_t *bytes,
+        int64_t width,
+    )
+
+fill_squares_16()
+
+longest_side = LONGEST_SIDE
+unlimited = UNREACHABLE
+
+cdef int64_t _BAND_CELLS = 131072  # counts of a band, 4 bytes each, stay in the cache
+cdef int64_t _BAND_ROWS_LEAST = 8
+cdef int64_t _BAND_ROWS_MOST = 64
+
+
+cdef class Transform:
+    """One distance transform, to be run band by band: scan all, join, then solve all.
+
+    Every method works without the GIL. Different bands may be scanned, and solved, at the same
+    time.
+    """
+
+    cdef Task task
+    cdef const uint8_t[:, ::1] marked
+    cdef const uint8_t[::1] table
+    cdef uint8_t[:, ::1] cells
+    cdef float *metres
+    cdef uint32_t *down
+    cdef uint32_t *up
+
+    def __cinit__(self, const uint8_t[:, ::1] marked, uint8_t[:, ::1] cells, int64_t limit):
+        """Take a mask of 0 and 1, the bytes of the result, and the largest square of interest."""
+        cdef int64_t height = marked.shape[0], width = marked.shape[1]
+        if max(height, width) > LONGEST_SIDE:
+            raise OverflowError("a side of the grid is too long for 64 bits")
+        self.marked, self.cells = marked, cells
+        self.task.marked = &marked[0, 0]
+        self.task.cells = &cells[0, 0]
+        self.task.height, self.task.width = height, width
+        self.task.band_rows = min(max(_BAND_CELLS // width, _BAND_ROWS_LEAST), _BAND_ROWS_MOST)
+        self.task.bands = (height + self.task.band_rows - 1) // self.task.band_rows
+        self.task.limit = limit
+        self.down = <uint32_t *>malloc(self.task.bands * width * sizeof(uint32_t))
+        self.up = <uint32_t *>malloc(self.task.bands * width * sizeof(uint32_t))
+        self.metres = NULL
+        if self.down == NULL or self.up == NULL:
+            raise MemoryError
+
+    def __dealloc__(self):
+        free(self.down)
+        free(self.up)
+        free(self.metres)
+
+    @property
+    def bands(self):
+        """Number of bands."""
+        return self.task.bands
+
+    def to_squares(self, bint both_kinds):
+        """Make the result squares, of 4 or 8 bytes a cell; without both kinds marked cells are 0."""
+        cdef Py_ssize_t size = self.cells.shape[1] // self.marked.shape[1]
+        self._check_size(size)
+        if size not in (4, 8):
+            raise ValueError("squares take 4 or 8 bytes a cell")
+        self.task.form = SQUARES_32 if size == 4 else SQUARES_64
+        self.task.both_kinds = both_kinds
+        self._divide(NEAR_MOST * NEAR_MOST)
+
+    def to_bytes(self, const uint8_t[::1] table):
+        """Make the result `table[square]`, of unmarked cells' squares; one more entry for others."""
+        self._check_size(1)
+        if table.shape[0] != self.task.limit + 2:
+            raise ValueError("the table must have one entry for each square, and one more")
+        self.table = table
+        self.task.form = BYTES
+        self.task.bytes = &table[0]
+        self.task.both_kinds = False
+        self._divide(NEAR_MOST * NEAR_MOST)
+
+    def to_metres(
+        self, double scale, double outside_shift, double inside_shift, double clip, double gain
+    ):
+        """Make the result signed metres, of 4 bytes a cell."""
+        cdef int square
+        cdef double number
+        self._check_size(4)
+        self.task.form = METRES
+        self.task.both_kinds = True
+        self.task.scale = scale
+        self.task.outside_shift, self.task.inside_shift = outside_shift, inside_shift
+        self.task.clip, self.task.gain = clip, gain
+        free(self.metres)
+        self.metres = <float *>malloc((2 * NEAR_SQUARE + 1) * sizeof(float))
+        if self.metres == NULL:
+            raise MemoryError
+        for square in range(-NEAR_SQUARE, NEAR_SQUARE + 1):
+            number = square
+            if abs(square) > self.task.limit:
+                number = -INFINITY if square < 0 else INFINITY
+            self.metres[square + NEAR_SQUARE] = metres_of(&self.task, number)
+        self.task.near_metres = self.metres + NEAR_SQUARE
+        self._divide(NEAR_SQUARE - 1)
+
+    def scan(self, int64_t first, int64_t end):
+        """Scan the bands first..end."""
+        cdef int64_t band
+        self._check_bands(first, end)
+        with nogil:
+            for band in range(first, end):
+                scan_band(&self.task, band, self.down, self.up)
+
+    def join(self):
+        """Join what scan has found, once all bands are scanned."""
+        with nogil:
+            join_bands(&self.task, self.down, self.up)
+
+    def solve(self, int64_t first, int64_t end):
+        """Solve the bands first..end, after join."""
+        cdef int64_t band
+        cdef int done = 1
+        self._check_bands(first, end)
+        with nogil:
+            for band in range(first, end):
+                done = done and solve_band(&self.task, self.down, self.up, band)
+        if not done:
+            raise MemoryError
+
+    cdef _check_size(self, Py_ssize_t size):
+        if (
+            self.cells.shape[0] != self.task.height
+            or self.cells.shape[1] != self.task.width * size
+        ):
+            raise ValueError("the result has not the size of its cells")
+
+    cdef _check_bands(self, int64_t first, int64_t end):
+        if not 0 <= first <= end <= self.task.bands:
+            raise IndexError("no such bands")
+
+    cdef _divide(self, int64_t most):
+        """Settle whether trials alone, whose squares go up to `most`, reach the limit."""
+        self.task.has_far = self.task.limit > most
+        self.task.near_reach, self.task.near_most = NEAR_REACH, NEAR_SQUARE
+        if not self.task.has_far:
+            self.task.near_most = self.task.limit
+            self.task.near_reach = 0
+            while (self.task.near_reach + 1) * (self.task.near_reach + 1) <= self.task.limit:
+                self.task.near_reach += 1
+
+
+def look_up(const uint8_t[:, :] values, const uint8_t[::1] table, uint8_t[:, ::1] result):
+    """Set `result` to the table's entries for the values."""
+    cdef Py_ssize_t y, x, width = values.shape[1]
+    cdef const uint8_t *source
+    cdef uint8_t *target
+    if table.shape[0] != 256:
+        raise ValueError("the table must have 256 entries")
+    if values.shape[0] != result.shape[0] or width != result.shape[1]:
+        raise ValueError("the result has not the size of the values")
+    if width == 0 or (width > 1 and values.strides[1] != 1):
+        raise ValueError("the values of a row must lie side by side")
+    with nogil:
+        for y in range(values.shape[0]):
+            source, target = &values[y, 0], &result[y, 0]
+            for x in range(width):
+                target[x] = table[source[x]]
+
+
+def count_bytes(const uint8_t[:, ::1] values, int64_t[::1] counts):
+    """Add to `counts` how often each value occurs."""
+    cdef Py_ssize_t i, cells = values.shape[0] * values.shape[1]
+    cdef int64_t parts[4][256]
+    cdef const uint8_t *first
+    if counts.shape[0] != 256:
+        raise ValueError("there must be 256 counts")
+    if cells == 0:
+        return
+    first = &values[0, 0]
+    with nogil:
+        memset(parts, 0, sizeof(parts))
+        # four tables, so that equal neighbours need not wait for each other
+        for i in range(0, cells - 3, 4):
+            parts[0][first[i]] += 1
+            parts[1][first[i + 1]] += 1
+            parts[2][first[i + 2]] += 1
+            parts[3][first[i + 3]] += 1
+        for i in range(cells - cells % 4, cells):
+            parts[0][first[i]] += 1
+        for i in range(256):
+            counts[i] += parts[0][i] + parts[1][i] + parts[2][i] + parts[3][i]
+
+
+def bytes_of_distances(
+    const float[:, ::1] distance,
+    const uint8_t[:, ::1] obstacles,
+    const uint8_t[::1] table,
+    uint8_t[:, ::1] result,
+    double scale,
+    double shift,
+    double gain,
+    double clip,
+):
+    """Set `result` to the table's entries for the whole squares that distances stand for.
+
+    The steps are those of `squares_of_distances` in lookup.py.
+    """
+    cdef Py_ssize_t y
+    cdef Measure measure
+    measure.scale, measure.shift, measure.gain, measure.clip = scale, shift, gain, clip
+    measure.last = table.shape[0] - 1
+    if not 0 <= measure.last < 1 << 31:
+        raise ValueError("the table must have at least one entry, and fewer than 2^31")
+    for axis in range(2):
+        if not distance.shape[axis] == obstacles.shape[axis] == result.shape[axis]:
+            raise ValueError("the arrays must be of one shape")
+    if distance.shape[1] == 0:
+        return
+    with nogil:
+        for y in range(distance.shape[0]):
+            bytes_of_row(
+                &measure, &distance[y, 0], &obstacles[y, 0], &table[0], &result[y, 0],
+                distance.shape[1],
+            )

@@ -1,0 +1,427 @@
+/* Exact squared Euclidean distances between cells of two kinds, marked (1) and unmarked (0).
+ *
+ * Every cell is measured to the nearest cell of the other kind, in bands of rows that fit into
+ * the cache, and in two passes:
+ *
+ *   columns  A cell's height is its distance, within its column, to the nearest cell of the other
+ *            kind: one running count downwards, one upwards. What runs on across the edges of
+ *            bands is found beforehand, by scan_band and join_bands.
+ *   rows     A cell's square is the smallest (x - i)^2 + height(i)^2 over all columns i. Only the
+ *            cell's own run of equal cells can hold the minimum, with the cells that end the run:
+ *            those are of the other kind and have height 0. So one pass serves both kinds.
+ *
+ * Rows are solved in blocks of cells. Near the other kind all offsets are tried, many cells at a
+ * time, in 16 bits. Blocks that lie farther are gathered into stretches and solved by the lower
+ * envelope of the parabolas over their columns (Felzenszwalb and Huttenlocher, 2012), which is
+ * the lower convex hull of the points (i, height(i)^2 + i^2). All in integers; sides of up to
+ * LONGEST_SIDE cells keep them within 64 bits.
+ */
+
+#include <limits.h>
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "lanes.h"
+
+enum {
+    BLOCK = 32,       /* cells that are solved together */
+    NEAR_REACH = 96,  /* offsets that are tried before a block counts as far */
+    NEAR_SQUARE = NEAR_REACH * NEAR_REACH,
+    NEAR_MOST = 176,  /* the same if a limit lets nothing farther matter: squares in 16 bits */
+    NEAR_CAP = 181,   /* heights above count as this in 16 bits; its square is above NEAR_MOST's */
+    RINGS = 6,        /* blocks on each side that offsets up to NEAR_MOST reach */
+    MARGIN = RINGS * BLOCK,
+    LONGEST_SIDE = 1500000, /* 2 side^2 * side stays below 2^63 */
+};
+
+static const int64_t UNREACHABLE = INT64_MAX;
+
+typedef enum { SQUARES_32, SQUARES_64, METRES, BYTES } Form;
+
+/* What is to be done for a grid of height x width cells. */
+typedef struct {
+    const uint8_t *marked;
+    int64_t height, width;
+    int64_t band_rows, bands;
+    Form form;
+    int both_kinds;     /* whether marked cells are measured too, negative; else they are 0 */
+    int64_t limit;      /* squares above are unreachable; UNREACHABLE: none */
+    int near_reach;     /* offsets that are tried, the root of: */
+    int near_most;      /* the largest square that the trials settle */
+    int has_far;        /* whether larger ones matter */
+    double scale, outside_shift, inside_shift, clip, gain; /* METRES: see metres_of */
+    const float *near_metres; /* METRES: of -NEAR_SQUARE .. NEAR_SQUARE, from the middle */
+    const uint8_t *bytes;     /* BYTES: of squares 0 .. limit, then of those above */
+    void *cells;              /* the result */
+} Task;
+
+static uint16_t squares_16[NEAR_MOST + 1];
+
+static void fill_squares_16(void)
+{
+    for (int i = 0; i <= NEAR_MOST; i++) squares_16[i] = (uint16_t)(i * i);
+}
+
+static int64_t band_end(const Task *task, int64_t band)
+{
+    const int64_t end = (band + 1) * task->band_rows;
+    return end < task->height ? end : task->height;
+}
+
+/* Metres of a signed square. The twin takes the same steps in the same order. */
+static inline float metres_of(const Task *task, double square)
+{
+    double metres = sqrt(fabs(square)) * task->scale;
+    metres = square < 0 ? task->inside_shift - metres : metres + task->outside_shift;
+    metres = metres > task->clip ? task->clip : metres;
+    metres = metres < -task->clip ? -task->clip : metres;
+    return (float)(square < 0 ? metres : metres * task->gain);
+}
+
+/* ---- columns ---- */
+
+/* Set `count` to the lengths of the runs of equal cells that end in the row `now`, where `before`
+ * holds those that end in the row `last`. */
+MANY_LANES static void run_on(const uint8_t *now, const uint8_t *last, const uint32_t *before,
+                              uint32_t *restrict count, int64_t width)
+{
+    for (int64_t x = 0; x < width; x++) count[x] = now[x] == last[x] ? before[x] + 1 : 1;
+}
+
+MANY_LANES static void run_on_in_place(const uint8_t *now, const uint8_t *last,
+                                       uint32_t *restrict count, int64_t width)
+{
+    for (int64_t x = 0; x < width; x++) count[x] = now[x] == last[x] ? count[x] + 1 : 1;
+}
+
+/* Fill `down` with the lengths of the runs that end in the band's last row, `up` with those that
+ * end, upwards, in its first, as if there were nothing but the band. */
+static void scan_band(const Task *task, int64_t band, uint32_t *down, uint32_t *up)
+{
+    const int64_t width = task->width, first = band * task->band_rows, end = band_end(task, band);
+    down += band * width;
+    up += band * width;
+    for (int64_t x = 0; x < width; x++) down[x] = up[x] = 1;
+    for (int64_t y = first + 1; y < end; y++)
+        run_on_in_place(task->marked + y * width, task->marked + (y - 1) * width, down, width);
+    for (int64_t y = end - 2; y >= first; y--)
+        run_on_in_place(task->marked + y * width, task->marked + (y + 1) * width, up, width);
+}
+
+/* Lengthen those runs of a band that span all its rows by what runs into it over its row `edge`
+ * from the row `last` of the band before; NULL: there is none, and such a run has no end. */
+static void join_band(const uint8_t *edge, const uint8_t *last, const uint32_t *before,
+                      uint32_t *here, uint32_t rows, uint32_t endless, int64_t width)
+{
+    for (int64_t x = 0; x < width; x++) {
+        if (here[x] != rows) continue;
+        if (last == NULL)
+            here[x] = endless + rows;
+        else if (edge[x] == last[x])
+            here[x] = before[x] + rows;
+    }
+}
+
+/* Where a run starts at the grid's edge there is no cell of the other kind: counts start high
+ * enough there to be told from every height, low enough not to overflow. */
+static uint32_t endless_height(const Task *task)
+{
+    return UINT32_MAX - (uint32_t)task->height;
+}
+
+static void join_bands(const Task *task, uint32_t *down, uint32_t *up)
+{
+    const int64_t width = task->width, bands = task->bands;
+    const uint32_t endless = endless_height(task) - 1;
+    for (int64_t b = 0; b < bands; b++) {
+        const int64_t first = b * task->band_rows, rows = band_end(task, b) - first;
+        const uint8_t *edge = task->marked + first * width;
+        uint32_t *here = down + b * width;
+        join_band(edge, b ? edge - width : NULL, b ? here - width : NULL, here, (uint32_t)rows,
+                  endless, width);
+    }
+    for (int64_t b = bands - 1; b >= 0; b--) {
+        const int64_t end = band_end(task, b), rows = end - b * task->band_rows;
+        const uint8_t *edge = task->marked + (end - 1) * width;
+        uint32_t *here = up + b * width;
+        const int last = b + 1 == bands;
+        join_band(edge, last ? NULL : edge + width, last ? NULL : here + width, here,
+                  (uint32_t)rows, endless, width);
+    }
+}
+
+/* ---- rows ---- */
+
+/* Scratch for one row. */
+typedef struct {
+    uint32_t *down;           /* the band's counts, row by row */
+    uint32_t *up;             /* this row's counts */
+    uint32_t *heights;        /* the smaller of both */
+    uint16_t *outside;        /* capped squares of heights, 0 on marked cells; with margins */
+    uint16_t *inside;         /* the same, 0 on unmarked cells */
+    uint16_t *lowest_outside; /* the smallest of each block; with RINGS more on both sides */
+    uint16_t *lowest_inside;
+    int64_t *sites;           /* columns on the envelope */
+    int64_t *values;          /* their height^2 + column^2 */
+    int64_t *squares;         /* signed, of a stretch */
+} Row;
+
+/* Split heights into the two kinds, as capped squares. */
+MANY_LANES static void split_row(const uint8_t *restrict marked, const uint32_t *restrict down,
+                                 const uint32_t *restrict up, uint32_t *restrict heights,
+                                 uint16_t *restrict outside, uint16_t *restrict inside,
+                                 int64_t width)
+{
+    for (int64_t x = 0; x < width; x++) {
+        const uint32_t height = down[x] < up[x] ? down[x] : up[x];
+        const uint32_t capped = height < NEAR_CAP ? height : NEAR_CAP;
+        const uint32_t square = capped * capped;
+        heights[x] = height;
+        outside[x] = (uint16_t)(marked[x] ? 0 : square);
+        inside[x] = (uint16_t)(marked[x] ? square : 0);
+    }
+}
+
+MANY_LANES static uint16_t lowest_of_block(const uint16_t *cells)
+{
+    uint16_t lowest = cells[0];
+    for (int i = 1; i < BLOCK; i++) lowest = cells[i] < lowest ? cells[i] : lowest;
+    return lowest;
+}
+
+/* Try all offsets up to `reach` for the cells of a block, as far as one could still be better.
+ *
+ * `squares` points to the first of them in a row with margins, `lowest` to the block's entry.
+ * Returns the largest result; those up to `most` are exact, others no more than too large. */
+MANY_LANES static int solve_near(const uint16_t *squares, const uint16_t *lowest, int count,
+                                 int reach, int most, uint16_t *best)
+{
+    uint16_t now[BLOCK];
+    memcpy(now, squares, sizeof now);
+    for (int i = count; i < BLOCK; i++) now[i] = 0; /* beyond the row */
+    uint16_t highest = 0;
+    for (int i = 0; i < BLOCK; i++) highest = now[i] > highest ? now[i] : highest;
+    for (int ring = 0; ring * BLOCK < reach; ring++) {
+        const int start = ring * BLOCK + 1;
+        if (start * start >= highest) break;
+        uint16_t low = lowest[-ring - 1];
+        low = lowest[-ring] < low ? lowest[-ring] : low;
+        low = lowest[ring] < low ? lowest[ring] : low;
+        low = lowest[ring + 1] < low ? lowest[ring + 1] : low;
+        if (low + start * start >= highest || low + start * start > most) continue;
+        const int stop = start + BLOCK <= reach ? start + BLOCK : reach + 1;
+        for (int offset = start; offset < stop && offset * offset < highest;) {
+            for (int k = 0; k < 4; k++, offset++) {
+                const uint16_t *left = squares - offset, *right = squares + offset;
+                const uint16_t square = squares_16[offset];
+                for (int i = 0; i < BLOCK; i++) {
+                    uint16_t other = left[i] < right[i] ? left[i] : right[i];
+                    other = (uint16_t)(other + square);
+                    now[i] = other < now[i] ? other : now[i];
+                }
+            }
+            highest = 0;
+            for (int i = 0; i < BLOCK; i++) highest = now[i] > highest ? now[i] : highest;
+        }
+    }
+    memcpy(best, now, sizeof now);
+    return highest;
+}
+
+/* Solve the cells first..end, all of one kind, by the lower envelope over their run. */
+static void solve_far(const Task *task, const Row *row, const uint8_t *marked, int64_t first,
+                      int64_t end)
+{
+    const int64_t width = task->width, none = task->height; /* no height is larger */
+    const uint8_t kind = marked[first];
+    const uint32_t *heights = row->heights;
+    int64_t reach = 0; /* no cell's nearest lies farther than its own height says */
+    for (int64_t x = first; x < end; x++)
+        if (heights[x] > reach) reach = heights[x];
+    if (reach > none) reach = width;
+    int64_t low = first, high = end;
+    while (low > 0 && marked[low - 1] == kind && first - low < reach) low--;
+    while (high < width && marked[high] == kind && high - end < reach) high++;
+    const int64_t from = low > 0 && marked[low - 1] != kind ? low - 1 : low;
+    const int64_t to = high < width && marked[high] != kind ? high + 1 : high;
+
+    /* The hull's last corner, and its last edge: none is longer than 0 cells. */
+    int64_t *restrict sites = row->sites, *restrict values = row->values;
+    int64_t top = -1, site = 0, value = 0, run = 0, rise = 0;
+    for (int64_t i = from; i < to; i++) {
+        const int64_t height = i >= low && i < high ? (int64_t)heights[i] : 0;
+        if (height > none) continue;
+        const int64_t new_value = height * height + i * i;
+        /* drop corners on or above the line from the one before them to the new one */
+        while (run > 0 && (new_value - value) * run <= rise * (i - site)) {
+            top--;
+            site = sites[top];
+            value = values[top];
+            run = top > 0 ? site - sites[top - 1] : 0;
+            rise = top > 0 ? value - values[top - 1] : 0;
+        }
+        if (top >= 0) {
+            run = i - site;
+            rise = new_value - value;
+        }
+        top++;
+        sites[top] = site = i;
+        values[top] = value = new_value;
+    }
+    const int64_t sign = kind ? -1 : 1;
+    int64_t *restrict squares = row->squares;
+    if (top < 0) {
+        for (int64_t x = first; x < end; x++) squares[x - first] = sign * UNREACHABLE;
+        return;
+    }
+    /* Corner k gives way to the next where the edge between them is no steeper than 2x; square
+     * and edge are followed from cell to cell by their differences. */
+    int64_t x = first;
+    for (int64_t k = 0; k <= top && x < end; k++) {
+        rise = k < top ? values[k + 1] - values[k] : INT64_MAX;
+        run = k < top ? 2 * (sites[k + 1] - sites[k]) : 0;
+        int64_t slope = x * run, step = 2 * (x - sites[k]) + 1;
+        int64_t square = values[k] + x * (x - 2 * sites[k]);
+        for (; x < end && slope < rise; x++, slope += run, square += step, step += 2)
+            squares[x - first] = sign * square;
+    }
+}
+
+/* Store signed squares of neighbouring cells as what was asked for. */
+MANY_LANES static void store(const Task *task, int64_t at, const int64_t *restrict squares,
+                             int64_t count, int is_near)
+{
+    const int64_t limit = task->limit;
+    if (task->form == METRES) {
+        float *restrict cells = (float *)task->cells + at;
+        if (is_near) {
+            for (int64_t i = 0; i < count; i++) {
+                int64_t square = squares[i] > NEAR_SQUARE ? NEAR_SQUARE : squares[i];
+                square = square < -NEAR_SQUARE ? -NEAR_SQUARE : square;
+                cells[i] = task->near_metres[square];
+            }
+            return;
+        }
+        for (int64_t i = 0; i < count; i++) {
+            const int64_t size = squares[i] < 0 ? -squares[i] : squares[i];
+            const double number = size > limit || size == UNREACHABLE ? INFINITY : (double)size;
+            cells[i] = metres_of(task, squares[i] < 0 ? -number : number);
+        }
+    } else if (task->form == BYTES) {
+        uint8_t *restrict cells = (uint8_t *)task->cells + at;
+        for (int64_t i = 0; i < count; i++)
+            cells[i] = task->bytes[squares[i] <= limit ? squares[i] : limit + 1];
+    } else if (task->form == SQUARES_32) {
+        int32_t *restrict cells = (int32_t *)task->cells + at;
+        for (int64_t i = 0; i < count; i++)
+            cells[i] = squares[i] > limit || squares[i] == UNREACHABLE     ? INT32_MAX
+                       : squares[i] < -limit || squares[i] == -UNREACHABLE ? -INT32_MAX
+                                                                           : (int32_t)squares[i];
+    } else {
+        int64_t *restrict cells = (int64_t *)task->cells + at;
+        for (int64_t i = 0; i < count; i++)
+            cells[i] = squares[i] > limit    ? UNREACHABLE
+                       : squares[i] < -limit ? -UNREACHABLE
+                                             : squares[i];
+    }
+}
+
+/* Solve and store row y. */
+static void solve_row(const Task *task, const Row *row, int64_t y, const uint32_t *down)
+{
+    const int64_t width = task->width, blocks = (width + BLOCK - 1) / BLOCK, at = y * width;
+    const uint8_t *marked = task->marked + at;
+    split_row(marked, down, row->up, row->heights, row->outside, row->inside, width);
+    for (int64_t b = 0; b < blocks; b++) {
+        row->lowest_outside[b] = lowest_of_block(row->outside + b * BLOCK);
+        row->lowest_inside[b] = lowest_of_block(row->inside + b * BLOCK);
+    }
+    int64_t far = -1; /* where a stretch of far blocks begins */
+    uint16_t outside[BLOCK], inside[BLOCK];
+    int64_t squares[BLOCK];
+    for (int64_t b = 0; b < blocks; b++) {
+        const int64_t x = b * BLOCK;
+        const int count = width - x < BLOCK ? (int)(width - x) : BLOCK;
+        int highest = 0;
+        memset(outside, 0, sizeof outside);
+        memset(inside, 0, sizeof inside);
+        if (row->lowest_inside[b] == 0) /* not all cells are marked */
+            highest = solve_near(row->outside + x, row->lowest_outside + b, count,
+                                 task->near_reach, task->near_most, outside);
+        if (row->lowest_outside[b] == 0 && task->both_kinds) {
+            const int other = solve_near(row->inside + x, row->lowest_inside + b, count,
+                                         task->near_reach, task->near_most, inside);
+            if (other > highest) highest = other;
+        }
+        if (task->has_far && highest > task->near_most) {
+            if (far < 0) far = x;
+            continue;
+        }
+        if (far >= 0) {
+            solve_far(task, row, marked, far, x);
+            store(task, at + far, row->squares, x - far, 0);
+            far = -1;
+        }
+        for (int i = 0; i < BLOCK; i++) squares[i] = (int64_t)outside[i] - (int64_t)inside[i];
+        store(task, at + x, squares, count, 1);
+    }
+    if (far >= 0) {
+        solve_far(task, row, marked, far, width);
+        store(task, at + far, row->squares, width - far, 0);
+    }
+}
+
+/* Solve the rows of a band, given by join_bands how runs go on beyond it. Returns whether there
+ * was memory for it. */
+static int solve_band(const Task *task, const uint32_t *down, const uint32_t *up, int64_t band)
+{
+    const int64_t width = task->width, height = task->height;
+    const int64_t first = band * task->band_rows, end = band_end(task, band);
+    const uint8_t *marked = task->marked;
+
+    const size_t cells = (size_t)width, blocks = (cells + BLOCK - 1) / BLOCK;
+    const size_t padded = blocks * BLOCK + 2 * MARGIN, lows = blocks + 2 * RINGS;
+    const size_t counts = cells * (size_t)(end - first);
+    char *memory = malloc((3 * cells + 4) * sizeof(int64_t)
+                          + (counts + 2 * cells) * sizeof(uint32_t)
+                          + 2 * (padded + lows) * sizeof(uint16_t));
+    if (memory == NULL) return 0;
+    Row row;
+    row.sites = (int64_t *)memory;
+    row.values = row.sites + cells + 2;
+    row.squares = row.values + cells + 2;
+    row.down = (uint32_t *)(row.squares + cells);
+    row.up = row.down + counts;
+    row.heights = row.up + cells;
+    row.outside = (uint16_t *)(row.heights + cells);
+    row.inside = row.outside + padded;
+    row.lowest_outside = row.inside + padded;
+    row.lowest_inside = row.lowest_outside + lows;
+    for (size_t i = 0; i < 2 * (padded + lows); i++) row.outside[i] = NEAR_CAP * NEAR_CAP;
+    row.outside += MARGIN;
+    row.inside += MARGIN;
+    row.lowest_outside += RINGS;
+    row.lowest_inside += RINGS;
+
+    if (first == 0)
+        for (int64_t x = 0; x < width; x++) row.down[x] = endless_height(task);
+    else
+        run_on(marked + first * width, marked + (first - 1) * width, down + (band - 1) * width,
+               row.down, width);
+    for (int64_t y = first + 1; y < end; y++)
+        run_on(marked + y * width, marked + (y - 1) * width, row.down + (y - 1 - first) * width,
+               row.down + (y - first) * width, width);
+    for (int64_t y = end - 1; y >= first; y--) {
+        if (y == height - 1)
+            for (int64_t x = 0; x < width; x++) row.up[x] = endless_height(task);
+        else if (y == end - 1)
+            run_on(marked + y * width, marked + end * width, up + (band + 1) * width, row.up, width);
+        else
+            run_on_in_place(marked + y * width, marked + (y + 1) * width, row.up, width);
+        solve_row(task, &row, y, row.down + (y - first) * width);
+    }
+    free(memory);
+    return 1;
+}

@@ -1,0 +1,177 @@
+"""Whole arrays through small tables, in threads: one pass, no temporary arrays of that size."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.threads import for_rows
+
+Bytes = NDArray[np.uint8] | NDArray[np.int8]
+
+
+def look_up(values: Bytes, table: NDArray[Any]) -> NDArray[Any]:
+    """Return the table's entry for each value.
+
+    Parameters
+    ----------
+    values : numpy.ndarray of uint8 or int8, shape (H, W)
+        A negative value counts from the table's end, so -1 reads the last entry.
+    table : numpy.ndarray of uint8 or int8, shape (256,)
+        The result for each value.
+
+    Returns
+    -------
+    numpy.ndarray of the table's type, shape (H, W)
+
+    Examples
+    --------
+    >>> table = np.zeros(256, dtype=np.uint8)
+    >>> table[[0, 100, -1]] = [254, 1, 205]
+    >>> look_up(np.array([[0, 100, -1, 50]], dtype=np.int8), table)
+    array([[254,   1, 205,   0]], dtype=uint8)
+    """
+    source, entries = values.view(np.uint8), table.view(np.uint8)
+    result = np.empty(values.shape, dtype=np.uint8)
+    # a view with gaps within its rows is left to numpy
+    if engine_name() == "compiled" and source.strides[1] == 1:
+        from mapdeal.kernels import _compiled
+
+        def part(rows: slice) -> None:
+            _compiled.look_up(source[rows], entries, result[rows])
+    else:
+
+        def part(rows: slice) -> None:
+            result[rows] = entries[source[rows]]
+
+    for_rows(part, values.shape)
+    return result.view(table.dtype)
+
+
+def histogram(values: Bytes) -> NDArray[np.int64]:
+    """Return how often each value occurs, shape (256,); negative ones count from the end.
+
+    Examples
+    --------
+    >>> histogram(np.array([[0, 7, -1, 7]], dtype=np.int8))[[0, 7, -1]]
+    array([1, 2, 1])
+    """
+    source = np.ascontiguousarray(values).view(np.uint8)
+    parts: list[NDArray[np.int64]] = []
+    compiled = engine_name() == "compiled"
+
+    def part(rows: slice) -> None:
+        if compiled:
+            from mapdeal.kernels import _compiled
+
+            counts = np.zeros(256, dtype=np.int64)
+            _compiled.count_bytes(source[rows], counts)
+            parts.append(counts)
+        else:
+            parts.append(np.bincount(source[rows].ravel(), minlength=256))
+
+    for_rows(part, values.shape)
+    counts: NDArray[np.int64] = np.sum(parts, axis=0)
+    return counts
+
+
+def squares_of_distances(
+    distance: NDArray[np.float32],
+    obstacles: NDArray[np.bool_],
+    *,
+    scale: float,
+    shift: float,
+    gain: float,
+    clip: float,
+) -> NDArray[np.float64]:
+    """Return the squared distances in cells that a field's distances stand for.
+
+    Parameters
+    ----------
+    distance : numpy.ndarray of float32, shape (H, W)
+        ``gain * (d - shift)`` with d the metres between the centres of cells.
+    obstacles : numpy.ndarray of bool, shape (H, W)
+        The cells that the distances are to.
+    scale : float
+        Side of a cell, metres.
+    shift, gain : float
+        What the distances were made with.
+    clip : float
+        Metres, before `gain`, from which on distances were clipped.
+
+    Returns
+    -------
+    numpy.ndarray of float64, shape (H, W)
+        Whole numbers; 0 on obstacles, +inf where the clip has hidden the distance.
+    """
+    metres = distance.astype(np.float64)
+    metres /= gain
+    clipped = metres >= clip
+    metres += shift
+    metres /= scale
+    metres *= metres
+    np.rint(metres, out=metres)
+    metres[clipped] = math.inf
+    metres[obstacles] = 0.0
+    return metres
+
+
+def bytes_of_distances(
+    distance: NDArray[np.float32],
+    obstacles: NDArray[np.bool_],
+    table: NDArray[np.uint8],
+    *,
+    scale: float,
+    shift: float,
+    gain: float,
+    clip: float,
+) -> NDArray[np.uint8]:
+    """Return what a table says of the squares that `squares_of_distances` gives.
+
+    Parameters
+    ----------
+    distance, obstacles, scale, shift, gain, clip
+        As for `squares_of_distances`.
+    table : numpy.ndarray of uint8, shape (N,)
+        The result for the squares 0 .. N - 2, and for all larger ones.
+
+    Returns
+    -------
+    numpy.ndarray of uint8, shape (H, W)
+
+    Examples
+    --------
+    >>> bytes_of_distances(
+    ...     np.array([[0.0, 0.5, 1.0, 1.5]], dtype=np.float32),
+    ...     np.array([[True, False, False, False]]),
+    ...     np.array([99, 80, 70, 60, 50, 0], dtype=np.uint8),
+    ...     scale=0.5, shift=0.0, gain=1.0, clip=np.inf,
+    ... )
+    array([[99, 80, 50,  0]], dtype=uint8)
+    """
+    result = np.empty(distance.shape, dtype=np.uint8)
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _compiled
+
+        source, mask = np.ascontiguousarray(distance), np.ascontiguousarray(obstacles)
+
+        def part(rows: slice) -> None:
+            _compiled.bytes_of_distances(
+                source[rows], mask[rows].view(np.uint8), table, result[rows],
+                scale, shift, gain, clip,
+            )  # fmt: skip
+    else:
+
+        def part(rows: slice) -> None:
+            squares = squares_of_distances(
+                distance[rows], obstacles[rows], scale=scale, shift=shift, gain=gain, clip=clip
+            )
+            np.minimum(squares, len(table) - 1, out=squares)
+            result[rows] = table[squares.astype(np.intp)]
+
+    for_rows(part, distance.shape)
+    return result

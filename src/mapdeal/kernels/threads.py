@@ -1,0 +1,101 @@
+"""How many threads the kernels may use, and work shared out among them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+_ROWS_CELLS = 1 << 16
+"""Cells that are worked on together: temporary arrays of so many stay in the cache."""
+
+_chosen: ContextVar[int | None] = ContextVar("threads", default=None)
+
+
+def available_threads() -> int:
+    """Return the number of processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def thread_count() -> int:
+    """Return the number of threads to use: what `use_threads` says, else `available_threads`."""
+    return _chosen.get() or available_threads()
+
+
+@contextmanager
+def use_threads(count: int) -> Iterator[None]:
+    """Have kernels use at most `count` threads within a ``with`` block.
+
+    Results do not depend on it. The setting belongs to the thread that makes it.
+
+    Examples
+    --------
+    >>> with use_threads(1):
+    ...     thread_count()
+    1
+    """
+    token = _chosen.set(max(1, count))
+    try:
+        yield
+    finally:
+        _chosen.reset(token)
+
+
+def in_parallel(work: Callable[[int, int], object], count: int) -> None:
+    """Call `work` on parts of ``range(count)`` that together are all of it.
+
+    Parameters
+    ----------
+    work : callable
+        Takes the first index of a part and the one after its last. An exception of any part is
+        raised, after all have ended.
+    count : int
+        Number of pieces of work; the parts are several times as many as the threads, so that
+        uneven ones even out.
+    """
+    threads = min(thread_count(), count)
+    if threads <= 1:
+        if count:
+            work(0, count)
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    parts = min(count, 8 * threads)
+    edges = [count * k // parts for k in range(parts + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in pool.map(work, edges[:-1], edges[1:]):
+            pass
+
+
+def for_rows(work: Callable[[slice], object], shape: tuple[int, ...]) -> None:
+    """Call `work` on slices of rows that together are all of an array, in threads.
+
+    Parameters
+    ----------
+    work : callable
+        Takes a slice of rows, few enough for what it makes of them to stay in the cache.
+    shape : tuple of int
+        Of the array: (H, W).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> squares, numbers = np.empty((1000, 1000)), np.arange(1e6).reshape(1000, 1000)
+    >>> def square(rows):
+    ...     np.multiply(numbers[rows], numbers[rows], out=squares[rows])
+    >>> for_rows(square, squares.shape)
+    >>> print(squares[-1, -1] == 999_999**2)
+    True
+    """
+    height, width = shape
+    step = max(1, _ROWS_CELLS // max(width, 1))
+    bands = -(-height // step)
+
+    def band(first: int, end: int) -> None:
+        for k in range(first, end):
+            work(slice(k * step, min((k + 1) * step, height)))
+
+    in_parallel(band, bands)

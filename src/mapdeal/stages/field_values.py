@@ -1,0 +1,129 @@
+"""What a distance field says of the distance between cell centres, whatever its convention."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.field import DistanceField
+from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
+from mapdeal.kernels.threads import for_rows
+
+_LARGEST_TABLE = 1 << 22
+_CLIP_TOLERANCE = 1e-6
+"""Relative: distances are float32, the clip is not."""
+
+
+def squares_in(
+    field: DistanceField, obstacles: NDArray[np.bool_], rows: slice = slice(None)
+) -> NDArray[np.float64]:
+    """Return the squared distance to the nearest obstacle centre, in cells.
+
+    Parameters
+    ----------
+    field : DistanceField
+        The field.
+    obstacles : numpy.ndarray of bool, shape (H, W)
+        Its obstacles, from `DistanceField.obstacles`.
+    rows : slice
+        Rows to look at.
+
+    Returns
+    -------
+    numpy.ndarray of float64, shape (rows, W)
+        Whole numbers: 0 on obstacles; +inf where there is no obstacle, and where
+        `max_distance` has hidden the distance.
+
+    Notes
+    -----
+    Undoes convention and strength, then rounds: distances between cell centres are square
+    roots of whole numbers of cells, so float32 metres give the exact integer back as long as
+    neighbouring squares are told apart, up to about 1000 cells. Beyond, the result is within
+    one part in 10^6.
+    """
+    return squares_of_distances(field.distance[rows], obstacles[rows], **_measure(field))
+
+
+def bytes_in(
+    field: DistanceField, obstacles: NDArray[np.bool_], table: NDArray[np.uint8]
+) -> NDArray[np.uint8]:  # fmt: skip
+    """Return a table's entry for each cell's square, the last one for all beyond.
+
+    Takes what `squares_in` takes, and gives what indexing with its result would.
+    """
+    return bytes_of_distances(field.distance, obstacles, table, **_measure(field))
+
+
+def bytes_of_metres(
+    field: DistanceField,
+    obstacles: NDArray[np.bool_],
+    value_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    *,
+    constant_from: float,
+) -> NDArray[np.int8]:
+    """Return a function's values, truncated, of each cell's distance between centres.
+
+    Parameters
+    ----------
+    field : DistanceField
+        The field.
+    obstacles : numpy.ndarray of bool, shape (H, W)
+        Its obstacles, from `DistanceField.obstacles`.
+    value_of : callable
+        Gives values 0 .. 127 of metres; called with float64 arrays, which may hold +inf.
+    constant_from : float
+        Metres from which on the value no longer changes.
+
+    Returns
+    -------
+    numpy.ndarray of int8, shape (H, W)
+    """
+    furthest = furthest_kept(field)
+    cells = min(constant_from, furthest, _diagonal(field)) / field.resolution
+    if cells * cells < _LARGEST_TABLE:
+        squares = np.arange(math.ceil(cells * cells) + 2, dtype=np.float64)
+        squares[-1] = math.inf
+        metres = np.minimum(np.sqrt(squares) * field.resolution, furthest)
+        return bytes_in(field, obstacles, value_of(metres).astype(np.uint8)).view(np.int8)
+    values = np.empty(field.shape, dtype=np.int8)
+
+    def part(rows: slice) -> None:
+        metres = np.sqrt(squares_in(field, obstacles, rows)) * field.resolution
+        values[rows] = value_of(np.minimum(metres, furthest))
+
+    for_rows(part, field.shape)
+    return values
+
+
+def largest_distance_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> float:
+    """Return the largest distance between centres, in metres, as far as the field has kept it."""
+    squares: list[float] = []
+    for_rows(lambda rows: squares.append(squares_in(field, obstacles, rows).max()), field.shape)
+    return min(math.sqrt(max(squares)) * field.resolution, furthest_kept(field))
+
+
+def furthest_kept(field: DistanceField) -> float:
+    """Return the metres between centres beyond which the field was clipped."""
+    if field.max_distance is None:
+        return math.inf
+    return field.max_distance + (0.5 * field.resolution if field.convention == "border" else 0.0)
+
+
+def _diagonal(field: DistanceField) -> float:
+    return math.hypot(*field.shape) * field.resolution
+
+
+def _measure(field: DistanceField) -> dict[str, Any]:
+    clip = math.inf
+    if field.max_distance is not None:
+        clip = field.max_distance * (1 - _CLIP_TOLERANCE)
+    return {
+        "scale": field.resolution,
+        "shift": 0.5 * field.resolution if field.convention == "border" else 0.0,
+        "gain": field.strength,
+        "clip": clip,
+    }
