@@ -10,8 +10,8 @@ import numpy as np
 RESOLUTION = 0.05
 
 
-def make_map(side: int, path: Path) -> None:
-    """Write a map of `side` x `side` cells: walls, specks, and a tenth of it unknown."""
+def pixels_of_map(side: int) -> np.ndarray:
+    """Return a map of `side` x `side` pixels: walls, specks, and a tenth of it unknown."""
     rng = np.random.default_rng(side)
     pixels = np.full((side, side), 254, np.uint8)
     for _ in range(side // 10):
@@ -25,6 +25,17 @@ def make_map(side: int, path: Path) -> None:
     border = side // 10
     pixels[:border] = 205
     pixels[:, :border] = 205
+    return pixels
+
+
+def cells_of_map(side: int) -> np.ndarray:
+    """Return the mask of the map's obstacles, row 0 in the south."""
+    return np.ascontiguousarray(pixels_of_map(side)[::-1] == 0)
+
+
+def make_map(side: int, path: Path) -> None:
+    """Write the map as a pgm and its yaml."""
+    pixels = pixels_of_map(side)
     path.with_suffix(".pgm").write_bytes(b"P5\n%d %d\n255\n" % (side, side) + pixels.tobytes())
     half = side * RESOLUTION / 2
     path.write_text(

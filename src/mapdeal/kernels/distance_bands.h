@@ -254,6 +254,8 @@ static void solve_far(const Task *task, const Row *row, const uint8_t *marked, i
         const int64_t height = i >= low && i < high ? (int64_t)heights[i] : 0;
         if (height > none) continue;
         const int64_t new_value = height * height + i * i;
+        /* never better than the last corner up to the stretch's end */
+        if (top >= 0 && new_value - value >= 2 * (end - 1) * (i - site)) continue;
         /* drop corners on or above the line from the one before them to the new one */
         while (run > 0 && (new_value - value) * run <= rise * (i - site)) {
             top--;
@@ -289,42 +291,70 @@ static void solve_far(const Task *task, const Row *row, const uint8_t *marked, i
     }
 }
 
-/* Store signed squares of neighbouring cells as what was asked for. */
-MANY_LANES static void store(const Task *task, int64_t at, const int64_t *restrict squares,
-                             int64_t count, int is_near)
+static int64_t limited(const Task *task, int64_t square)
 {
-    const int64_t limit = task->limit;
-    if (task->form == METRES) {
+    return square > task->limit ? UNREACHABLE : square < -task->limit ? -UNREACHABLE : square;
+}
+
+/* Store the squares of a block that trials have settled: `outside` is 0 on marked cells, `inside`
+ * on others. Look-ups stay single: gathering them is slower on many processors. */
+static void store_near(const Task *task, int64_t at, const uint16_t *outside,
+                       const uint16_t *inside, int count, int highest)
+{
+    if (task->form == METRES && highest <= NEAR_SQUARE) {
         float *restrict cells = (float *)task->cells + at;
-        if (is_near) {
-            for (int64_t i = 0; i < count; i++) {
-                int64_t square = squares[i] > NEAR_SQUARE ? NEAR_SQUARE : squares[i];
-                square = square < -NEAR_SQUARE ? -NEAR_SQUARE : square;
-                cells[i] = task->near_metres[square];
-            }
-            return;
-        }
-        for (int64_t i = 0; i < count; i++) {
-            const int64_t size = squares[i] < 0 ? -squares[i] : squares[i];
-            const double number = size > limit || size == UNREACHABLE ? INFINITY : (double)size;
-            cells[i] = metres_of(task, squares[i] < 0 ? -number : number);
+        const float *near_metres = task->near_metres;
+        for (int i = 0; i < count; i++) cells[i] = near_metres[outside[i] - inside[i]];
+    } else if (task->form == METRES) {
+        float *cells = (float *)task->cells + at;
+        for (int i = 0; i < count; i++) {
+            const int out = outside[i] < NEAR_SQUARE ? outside[i] : NEAR_SQUARE;
+            const int in = inside[i] < NEAR_SQUARE ? inside[i] : NEAR_SQUARE;
+            cells[i] = task->near_metres[out - in];
         }
     } else if (task->form == BYTES) {
-        uint8_t *restrict cells = (uint8_t *)task->cells + at;
-        for (int64_t i = 0; i < count; i++)
-            cells[i] = task->bytes[squares[i] <= limit ? squares[i] : limit + 1];
+        uint8_t *cells = (uint8_t *)task->cells + at;
+        for (int i = 0; i < count; i++)
+            cells[i] = task->bytes[outside[i] <= task->limit ? outside[i] : task->limit + 1];
     } else if (task->form == SQUARES_32) {
-        int32_t *restrict cells = (int32_t *)task->cells + at;
-        for (int64_t i = 0; i < count; i++)
-            cells[i] = squares[i] > limit || squares[i] == UNREACHABLE     ? INT32_MAX
-                       : squares[i] < -limit || squares[i] == -UNREACHABLE ? -INT32_MAX
-                                                                           : (int32_t)squares[i];
+        int32_t *cells = (int32_t *)task->cells + at;
+        const int most = task->limit < NEAR_CAP * NEAR_CAP ? (int)task->limit : INT32_MAX;
+        for (int i = 0; i < count; i++) {
+            const int square = outside[i] - inside[i];
+            cells[i] = square > most ? INT32_MAX : square < -most ? -INT32_MAX : square;
+        }
     } else {
-        int64_t *restrict cells = (int64_t *)task->cells + at;
+        int64_t *cells = (int64_t *)task->cells + at;
+        for (int i = 0; i < count; i++) cells[i] = limited(task, outside[i] - inside[i]);
+    }
+}
+
+/* Store signed squares of neighbouring cells. */
+MANY_LANES static void store_far(const Task *task, int64_t at, const int64_t *squares,
+                                 int64_t count)
+{
+    if (task->form == METRES) {
+        float *restrict cells = (float *)task->cells + at;
+        for (int64_t i = 0; i < count; i++) {
+            const int64_t size = squares[i] < 0 ? -squares[i] : squares[i];
+            const double square = size > task->limit || size == UNREACHABLE ? INFINITY : (double)size;
+            cells[i] = metres_of(task, squares[i] < 0 ? -square : square);
+        }
+    } else if (task->form == BYTES) {
+        uint8_t *cells = (uint8_t *)task->cells + at;
         for (int64_t i = 0; i < count; i++)
-            cells[i] = squares[i] > limit    ? UNREACHABLE
-                       : squares[i] < -limit ? -UNREACHABLE
-                                             : squares[i];
+            cells[i] = task->bytes[squares[i] <= task->limit ? squares[i] : task->limit + 1];
+    } else if (task->form == SQUARES_32) {
+        int32_t *cells = (int32_t *)task->cells + at;
+        for (int64_t i = 0; i < count; i++) {
+            const int64_t square = limited(task, squares[i]);
+            cells[i] = square == UNREACHABLE    ? INT32_MAX
+                       : square == -UNREACHABLE ? -INT32_MAX
+                                                : (int32_t)square;
+        }
+    } else {
+        int64_t *cells = (int64_t *)task->cells + at;
+        for (int64_t i = 0; i < count; i++) cells[i] = limited(task, squares[i]);
     }
 }
 
@@ -340,7 +370,6 @@ static void solve_row(const Task *task, const Row *row, int64_t y, const uint32_
     }
     int64_t far = -1; /* where a stretch of far blocks begins */
     uint16_t outside[BLOCK], inside[BLOCK];
-    int64_t squares[BLOCK];
     for (int64_t b = 0; b < blocks; b++) {
         const int64_t x = b * BLOCK;
         const int count = width - x < BLOCK ? (int)(width - x) : BLOCK;
@@ -361,15 +390,14 @@ static void solve_row(const Task *task, const Row *row, int64_t y, const uint32_
         }
         if (far >= 0) {
             solve_far(task, row, marked, far, x);
-            store(task, at + far, row->squares, x - far, 0);
+            store_far(task, at + far, row->squares, x - far);
             far = -1;
         }
-        for (int i = 0; i < BLOCK; i++) squares[i] = (int64_t)outside[i] - (int64_t)inside[i];
-        store(task, at + x, squares, count, 1);
+        store_near(task, at + x, outside, inside, count, highest);
     }
     if (far >= 0) {
         solve_far(task, row, marked, far, width);
-        store(task, at + far, row->squares, width - far, 0);
+        store_far(task, at + far, row->squares, width - far);
     }
 }
 

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
+from itertools import pairwise
+from threading import Thread
+
+_PARTS_PER_THREAD = 8
+"""So that parts of uneven cost even out."""
 
 _ROWS_CELLS = 1 << 16
 """Cells that are worked on together: temporary arrays of so many stay in the cache."""
@@ -50,24 +56,40 @@ def in_parallel(work: Callable[[int, int], object], count: int) -> None:
     Parameters
     ----------
     work : callable
-        Takes the first index of a part and the one after its last. An exception of any part is
-        raised, after all have ended.
+        Takes the first index of a part and the one after its last. An exception ends the work
+        and is raised here.
     count : int
-        Number of pieces of work; the parts are several times as many as the threads, so that
-        uneven ones even out.
+        Number of pieces of work. The caller's thread takes its share.
     """
     threads = min(thread_count(), count)
     if threads <= 1:
         if count:
             work(0, count)
         return
-    from concurrent.futures import ThreadPoolExecutor
-
-    parts = min(count, 8 * threads)
+    parts = min(count, _PARTS_PER_THREAD * threads)
     edges = [count * k // parts for k in range(parts + 1)]
-    with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(work, edges[:-1], edges[1:]):
-            pass
+    waiting = deque(pairwise(edges))
+    errors: list[BaseException] = []
+
+    def take_parts() -> None:
+        while not errors:
+            try:
+                part = waiting.popleft()
+            except IndexError:
+                return
+            try:
+                work(*part)
+            except BaseException as error:  # noqa: BLE001 - raised again in the caller's thread
+                errors.append(error)
+
+    others = [Thread(target=copy_context().run, args=(take_parts,)) for _ in range(threads - 1)]
+    for thread in others:
+        thread.start()
+    take_parts()
+    for thread in others:
+        thread.join()
+    if errors:
+        raise errors[0]
 
 
 def for_rows(work: Callable[[slice], object], shape: tuple[int, ...]) -> None:
