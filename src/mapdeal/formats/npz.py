@@ -6,10 +6,12 @@ is taken for it, and nothing is ever unpickled.
 
 from __future__ import annotations
 
+import io
 import tokenize
 import warnings
 import zipfile
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,13 +20,13 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
+from mapdeal.formats.deflate import Buffer, deflated, pieces
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
 
 FORMAT = "mapdeal/1"
-_COMPRESSION_LEVEL = 1
 _LARGEST_SMALL_ARRAY = 4096
 _LARGEST_SMALL_NUMBER = 1 << 31
 
@@ -42,12 +44,38 @@ def write_npz(file: BinaryIO, grid: Grid) -> None:
         "origin": np.asarray(grid.origin, dtype=np.float64),
         **_entries_of(grid),
     }
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=_COMPRESSION_LEVEL) as out:
+    with zipfile.ZipFile(file, "w") as archive:
         for name, value in entries.items():
-            info = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
-            info.compress_type = zipfile.ZIP_DEFLATED
-            with out.open(info, "w", force_zip64=True) as entry:
-                npy_format.write_array(entry, np.asanyarray(value), allow_pickle=False)
+            _write_entry(file, archive, f"{name}.npy", np.asarray(value, order="C"))
+
+
+def _write_entry(
+    file: BinaryIO, archive: zipfile.ZipFile, name: str, array: NDArray[Any]
+) -> None:  # fmt: skip
+    """Add an array, compressed in threads.
+
+    zipfile would compress in one. So it stores what is compressed already, and the entry's
+    header is then corrected to say so.
+    """
+    header = io.BytesIO()
+    npy_format.write_array_header_1_0(header, npy_format.header_data_from_array_1_0(array))
+    info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
+    checksum = 0
+
+    def parts() -> Iterator[Buffer]:
+        nonlocal checksum
+        for part in (header.getvalue(), *pieces(array)):
+            checksum = zlib.crc32(part, checksum)
+            yield part
+
+    with archive.open(info, "w", force_zip64=True) as entry:
+        for block in deflated(parts()):
+            entry.write(block)
+    info.compress_type = zipfile.ZIP_DEFLATED
+    info.file_size = len(header.getvalue()) + array.nbytes
+    info.CRC = checksum
+    file.seek(info.header_offset)
+    file.write(info.FileHeader(zip64=True))
 
 
 def write_npy(file: BinaryIO, array: NDArray[Any]) -> None:

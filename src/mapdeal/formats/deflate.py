@@ -1,0 +1,87 @@
+"""Deflate streams made of parts that are compressed in threads.
+
+The bytes do not depend on the number of threads: every part is compressed on its own, with the
+end of the one before it as its dictionary.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.threads import thread_count
+
+Buffer = Any  # bytes, or a contiguous memoryview
+
+PART = 1 << 20
+"""Bytes that are compressed together, about: enough for threads and dictionaries to pay."""
+
+_LEVEL = 3
+"""zlib's last level without lazy matching. Of maps, fields and pictures levels 1 to 3 take the
+same time and 3 makes the smallest files; 6 takes twice as long for 10 to 30 percent less."""
+
+_WINDOW = 1 << 15
+_END = b"\x03\x00"  # a last block without contents
+
+
+def deflated(parts: Iterable[Buffer]) -> Iterator[bytes]:
+    """Compress `parts` into one raw deflate stream (RFC 1951).
+
+    Parameters
+    ----------
+    parts : iterable of bytes or memoryview
+        Contiguous pieces of the data, of about `PART` bytes; they must not change until their
+        successor's compressed bytes have been returned.
+
+    Yields
+    ------
+    bytes
+        Pieces of the stream.
+
+    Examples
+    --------
+    >>> stream = b"".join(deflated([b"map", b"deal"]))
+    >>> zlib.decompress(stream, wbits=-15)
+    b'mapdeal'
+    """
+    threads = thread_count()
+    if threads == 1:
+        for part, dictionary in _with_dictionaries(parts):
+            yield _compressed(part, dictionary)
+        yield _END
+        return
+    from concurrent.futures import Future, ThreadPoolExecutor
+
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[bytes]] = deque()
+        for part, dictionary in _with_dictionaries(parts):
+            waiting.append(pool.submit(_compressed, part, dictionary))
+            if len(waiting) > threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    yield _END
+
+
+def pieces(array: NDArray[Any]) -> Iterator[Buffer]:
+    """Cut the bytes of a contiguous array into parts."""
+    whole = array.reshape(-1).view(np.uint8).data
+    for start in range(0, len(whole), PART):
+        yield whole[start : start + PART]
+
+
+def _with_dictionaries(parts: Iterable[Buffer]) -> Iterator[tuple[Buffer, bytes]]:
+    dictionary = b""
+    for part in parts:
+        yield part, dictionary
+        dictionary = bytes(part[-_WINDOW:])
+
+
+def _compressed(part: Buffer, dictionary: bytes) -> bytes:
+    compressor = zlib.compressobj(_LEVEL, zlib.DEFLATED, -15, 9, zdict=dictionary)
+    return compressor.compress(part) + compressor.flush(zlib.Z_SYNC_FLUSH)
