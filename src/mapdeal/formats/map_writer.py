@@ -15,11 +15,11 @@ from mapdeal.formats.map_yaml import MapMetadata, Mode, yaml_of
 from mapdeal.formats.png import write_grey_png, write_rgba_png
 from mapdeal.formats.pnm import write_pgm
 from mapdeal.formats.transaction import Transaction, Writer
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.costmap import Costmap, published_costs
 from mapdeal.grid.frame import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
-from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.lookup import histogram, look_up
 
 Encoding = Literal["occupancy", "costmap2d"]
 
@@ -84,10 +84,10 @@ def write_pair(
             warnings.warn(text, MapdealWarning, stacklevel=2)
             write_image = _pixel_writer(image, grid.cost.astype(np.uint8, copy=False), grid)
         else:
-            write_image = _pixel_writer(image, _raw_pixels(grid.to_occupancy().occupancy), grid)
+            write_image = _pixel_writer(image, _published_pixels(grid), grid)
     else:
         values = grid.occupancy
-        has_between = bool(((values > FREE) & (values < OCCUPIED)).any())
+        has_between = bool(histogram(values)[FREE + 1 : OCCUPIED].any())
         mode = mode or ("raw" if has_between else "trinary")
         write_image = _occupancy_writer(
             image, in_trinary(grid) if mode == "trinary" else grid, mode
@@ -114,7 +114,7 @@ def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     As map_saver does by default: 0..25 free, 65..100 occupied, all else unknown.
     """
     values = grid.occupancy
-    lost = int(np.count_nonzero((values > FREE) & (values < OCCUPIED)))
+    lost = int(histogram(values)[FREE + 1 : OCCUPIED].sum())
     if not lost:
         return grid
     text = f"{lost} values between 1 and 99 are lost in mode trinary"
@@ -155,7 +155,14 @@ def _pixel_writer(image: Path, pixels: NDArray[np.uint8], grid: Framed) -> Write
     return lambda file: write_pgm(file, pixels[::-1], comment=comment)
 
 
-def _raw_pixels(values: NDArray[np.int8]) -> NDArray[np.uint8]:
+def _published_pixels(costmap: Costmap) -> NDArray[np.uint8]:
+    """Return the values that ROS would publish, as mode raw has them."""
+    if costmap.scale == "occupancy":
+        return _raw_pixels(costmap.cost)
+    return look_up(costmap.cost, published_costs().view(np.uint8))
+
+
+def _raw_pixels(values: NDArray[Any]) -> NDArray[np.uint8]:
     return values.view(np.uint8)  # -1 is 255 already
 
 

@@ -24,6 +24,7 @@ from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
 _TOKEN = re.compile(rb"(?:[ \t\n\v\f\r]|#[^\n\r]*)*([^ \t\n\v\f\r#]+)")
 _COMMENT = re.compile(rb"#[^\n\r]*")
 _LONGEST_HEADER = 1 << 16
+_WRITTEN_TOGETHER = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,9 @@ def write_pgm(file: BinaryIO, pixels: NDArray[np.uint8], *, comment: str = "") -
     height, width = pixels.shape
     note = f"# {comment}\n" if comment else ""
     file.write(f"P5\n{note}{width} {height}\n255\n".encode())
-    file.write(np.ascontiguousarray(pixels).data)
+    step = max(1, _WRITTEN_TOGETHER // width)
+    bands = (pixels[first : first + step] for first in range(0, height, step))
+    file.writelines(np.ascontiguousarray(band).data for band in bands)  # rows may be reversed
 
 
 def _read_header(data: bytes, source: Path) -> _Header:

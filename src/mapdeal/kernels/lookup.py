@@ -52,6 +52,19 @@ def look_up(values: Bytes, table: NDArray[Any]) -> NDArray[Any]:
     return result.view(table.dtype)
 
 
+def set_where(values: Bytes, mask: NDArray[np.bool_], value: int) -> None:
+    """Set the values that a mask marks, in place.
+
+    Examples
+    --------
+    >>> values = np.array([[0, -1, 50]], dtype=np.int8)
+    >>> set_where(values, np.array([[True, False, True]]), 100)
+    >>> values
+    array([[100,  -1, 100]], dtype=int8)
+    """
+    for_rows(lambda rows: np.copyto(values[rows], value, where=mask[rows]), values.shape)
+
+
 def histogram(values: Bytes) -> NDArray[np.int64]:
     """Return how often each value occurs, shape (256,); negative ones count from the end.
 

@@ -180,18 +180,18 @@ class _Pen:
     def indices_around(self, left: int, top: int, width: int, height: int) -> NDArray[np.uint8]:
         """Return the sheet as palette indices, all but those of a box, and let it go."""
         sheet_width, sheet_height = self._sheet.size
-        indices = np.empty((sheet_height, sheet_width), dtype=np.uint8)
         right, bottom = left + width, top + height
-        for box in (
+        boxes = (
             (0, 0, sheet_width, top),
             (0, top, left, bottom),
             (right, top, sheet_width, bottom),
             (0, bottom, sheet_width, sheet_height),
-        ):
-            x, y, end_x, end_y = box
-            greys = np.asarray(self._sheet.crop(box))
+        )
+        margins = [np.asarray(self._sheet.crop(box)) for box in boxes]
+        self._sheet = self._draw = None  # before memory is taken for the indices
+        indices = np.empty((sheet_height, sheet_width), dtype=np.uint8)
+        for (x, y, end_x, end_y), greys in zip(boxes, margins, strict=True):
             indices[y:end_y, x:end_x] = greys // (256 // _GREYS) + MOST_COLOURS
-        self._sheet = self._draw = None
         return indices
 
     def text_width(self, title: str, subtitle: str) -> int:

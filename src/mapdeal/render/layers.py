@@ -17,7 +17,7 @@ from mapdeal.grid.values import (
     OCCUPIED,
     UNKNOWN,
 )
-from mapdeal.kernels.lookup import histogram, look_up
+from mapdeal.kernels.lookup import histogram, look_up, set_where
 from mapdeal.kernels.threads import for_rows
 from mapdeal.render import colours
 from mapdeal.render.canvas import (
@@ -76,22 +76,9 @@ def field_image(
     of the scale ends at its largest distance of a known cell.
     """
     raster = Raster.fitting(field.shape, image_max)
-    distance = raster.smallest(field.distance)
-    obstacles = raster.largest(field.obstacles())
-    unknown = raster.smallest(field.occupancy == UNKNOWN)
     far, deep = _range_of(field)
-    indices = np.empty(distance.shape, dtype=np.uint8)
-
-    def colour(rows: slice) -> None:
-        part = _OBSTACLE_LEVELS + _level(distance[rows], far, _FREE_LEVELS)
-        inside = _OBSTACLE_LEVELS - 1 - _level(-distance[rows], deep, _OBSTACLE_LEVELS)
-        np.copyto(part, inside, where=obstacles[rows])
-        indices[rows] = part + _FIELD_LEVELS * unknown[rows].view(np.uint8)
-
-    for_rows(colour, indices.shape)
-    pixels = raster.enlarged(indices)
+    pixels, faded_index = _field_pixels(field, raster, far, deep)
     line = 2 * _FIELD_LEVELS
-    pixels[inner_outline(raster.enlarged(obstacles))] = line
 
     known_side = np.vstack([
         colours.obstacle_side(_OBSTACLE_LEVELS)[::-1], colours.free_side(_FREE_LEVELS)
@@ -103,10 +90,9 @@ def field_image(
         bar = _field_bar(field, far, deep)
     else:
         everywhere = "+inf: no obstacle" if field.distance.flat[0] > 0 else "-inf: nothing free"
-        swatches.append(Swatch(int(indices.flat[0]), everywhere))
-    if unknown.any() and bar is not None:
-        middle = _FIELD_LEVELS + (0 if obstacles[unknown].all() else _OBSTACLE_LEVELS)
-        swatches.append(Swatch(middle + _OBSTACLE_LEVELS // 2, "unknown: faded"))
+        swatches.append(Swatch(int(pixels.flat[0]), everywhere))
+    if faded_index is not None and bar is not None:
+        swatches.append(Swatch(faded_index, "unknown: faded"))
     strength = "" if field.strength == 1.0 else f", strength {field.strength:g}"
     return sheet(
         pixels,
@@ -117,6 +103,41 @@ def field_image(
         bar=bar,
         swatches=swatches,
     )
+
+
+def _field_pixels(
+    field: DistanceField, raster: Raster, far: float, deep: float
+) -> tuple[NDArray[np.uint8], int | None]:
+    """Return palette indices, and one that shows what unknown cells look like, if there are any.
+
+    Levels inside, then outside of obstacles; the same again, faded, for unknown cells; then the
+    outline of obstacles.
+    """
+    obstacles = raster.largest(field.obstacles())
+    indices, faded_index = _field_levels(field, raster, far, deep, obstacles)
+    pixels = raster.enlarged(indices)
+    set_where(pixels, inner_outline(raster.enlarged(obstacles)), 2 * _FIELD_LEVELS)
+    return pixels, faded_index
+
+
+def _field_levels(
+    field: DistanceField, raster: Raster, far: float, deep: float, obstacles: NDArray[np.bool_]
+) -> tuple[NDArray[np.uint8], int | None]:
+    distance = raster.smallest(field.distance)
+    unknown = raster.smallest(field.occupancy == UNKNOWN)
+    levels = np.empty(distance.shape, dtype=np.uint8)
+
+    def level(rows: slice) -> None:
+        part = _OBSTACLE_LEVELS + _level(distance[rows], far, _FREE_LEVELS)
+        inside = _OBSTACLE_LEVELS - 1 - _level(-distance[rows], deep, _OBSTACLE_LEVELS)
+        np.copyto(part, inside, where=obstacles[rows])
+        levels[rows] = part + _FIELD_LEVELS * unknown[rows].view(np.uint8)
+
+    for_rows(level, levels.shape)
+    if not unknown.any():
+        return levels, None
+    outside = bool((unknown > obstacles).any())
+    return levels, _FIELD_LEVELS + outside * _OBSTACLE_LEVELS + _OBSTACLE_LEVELS // 2
 
 
 def cost_image(

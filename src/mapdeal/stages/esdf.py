@@ -18,6 +18,7 @@ from mapdeal.grid.values import (
     UnknownPolicy,
 )
 from mapdeal.kernels.distance import signed_distance
+from mapdeal.kernels.lookup import set_where
 from mapdeal.stages.field_values import bytes_of_metres, furthest_kept, largest_distance_in
 from mapdeal.stages.parameters import ABOVE_0, LETHAL, STRENGTH, stage
 
@@ -151,10 +152,9 @@ def field_view(
             return 100 * (farthest - np.minimum(metres, farthest)) / span
 
         values = bytes_of_metres(field, obstacles, seed, constant_from=farthest)
-    values[obstacles] = OCCUPIED
     unknown = field.occupancy == UNKNOWN
-    unknown &= ~obstacles
-    values[unknown] = UNKNOWN
+    set_where(values, unknown, UNKNOWN)
+    set_where(values, obstacles, OCCUPIED)
     return OccupancyGrid(values, field.resolution, field.origin)
 
 

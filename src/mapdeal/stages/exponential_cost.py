@@ -21,6 +21,7 @@ from mapdeal.grid.values import (
     UNKNOWN,
 )
 from mapdeal.kernels.distance import bytes_by_distance
+from mapdeal.kernels.lookup import set_where
 from mapdeal.kernels.threads import for_rows
 from mapdeal.stages.cost_source import CostSource, check_lethal_threshold, obstacles_of
 from mapdeal.stages.esdf import reach_is_kept
@@ -103,10 +104,9 @@ def exponential_cost(
         )
         warnings.warn(text, MapdealWarning, stacklevel=2)
     obstacles = obstacles_of(source, lethal_threshold)
-    cost = np.where(obstacles, np.uint8(LETHAL_OBSTACLE), np.uint8(FREE_SPACE))
-    unknown = source.occupancy == UNKNOWN
-    unknown &= ~obstacles
-    cost[unknown] = NO_INFORMATION
+    cost = np.zeros(source.shape, dtype=np.uint8)
+    set_where(cost, source.occupancy == UNKNOWN, NO_INFORMATION)
+    set_where(cost, obstacles, LETHAL_OBSTACLE)
     reach = _reach(inflation_radius, source.resolution, source.shape)
     if reach > 0:
         table = cost_table(
@@ -115,11 +115,11 @@ def exponential_cost(
             inscribed_radius=inscribed_radius,
             cost_scaling_factor=cost_scaling_factor,
         )
-        around_unknown = inflate_around_unknown and bool(unknown.any())
-        if isinstance(source, DistanceField) and not around_unknown:
+        seeds = cost >= LETHAL_OBSTACLE if inflate_around_unknown else obstacles
+        has_more = inflate_around_unknown and not np.array_equal(seeds, obstacles)
+        if isinstance(source, DistanceField) and not has_more:
             spread = _spread_from_field(source, obstacles, table, reach)
         else:
-            seeds = obstacles | unknown if around_unknown else obstacles
             spread = bytes_by_distance(seeds, table)
         raise_costs(cost, spread, inflate_unknown=inflate_unknown)
     circumscribed_cost = None

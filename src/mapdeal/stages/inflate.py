@@ -12,6 +12,7 @@ from mapdeal.grid.frame import cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
 from mapdeal.kernels.distance import within_distance
+from mapdeal.kernels.lookup import set_where
 from mapdeal.kernels.neighbourhood import dilate_square
 from mapdeal.stages.parameters import AT_LEAST_0, LETHAL, stage
 
@@ -83,7 +84,7 @@ def inflate(
         text = f"inflate: radius {radius:g} m leaves no cell of the map free"
         warnings.warn(text, MapdealWarning, stacklevel=2)
     occupancy = grid.occupancy.copy()
-    occupancy[grown] = OCCUPIED
+    set_where(occupancy, grown, OCCUPIED)
     return OccupancyGrid(occupancy, grid.resolution, grid.origin)
 
 
