@@ -1,6 +1,6 @@
 """Run the command line as ``python -m mapdeal``."""
 
-from mapdeal.cli.main import main
+from mapdeal.cli.process import run_process
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run_process()

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from mapdeal.cli import terminal
+from mapdeal.cli.process import collect_from_here
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError
 
 # typer brings its own copy of click in new versions and uses the package in old ones; both
@@ -43,6 +44,7 @@ class _LazyGroup(TyperGroup):
         if cmd_name not in COMMANDS:
             return None
         module = import_module(f"mapdeal.cli.{cmd_name}")
+        collect_from_here()
         command = typer.main.get_command(module.app)
         command.name = cmd_name
         command.context_settings["help_option_names"] = ["-h", "--help"]

@@ -9,6 +9,8 @@ from __future__ import annotations
 import zlib
 from collections import deque
 from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -50,16 +52,17 @@ def deflated(parts: Iterable[Buffer]) -> Iterator[bytes]:
     b'mapdeal'
     """
     threads = thread_count()
-    if threads == 1:
-        for part, dictionary in _with_dictionaries(parts):
-            yield _compressed(part, dictionary)
-        yield _END
-        return
-    from concurrent.futures import Future, ThreadPoolExecutor
-
-    with ThreadPoolExecutor(threads) as pool:
+    with ExitStack() as stack:
+        pool = None
         waiting: deque[Future[bytes]] = deque()
         for part, dictionary in _with_dictionaries(parts):
+            if len(part) < PART // 2 or threads == 1:
+                while waiting:
+                    yield waiting.popleft().result()
+                yield _compressed(part, dictionary)
+                continue
+            if pool is None:
+                pool = stack.enter_context(ThreadPoolExecutor(threads))
             waiting.append(pool.submit(_compressed, part, dictionary))
             if len(waiting) > threads:
                 yield waiting.popleft().result()

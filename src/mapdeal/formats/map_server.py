@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import warnings
 from dataclasses import dataclass
@@ -134,6 +133,8 @@ def _nearest_name(path: Path) -> str | None:
         names = sorted(p.name for p in path.parent.iterdir() if p.is_file())
     except (OSError, ValueError):
         return None
+    import difflib
+
     images = [n for n in names if not n.endswith((".yaml", ".yml"))]
     lower = {n.lower(): n for n in images}
     near = [n for n in images if Path(n).stem.lower() == path.stem.lower()]

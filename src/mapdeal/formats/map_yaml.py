@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -124,6 +123,8 @@ def _warn(path: Path, place: str, text: str) -> None:
 
 def _typo_hint(missing: list[str], entries: dict[str, Entry]) -> str | None:
     for key in missing:
+        import difflib
+
         near = difflib.get_close_matches(key, [k for k in entries if k not in _KNOWN], n=1)
         if near:
             return f"is {near[0]} meant to be {key}?"

@@ -7,7 +7,6 @@ is taken for it, and nothing is ever unpickled.
 from __future__ import annotations
 
 import io
-import tokenize
 import warnings
 import zipfile
 import zlib
@@ -238,6 +237,8 @@ class _Reader:
             raise self._error(name, "missing key") from None
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise self._error(name, "compressed in a way that npz files are not")
+        from tokenize import TokenError  # of use to few, and slow to import
+
         try:
             with self._zip.open(info) as entry:
                 version = npy_format.read_magic(entry)
@@ -269,7 +270,7 @@ class _Reader:
                 return array.reshape(found_shape, order="F" if fortran else "C")
         # What reading a damaged header or entry leads to, in numpy and in zipfile.
         except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError,
-                RuntimeError, OSError, SyntaxError, tokenize.TokenError, LookupError,
+                RuntimeError, OSError, SyntaxError, TokenError, LookupError,
                 TypeError) as error:  # fmt: skip
             raise self._error(name, f"damaged: {error}") from None
 

@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels import _compiled
 from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares
-from mapdeal.kernels.threads import in_parallel, use_threads
+from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, in_parallel, use_threads
 
 LONGEST_SIDE: int = _compiled.longest_side
 """Cells; grids with longer sides are left to the twin."""
-
-_CELLS_WORTH_A_THREAD = 1 << 17
 
 
 def squares(
@@ -76,7 +74,7 @@ def _transform(
 
 
 def _run(transform: _compiled.Transform, cells: int) -> None:
-    if cells < _CELLS_WORTH_A_THREAD:
+    if cells < CELLS_WORTH_A_THREAD:
         with use_threads(1):
             _run_bands(transform)
     else:

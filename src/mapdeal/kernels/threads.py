@@ -13,6 +13,9 @@ from threading import Thread
 _PARTS_PER_THREAD = 8
 """So that parts of uneven cost even out."""
 
+CELLS_WORTH_A_THREAD = 1 << 18
+"""Below, starting a thread takes longer than it saves."""
+
 _ROWS_CELLS = 1 << 16
 """Cells that are worked on together: temporary arrays of so many stay in the cache."""
 
@@ -120,4 +123,7 @@ def for_rows(work: Callable[[slice], object], shape: tuple[int, ...]) -> None:
         for k in range(first, end):
             work(slice(k * step, min((k + 1) * step, height)))
 
-    in_parallel(band, bands)
+    if height * width < CELLS_WORTH_A_THREAD:
+        band(0, bands)
+    else:
+        in_parallel(band, bands)

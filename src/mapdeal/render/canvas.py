@@ -6,6 +6,7 @@ import math
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -158,15 +159,20 @@ def round_length(length: float) -> float:
     return float(step * power)
 
 
+@cache
+def _font(size: int) -> Any:
+    from PIL import ImageFont
+
+    return ImageFont.load_default(size)
+
+
 class _Pen:
     """Text and lines, in one size, on a grey sheet of their own."""
 
     def __init__(self, size: int) -> None:
-        from PIL import ImageFont
-
         self._size = size
-        self._font = ImageFont.load_default(size)
-        self._title_font = ImageFont.load_default(round(1.25 * size))
+        self._font = _font(size)
+        self._title_font = _font(round(1.25 * size))
         self._draw: Any = None
         self._sheet: Any = None
 

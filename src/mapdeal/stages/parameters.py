@@ -7,7 +7,6 @@ and Python callers are all held to them.
 
 from __future__ import annotations
 
-import difflib
 import functools
 import inspect
 import math
@@ -185,6 +184,8 @@ def unknown_name(
 ) -> ParameterError:
     """Return the error for a name that is not among the `known` ones, with the nearest."""
     names = list(known)
+    import difflib
+
     near = difflib.get_close_matches(str(name), names, n=1)
     hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
     return ParameterError(f"no such {what}", place=place, got=name, hint=hint)
