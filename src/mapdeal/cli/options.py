@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -111,15 +110,6 @@ def stage_option(
 def given(**options: object) -> dict[str, object]:
     """Return the options that were given on the command line."""
     return {name: value for name, value in options.items() if value is not None}
-
-
-def processors(threads: int | None) -> int:
-    """Return the number of threads to use: those asked for, or all processors allowed."""
-    if threads is not None:
-        return threads
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def robot_shape(text: str | None, radius: float | None, padding: float) -> Footprint | None:

@@ -78,7 +78,7 @@ def run(
             loaded,
             options=run_options,
             force=force,
-            threads=opt.processors(threads),
+            threads=threads,
             max_cells=max_cells,
         )
         terminal.summary(_lines(path, report))

@@ -21,7 +21,7 @@ def file_options(
     image: Path | None,
 ) -> FileOptions:
     """Return the shared options as the pipeline takes them."""
-    return FileOptions(dialect.value, max_cells, force, opt.processors(threads), image)
+    return FileOptions(dialect.value, max_cells, force, threads, image)
 
 
 def run_stage(

@@ -16,6 +16,7 @@ from typing import BinaryIO
 
 from mapdeal.errors import FileAccessError, ParameterError
 from mapdeal.formats.source import holds
+from mapdeal.kernels.threads import thread_count
 
 try:
     import fcntl
@@ -39,8 +40,6 @@ class Transaction:
         Files that no output may be, by whatever name or link.
     force : bool
         Whether existing outputs are replaced.
-    threads : int
-        Files that are written at the same time.
     hint : str
         What an error says of an output that exists.
 
@@ -52,7 +51,8 @@ class Transaction:
     Notes
     -----
     Each file is written under a temporary name in its own folder and renamed when the block
-    ends without an error, in the order of the calls to `write`. Temporary files are locked by
+    ends without an error, in the order of the calls to `write`; as many at the same time as
+    `mapdeal.kernels.threads` allows. Temporary files are locked by
     their process, so that those of a killed run are told from those of a live one and removed.
 
     Examples
@@ -71,11 +71,10 @@ class Transaction:
         *,
         inputs: Sequence[Path] = (),
         force: bool = False,
-        threads: int = 1,
         hint: str = "--force replaces it",
     ) -> None:
         self._outputs = list(outputs)
-        self._pool = ThreadPoolExecutor(max_workers=threads)
+        self._pool = ThreadPoolExecutor(thread_count())
         self._pending: list[tuple[Path, _Temporary, Future[str]]] = []
         self._made_folders: list[Path] = []
         places: set[Path] = set()

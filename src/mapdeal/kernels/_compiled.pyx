@@ -3,7 +3,7 @@
 """Compiled kernels, without the GIL: distance transforms in bands of rows, and table look-ups.
 
 The modules distance.py and lookup.py are their face to the rest; the algorithm of the transform is
-in distance_bands.h.
+in distance_rows.h.
 """
 
 from libc.math cimport INFINITY
@@ -11,7 +11,7 @@ from libc.stdint cimport int64_t, uint8_t, uint32_t
 from libc.stdlib cimport free, malloc
 from libc.string cimport memset
 
-cdef extern from "distance_bands.h" nogil:
+cdef extern from "distance_rows.h" nogil:
     const int NEAR_REACH, NEAR_SQUARE, NEAR_MOST
     const int64_t UNREACHABLE
     enum: LONGEST_SIDE

@@ -42,7 +42,7 @@ def metres(
     clip: float,
     gain: float,
 ) -> NDArray[np.float32]:
-    """Return signed distances; the steps are those of `metres_of` in distance_bands.h."""
+    """Return signed distances; the steps are those of `metres_of` in distance_columns.h."""
     squared = np.abs(squares(marked, both_kinds=True, limit=None))
     endless = squared == unreachable(squared)
     distance = np.sqrt(squared, dtype=np.float64)

@@ -35,10 +35,13 @@ def thread_count() -> int:
 
 
 @contextmanager
-def use_threads(count: int) -> Iterator[None]:
-    """Have kernels use at most `count` threads within a ``with`` block.
+def use_threads(count: int | None) -> Iterator[None]:
+    """Have kernels and writers use at most `count` threads each within a ``with`` block.
 
-    Results do not depend on it. The setting belongs to the thread that makes it.
+    Parameters
+    ----------
+    count : int, optional
+        At least 1; None leaves things as they are. Results do not depend on it.
 
     Examples
     --------
@@ -46,7 +49,7 @@ def use_threads(count: int) -> Iterator[None]:
     ...     thread_count()
     1
     """
-    token = _chosen.set(max(1, count))
+    token = _chosen.set(count or _chosen.get())
     try:
         yield
     finally:

@@ -11,6 +11,7 @@ from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import Source, read_source
 from mapdeal.formats.source import holds, sha256_of
 from mapdeal.formats.transaction import Transaction, remove_if_unchanged
+from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.products import paths_of, write_products
 from mapdeal.pipeline.recipe import Recipe
@@ -66,7 +67,7 @@ def run_map(
     *,
     options: RunOptions = RunOptions(),
     force: bool = False,
-    threads: int = 1,
+    threads: int | None = None,
     max_cells: int | None = None,
 ) -> RunReport:
     """Read a map, apply a recipe and write everything into a folder.
@@ -83,8 +84,8 @@ def run_map(
         How to read and draw.
     force : bool
         Whether outputs that exist are replaced.
-    threads : int
-        Files that are written while the next stage computes.
+    threads : int, optional
+        Threads to compute and write with; all processors if not given.
     max_cells : int, optional
         Cells up to which the map is read.
 
@@ -94,6 +95,18 @@ def run_map(
         If the map cannot be read or processed, or outputs exist that the manifest does not
         show to be these; nothing is changed then.
     """
+    with use_threads(threads):
+        return _run_map(path, folder, recipe, options, force, max_cells)
+
+
+def _run_map(
+    path: Path,
+    folder: Path,
+    recipe: Recipe,
+    options: RunOptions,
+    force: bool,
+    max_cells: int | None,
+) -> RunReport:
     source = read_source(path, dialect=options.dialect, max_cells=max_cells)
     manifest: dict[str, Any] = {
         "format": _FORMAT,
@@ -109,9 +122,7 @@ def run_map(
     if isinstance(old, dict):
         hint += "; the run in this folder had other inputs, parameters, or its files were changed"
     outputs = _outputs(folder, recipe, options)
-    with Transaction(
-        outputs, inputs=source.files, force=force, threads=threads, hint=hint
-    ) as transaction:
+    with Transaction(outputs, inputs=source.files, force=force, hint=hint) as transaction:
         figures = _compute(transaction, source, folder, recipe, options, manifest)
     if isinstance(old, dict):
         _remove_left_over(old, folder, recipe, options)

@@ -16,6 +16,7 @@ from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.products import title_of, write_picture
 from mapdeal.pipeline.stage_list import Step
@@ -34,8 +35,8 @@ class FileOptions:
         Cells up to which the input is read.
     force : bool
         Whether outputs that exist are replaced.
-    threads : int
-        Files that are written at the same time.
+    threads : int, optional
+        Threads to compute and write with; all processors if not given.
     image : Path, optional
         Where a picture of the result goes.
     """
@@ -43,7 +44,7 @@ class FileOptions:
     dialect: Dialect = "nav2"
     max_cells: int | None = None
     force: bool = False
-    threads: int = 1
+    threads: int | None = None
     image: Path | None = None
 
 
@@ -56,6 +57,13 @@ def apply_to_file(
     encoding: Encoding = "occupancy",
 ) -> Figures:
     """Read a map or field, apply one stage, and write the result; return its figures."""
+    with use_threads(options.threads):
+        return _apply_to_file(path, output, step, options, encoding)
+
+
+def _apply_to_file(
+    path: Path, output: Path, step: Step, options: FileOptions, encoding: Encoding
+) -> Figures:
     endings = (".yaml", ".yml", ".npz", *([".npy"] if step.name == "esdf" else []))
     if output.suffix not in endings:
         hint = "--image writes a picture" if output.suffix == ".png" else None
@@ -63,9 +71,7 @@ def apply_to_file(
         raise ParameterError(rule, source=output, hint=hint)
     source = read_source(path, dialect=options.dialect, max_cells=options.max_cells)
     outputs = _with_image(_paths(output), options)
-    with Transaction(
-        outputs, inputs=source.files, force=options.force, threads=options.threads
-    ) as transaction:
+    with Transaction(outputs, inputs=source.files, force=options.force) as transaction:
         grid = step.apply(source.grid, path)
         _write(transaction, output, grid, step, encoding)
         if options.image is not None:
@@ -88,15 +94,24 @@ def convert_file(
     A costmap is written in `encoding`; if none is given, as occupancy. A field becomes its
     0..100 view where the output is an image.
     """
+    with use_threads(options.threads):
+        return _convert_file(path, output, options, encoding, mode)
+
+
+def _convert_file(
+    path: Path,
+    output: Path,
+    options: FileOptions,
+    encoding: Encoding | None,
+    mode: Mode | None,
+) -> Figures:
     outputs = _with_image(list(output_paths(output)), options)
     source = read_source(path, dialect=options.dialect, max_cells=options.max_cells)
     grid: Grid = source.grid
     if encoding == "costmap2d" and not isinstance(grid, Costmap):
         rule = "only costs can be written as costmap2d bytes; this is no costmap"
         raise ParameterError(rule, source=path, place="encoding")
-    with Transaction(
-        outputs, inputs=source.files, force=options.force, threads=options.threads
-    ) as transaction:
+    with Transaction(outputs, inputs=source.files, force=options.force) as transaction:
         if isinstance(grid, DistanceField) and output.suffix != ".npz":
             grid, mode = field_view(grid), mode or "raw"
         if isinstance(grid, OccupancyGrid) and mode == "trinary":
