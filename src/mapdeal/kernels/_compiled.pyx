@@ -53,7 +53,7 @@ longest_side = LONGEST_SIDE
 unlimited = UNREACHABLE
 
 cdef int64_t _BAND_CELLS = 131072  # counts of a band, 4 bytes each, stay in the cache
-cdef int64_t _BAND_ROWS_LEAST = 8
+cdef int64_t _BAND_ROWS_LEAST = 16
 cdef int64_t _BAND_ROWS_MOST = 64
 
 
