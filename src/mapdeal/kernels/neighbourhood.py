@@ -25,14 +25,22 @@ def dilate_square(marked: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     >>> dilate_square(np.array([[0, 0, 0, 1]], dtype=bool), 2).astype(int)
     array([[0, 1, 1, 1]])
     """
-    from scipy import ndimage
+    by_columns = _widened(marked, reach)
+    return _widened(by_columns.T, reach).T
 
-    grown = marked.view(np.uint8)
-    for axis, length in enumerate(marked.shape):
-        # a window longer than the grid says no more than one that spans it
-        size = 2 * min(reach, length) + 1
-        grown = ndimage.maximum_filter1d(grown, size, axis=axis, mode="constant", cval=0)
-    return grown.view(np.bool_)
+
+def _widened(marked: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Return `marked` grown along its first axis."""
+    reach = min(reach, len(marked))
+    grown, covered = marked.copy(), 0
+    while covered < reach:
+        # at a border, where one side is cut off, c cells leave no gap when moved by c + 1
+        step = min(covered + 1, reach - covered)
+        before = grown.copy()
+        grown[step:] |= before[:-step]
+        grown[:-step] |= before[step:]
+        covered += step
+    return grown
 
 
 def drop_small_groups(marked: NDArray[np.bool_], min_cells: int) -> NDArray[np.bool_]:

@@ -1,0 +1,98 @@
+import io
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mapdeal import DistanceField, OccupancyGrid
+from mapdeal.formats.deflate import PART, deflated, pieces
+from mapdeal.formats.npz import write_npz
+from mapdeal.formats.png import write_grey_png, write_indexed_png, write_rgba_png
+from mapdeal.kernels.threads import use_threads
+
+SIZES = [0, 1, PART - 1, PART, PART + 1, 3 * PART + 12_345]
+
+
+def noise(size, levels=256):
+    return np.random.default_rng(size).integers(0, levels, size, dtype=np.uint8)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("size", SIZES)
+def test_the_stream_gives_the_data_back(size, threads):
+    data = noise(size)
+    with use_threads(threads):
+        stream = b"".join(deflated(pieces(data)))
+    reader = zlib.decompressobj(-15)
+    assert reader.decompress(stream) == data.tobytes()
+    assert reader.eof
+    assert reader.unused_data == b""
+
+
+def test_any_number_of_threads_gives_the_same_bytes():
+    data = noise(5 * PART, levels=4)
+    streams = []
+    for threads in (1, 2, 3):
+        with use_threads(threads):
+            streams.append(b"".join(deflated(pieces(data))))
+    assert streams[0] == streams[1] == streams[2]
+
+
+def test_parts_know_the_end_of_the_one_before():
+    block = noise(1 << 14)
+    data = np.tile(block, 2 * PART // len(block))
+    whole = b"".join(deflated(pieces(data)))
+    assert len(whole) < 1.3 * (len(block) + len(data) // 258 * 3)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (7, 5), (1100, 1003), (3, 2_000_000)])
+def test_pictures_are_those_that_a_reader_sees(shape):
+    pixels = noise(shape[0] * shape[1]).reshape(shape)
+    file = io.BytesIO()
+    write_grey_png(file, pixels[::-1])
+    with Image.open(file) as image:
+        assert image.mode == "L"
+        assert np.array_equal(np.asarray(image), pixels[::-1])
+    palette = noise(768).reshape(256, 3)
+    file = io.BytesIO()
+    write_indexed_png(file, pixels, palette)
+    with Image.open(file) as image:
+        assert np.array_equal(np.asarray(image), pixels)
+        assert np.array_equal(np.asarray(image.convert("RGB")), palette[pixels])
+
+
+def test_pictures_with_opacity():
+    pixels = noise(600 * 700 * 4).reshape(600, 700, 4)
+    file = io.BytesIO()
+    write_rgba_png(file, pixels)
+    with Image.open(file) as image:
+        assert image.mode == "RGBA"
+        assert np.array_equal(np.asarray(image), pixels)
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (1500, 1300)])
+def test_an_npz_is_one_for_zipfile_and_for_numpy(shape):
+    rng = np.random.default_rng(1)
+    occupancy = rng.choice(np.array([-1, 0, 100], dtype=np.int8), shape)
+    distance = rng.random(shape, dtype=np.float32)
+    file = io.BytesIO()
+    write_npz(file, DistanceField(distance, occupancy, 0.05, (1.0, -2.0, 0.3)))
+    with zipfile.ZipFile(file) as archive:
+        assert archive.testzip() is None
+        assert {info.compress_type for info in archive.infolist()} == {zipfile.ZIP_DEFLATED}
+        assert {info.date_time for info in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as arrays:
+        assert np.array_equal(arrays["distance"], distance)
+        assert arrays["distance"].dtype == np.float32
+        assert np.array_equal(arrays["occupancy"], occupancy)
+        assert arrays["resolution"].shape == ()
+        assert str(arrays["format"]) == "mapdeal/1"
+
+
+def test_what_repeats_itself_becomes_small():
+    file = io.BytesIO()
+    write_npz(file, OccupancyGrid(np.zeros((2000, 2000), np.int8), 0.05))
+    assert len(file.getvalue()) < 40_000

@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from mapdeal.kernels import engine
+from mapdeal.kernels.lookup import (
+    bytes_of_distances,
+    histogram,
+    look_up,
+    set_where,
+    squares_of_distances,
+)
+
+needs_compiled = pytest.mark.skipif(
+    engine.compiled_module() is None, reason="the compiled kernels were not built"
+)
+BYTE_ARRAYS = arrays.arrays(np.uint8, arrays.array_shapes(min_dims=2, max_dims=2, max_side=40))
+
+
+@pytest.fixture(
+    params=[pytest.param("compiled", marks=needs_compiled), "scipy"], scope="module", autouse=True
+)
+def engine_in_use(request):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(engine.VARIABLE, request.param)
+        yield request.param
+
+
+@given(BYTE_ARRAYS, st.binary(min_size=256, max_size=256))
+def test_a_value_gets_its_entry_of_the_table(values, table):
+    result = look_up(values, np.frombuffer(table, dtype=np.uint8))
+    assert result.tobytes() == values.tobytes().translate(table)
+
+
+@pytest.mark.parametrize(
+    "view", [np.s_[::-1], np.s_[:, ::-1], np.s_[1:7, 2:9], np.s_[::2, ::3], np.s_[:, :1]]
+)
+def test_views_are_looked_up_as_they_look(view):
+    values = np.arange(120, dtype=np.int8).reshape(10, 12)[view]
+    table = np.arange(256)[::-1].astype(np.uint8)
+    result = look_up(values, table)
+    assert result.tolist() == [[255 - int(v) for v in row] for row in values]
+    assert result.flags.c_contiguous
+
+
+def test_negative_values_read_the_table_from_its_end_and_keep_its_type():
+    table = np.zeros(256, dtype=np.int8)
+    table[[-1, 5]] = 100, -1
+    result = look_up(np.array([[-1, 5, 0]], dtype=np.int8), table)
+    assert result.dtype == np.int8
+    assert result.tolist() == [[100, -1, 0]]
+
+
+@given(BYTE_ARRAYS)
+def test_a_histogram_counts_every_value(values):
+    counts = histogram(values)
+    cells = values.ravel().tolist()
+    assert counts.tolist() == [cells.count(value) for value in range(256)]
+    assert histogram(values.view(np.int8)[::-1]).tolist() == counts.tolist()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 7), (700, 1001)])
+def test_large_and_odd_arrays_are_covered_whole(shape):
+    values = np.random.default_rng(3).integers(0, 256, shape, dtype=np.uint8)
+    assert np.array_equal(histogram(values), np.bincount(values.ravel(), minlength=256))
+    table = np.random.default_rng(4).integers(0, 256, 256, dtype=np.uint8)
+    assert np.array_equal(look_up(values, table), np.take(table, values))
+    mask = values > 128
+    expected = np.where(mask, 7, values)
+    set_where(values, mask, 7)
+    assert np.array_equal(values, expected)
+
+
+METRES = st.floats(width=32, allow_nan=False) | st.integers(0, 400).map(
+    lambda square: np.float32(0.05 * square**0.5)
+)
+
+
+@given(
+    arrays.arrays(np.float32, (5, 7), elements=METRES),
+    arrays.arrays(np.bool_, (5, 7)),
+    st.sampled_from([0.05, 1.0, 1e-3]),
+    st.sampled_from([0.0, 0.025, 0.5]),
+    st.sampled_from([1.0, 1.5, 0.1]),
+    st.sampled_from([np.inf, 0.7, 3.0]),
+    st.integers(1, 500),
+)
+def test_bytes_of_distances_are_those_of_their_squares(
+    distance, obstacles, scale, shift, gain, clip, entries
+):
+    table = np.arange(entries + 1).astype(np.uint8)
+    measure = {"scale": scale, "shift": shift, "gain": gain, "clip": clip}
+    with np.errstate(over="ignore"):
+        squares = squares_of_distances(distance, obstacles, **measure)
+        result = bytes_of_distances(distance, obstacles, table, **measure)
+    for cell, square in zip(result.flat, squares.flat, strict=True):
+        assert cell == table[int(square) if square < entries else entries]
+
+
+def test_squares_come_back_from_shifted_stretched_and_clipped_metres():
+    squares = np.arange(40.0).reshape(4, 10)
+    metres = 1.5 * np.minimum(0.05 * np.sqrt(squares) - 0.025, 0.2)
+    obstacles = squares == 0
+    found = squares_of_distances(
+        metres.astype(np.float32), obstacles, scale=0.05, shift=0.025, gain=1.5, clip=0.2 - 1e-7
+    )
+    # 0.2 m + 0.025 m are 4.5 cells, whose square is 20.25
+    assert np.array_equal(found, np.where(squares > 20, np.inf, squares))
