@@ -99,6 +99,15 @@ def test_bytes_of_distances_are_those_of_their_squares(
         assert cell == table[int(square) if square < entries else entries]
 
 
+def test_a_distance_at_the_clip_may_have_been_longer():
+    distance = np.array([[0.5, 0.25, 1.0]], dtype=np.float32)
+    table = np.array([9, 9, 9, 9, 4, 9, 0], dtype=np.uint8)
+    found = bytes_of_distances(
+        distance, np.zeros((1, 3), bool), table, scale=0.125, shift=0.0, gain=1.0, clip=0.5
+    )
+    assert found.tolist() == [[0, 4, 0]]
+
+
 def test_squares_come_back_from_shifted_stretched_and_clipped_metres():
     squares = np.arange(40.0).reshape(4, 10)
     metres = 1.5 * np.minimum(0.05 * np.sqrt(squares) - 0.025, 0.2)
