@@ -152,6 +152,42 @@ def test_a_grid_without_marked_cell_is_nowhere_near_one():
     assert (signed_distance(np.ones((3, 5), dtype=bool)) == -math.inf).all()
 
 
+@pytest.mark.parametrize("shape", [(0, 0), (0, 5), (5, 0)])
+def test_a_grid_without_cells_gives_none(shape):
+    empty = np.zeros(shape, dtype=bool)
+    assert squared_distance(empty).shape == shape
+    assert signed_distance(empty).shape == shape
+    assert bytes_by_distance(empty, np.zeros(3, np.uint8)).shape == shape
+
+
+@pytest.mark.parametrize("mask", [np.zeros((3, 3), np.uint8), np.zeros(3, bool), np.eye(3)])
+def test_what_is_no_mask_is_refused(mask):
+    with pytest.raises(ValueError, match="must be a bool array with two axes"):
+        squared_distance(mask)
+
+
+def test_limits_and_tables_that_cannot_be_are_refused():
+    mask = np.ones((2, 2), dtype=bool)
+    with pytest.raises(ValueError, match="at least 0"):
+        squared_distance(mask, limit=-1)
+    with pytest.raises(ValueError, match="two entries"):
+        bytes_by_distance(mask, np.zeros(1, np.uint8))
+
+
+def test_tables_may_be_views():
+    mask = np.array([[True, False, False]])
+    table = np.arange(20, dtype=np.uint8)
+    assert bytes_by_distance(mask, table[::-2]).tolist() == [[19, 17, 11]]
+
+
+def test_far_stretches_beside_columns_without_obstacle_take_the_nearest():
+    occupied = np.zeros((300, 1500), dtype=bool)
+    occupied[5::97, 150::311] = True
+    occupied[200:, 700:] = False
+    expected = oracles.squared_distance_by_columns(occupied)
+    assert np.array_equal(squared_distance(occupied), expected)
+
+
 @pytest.mark.parametrize("shape", [(1, 46_400), (46_400, 1), (2, 32_767), (32_768, 2)])
 def test_squares_beyond_32_bits_do_not_overflow(shape):
     marked = np.zeros(shape, dtype=bool)

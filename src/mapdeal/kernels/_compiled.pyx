@@ -75,6 +75,8 @@ cdef class Transform:
     def __cinit__(self, const uint8_t[:, ::1] marked, uint8_t[:, ::1] cells, int64_t limit):
         """Take a mask of 0 and 1, the bytes of the result, and the largest square of interest."""
         cdef int64_t height = marked.shape[0], width = marked.shape[1]
+        if min(height, width) < 1:
+            raise ValueError("the grid has no cells")
         if max(height, width) > LONGEST_SIDE:
             raise OverflowError("a side of the grid is too long for 64 bits")
         self.marked, self.cells = marked, cells
@@ -113,7 +115,7 @@ cdef class Transform:
     def to_bytes(self, const uint8_t[::1] table):
         """Make the result `table[square]`, of unmarked cells' squares; one more entry for others."""
         self._check_size(1)
-        if table.shape[0] != self.task.limit + 2:
+        if self.task.limit < 0 or table.shape[0] != self.task.limit + 2:
             raise ValueError("the table must have one entry for each square, and one more")
         self.table = table
         self.task.form = BYTES

@@ -43,6 +43,7 @@ def squared_distance(
     array([[0, 1, 4],
            [1, 2, 5]], dtype=int32)
     """
+    _check_limit(limit)
     return _engine(marked).squares(marked, both_kinds=False, limit=limit)  # type: ignore[no-any-return]
 
 
@@ -70,6 +71,7 @@ def signed_squared_distance(
     >>> signed_squared_distance(np.array([[True, True, False, False]]))
     array([[-4, -1,  1,  4]], dtype=int32)
     """
+    _check_limit(limit)
     return _engine(occupied).squares(occupied, both_kinds=True, limit=limit)  # type: ignore[no-any-return]
 
 
@@ -93,7 +95,7 @@ def signed_distance(
     outside_shift, inside_shift : float
         Added to the distances of free cells and, after their sign, of occupied cells.
     clip : float
-        What both signs are then clipped to.
+        What both signs are then clipped to, above 0.
     gain : float
         Factor of the distances of free cells, applied last.
 
@@ -171,12 +173,21 @@ def bytes_by_distance(
     """
     if len(table) < 2:
         raise ValueError("the table needs at least two entries")
+    table = np.ascontiguousarray(table, dtype=np.uint8)
     return _engine(marked).bytes_of_squares(marked, table)  # type: ignore[no-any-return]
+
+
+def _check_limit(limit: int | None) -> None:
+    if limit is not None and limit < 0:
+        raise ValueError(f"limit must be at least 0, not {limit}")
 
 
 def _engine(marked: NDArray[np.bool_]) -> ModuleType:
     """Return the module that serves for a grid: compiled_distance or its twin."""
-    if engine_name() == "compiled":
+    if marked.dtype != np.bool_ or marked.ndim != 2:
+        rule = f"a mask must be a bool array with two axes, not {marked.ndim} of {marked.dtype}"
+        raise ValueError(rule)
+    if engine_name() == "compiled" and marked.size > 0:
         from mapdeal.kernels import compiled_distance
 
         if max(marked.shape) <= compiled_distance.LONGEST_SIDE:

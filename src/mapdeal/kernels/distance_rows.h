@@ -105,9 +105,9 @@ static void solve_far(const Task *task, const Row *row, const uint8_t *marked, i
     const int64_t width = task->width, none = task->height; /* no height is larger */
     const uint8_t kind = marked[first];
     const uint32_t *heights = row->heights;
-    int64_t reach = 0; /* no cell's nearest lies farther than its height, if it has one, says */
-    for (int64_t x = first; x < end; x++)
-        if (heights[x] > reach) reach = heights[x];
+    /* The cell before the stretch, if there is one, lies in a block that is settled: its nearest
+     * column is within NEAR_REACH, and from there on better than all columns farther off. */
+    const int64_t reach = NEAR_REACH + 1;
     int64_t low = first, high = end;
     while (low > 0 && marked[low - 1] == kind && first - low < reach) low--;
     while (high < width && marked[high] == kind && high - end < reach) high++;

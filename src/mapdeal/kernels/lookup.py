@@ -35,7 +35,9 @@ def look_up(values: Bytes, table: NDArray[Any]) -> NDArray[Any]:
     >>> look_up(np.array([[0, 100, -1, 50]], dtype=np.int8), table)
     array([[254,   1, 205,   0]], dtype=uint8)
     """
-    source, entries = values.view(np.uint8), table.view(np.uint8)
+    source, entries = values.view(np.uint8), np.ascontiguousarray(table).view(np.uint8)
+    if entries.shape != (256,):
+        raise ValueError("the table must have 256 entries of one byte")
     result = np.empty(values.shape, dtype=np.uint8)
     # a view with gaps within its rows is left to numpy
     if engine_name() == "compiled" and source.strides[1] == 1:
@@ -88,8 +90,7 @@ def histogram(values: Bytes) -> NDArray[np.int64]:
             parts.append(np.bincount(source[rows].ravel(), minlength=256))
 
     for_rows(part, values.shape)
-    counts: NDArray[np.int64] = np.sum(parts, axis=0)
-    return counts
+    return sum(parts, start=np.zeros(256, dtype=np.int64))
 
 
 def squares_of_distances(
@@ -171,6 +172,7 @@ def bytes_of_distances(
         from mapdeal.kernels import _compiled
 
         source, mask = np.ascontiguousarray(distance), np.ascontiguousarray(obstacles)
+        table = np.ascontiguousarray(table)
 
         def part(rows: slice) -> None:
             _compiled.bytes_of_distances(
