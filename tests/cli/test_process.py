@@ -1,6 +1,7 @@
 """The command line as a process: how it starts, ends, and what it says at its end."""
 
 import gc
+import json
 import os
 import subprocess
 import sys
@@ -31,6 +32,88 @@ def test_a_process_ends_with_the_exit_code_and_all_of_its_output(tmp_path):
     assert missing.returncode == 4
     assert missing.stderr.startswith("error: ")
     assert len(missing.stderr.splitlines()) == 1
+
+
+def shell(line, folder):
+    """Run a line of the shell in which $mapdeal is the command and $MAP a map."""
+    return subprocess.run(
+        ["bash", "-c", line],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "mapdeal": f"{sys.executable} -m mapdeal", "MAP": str(EXAMPLE)},
+    )
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run -v $MAP -o out",
+        "run $MAP -o out >&-",
+        "run -v $MAP -o out 2>&-",
+        "run $MAP -o out >&- 2>&-",
+    ],
+)
+def test_closed_streams_do_not_change_what_is_done(words, tmp_path):
+    told = shell(f"$mapdeal {words}", tmp_path)
+    assert told.returncode == 0, told.stderr
+    assert (tmp_path / "out" / "office" / "manifest.json").exists()
+
+
+@pytest.mark.parametrize("redirection", ["2> >(true)", "2>&1 | true", "> >(true) 2>&1"])
+def test_readers_that_go_away_do_not_change_what_is_done(redirection, tmp_path):
+    line = f"set -o pipefail; PYTHONUNBUFFERED=1 $mapdeal run -v $MAP $MAP2 -o out {redirection}"
+    (tmp_path / "b.yaml").write_text(EXAMPLE.read_text().replace("office.pgm", "b.pgm"))
+    (tmp_path / "b.pgm").write_bytes(EXAMPLE.with_suffix(".pgm").read_bytes())
+    told = shell(f"MAP2=b.yaml; {line}", tmp_path)
+    assert told.returncode == 0, told.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert [entry["status"] for entry in summary["maps"]] == ["done", "done"]
+
+
+def test_an_error_keeps_its_exit_code_without_stderr(tmp_path):
+    for redirection in ("2>&-", "2>/dev/full", "2> >(true)"):
+        told = shell(f"$mapdeal inflate nope.yaml -o a.yaml {redirection}", tmp_path)
+        assert (told.returncode, told.stdout) == (4, ""), redirection
+
+
+@pytest.mark.parametrize("words", ["--help", "--version", "info $MAP", "run $MAP -o out"])
+def test_a_full_disk_behind_stdout_is_told_in_one_line(words, tmp_path):
+    told = shell(f"$mapdeal {words} > /dev/full", tmp_path)
+    assert told.returncode == 4
+    assert told.stderr == "error: standard output: cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize("words", ["--help", "--version", "info $MAP"])
+def test_a_reader_that_has_seen_enough_is_no_error(words, tmp_path):
+    told = shell(f"set -o pipefail; PYTHONUNBUFFERED=1 $mapdeal {words} | true", tmp_path)
+    assert (told.returncode, told.stderr) == (0, "")
+
+
+def test_ctrl_c_is_said_and_leaves_nothing(tmp_path):
+    started = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED_RUN, str(EXAMPLE), str(tmp_path / "out")],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    _, stderr = started.communicate(timeout=60)
+    assert started.returncode == 130, stderr
+    assert stderr == "error: interrupted\n"
+    assert not (tmp_path / "out").exists()
+
+
+INTERRUPTED_RUN = """
+import sys
+import mapdeal.pipeline.run as run
+from mapdeal.cli.process import run_process
+
+def interrupted(*_):
+    raise KeyboardInterrupt
+
+run.figures_of = interrupted
+sys.argv = ["mapdeal", "run", sys.argv[1], "-o", sys.argv[2]]
+run_process()
+"""
 
 
 def test_the_version_says_which_kernels_are_in_use():

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -13,7 +15,7 @@ from typer.core import TyperGroup
 
 from mapdeal.cli import terminal
 from mapdeal.cli.process import collect_from_here
-from mapdeal.errors import MalformedInputError, MapdealError, ParameterError
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
 
 # typer brings its own copy of click in new versions and uses the package in old ones; both
 # have the same tree of errors, reached from the one class that typer exports.
@@ -29,6 +31,21 @@ _INTERRUPTED, _INTERNAL = 130, 70
 
 class _ReaderGoneError(Exception):
     """Whoever read our output has seen enough."""
+
+
+class _InterruptedError(Exception):
+    """Somebody has pressed Ctrl-C."""
+
+
+@contextmanager
+def _own_endings() -> Iterator[None]:
+    """Keep two endings from click, which has exit codes and silence of its own for them."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise _ReaderGoneError from None
+    except KeyboardInterrupt:
+        raise _InterruptedError from None
 
 
 class _LazyGroup(TyperGroup):
@@ -50,12 +67,19 @@ class _LazyGroup(TyperGroup):
         command.context_settings["help_option_names"] = ["-h", "--help"]
         return command
 
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command; a closed pipe is no finding, which click's exit code 1 would say."""
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the options, of which --help and --version print."""
         try:
+            with _own_endings():
+                return super().make_context(*args, **kwargs)
+        except OSError as error:  # nothing else is done here
+            rule = f"cannot be written: {error.strerror or error}"
+            raise FileAccessError(rule, source="standard output") from None
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        with _own_endings():
             return super().invoke(ctx)
-        except BrokenPipeError:
-            raise _ReaderGoneError from None
 
 
 app = typer.Typer(
@@ -105,24 +129,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         words = _joined_flags(list(sys.argv[1:] if arguments is None else arguments))
         code = command.main(args=words or ["--help"], prog_name="mapdeal", standalone_mode=False)
-        sys.stdout.flush()
+        terminal.finish()
     except MapdealError as error:
         terminal.error(error)
         return error.exit_code
     except _ClickError as error:
         terminal.error(_usage_error(error))
         return ParameterError.exit_code
-    except (KeyboardInterrupt, typer.Abort):
+    except (KeyboardInterrupt, _InterruptedError, typer.Abort):
         terminal.error(MapdealError("interrupted"))
         return _INTERRUPTED
-    except (_ReaderGoneError, BrokenPipeError):
-        terminal.close_stdout()
+    except _ReaderGoneError:
         return 0
     except MemoryError:
         terminal.error(MalformedInputError("not enough memory for a map of this size"))
         return MalformedInputError.exit_code
     except Exception:  # noqa: BLE001 - the last resort, which says that it is one
-        traceback.print_exc()
+        with contextlib.suppress(OSError):
+            traceback.print_exc()
         terminal.error(
             MapdealError("internal error", hint="this is a bug in mapdeal; please report it")
         )

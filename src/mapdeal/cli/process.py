@@ -10,7 +10,10 @@ import contextlib
 import gc
 import os
 import sys
+from pathlib import Path
 from typing import NoReturn
+
+_INTERRUPTED = 130
 
 
 def run_process() -> NoReturn:
@@ -18,11 +21,17 @@ def run_process() -> NoReturn:
     gc.disable()  # until the command is imported, see `collect_from_here`
     # numpy's linear algebra, which nothing here uses, would start a thread per processor.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from mapdeal.cli.main import main
+    for name in ("stdout", "stderr"):  # None where the process was started without
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - open to the end
+    try:
+        from mapdeal.cli.main import main
 
-    code = main()
+        code = main()
+    except KeyboardInterrupt:  # before main could care
+        code = _INTERRUPTED
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):  # closed: main has dealt with it
+        with contextlib.suppress(OSError):  # main has told of it
             stream.flush()
     # All files are closed and all threads have ended: there is nothing to take apart.
     os._exit(code)

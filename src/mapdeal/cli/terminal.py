@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TextIO
 
-from mapdeal.errors import MapdealError, MapdealWarning, one_line
+from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, one_line
 
+_stdout_problem: str | None = None
 _quiet = False
 _verbose = False
 
@@ -22,27 +24,27 @@ def configure(*, quiet: bool, verbose: bool) -> None:
 
 def result(text: str) -> None:
     """Print a result that the user asked for, quiet or not."""
-    print(text)  # noqa: T201
+    _print_result(text)
 
 
 def summary(lines: Iterable[str]) -> None:
     """Print what was done, unless quiet."""
     if not _quiet:
         for line in lines:
-            print(one_line(line))  # noqa: T201
+            _print_result(one_line(line))
 
 
 def detail(text: str) -> None:
     """Print what only a verbose command says."""
     if _verbose:
-        print(one_line(text), file=sys.stderr)  # noqa: T201
+        _say(one_line(text))
 
 
 def error(problem: MapdealError) -> None:
     """Print an error: one line, and its hint on a second."""
-    print(f"error: {problem}", file=sys.stderr)  # noqa: T201
+    _say(f"error: {problem}")
     if problem.hint:
-        print(f"hint: {one_line(problem.hint)}", file=sys.stderr)  # noqa: T201
+        _say(f"hint: {one_line(problem.hint)}")
 
 
 def show_warnings() -> None:
@@ -61,11 +63,48 @@ def show_warnings() -> None:
         if not issubclass(category, MapdealWarning):
             original(message, category, filename, lineno, file, line)
         elif not _quiet:
-            print(f"warning: {one_line(str(message))}", file=sys.stderr)  # noqa: T201
+            _say(f"warning: {one_line(str(message))}")
 
     warnings.showwarning = show
 
 
-def close_stdout() -> None:
-    """Point stdout at nothing after its reader has gone, so that no flush complains."""
+def finish() -> None:
+    """Write out what stdout still holds.
+
+    Raises
+    ------
+    FileAccessError
+        If it, or anything before, could not be written, other than because its reader has gone.
+    """
+    global _stdout_problem
+    _to_stdout(sys.stdout.flush)
+    problem, _stdout_problem = _stdout_problem, None
+    if problem is not None:
+        raise FileAccessError(f"cannot be written: {problem}", source="standard output")
+
+
+def _print_result(text: str) -> None:
+    _to_stdout(lambda: print(text))  # noqa: T201
+
+
+def _to_stdout(write: Callable[[], None]) -> None:
+    """Write, unless that has failed before; the work goes on, `finish` tells."""
+    global _stdout_problem
+    try:
+        write()
+    except BrokenPipeError:  # the reader has seen enough
+        _drop_stdout()
+    except OSError as error:
+        _stdout_problem = error.strerror or str(error)
+        _drop_stdout()
+
+
+def _drop_stdout() -> None:
+    """Point stdout at nothing, so that no later line and no flush complains."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _say(text: str) -> None:
+    # What nobody can read on stderr must not change what is done, nor the exit code.
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr)  # noqa: T201

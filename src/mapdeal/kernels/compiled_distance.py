@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels import _compiled
 from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, in_parallel, use_threads
 
-LONGEST_SIDE: int = _compiled.longest_side
-"""Cells; grids with longer sides are left to the twin."""
+if TYPE_CHECKING:
+    from mapdeal.kernels._compiled import Transform
+
+
+def longest_side() -> int:
+    """Return the cells of the longest side that fits; longer ones are left to the twin."""
+    from mapdeal.kernels import _compiled
+
+    return _compiled.longest_side
 
 
 def squares(
@@ -62,18 +68,18 @@ def _square_beyond(
 ) -> int | None:  # fmt: skip
     """Return a square from which on all distances are clipped, or None if there is none."""
     cells = (clip + max(abs(outside_shift), abs(inside_shift))) / scale + 1
-    return math.ceil(cells * cells) if cells < LONGEST_SIDE else None
+    return math.ceil(cells * cells) if cells < longest_side() else None
 
 
-def _transform(
-    marked: NDArray[np.bool_], result: NDArray[Any], limit: int | None
-) -> _compiled.Transform:
+def _transform(marked: NDArray[np.bool_], result: NDArray[Any], limit: int | None) -> Transform:
+    from mapdeal.kernels import _compiled
+
     most = _compiled.unlimited if limit is None else min(limit, _compiled.unlimited)
     mask = np.ascontiguousarray(marked).view(np.uint8)
     return _compiled.Transform(mask, result.view(np.uint8), most)
 
 
-def _run(transform: _compiled.Transform, cells: int) -> None:
+def _run(transform: Transform, cells: int) -> None:
     if cells < CELLS_WORTH_A_THREAD:
         with use_threads(1):
             _run_bands(transform)
@@ -81,7 +87,7 @@ def _run(transform: _compiled.Transform, cells: int) -> None:
         _run_bands(transform)
 
 
-def _run_bands(transform: _compiled.Transform) -> None:
+def _run_bands(transform: Transform) -> None:
     in_parallel(transform.scan, transform.bands)
     transform.join()
     in_parallel(transform.solve, transform.bands)

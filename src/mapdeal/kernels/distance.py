@@ -190,7 +190,7 @@ def _engine(marked: NDArray[np.bool_]) -> ModuleType:
     if engine_name() == "compiled" and marked.size > 0:
         from mapdeal.kernels import compiled_distance
 
-        if max(marked.shape) <= compiled_distance.LONGEST_SIDE:
+        if max(marked.shape) <= compiled_distance.longest_side():
             return compiled_distance
     from mapdeal.kernels import scipy_distance
 
