@@ -148,3 +148,17 @@ def test_names_in_other_scripts_do_not_change_the_sheet():
     latin = occupancy_image(grid, title="K\u00fcche")
     plain = occupancy_image(grid, title="Kuche")
     assert np.array_equal(latin.indices, plain.indices)
+
+
+@pytest.mark.parametrize("shape", [(7, 11), (12, 4), (1, 5), (301, 1103)])
+@pytest.mark.parametrize("reduce", [1, 2, 3, 5])
+def test_a_pixel_shows_the_extreme_of_all_its_cells(shape, reduce):
+    layer = np.random.default_rng(reduce).integers(-1, 101, shape).astype(np.int8)
+    raster = Raster(reduce=reduce)
+    for pooled, extreme in ((raster.largest(layer), max), (raster.smallest(layer), min)):
+        assert pooled.shape == (-(-shape[0] // reduce), -(-shape[1] // reduce))
+        for row, col in np.ndindex(pooled.shape):
+            y, x = row * reduce, col * reduce
+            assert pooled[row, col] == extreme(layer[y : y + reduce, x : x + reduce].flat)
+            if row > 40:
+                break

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.threads import for_rows
+
 _SMALL_SIDE = 600
 """Pixels that the long side of a small map is enlarged to, about."""
 
@@ -55,8 +57,23 @@ class Raster:
     def _pooled(self, layer: NDArray[Any], choose: np.ufunc) -> NDArray[Any]:
         if self.reduce == 1:
             return layer
-        rows, cols = (np.arange(0, length, self.reduce) for length in layer.shape)
-        pooled: NDArray[Any] = choose.reduceat(choose.reduceat(layer, rows, axis=0), cols, axis=1)
+        step = self.reduce
+        height, width = (math.ceil(length / step) for length in layer.shape)
+        pooled = np.empty((height, width), dtype=layer.dtype)
+
+        def pool(rows: slice) -> None:
+            under = layer[rows.start * step : rows.stop * step]
+            merged = under[::step].copy()
+            for k in range(1, step):  # the last rows and columns may have fewer cells under them
+                more = under[k::step]
+                choose(merged[: len(more)], more, out=merged[: len(more)])
+            pixels = pooled[rows]
+            pixels[:] = merged[:, ::step]
+            for k in range(1, step):
+                more = merged[:, k::step]
+                choose(pixels[:, : more.shape[1]], more, out=pixels[:, : more.shape[1]])
+
+        for_rows(pool, pooled.shape)
         return pooled
 
     def enlarged(self, pixels: NDArray[Any]) -> NDArray[Any]:
