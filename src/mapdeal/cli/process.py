@@ -19,7 +19,7 @@ _INTERRUPTED = 130
 def run_process() -> NoReturn:
     """Run the command line and end the process with its exit code."""
     gc.disable()  # until the command is imported, see `collect_from_here`
-    # numpy's linear algebra, which nothing here uses, would start a thread per processor.
+    # numpy's linear algebra would start a thread per processor, for matrices of 3 x 3.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for name in ("stdout", "stderr"):  # None where the process was started without
         if getattr(sys, name) is None:

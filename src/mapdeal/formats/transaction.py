@@ -52,8 +52,8 @@ class Transaction:
     -----
     Each file is written under a temporary name in its own folder and renamed when the block
     ends without an error, in the order of the calls to `write`; as many at the same time as
-    `mapdeal.kernels.threads` allows. Temporary files are locked by
-    their process, so that those of a killed run are told from those of a live one and removed.
+    `mapdeal.kernels.threads` allows. Temporary files are locked by their process, so that those
+    of a killed run are told from those of a live one and removed.
 
     Examples
     --------
