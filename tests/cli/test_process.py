@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from engines import needs_compiled
 from mapdeal.cli.process import collect_from_here
 from mapdeal.kernels import engine
 
@@ -130,7 +131,7 @@ def test_an_engine_that_there_is_not_is_an_error_on_one_line(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(engine.compiled_module() is None, reason="the kernels were not compiled")
+@needs_compiled
 def test_both_engines_write_the_same_files(tmp_path):
     for name in ("compiled", "scipy"):
         told = process("run", EXAMPLE, "-o", tmp_path / name, MAPDEAL_KERNELS=name)

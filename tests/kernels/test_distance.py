@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
+from engines import needs_compiled
 from mapdeal.errors import ParameterError
 from mapdeal.kernels import engine, scipy_distance
 from mapdeal.kernels.distance import (
@@ -19,18 +20,7 @@ from mapdeal.kernels.squares import unreachable
 from mapdeal.kernels.threads import use_threads
 from strategies import masks
 
-needs_compiled = pytest.mark.skipif(
-    engine.compiled_module() is None, reason="the compiled kernels were not built"
-)
-ENGINES = [pytest.param("compiled", marks=needs_compiled), "scipy"]
-
-
-@pytest.fixture(params=ENGINES, scope="module", autouse=True)
-def engine_in_use(request):
-    """Run every test of this module on each engine."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(engine.VARIABLE, request.param)
-        yield request.param
+pytestmark = pytest.mark.usefixtures("each_engine")
 
 
 def maps(side, density, seed=0):
@@ -273,8 +263,8 @@ class TestTwins:
         self.check(marked, 0.05, 40_000, rng.integers(0, 256, 40_002, dtype=np.uint8))
 
 
-def test_the_environment_chooses_the_engine(monkeypatch, engine_in_use):
-    assert engine.engine_name() == engine_in_use
+def test_the_environment_chooses_the_engine(monkeypatch, each_engine):
+    assert engine.engine_name() == each_engine
     monkeypatch.setenv(engine.VARIABLE, "opencv")
     with pytest.raises(ParameterError, match="must be compiled or scipy"):
         engine.engine_name()

@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from mapdeal.kernels import engine
 from mapdeal.kernels.lookup import (
     bytes_of_distances,
     histogram,
@@ -13,19 +12,9 @@ from mapdeal.kernels.lookup import (
     squares_of_distances,
 )
 
-needs_compiled = pytest.mark.skipif(
-    engine.compiled_module() is None, reason="the compiled kernels were not built"
-)
+pytestmark = pytest.mark.usefixtures("each_engine")
+
 BYTE_ARRAYS = arrays.arrays(np.uint8, arrays.array_shapes(min_dims=2, max_dims=2, max_side=40))
-
-
-@pytest.fixture(
-    params=[pytest.param("compiled", marks=needs_compiled), "scipy"], scope="module", autouse=True
-)
-def engine_in_use(request):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(engine.VARIABLE, request.param)
-        yield request.param
 
 
 @given(BYTE_ARRAYS, st.binary(min_size=256, max_size=256))

@@ -186,3 +186,30 @@ def test_radii_that_do_not_fit_are_warned_of():
         exponential_cost(grid, inscribed_radius=0.6)
     with pytest.warns(MapdealWarning, match="circumscribed"):
         assert exponential_cost(grid, circumscribed_radius=0.6).circumscribed_cost == 0
+
+
+@given(occupancies(), st.sampled_from([0.0, 1e-6, 0.3, 3.0, 40.0]), st.sampled_from([0.0, 0.4]))
+def test_costs_end_by_their_own_decay_where_nothing_else_ends_them(occupancy, factor, inscribed):
+    resolution = 0.25
+    cost = exponential_cost(
+        OccupancyGrid(occupancy, resolution),
+        inscribed_radius=inscribed,
+        inflation_radius=1e5,
+        cost_scaling_factor=factor,
+    ).cost
+    squared = oracles.squared_distance(occupancy >= 100)
+    for index in np.ndindex(occupancy.shape):
+        if occupancy[index] >= 0 and squared[index] is not None:
+            cells = math.sqrt(squared[index])
+            assert cost[index] == oracles.cost_of_distance(cells, resolution, inscribed, factor)
+
+
+def test_the_last_cost_above_0_is_kept_between_whole_cells():
+    occupancy = np.zeros((40, 43), np.int8)
+    occupancy[0, 0] = 100
+    grid = OccupancyGrid(occupancy, 0.05)
+    cost = exponential_cost(grid, inflation_radius=1e5, cost_scaling_factor=3.0).cost
+    for row, col in np.ndindex(cost.shape):
+        cells = math.hypot(row, col)
+        assert cost[row, col] == oracles.cost_of_distance(cells, 0.05, 0.0, 3.0)
+    assert (cost == 1).any()

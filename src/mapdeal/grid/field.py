@@ -87,17 +87,3 @@ class DistanceField(Framed):
         if self.unknown == "occupied":
             occupied |= self.occupancy == UNKNOWN
         return occupied
-
-    def depth_in_obstacle(self) -> NDArray[np.float64]:
-        """Return how deep cells lie in obstacles, shape (H, W).
-
-        Metres from the cell's centre to the nearest free cell's centre, as far as
-        `max_distance` has kept it; 0 in free space.
-        """
-        inner = -self.distance.astype(np.float64)
-        if self.convention == "seed":
-            inner += self.resolution
-        elif self.convention == "border":
-            inner += 0.5 * self.resolution
-        inner[~self.obstacles()] = 0.0
-        return inner

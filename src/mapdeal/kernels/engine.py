@@ -34,7 +34,7 @@ def engine_name() -> Engine:
     if compiled_module() is not None:
         return "compiled"
     if asked == "compiled":
-        rule = "the compiled kernels are not part of this installation"
+        rule = "the compiled kernels are not part of this installation, or cannot be loaded"
         hint = "install again where there is a C compiler"
         raise ParameterError(rule, place=VARIABLE, got=asked, hint=hint)
     return "scipy"

@@ -19,7 +19,12 @@ from mapdeal.grid.values import (
 )
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.lookup import set_where
-from mapdeal.stages.field_values import bytes_of_metres, furthest_kept, largest_distance_in
+from mapdeal.stages.field_values import (
+    bytes_of_metres,
+    deepest_in,
+    furthest_kept,
+    largest_distance_in,
+)
 from mapdeal.stages.parameters import ABOVE_0, LETHAL, STRENGTH, stage
 
 View = Literal["metric", "seed"]
@@ -145,7 +150,7 @@ def field_view(
         values = bytes_of_metres(field, obstacles, metric, constant_from=view_range)
     else:
         farthest = largest_distance_in(field, obstacles)
-        deepest = float(field.depth_in_obstacle().max())
+        deepest = deepest_in(field, obstacles)
         span = farthest - field.resolution + deepest
 
         def seed(metres: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 from typing import Annotated
 
@@ -110,7 +111,9 @@ def exponential_cost(
     reach = _reach(inflation_radius, source.resolution, source.shape)
     if reach > 0:
         table = cost_table(
-            reach,
+            min(
+                reach, _last_cost_above_0(inscribed_radius, cost_scaling_factor, source.resolution)
+            ),
             resolution=source.resolution,
             inscribed_radius=inscribed_radius,
             cost_scaling_factor=cost_scaling_factor,
@@ -184,6 +187,17 @@ def _reach(inflation_radius: float, resolution: float, shape: tuple[int, int]) -
     return min(
         cells_to_cover(min(inflation_radius, 2 * diagonal * resolution), resolution), diagonal
     )
+
+
+def _last_cost_above_0(
+    inscribed_radius: float, cost_scaling_factor: float, resolution: float
+) -> int:  # fmt: skip
+    """Return cells from which on costs are truncated to 0, however far they reach."""
+    if cost_scaling_factor == 0:
+        return sys.maxsize
+    decay = math.log(INSCRIBED_INFLATED_OBSTACLE - 1) / cost_scaling_factor
+    cells = (inscribed_radius + decay) / resolution
+    return math.ceil(min(cells, sys.maxsize // 2)) + 1
 
 
 def _spread_from_field(

@@ -106,6 +106,13 @@ def largest_distance_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> f
     return min(math.sqrt(max(squares)) * field.resolution, furthest_kept(field))
 
 
+def deepest_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> float:
+    """Return the metres from the centre of the deepest obstacle cell to the nearest free one's."""
+    lowest = float(field.distance.min(where=obstacles, initial=math.inf))
+    shift = {"seed": field.resolution, "center": 0.0, "border": 0.5 * field.resolution}
+    return max(shift[field.convention] - lowest, 0.0)
+
+
 def furthest_kept(field: DistanceField) -> float:
     """Return the metres between centres beyond which the field was clipped."""
     if field.max_distance is None:
