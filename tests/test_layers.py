@@ -14,8 +14,8 @@ PACKAGE = Path(mapdeal.__file__).parent
 ALLOWED = {
     "errors": set(),
     "version": set(),
-    "grid": {"errors"},
     "kernels": {"errors"},
+    "grid": {"errors", "kernels"},
     "stages": {"errors", "grid", "kernels"},
     "formats": {"errors", "grid", "kernels"},
     "render": {"errors", "grid", "kernels"},

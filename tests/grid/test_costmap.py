@@ -1,13 +1,6 @@
-import numpy as np
 import pytest
 
 from mapdeal import Costmap, ParameterError
-from mapdeal.grid.costmap import published_costs
-
-
-def test_costs_are_published_as_ros_publishes_them(real_maps):
-    peers = np.load(real_maps / "expected" / "peers.npz")
-    assert np.array_equal(published_costs(), peers["to_occ"][0])
 
 
 def test_a_costmap_becomes_the_occupancy_that_ros_would_publish():
@@ -21,3 +14,13 @@ def test_a_costmap_becomes_the_occupancy_that_ros_would_publish():
 def test_costs_off_their_scale_are_refused(cost, scale):
     with pytest.raises(ParameterError):
         Costmap(cost, 0.2, scale=scale)
+
+
+def test_a_value_must_lie_on_the_grid_s_own_scale():
+    stored, published = Costmap([[0]], 0.2), Costmap([[0]], 0.2, scale="occupancy")
+    assert (stored.accept_value(255), published.accept_value(-1)) == (255, -1)
+    for grid, value in [(stored, -1), (stored, 256), (published, 101), (stored, 2.5),
+                        (stored, float("nan"))]:  # fmt: skip
+        with pytest.raises(ParameterError, match="whole number"):
+            grid.accept_value(value)
+    assert (stored.unknown_value, published.unknown_value) == (255, -1)

@@ -22,7 +22,7 @@ def test_costmap_2d_reference_points():
     # costmap_2d/test/static_tests.cpp and coordinates_test.cpp
     unit = Frame(10, 10, 1.0)
     points = [[0, 0.99], [0, 1.0], [1, 0.99], [9.99, 9.99], [8.2, 3.4]]
-    rows_cols = unit.rowcol_from_xy(points)
+    rows_cols = unit.unbounded_rowcol_from_xy(points)
     assert [r * 10 + c for r, c in rows_cols.tolist()] == [0, 10, 1, 99, 38]
     small = Frame(3, 2, 0.1, (-0.2, 0.2, 0.0))
     assert np.allclose(small.xy_from_rowcol([[2, 1]]), [[-0.05, 0.45]])
@@ -37,19 +37,93 @@ def test_costmap_2d_reference_points():
 )
 def test_a_centre_falls_into_its_own_cell(yaw, x, y, row, col):
     frame = Frame(9, 5, 0.05, (x, y, yaw))
-    assert frame.rowcol_from_xy(frame.xy_from_rowcol([[row, col]])).tolist() == [[row, col]]
+    assert frame.unbounded_rowcol_from_xy(frame.xy_from_rowcol([[row, col]])).tolist() == [
+        [row, col]
+    ]
 
 
 def test_exact_multiples_do_not_fall_one_cell_short():
     frame = Frame(20, 20, 0.1)
     points = [[k * 0.1, (k + 10) / 10] for k in range(10)]
-    assert frame.rowcol_from_xy(points).tolist() == [[k + 10, k] for k in range(10)]
+    assert frame.unbounded_rowcol_from_xy(points).tolist() == [[k + 10, k] for k in range(10)]
 
 
 def test_the_grid_is_half_open():
     frame = Frame(4, 8, 0.5, (-1.0, 2.0, 0.0))
     corners = [[-1.0, 2.0], [3.0, 2.0], [-1.0, 4.0], [2.999, 3.999], [-1.001, 2.0]]
     assert frame.contains(corners).tolist() == [True, False, False, True, False]
+
+
+def test_clamped_cells_are_those_of_the_nearest_border():
+    # coordinates_test.cpp: 2 x 3 cells, x = 2.5 is column 27 without bounds and 1 within.
+    small = Frame(3, 2, 0.1, (-0.2, 0.2, 0.0))
+    assert small.unbounded_rowcol_from_xy([[2.55, 0.3]])[0].tolist() == [1, 27]
+    assert small.clamped_rowcol_from_xy([[2.55, 0.3]])[0].tolist() == [1, 1]
+    # The upper edges, where Nav2 returns the size itself.
+    assert small.clamped_rowcol_from_xy([[0.0, 0.5], [-9.0, -9.0]]).tolist() == [[2, 1], [0, 0]]
+
+
+def test_bounded_cells_come_with_who_is_inside():
+    points = YAWED.xy_from_rowcol([[0, 0], [3, 6], [4, 0], [0, -1]])
+    cells, inside = YAWED.bounded_rowcol_from_xy(points)
+    assert inside.tolist() == [True, True, False, False]
+    assert cells.tolist() == [[0, 0], [3, 6], [-1, -1], [-1, -1]]
+    odd = [[math.nan, 0.0], [math.inf, 0.0], [0.0, -1e300]]
+    assert YAWED.bounded_rowcol_from_xy(odd)[1].tolist() == [False] * 3
+
+
+@pytest.mark.parametrize("point", [(math.nan, 0.0), (0.0, math.inf), (1e13, 0.0)])
+def test_points_that_no_cell_can_be_counted_to_are_refused(point):
+    for convert in (YAWED.unbounded_rowcol_from_xy, YAWED.clamped_rowcol_from_xy):
+        with pytest.raises(ParameterError, match="finite"):
+            convert([[0.0, 0.0], point])
+
+
+@given(st.floats(-4, 4), st.floats(-30, 30), st.floats(-30, 30))
+def test_clamped_and_unbounded_agree_exactly_inside(yaw, x, y):
+    frame = Frame(40, 70, 0.25, (1.5, -2.0, yaw))
+    cells, inside = frame.bounded_rowcol_from_xy([[x, y]])
+    same = frame.unbounded_rowcol_from_xy([[x, y]]) == frame.clamped_rowcol_from_xy([[x, y]])
+    assert same.all() == inside[0]
+    if inside[0]:
+        assert np.array_equal(cells, frame.unbounded_rowcol_from_xy([[x, y]]))
+
+
+def test_continuous_cells_of_centres_end_in_a_half():
+    points = YAWED.xy_from_rowcol([[0, 0], [2, 5]])
+    assert np.allclose(YAWED.continuous_rowcol_from_xy(points), [[0.5, 0.5], [2.5, 5.5]])
+
+
+def test_the_size_is_cells_times_resolution():
+    # costmap_2d says (W - 1 + 0.5) times it, half a cell short.
+    assert Frame(4, 7, 0.25).size_xy == (1.75, 1.0)
+
+
+@pytest.mark.parametrize(("height", "width"), [(4, 6), (5, 7), (1, 1)])
+def test_the_centred_frame_of_design_document_003(height, width):
+    frame = Frame.centred(height, width, 0.1)
+    for x, y in [(0.0, 0.0), (0.14, -0.06), (-0.01, 0.01), (-0.3, 0.19)]:
+        row, col = frame.unbounded_rowcol_from_xy([[x, y]])[0].tolist()
+        expected = (math.floor(y / 0.1 + 1e-9) + height // 2, math.floor(x / 0.1 + 1e-9))
+        assert (row, col) == (expected[0], expected[1] + width // 2)
+
+
+def test_a_centred_frame_can_be_turned_about_the_world_s_origin():
+    frame = Frame.centred(4, 6, 0.5, yaw=math.pi / 2)
+    assert np.allclose(frame.continuous_rowcol_from_xy([[0.0, 0.0]]), [[2.0, 3.0]])
+
+
+@pytest.mark.parametrize(
+    ("yaw", "cell"),
+    [(0.0, (10, 14)), (math.pi / 2, (14, 10)), (math.pi, (10, 6)), (-math.pi / 2, (6, 10))],
+)
+def test_the_cell_ahead_of_a_robot(yaw, cell):
+    frame = Frame.centred(20, 20, 0.1)
+    assert frame.rowcol_ahead((0.05, 0.05, yaw), 0.4) == cell
+    # Document 003 in its right-handed form: theta is measured from the y axis.
+    theta = yaw - math.pi / 2
+    point = [0.05 - 0.4 * math.sin(theta), 0.05 + 0.4 * math.cos(theta)]
+    assert tuple(frame.unbounded_rowcol_from_xy([point])[0].tolist()) == cell
 
 
 def test_a_window_keeps_its_cells_in_place_at_any_yaw():

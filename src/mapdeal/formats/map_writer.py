@@ -15,9 +15,10 @@ from mapdeal.formats.map_yaml import MapMetadata, Mode, yaml_of
 from mapdeal.formats.png import write_grey_png, write_rgba_png
 from mapdeal.formats.pnm import write_pgm
 from mapdeal.formats.transaction import Transaction, Writer
-from mapdeal.grid.costmap import Costmap, published_costs
-from mapdeal.grid.frame import Framed
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.scales import occupancy_from_cost
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
 from mapdeal.kernels.lookup import histogram, look_up
 
@@ -159,7 +160,7 @@ def _published_pixels(costmap: Costmap) -> NDArray[np.uint8]:
     """Return the values that ROS would publish, as mode raw has them."""
     if costmap.scale == "occupancy":
         return _raw_pixels(costmap.cost)
-    return look_up(costmap.cost, published_costs().view(np.uint8))
+    return look_up(costmap.cost, occupancy_from_cost().view(np.uint8))
 
 
 def _raw_pixels(values: NDArray[Any]) -> NDArray[np.uint8]:

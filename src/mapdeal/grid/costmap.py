@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Framed, Origin, as_layer
+from mapdeal.grid.frame import Origin
+from mapdeal.grid.framed import ValueGrid, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.scales import (
+    cost_from_occupancy,
+    occupancy_from_cost,
+    static_layer_cost_from_occupancy,
+)
 from mapdeal.grid.values import (
-    INSCRIBED_INFLATED_OBSTACLE,
-    LETHAL_OBSTACLE,
+    DEFAULT_LETHAL_THRESHOLD,
     NO_INFORMATION,
     OCCUPIED,
     UNKNOWN,
     CostScale,
 )
+from mapdeal.kernels.lookup import look_up
 
 
 @dataclass(frozen=True, eq=False)
-class Costmap(Framed):
+class Costmap(ValueGrid):
     """A grid of costs.
 
     Parameters
@@ -59,7 +65,7 @@ class Costmap(Framed):
             raise ParameterError(rule, got=self.scale)
         cost = as_layer(self.cost, np.uint8 if self.scale == "costmap2d" else np.int8, "cost")
         self._freeze(cost=cost)
-        if self.scale == "occupancy" and (cost.min() < UNKNOWN or cost.max() > 100):
+        if self.scale == "occupancy" and (cost.min() < UNKNOWN or cost.max() > OCCUPIED):
             rule = "costs on the occupancy scale must lie in -1..100"
             raise ParameterError(rule, got=(int(cost.min()), int(cost.max())))
 
@@ -67,33 +73,93 @@ class Costmap(Framed):
     def _layer(self) -> NDArray[Any]:
         return self.cost
 
+    @property
+    def value_range(self) -> tuple[int, int]:
+        """The ends of the scale: 0 and 255, or -1 and 100."""
+        return (0, NO_INFORMATION) if self.scale == "costmap2d" else (UNKNOWN, OCCUPIED)
+
+    @property
+    def unknown_value(self) -> int:
+        """255, or -1 on scale ``occupancy``."""
+        return NO_INFORMATION if self.scale == "costmap2d" else UNKNOWN
+
+    def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Costmap:
+        """Return a costmap with other costs, at another origin if one is given."""
+        return replace(self, cost=values, origin=origin or self.origin)
+
     def to_occupancy(self) -> OccupancyGrid:
-        """Return the costs as ROS would publish them in a ``nav_msgs/OccupancyGrid``."""
-        occupancy = self.cost if self.scale == "occupancy" else published_costs()[self.cost]
-        return OccupancyGrid(occupancy.astype(np.int8, copy=False), self.resolution, self.origin)
+        """Return the costs as ROS would publish them in a ``nav_msgs/OccupancyGrid``.
 
+        Examples
+        --------
+        >>> Costmap([[0, 1, 128, 253, 254, 255]], 0.05).to_occupancy().occupancy.tolist()
+        [[0, 1, 50, 99, 100, -1]]
+        """
+        if self.scale == "occupancy":
+            published: NDArray[Any] = self.cost
+        else:
+            published = look_up(self.cost, occupancy_from_cost())
+        return OccupancyGrid(published, self.resolution, self.origin)
 
-def published_costs() -> NDArray[np.int8]:
-    """Return the value that costmap_2d publishes for each of the 256 costs.
+    @classmethod
+    def from_occupancy(cls, grid: OccupancyGrid) -> Costmap:
+        """Return the costmap that Nav2's ``Costmap2D(OccupancyGrid)`` makes of a map.
 
-    Returns
-    -------
-    numpy.ndarray of int8, shape (256,)
-        Indexed by the cost: 0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1.
+        Every value keeps its share: round(2.54 v); -1 becomes 255. Nav2 reads the masks of its
+        costmap filters so.
 
-    References
-    ----------
-    ``costmap_2d_publisher.cpp`` of both ROS navigation stacks: 1 + 97 (cost - 1) / 251 in
-    integer division. Not invertible.
+        Examples
+        --------
+        >>> grid = OccupancyGrid([[0, 1, 50, 99, 100, -1]], 0.05)
+        >>> Costmap.from_occupancy(grid).cost.tolist()
+        [[0, 3, 127, 251, 254, 255]]
+        """
+        cost = look_up(grid.occupancy, cost_from_occupancy())
+        return cls(cost, grid.resolution, grid.origin)
 
-    Examples
-    --------
-    >>> published_costs()[[0, 1, 4, 128, 252, 253, 254, 255]].tolist()
-    [0, 1, 2, 50, 98, 99, 100, -1]
-    """
-    table = 1 + (97 * (np.arange(256) - 1)) // 251
-    table[0] = 0
-    table[INSCRIBED_INFLATED_OBSTACLE] = 99
-    table[LETHAL_OBSTACLE] = OCCUPIED
-    table[NO_INFORMATION] = UNKNOWN
-    return table.astype(np.int8)
+    @classmethod
+    def from_static_layer(
+        cls,
+        grid: OccupancyGrid,
+        *,
+        lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
+        trinary: bool = True,
+        track_unknown: bool = True,
+        inscribed_value: int | None = 99,
+    ) -> Costmap:
+        """Return the costmap that costmap_2d's static layer makes of a map.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        lethal_threshold : int
+            ``lethal_cost_threshold``: values from here on become 254; 0..100.
+        trinary : bool
+            ``trinary_costmap``: values below become 0, rather than their share of 254.
+        track_unknown : bool
+            ``track_unknown_space``: unknown cells become 255, rather than 0.
+        inscribed_value : int, optional
+            ``inscribed_obstacle_cost_value`` of Nav2 lyrical and newer: this value becomes 253.
+            None for older ones, which have no such rule.
+
+        Raises
+        ------
+        ParameterError
+            If a threshold or value is not allowed.
+
+        Examples
+        --------
+        >>> grid = OccupancyGrid([[0, 50, 98, 99, 100, -1]], 0.05)
+        >>> Costmap.from_static_layer(grid).cost.tolist()
+        [[0, 0, 0, 253, 254, 255]]
+        >>> Costmap.from_static_layer(grid, trinary=False, inscribed_value=None).cost.tolist()
+        [[0, 127, 248, 251, 254, 255]]
+        """
+        table = static_layer_cost_from_occupancy(
+            lethal_threshold=lethal_threshold,
+            trinary=trinary,
+            track_unknown=track_unknown,
+            inscribed_value=inscribed_value,
+        )
+        return cls(look_up(grid.occupancy, table), grid.resolution, grid.origin)

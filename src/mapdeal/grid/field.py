@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Framed, Origin, as_layer
+from mapdeal.grid.frame import Origin
+from mapdeal.grid.framed import Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, UnknownPolicy
 

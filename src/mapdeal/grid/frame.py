@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,29 +88,168 @@ class Frame:
         turned: NDArray[np.float64] = vectors_xy @ np.array([[cos, sin], [-sin, cos]])
         return turned
 
-    def rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
-        """Return the cells that points fall into, whether inside the grid or not.
+    @property
+    def size_xy(self) -> tuple[float, float]:
+        """Extent along the columns and along the rows, metres: cells times resolution."""
+        return self.width * self.resolution, self.height * self.resolution
+
+    @classmethod
+    def centred(cls, height: int, width: int, resolution: float, yaw: float = 0.0) -> Frame:
+        """Return a frame around the world's (0, 0), as design document 003 lays it out.
+
+        (0, 0) is the lower corner of cell (height // 2, width // 2), so that the cell of a
+        point is floor(y / resolution) + height // 2, floor(x / resolution) + width // 2, for
+        negative coordinates too. Row 0 is the south here, not the top of a picture.
+
+        Examples
+        --------
+        >>> frame = Frame.centred(4, 7, 0.5)
+        >>> frame.origin
+        (-1.5, -1.0, 0.0)
+        >>> frame.unbounded_rowcol_from_xy([[0.0, 0.0], [-0.1, -0.1]]).tolist()
+        [[2, 3], [1, 2]]
+        """
+        unturned = cls(height, width, resolution, (0.0, 0.0, yaw))
+        return unturned.window(-(height // 2), -(width // 2), height, width)
+
+    def continuous_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.float64]:
+        """Return the cell coordinates of points, with their fractions.
 
         Parameters
         ----------
         points_xy : array_like of float, shape (N, 2)
-            Points in the map frame, metres; finite.
+            Points in the map frame, metres.
+
+        Returns
+        -------
+        numpy.ndarray of float64, shape (N, 2)
+            Row and column coordinates; whole numbers are edges between cells, a cell's centre
+            is at +0.5, as in Nav2's ``worldToMapContinuous``.
+
+        Raises
+        ------
+        ParameterError
+            If a coordinate is not finite, or beyond 1e12 m.
+        """
+        points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
+        near = np.abs(points) <= _FARTHEST  # refuses nan too
+        if not near.all():
+            rule = f"coordinates must be finite and within {_FARTHEST:g} m"
+            first = points[int(np.argmin(near.all(axis=1)))]
+            raise ParameterError(rule, place="point", got=tuple(first.tolist()))
+        x, y, yaw = self.origin
+        cells_xy = self._turn(points - np.array([x, y]), -yaw) / self.resolution
+        return cells_xy[:, ::-1]
+
+    def unbounded_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
+        """Return the cells that points fall into, as if the grid went on for ever.
+
+        Parameters
+        ----------
+        points_xy : array_like of float, shape (N, 2)
+            Points in the map frame, metres.
 
         Returns
         -------
         numpy.ndarray of int64, shape (N, 2)
             Row and column of each; negative or beyond the size for points outside.
 
+        Raises
+        ------
+        ParameterError
+            If a coordinate is not finite, or beyond 1e12 m.
+
+        References
+        ----------
+        costmap_2d's ``worldToMapNoBounds``, but with floor: that truncates toward zero, and
+        takes points just below the lower edges for cells of row or column 0.
+
         Examples
         --------
-        >>> Frame(2, 3, 0.1, (-0.2, 0.2, 0.0)).rowcol_from_xy([[0.05, 0.35], [-0.3, 0.2]])
-        array([[ 1,  2],
-               [ 0, -1]])
+        >>> frame = Frame(2, 3, 0.1, (-0.2, 0.2, 0.0))
+        >>> frame.unbounded_rowcol_from_xy([[0.05, 0.35], [-0.3, 0.2]]).tolist()
+        [[1, 2], [0, -1]]
+        """
+        cells = self.continuous_rowcol_from_xy(points_xy)
+        return np.floor(cells + CELL_TOLERANCE).astype(np.int64)
+
+    def clamped_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
+        """Return the cells that points fall into, or for points outside the nearest border cell.
+
+        Parameters, returns and errors are those of `unbounded_rowcol_from_xy`, but all cells
+        are inside of the grid.
+
+        References
+        ----------
+        costmap_2d's ``worldToMapEnforceBounds``; Nav2's version returns a cell beyond the last
+        for a point exactly on an upper edge, this does not.
+
+        Examples
+        --------
+        >>> frame = Frame(2, 3, 0.1, (-0.2, 0.2, 0.0))
+        >>> frame.clamped_rowcol_from_xy([[0.05, 0.35], [-9.0, 0.4]]).tolist()
+        [[1, 2], [1, 0]]
+        """
+        last = np.array([self.height - 1, self.width - 1])
+        return np.clip(self.unbounded_rowcol_from_xy(points_xy), 0, last)
+
+    def bounded_rowcol_from_xy(
+        self, points_xy: ArrayLike
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the cells that points fall into, and which points are inside of the grid.
+
+        Parameters
+        ----------
+        points_xy : array_like of float, shape (N, 2)
+            Points in the map frame, metres; those that are not finite are outside.
+
+        Returns
+        -------
+        cells : numpy.ndarray of int64, shape (N, 2)
+            Row and column of each; (-1, -1) for points outside.
+        inside : numpy.ndarray of bool, shape (N,)
+            Whether a cell of the grid holds the point.
+
+        References
+        ----------
+        costmap_2d's ``worldToMap``, whose return value is `inside`.
+
+        Examples
+        --------
+        >>> frame = Frame(2, 3, 0.1, (-0.2, 0.2, 0.0))
+        >>> cells, inside = frame.bounded_rowcol_from_xy([[0.05, 0.35], [0.1, 0.2]])
+        >>> cells.tolist(), inside.tolist()
+        ([[1, 2], [-1, -1]], [True, False])
         """
         points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
-        x, y, yaw = self.origin
-        cells_xy = self._turn(points - np.array([x, y]), -yaw) / self.resolution
-        return np.floor(cells_xy[:, ::-1] + CELL_TOLERANCE).astype(np.int64)
+        known = np.all(np.abs(points) <= _FARTHEST, axis=1)
+        cells = self.unbounded_rowcol_from_xy(np.where(known[:, np.newaxis], points, 0.0))
+        inside: NDArray[np.bool_] = known & np.all((cells >= 0) & (cells < self.shape), axis=1)
+        return np.where(inside[:, np.newaxis], cells, -1), inside
+
+    def rowcol_ahead(self, pose: Sequence[float], distance: float) -> tuple[int, int]:
+        """Return the cell of the point that lies ahead of a robot, inside the grid or not.
+
+        Parameters
+        ----------
+        pose : sequence of float
+            x, y (metres) and yaw (radians, 0 along x, anticlockwise) of the robot.
+        distance : float
+            Metres; negative for a point behind the robot.
+
+        References
+        ----------
+        Design document 003, which adds a distance in metres to an index in cells and measures
+        the heading from the y axis: its right-handed theta is yaw - pi / 2.
+
+        Examples
+        --------
+        >>> Frame.centred(20, 20, 0.1).rowcol_ahead((0.05, 0.05, math.pi / 2), 0.4)
+        (14, 10)
+        """
+        point = xy_ahead(pose, distance)
+        row, col = self.unbounded_rowcol_from_xy([point])[0].tolist()
+        return row, col
 
     def xy_from_rowcol(self, cells_rowcol: ArrayLike) -> NDArray[np.float64]:
         """Return the centres of cells in the map frame.
@@ -143,9 +280,7 @@ class Frame:
 
     def contains(self, points_xy: ArrayLike) -> NDArray[np.bool_]:
         """Return for each point, shape (N, 2), whether a cell of the grid holds it."""
-        cells = self.rowcol_from_xy(points_xy)
-        inside: NDArray[np.bool_] = np.all((cells >= 0) & (cells < self.shape), axis=1)
-        return inside
+        return self.bounded_rowcol_from_xy(points_xy)[1]
 
     def window(self, row: int, col: int, height: int, width: int) -> Frame:
         """Return the frame of the `height` x `width` cells whose first is (`row`, `col`).
@@ -162,6 +297,18 @@ class Frame:
         return Frame(height, width, self.resolution, origin)
 
 
+def xy_ahead(pose: Sequence[float], distance: float) -> tuple[float, float]:
+    """Return the point `distance` metres ahead of a pose (x, y, yaw), in the same frame.
+
+    Examples
+    --------
+    >>> xy_ahead((1.0, 2.0, math.pi), 0.5)
+    (0.5, 2.0)
+    """
+    x, y, yaw = (float(value) for value in pose)
+    return x + distance * math.cos(yaw), y + distance * math.sin(yaw)
+
+
 def _stepped(start: float, steps: int, step: float) -> float:
     """Return start + steps * step in decimals: -50 + 789 * 0.05 is -10.55, with no noise.
 
@@ -169,51 +316,3 @@ def _stepped(start: float, steps: int, step: float) -> float:
     would put the last digits of binary rounding into the next file.
     """
     return float(Decimal(repr(start)) + steps * Decimal(repr(step)))
-
-
-class Framed(ABC):
-    """What every grid type shares: a resolution, an origin, and a frame made of both."""
-
-    resolution: float
-    origin: Origin
-
-    @property
-    @abstractmethod
-    def _layer(self) -> NDArray[Any]:
-        """The layer that all others have the shape of."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        height, width = self._layer.shape
-        return height, width
-
-    @property
-    def frame(self) -> Frame:
-        """The geometry of the grid."""
-        return Frame(*self.shape, self.resolution, self.origin)
-
-    def _freeze(self, **layers: NDArray[Any]) -> None:
-        """Check the geometry and store each layer as a read-only view."""
-        object.__setattr__(self, "resolution", check_resolution(self.resolution))
-        object.__setattr__(self, "origin", check_origin(self.origin))
-        shapes = {array.shape for array in layers.values()}
-        if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
-            rule = "layers must be two-dimensional, of one shape and not empty"
-            raise ParameterError(rule, got=sorted(shapes))
-        for name, array in layers.items():
-            view = np.ascontiguousarray(array).view()
-            view.flags.writeable = False
-            object.__setattr__(self, name, view)
-
-
-def as_layer(values: ArrayLike, dtype: type[np.generic], name: str) -> NDArray[Any]:
-    """Return `values` as an array of `dtype`, refusing conversions that change a value."""
-    array = np.asarray(values)
-    if array.dtype != dtype:
-        converted = array.astype(dtype)
-        if not np.array_equal(converted, array, equal_nan=array.dtype.kind == "f"):
-            rule = f"{name} must hold values of {np.dtype(dtype).name}"
-            raise ParameterError(rule, got=array.dtype.name)
-        array = converted
-    return array

@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Framed, Origin, as_layer
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN
+from mapdeal.grid.frame import Origin
+from mapdeal.grid.framed import ValueGrid, as_layer
+from mapdeal.grid.scales import amcl_from_occupancy
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.lookup import look_up
 
 
 @dataclass(frozen=True, eq=False)
-class OccupancyGrid(Framed):
+class OccupancyGrid(ValueGrid):
     """A grid of occupancy values, as ``nav_msgs/OccupancyGrid``.
 
     Parameters
@@ -46,13 +49,50 @@ class OccupancyGrid(Framed):
     def __post_init__(self) -> None:
         occupancy = as_layer(self.occupancy, np.int8, "occupancy")
         self._freeze(occupancy=occupancy)
-        if occupancy.min() < UNKNOWN or occupancy.max() > 100:
+        if occupancy.min() < UNKNOWN or occupancy.max() > OCCUPIED:
             rule = "occupancy must lie in -1..100"
             raise ParameterError(rule, got=(int(occupancy.min()), int(occupancy.max())))
 
     @property
     def _layer(self) -> NDArray[Any]:
         return self.occupancy
+
+    @property
+    def value_range(self) -> tuple[int, int]:
+        """-1 and 100."""
+        return UNKNOWN, OCCUPIED
+
+    @property
+    def unknown_value(self) -> int:
+        """-1."""
+        return UNKNOWN
+
+    def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> OccupancyGrid:
+        """Return a map with other values, at another origin if one is given."""
+        return OccupancyGrid(values, self.resolution, origin or self.origin)
+
+    def amcl_states(self) -> NDArray[np.int8]:
+        """Return what amcl makes of the map: -1 free, +1 occupied, 0 unknown; shape (H, W).
+
+        Values 1..99 are unknown to amcl, as -1 is.
+
+        References
+        ----------
+        ``convertMap`` in ``amcl_node.cpp`` of both ROS navigation stacks.
+
+        Examples
+        --------
+        >>> OccupancyGrid([[0, 1, 99, 100, -1]], 0.05).amcl_states()
+        array([[-1,  0,  0,  1,  0]], dtype=int8)
+        """
+        states: NDArray[np.int8] = look_up(self.occupancy, amcl_from_occupancy())
+        return states
+
+    def as_amcl_sees_it(self) -> OccupancyGrid:
+        """Return the map that is left to amcl: 0 free, 100 occupied, all else unknown."""
+        table = np.full(256, UNKNOWN, dtype=np.int8)
+        table[[FREE, OCCUPIED]] = FREE, OCCUPIED
+        return self.with_values(look_up(self.occupancy, table))
 
     def occupied(self, lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD) -> NDArray[np.bool_]:
         """Return the mask of obstacle cells, those of at least `lethal_threshold`."""

@@ -1,0 +1,129 @@
+"""Tables between the scales of values: occupancy, costs, and amcl's states.
+
+Each has 256 entries and is indexed by a value's byte, so that occupancy -1 is the last entry
+(`mapdeal.kernels.lookup.look_up` takes it so), and each says in its name what it makes of what.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.values import (
+    DEFAULT_LETHAL_THRESHOLD,
+    FREE,
+    FREE_SPACE,
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
+    NO_INFORMATION,
+    OCCUPIED,
+    UNKNOWN,
+)
+
+
+def occupancy_from_cost() -> NDArray[np.int8]:
+    """Return the value that costmap_2d publishes for each of the 256 costs.
+
+    Returns
+    -------
+    numpy.ndarray of int8, shape (256,)
+        0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1.
+
+    References
+    ----------
+    ``costmap_2d_publisher.cpp`` of both ROS navigation stacks: 1 + 97 (cost - 1) / 251 in
+    integer division. Not invertible.
+
+    Examples
+    --------
+    >>> occupancy_from_cost()[[0, 1, 4, 128, 252, 253, 254, 255]].tolist()
+    [0, 1, 2, 50, 98, 99, 100, -1]
+    """
+    table = 1 + (97 * (np.arange(256) - 1)) // 251
+    table[FREE_SPACE] = FREE
+    table[INSCRIBED_INFLATED_OBSTACLE] = 99
+    table[LETHAL_OBSTACLE] = OCCUPIED
+    table[NO_INFORMATION] = UNKNOWN
+    return table.astype(np.int8)
+
+
+def cost_from_occupancy() -> NDArray[np.uint8]:
+    """Return the cost that Nav2's ``Costmap2D(OccupancyGrid)`` gives each value.
+
+    Returns
+    -------
+    numpy.ndarray of uint8, shape (256,)
+        0..100 -> round(254 v / 100), halves away from zero; -1 -> 255. What is no occupancy
+        is unknown as well.
+
+    Examples
+    --------
+    >>> cost_from_occupancy()[[0, 1, 25, 75, 99, 100, -1]].tolist()
+    [0, 3, 64, 191, 251, 254, 255]
+    """
+    table = np.full(256, NO_INFORMATION, dtype=np.uint8)
+    values = np.arange(OCCUPIED + 1)
+    table[: OCCUPIED + 1] = (LETHAL_OBSTACLE * values + OCCUPIED // 2) // OCCUPIED
+    return table
+
+
+def static_layer_cost_from_occupancy(
+    *,
+    lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
+    trinary: bool = True,
+    track_unknown: bool = True,
+    inscribed_value: int | None = 99,
+) -> NDArray[np.uint8]:
+    """Return the cost that costmap_2d's static layer gives each value.
+
+    Parameters
+    ----------
+    lethal_threshold, trinary, track_unknown, inscribed_value
+        See `mapdeal.Costmap.from_static_layer`.
+
+    Returns
+    -------
+    numpy.ndarray of uint8, shape (256,)
+        In this order: -1 -> 255 (or 0); `inscribed_value` -> 253; from `lethal_threshold` on,
+        and what is no occupancy, -> 254; else 0 or trunc(254 v / lethal_threshold).
+
+    References
+    ----------
+    ``interpretValue`` in ``static_layer.cpp``, which casts the value to unsigned char first.
+
+    Examples
+    --------
+    >>> static_layer_cost_from_occupancy(trinary=False)[[1, 50, 98, 99, 100, 101, -1]].tolist()
+    [2, 127, 248, 253, 254, 254, 255]
+    """
+    if not 0 <= lethal_threshold <= OCCUPIED or lethal_threshold % 1:
+        rule = "must be a whole number from 0 to 100"
+        raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
+    if inscribed_value is not None and (
+        not 0 <= inscribed_value <= OCCUPIED or inscribed_value % 1
+    ):
+        rule = "must be a whole number from 0 to 100, or none"
+        raise ParameterError(rule, place="inscribed_value", got=inscribed_value)
+    table = np.full(256, LETHAL_OBSTACLE, dtype=np.uint8)
+    below = np.arange(lethal_threshold)
+    shares = below * LETHAL_OBSTACLE // max(lethal_threshold, 1)
+    table[:lethal_threshold] = FREE_SPACE if trinary else shares
+    if inscribed_value is not None:
+        table[inscribed_value] = INSCRIBED_INFLATED_OBSTACLE
+    table[UNKNOWN] = NO_INFORMATION if track_unknown else FREE_SPACE
+    return table
+
+
+def amcl_from_occupancy() -> NDArray[np.int8]:
+    """Return the state that amcl gives each value: 0 -> -1 free, 100 -> +1 occupied, else 0.
+
+    Examples
+    --------
+    >>> amcl_from_occupancy()[[0, 1, 99, 100, -1]].tolist()
+    [-1, 0, 0, 1, 0]
+    """
+    table = np.zeros(256, dtype=np.int8)
+    table[FREE] = -1
+    table[OCCUPIED] = 1
+    return table

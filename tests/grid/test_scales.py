@@ -1,0 +1,73 @@
+"""The scales of values, held to recordings of the ROS code that defines them."""
+
+import numpy as np
+import pytest
+
+from mapdeal import Costmap, OccupancyGrid, ParameterError
+from mapdeal.grid.scales import (
+    cost_from_occupancy,
+    occupancy_from_cost,
+    static_layer_cost_from_occupancy,
+)
+
+
+@pytest.fixture(scope="module")
+def peers(real_maps):
+    return np.load(real_maps / "expected" / "peers.npz")
+
+
+def test_costs_are_published_as_ros_publishes_them(peers):
+    assert np.array_equal(occupancy_from_cost(), peers["to_occ"][0])
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("trinary", {}),
+        ("scaled", {"trinary": False}),
+        ("no_unknown", {"track_unknown": False}),
+    ],
+)
+def test_the_static_layer_reads_every_byte_as_ros_does(peers, name, options):
+    values = peers["occ_values"][0]
+    assert sorted(values.tolist()) == list(range(-128, 128))
+    table = static_layer_cost_from_occupancy(**options)
+    assert np.array_equal(table[values.view(np.uint8)], peers[f"static/{name}"][0])
+
+
+def test_a_mask_s_values_become_costs_as_in_ros(peers):
+    values = np.arange(-1, 101, dtype=np.int8)
+    assert np.array_equal(cost_from_occupancy()[values.view(np.uint8)], peers["from_occ"][0])
+
+
+def test_a_lower_lethal_threshold_stretches_the_shares_below_it():
+    # trunc(254 v / 65), and 65 and more are lethal; 99 keeps its rule, unless it has none.
+    grid = OccupancyGrid([[0, 1, 32, 64, 65, 99, 100, -1]], 0.2, (1.0, 2.0, 0.5))
+    scaled = Costmap.from_static_layer(grid, lethal_threshold=65, trinary=False)
+    assert scaled.cost.tolist() == [[0, 3, 125, 250, 254, 253, 254, 255]]
+    assert (scaled.scale, scaled.origin) == ("costmap2d", grid.origin)
+    older = Costmap.from_static_layer(grid, lethal_threshold=65, inscribed_value=None)
+    assert older.cost.tolist() == [[0, 0, 0, 0, 254, 254, 254, 255]]
+
+
+def test_a_lethal_threshold_of_0_makes_all_that_is_known_lethal():
+    grid = OccupancyGrid([[0, 50, -1]], 0.2)
+    assert Costmap.from_static_layer(grid, lethal_threshold=0).cost.tolist() == [[254, 254, 255]]
+
+
+@pytest.mark.parametrize(
+    "options", [{"lethal_threshold": 101}, {"lethal_threshold": -1}, {"inscribed_value": 101},
+                {"lethal_threshold": 65.5}]
+)  # fmt: skip
+def test_thresholds_off_the_scale_are_refused(options):
+    with pytest.raises(ParameterError, match="0 to 100"):
+        static_layer_cost_from_occupancy(**options)
+
+
+def test_amcl_knows_three_states_and_a_map_of_them():
+    grid = OccupancyGrid([[0, 1, 50], [99, 100, -1]], 0.2, (1.0, 2.0, 0.5))
+    assert grid.amcl_states().tolist() == [[-1, 0, 0], [0, 1, 0]]
+    seen = grid.as_amcl_sees_it()
+    assert seen.occupancy.tolist() == [[0, -1, -1], [-1, 100, -1]]
+    assert np.array_equal(seen.amcl_states(), grid.amcl_states())
+    assert (seen.resolution, seen.origin) == (0.2, (1.0, 2.0, 0.5))
