@@ -1,6 +1,7 @@
 """Naive versions of every algorithm, by loops over all pairs of cells. Slow, and plain to see."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 
@@ -132,3 +133,64 @@ def seed_view(occupancy, occupied, resolution):
     result[occupancy == -1] = -1
     result[occupied] = 100
     return result
+
+
+def line(start, stop):
+    """costmap_2d's cells from start to stop, by its running error."""
+    (x, y), (x1, y1) = start, stop
+    dx, dy = abs(x1 - x), abs(y1 - y)
+    step_x, step_y = (1 if x1 > x else -1), (1 if y1 > y else -1)
+    n = max(dx, dy)
+    error = n // 2
+    cells = [(x, y)]
+    for _ in range(n):
+        if dx >= dy:
+            x, error = x + step_x, error + dy
+            if error >= n:
+                y, error = y + step_y, error - n
+        else:
+            y, error = y + step_y, error + dx
+            if error >= n:
+                x, error = x + step_x, error - n
+        cells.append((x, y))
+    return cells
+
+
+def outline(corners):
+    """The cells of a closed polygon's edges, each drawn from its first to its second corner."""
+    return {c for a, b in zip(corners, corners[1:] + corners[:1], strict=True) for c in line(a, b)}
+
+
+def convex_fill(corners):
+    """The outline, and in each column all between its lowest and its highest cell."""
+    cells = outline(corners)
+    filled = set()
+    for x in {x for x, _ in cells}:
+        ys = [y for cx, y in cells if cx == x]
+        filled |= {(x, y) for y in range(min(ys), max(ys) + 1)}
+    return filled
+
+
+def ring_fill(rings, width, height):
+    """The outlines, and the cells whose ray to the left leaves an odd number of times."""
+    cells = {c for ring in rings for c in outline(ring)}
+    edges = [e for ring in rings for e in zip(ring, ring[1:] + ring[:1], strict=True)]
+    for x in range(width):
+        for y in range(height):
+            left = 0
+            for (x0, y0), (x1, y1) in edges:
+                if (y0 > y) != (y1 > y):
+                    left += x0 + Fraction((y - y0) * (x1 - x0), y1 - y0) < x
+            if left % 2:
+                cells.add((x, y))
+    return {(x, y) for x, y in cells if 0 <= x < width and 0 <= y < height}
+
+
+def distance_to_segment(point, a, b):
+    """Distance from a point to the segment between two others."""
+    along = np.subtract(b, a)
+    length = float(along @ along)
+    share = (
+        0.0 if length == 0 else min(1.0, max(0.0, float(np.subtract(point, a) @ along) / length))
+    )
+    return math.dist(point, np.add(a, share * along))

@@ -11,16 +11,18 @@ import mapdeal
 
 PACKAGE = Path(mapdeal.__file__).parent
 
+MIDDLE = {"stages", "editing", "formats", "render"}
 ALLOWED = {
     "errors": set(),
     "version": set(),
     "kernels": {"errors"},
     "grid": {"errors", "kernels"},
     "stages": {"errors", "grid", "kernels"},
+    "editing": {"errors", "grid", "kernels"},
     "formats": {"errors", "grid", "kernels"},
     "render": {"errors", "grid", "kernels"},
-    "pipeline": {"errors", "version", "grid", "kernels", "stages", "formats", "render"},
-    "cli": {"errors", "version", "grid", "kernels", "stages", "formats", "render", "pipeline"},
+    "pipeline": {"errors", "version", "grid", "kernels", *MIDDLE},
+    "cli": {"errors", "version", "grid", "kernels", *MIDDLE, "pipeline"},
 }
 
 

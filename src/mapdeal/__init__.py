@@ -11,69 +11,107 @@ from typing import TYPE_CHECKING, Any
 from mapdeal.version import __version__
 
 if TYPE_CHECKING:
+    from mapdeal.editing.draw import draw
+    from mapdeal.editing.window import blank, reset_region, shift_origin, window
     from mapdeal.errors import (
         FileAccessError,
+        FindingError,
         MalformedInputError,
         MapdealError,
         MapdealWarning,
         ParameterError,
     )
+    from mapdeal.formats.bit_maps import read_bit_map, write_bit_map
     from mapdeal.formats.maps import read_map, write_map
+    from mapdeal.formats.shapes import read_shapes
+    from mapdeal.grid.bit_map import BitMap
     from mapdeal.grid.costmap import Costmap
     from mapdeal.grid.field import DistanceField
     from mapdeal.grid.footprint import Footprint
-    from mapdeal.grid.frame import Frame
+    from mapdeal.grid.frame import Frame, xy_ahead
     from mapdeal.grid.occupancy import OccupancyGrid
+    from mapdeal.grid.shapes import Circle, Line, Polygon
     from mapdeal.stages.active import active_region
     from mapdeal.stages.esdf import esdf, field_view
     from mapdeal.stages.exponential_cost import exponential_cost
     from mapdeal.stages.inflate import inflate
+    from mapdeal.stages.keepout import apply_keepout_mask
     from mapdeal.stages.ring_cost import ring_cost
     from mapdeal.stages.threshold_cost import threshold_cost
 
 _HOMES = {
+    "BitMap": "mapdeal.grid.bit_map",
+    "Circle": "mapdeal.grid.shapes",
     "Costmap": "mapdeal.grid.costmap",
     "DistanceField": "mapdeal.grid.field",
     "FileAccessError": "mapdeal.errors",
+    "FindingError": "mapdeal.errors",
     "Footprint": "mapdeal.grid.footprint",
     "Frame": "mapdeal.grid.frame",
+    "Line": "mapdeal.grid.shapes",
     "MalformedInputError": "mapdeal.errors",
     "MapdealError": "mapdeal.errors",
     "MapdealWarning": "mapdeal.errors",
     "OccupancyGrid": "mapdeal.grid.occupancy",
     "ParameterError": "mapdeal.errors",
+    "Polygon": "mapdeal.grid.shapes",
     "active_region": "mapdeal.stages.active",
+    "apply_keepout_mask": "mapdeal.stages.keepout",
+    "blank": "mapdeal.editing.window",
+    "draw": "mapdeal.editing.draw",
     "esdf": "mapdeal.stages.esdf",
     "exponential_cost": "mapdeal.stages.exponential_cost",
     "field_view": "mapdeal.stages.esdf",
     "inflate": "mapdeal.stages.inflate",
+    "read_bit_map": "mapdeal.formats.bit_maps",
     "read_map": "mapdeal.formats.maps",
+    "read_shapes": "mapdeal.formats.shapes",
+    "reset_region": "mapdeal.editing.window",
     "ring_cost": "mapdeal.stages.ring_cost",
+    "shift_origin": "mapdeal.editing.window",
     "threshold_cost": "mapdeal.stages.threshold_cost",
+    "window": "mapdeal.editing.window",
+    "write_bit_map": "mapdeal.formats.bit_maps",
     "write_map": "mapdeal.formats.maps",
+    "xy_ahead": "mapdeal.grid.frame",
 }
 
 __all__ = [
+    "BitMap",
+    "Circle",
     "Costmap",
     "DistanceField",
     "FileAccessError",
+    "FindingError",
     "Footprint",
     "Frame",
+    "Line",
     "MalformedInputError",
     "MapdealError",
     "MapdealWarning",
     "OccupancyGrid",
     "ParameterError",
+    "Polygon",
     "__version__",
     "active_region",
+    "apply_keepout_mask",
+    "blank",
+    "draw",
     "esdf",
     "exponential_cost",
     "field_view",
     "inflate",
+    "read_bit_map",
     "read_map",
+    "read_shapes",
+    "reset_region",
     "ring_cost",
+    "shift_origin",
     "threshold_cost",
+    "window",
+    "write_bit_map",
     "write_map",
+    "xy_ahead",
 ]
 
 

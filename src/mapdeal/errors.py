@@ -12,6 +12,7 @@ from typing import ClassVar, Self
 __all__ = [
     "BatchError",
     "FileAccessError",
+    "FindingError",
     "MalformedInputError",
     "MapdealError",
     "MapdealWarning",
@@ -73,6 +74,12 @@ class MapdealError(Exception):
         if self._got is not _MISSING:
             text += f", got {shown(self._got)}"
         return one_line(text)
+
+
+class FindingError(MapdealError):
+    """What a check was asked to look for and has found: the input is well-formed."""
+
+    exit_code = 1
 
 
 class ParameterError(MapdealError, ValueError):

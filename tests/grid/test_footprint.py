@@ -1,4 +1,6 @@
+import json
 import math
+import warnings
 
 import pytest
 
@@ -28,6 +30,29 @@ def test_padding_moves_each_coordinate_by_its_sign_and_leaves_zero():
 def test_a_circle_is_a_circle_and_no_polygon():
     shape = Footprint.circle(0.25).padded(0.05)
     assert shape.inscribed_radius == shape.circumscribed_radius == pytest.approx(0.3)
+
+
+def test_radii_are_those_of_costmap_2d(real_maps):
+    peers = json.loads((real_maps / "expected" / "peers.json").read_text())["footprints"]
+    assert len(peers) == 12
+    for case in peers:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            shape = Footprint.polygon(case["polygon"])
+        assert shape.inscribed_radius == pytest.approx(case["result"]["inscribed"], rel=1e-12)
+        expected = case["result"]["circumscribed"]
+        assert shape.circumscribed_radius == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_sixteen_gon_of_costmap_2d_is_a_little_smaller_than_its_circle():
+    shape = Footprint.sixteen_gon(0.5)
+    assert len(shape.vertices) == 16
+    assert shape.vertices[0] == (0.5, 0.0)
+    assert shape.vertices[4] == pytest.approx((0.0, 0.5))
+    assert shape.circumscribed_radius == pytest.approx(0.5)
+    assert shape.inscribed_radius == pytest.approx(0.98079 * 0.5, rel=1e-5)
+    with pytest.raises(ParameterError, match="radius"):
+        Footprint.sixteen_gon(0.0)
 
 
 def test_a_repeated_corner_does_no_harm():

@@ -1,4 +1,4 @@
-"""``mapdeal convert``: a map, costmap or field in another format."""
+"""``mapdeal convert``: a map, costmap or field in another format or on another scale."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
-from mapdeal.cli import terminal
-from mapdeal.cli.stage_command import file_options
-from mapdeal.pipeline.figures import summary_of
-from mapdeal.pipeline.single import convert_file
+from mapdeal.cli.stage_command import file_options, say_written
+from mapdeal.errors import ParameterError
+from mapdeal.pipeline.convert import convert_file
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -26,16 +25,47 @@ def convert(
         ),
     ],
     encoding: Annotated[
-        opt.EncodingName | None,
+        opt.ScaleName | None,
         typer.Option(
-            help="Pixels of a costmap: what ROS would publish, or costmap_2d's bytes.  "
-            "[default: occupancy]",
+            help="Scale of the values: what ROS publishes, costmap_2d's bytes, or the map that "
+            "is left to amcl.  [default: an .npz keeps its own, pixels of costs are occupancy]",
         ),
     ] = None,
     mode: Annotated[
         opt.ModeName | None,
         typer.Option(
             help="How values become pixels.  [default: raw if a value lies in 1..99, else trinary]",
+        ),
+    ] = None,
+    static_layer: Annotated[
+        bool,
+        typer.Option(
+            "--static-layer",
+            help="With --encoding costmap2d: costs as costmap_2d's static layer makes them of a "
+            "map, not round(2.54 v).",
+        ),
+    ] = False,
+    lethal_threshold: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="With --static-layer: lethal_cost_threshold, 0..100.  [default: 100]",
+        ),
+    ] = None,
+    trinary_costmap: Annotated[
+        bool | None,
+        typer.Option(
+            "--trinary-costmap/--no-trinary-costmap",
+            help="With --static-layer: values below the threshold become 0.  [default: yes]",
+            show_default=False,
+        ),
+    ] = None,
+    track_unknown: Annotated[
+        bool | None,
+        typer.Option(
+            "--track-unknown/--no-track-unknown",
+            help="With --static-layer: unknown cells stay unknown.  [default: yes]",
+            show_default=False,
         ),
     ] = None,
     image: opt.Image = None,
@@ -46,8 +76,16 @@ def convert(
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Write a map, costmap or field in another format."""
+    """Write a map, costmap or field in another format or on another scale."""
     opt.start(quiet=quiet, verbose=verbose)
+    layer = opt.given(
+        lethal_threshold=lethal_threshold, trinary=trinary_costmap, track_unknown=track_unknown
+    )
+    if layer and not static_layer:
+        words = {"trinary": "--trinary-costmap"}
+        name = next(iter(layer))
+        option = words.get(name, f"--{name.replace('_', '-')}")
+        raise ParameterError("needs --static-layer", source=option)
     files = file_options(dialect, max_cells, force, threads, image)
     figures = convert_file(
         source,
@@ -55,6 +93,6 @@ def convert(
         files,
         encoding=encoding.value if encoding else None,
         mode=mode.value if mode else None,
+        static_layer=layer if static_layer else None,
     )
-    size = f"{figures['width']} x {figures['height']}"
-    terminal.summary([f"{output}: {size} cells, {summary_of(figures)}"])
+    say_written(output, figures)

@@ -53,6 +53,7 @@ def cost(
     footprint: opt.FootprintText = None,
     robot_radius: opt.RobotRadius = None,
     footprint_padding: opt.FootprintPadding = 0.0,
+    robot_16_gon: opt.Robot16Gon = False,
     inflate_unknown: Annotated[
         bool | None,
         opt.stage_option(
@@ -114,6 +115,12 @@ def cost(
             metavar="N",
         ),
     ] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MASK", help="A keepout mask, a map: costs are nowhere below its values."
+        ),
+    ] = None,
     encoding: Annotated[
         opt.EncodingName,
         typer.Option(help="Pixels of a .yaml: what ROS would publish, or costmap_2d's bytes."),
@@ -128,7 +135,7 @@ def cost(
 ) -> None:
     """Turn a map or its distance field into a costmap."""
     opt.start(quiet=quiet, verbose=verbose)
-    shape = opt.robot_shape(footprint, robot_radius, footprint_padding)
+    shape = opt.robot_shape(footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon)
     if shape is not None and model != "exponential":
         rule = "only costs of model exponential depend on the robot's shape"
         raise ParameterError(rule, source="--model", got=model)
@@ -153,4 +160,4 @@ def cost(
         lethal_threshold=lethal_threshold,
     )
     files = file_options(dialect, max_cells, force, threads, image)
-    run_stage("cost", source, output, parameters, files, encoding=encoding.value)
+    run_stage("cost", source, output, parameters, files, encoding=encoding.value, mask=mask)

@@ -26,6 +26,7 @@ def inflate(
     footprint: opt.FootprintText = None,
     robot_radius: opt.RobotRadius = None,
     footprint_padding: opt.FootprintPadding = 0.0,
+    robot_16_gon: opt.Robot16Gon = False,
     kernel: Annotated[
         str | None,
         opt.stage_option(inflate_stage, "kernel", "Grow to a disc, or to a square of cells."),
@@ -50,7 +51,7 @@ def inflate(
 ) -> None:
     """Grow obstacles by a radius or by a robot's shape."""
     opt.start(quiet=quiet, verbose=verbose)
-    shape = opt.robot_shape(footprint, robot_radius, footprint_padding)
+    shape = opt.robot_shape(footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon)
     if shape is not None and radius is not None:
         raise ParameterError("cannot be given together with a robot's shape", source="--radius")
     parameters = opt.given(

@@ -22,7 +22,10 @@ from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, P
 _UsageError: Any = typer.BadParameter.__mro__[1]
 _ClickError: Any = typer.BadParameter.__mro__[2]
 
-COMMANDS = ("run", "active", "inflate", "esdf", "cost", "convert", "info")
+COMMANDS = (
+    "run", "active", "inflate", "esdf", "cost", "edit", "window", "shift", "convert", "pack",
+    "unpack", "info",
+)  # fmt: skip
 _FLAGS = ("inflate-unknown", "inflate-around-unknown")
 _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 

@@ -30,6 +30,14 @@ class EncodingName(StrEnum):
     costmap2d = "costmap2d"
 
 
+class ScaleName(StrEnum):
+    """The scales that values can be converted to."""
+
+    occupancy = "occupancy"
+    costmap2d = "costmap2d"
+    amcl = "amcl"
+
+
 class ModeName(StrEnum):
     """How values can become pixels."""
 
@@ -75,8 +83,24 @@ FootprintText = Annotated[
 RobotRadius = Annotated[
     float | None, typer.Option(metavar="M", help="The radius of a round robot.")
 ]
+Robot16Gon = Annotated[
+    bool,
+    typer.Option(
+        "--robot-16-gon",
+        help="Take a round robot as costmap_2d does, as a polygon of 16 corners.",
+    ),
+]
 FootprintPadding = Annotated[
     float, typer.Option(metavar="M", help="Move the shape's edges outwards; ROS pads by 0.01.")
+]
+
+
+Size = Annotated[
+    str, typer.Option(metavar="WX,WY", help="Metres along the columns and along the rows.")
+]
+At = Annotated[str | None, typer.Option(metavar="X,Y", help="Where the middle goes.")]
+Corner = Annotated[
+    str | None, typer.Option(metavar="X,Y", help="Or where the lower left corner goes.")
 ]
 
 
@@ -112,19 +136,46 @@ def given(**options: object) -> dict[str, object]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def robot_shape(text: str | None, radius: float | None, padding: float) -> Footprint | None:
+def robot_shape(
+    text: str | None, radius: float | None, padding: float, *, as_16_gon: bool
+) -> Footprint | None:
     """Return the robot's shape that the options describe, if they do."""
+    if as_16_gon and radius is None:
+        raise ParameterError("needs --robot-radius", source="--robot-16-gon")
     if text is not None and radius is not None:
         rule = "cannot be given together with --robot-radius"
         raise ParameterError(rule, source="--footprint")
     if text is not None:
         return Footprint.parse(text).padded(padding)
     if radius is not None:
-        return Footprint.circle(radius).padded(padding)
+        shape = Footprint.sixteen_gon(radius) if as_16_gon else Footprint.circle(radius)
+        return shape.padded(padding)
     if padding:
         rule = "needs --footprint or --robot-radius"
         raise ParameterError(rule, source="--footprint-padding")
     return None
+
+
+def pair(text: str, name: str) -> tuple[float, float]:
+    """Return the two numbers of an option written ``X,Y``."""
+    parts = text.split(",")
+    try:
+        x, y = (float(part) for part in parts)
+    except ValueError:
+        rule = "must be two numbers X,Y"
+        raise ParameterError(rule, source=name, got=text) from None
+    return x, y
+
+
+def region(size: str, at: str | None, corner: str | None) -> dict[str, Any]:
+    """Return a region of a grid as functions on grids take it."""
+    if at is not None and corner is not None:
+        raise ParameterError("cannot be given together with --corner", source="--at")
+    if at is not None:
+        return {"size_xy": pair(size, "--size"), "center_xy": pair(at, "--at")}
+    if corner is not None:
+        return {"size_xy": pair(size, "--size"), "corner_xy": pair(corner, "--corner")}
+    raise ParameterError("one of the two is needed", source="--at, --corner")
 
 
 def described(stage: str, parameters: Mapping[str, object]) -> str:

@@ -44,6 +44,7 @@ def run(
     footprint: opt.FootprintText = None,
     robot_radius: opt.RobotRadius = None,
     footprint_padding: opt.FootprintPadding = 0.0,
+    robot_16_gon: opt.Robot16Gon = False,
     image_max: Annotated[
         int,
         typer.Option(
@@ -64,7 +65,7 @@ def run(
     field and costs, and a manifest. A map whose manifest shows that nothing has changed is skipped.
     """
     opt.start(quiet=quiet, verbose=verbose)
-    shape = opt.robot_shape(footprint, robot_radius, footprint_padding)
+    shape = opt.robot_shape(footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon)
     loaded = load_recipe(recipe, sim=sim, footprint=shape, settings=settings or [])
     for one in loaded.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))

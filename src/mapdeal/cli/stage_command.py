@@ -8,8 +8,9 @@ from pathlib import Path
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.formats.map_writer import Encoding
-from mapdeal.pipeline.figures import summary_of
-from mapdeal.pipeline.single import FileOptions, apply_to_file
+from mapdeal.pipeline.figures import Figures, summary_of
+from mapdeal.pipeline.files import FileOptions
+from mapdeal.pipeline.single import apply_to_file
 from mapdeal.pipeline.stage_list import step
 
 
@@ -32,12 +33,18 @@ def run_stage(
     options: FileOptions,
     *,
     encoding: Encoding = "occupancy",
+    mask: Path | None = None,
 ) -> None:
     """Run a stage from file to file and say what came out."""
     one = step(name, parameters)
     terminal.detail(opt.described(name, one.described()[name]))
     started = time.perf_counter()
-    figures = apply_to_file(source, output, one, options, encoding=encoding)
+    figures = apply_to_file(source, output, one, options, encoding=encoding, mask=mask)
     terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
+    say_written(output, figures)
+
+
+def say_written(output: Path, figures: Figures) -> None:
+    """Say in one line what was written."""
     size = f"{figures['width']} x {figures['height']}"
     terminal.summary([f"{output}: {size} cells, {summary_of(figures)}"])

@@ -105,8 +105,7 @@ def write_pair(
         extra=extra or {},
     )
     transaction.write(image, write_image)
-    document = yaml_of(metadata)
-    transaction.write(yaml_path, lambda file: _write_all(file, document))
+    transaction.write_bytes(yaml_path, yaml_of(metadata))
 
 
 def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
@@ -124,10 +123,6 @@ def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     kept[(values >= FREE) & (values <= _TRINARY_FREE)] = FREE
     kept[values >= _TRINARY_OCCUPIED] = OCCUPIED
     return OccupancyGrid(kept, grid.resolution, grid.origin)
-
-
-def _write_all(file: Any, data: bytes) -> None:
-    file.write(data)
 
 
 def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:

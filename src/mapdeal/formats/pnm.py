@@ -77,13 +77,44 @@ def decode_pnm(data: bytes, source: Path, *, max_cells: int = LARGEST_CELLS) -> 
     check_size(source, header.width, header.height, max_cells)
     samples = _plain(data, header, source) if header.magic <= 3 else _binary(data, header, source)
     if header.magic in (1, 4):
-        samples = np.where(samples, 0, 255).astype(np.uint8)
+        samples = np.where(samples, np.uint8(0), np.uint8(255))
     return Picture(
         "PNM",
         "rgb" if header.channels == 3 else "grey",
         samples,
         maxval=255 if header.magic in (1, 4) else header.maxval,
     )
+
+
+def decode_pbm(
+    data: bytes, source: Path, *, max_cells: int = LARGEST_CELLS
+) -> tuple[NDArray[np.uint8], int]:
+    """Return the bits of a P1 or P4 file, packed, and the width of a row in bits.
+
+    Parameters
+    ----------
+    data, source, max_cells
+        As for `decode_pnm`.
+
+    Returns
+    -------
+    packed : numpy.ndarray of uint8, shape (H, ceil(W / 8))
+        Row 0 in the north, the first bit of a row in the highest of its first byte, 1 black.
+    width : int
+
+    Raises
+    ------
+    MalformedInputError
+        As `decode_pnm`, and if the picture is no bit map.
+    """
+    header = _read_header(data, source)
+    if header.magic not in (1, 4):
+        rule = "must be a bit map, P1 or P4"
+        raise MalformedInputError(rule, source=source, place="header", got=f"P{header.magic}")
+    check_size(source, header.width, header.height, max_cells)
+    if header.magic == 1:
+        return np.packbits(_plain(data, header, source), axis=1), header.width
+    return _binary_rows(data, header, source).reshape(header.height, -1), header.width
 
 
 def check_pnm_header(head: bytes, source: Path, *, max_cells: int) -> None:
@@ -97,9 +128,20 @@ def write_pgm(file: BinaryIO, pixels: NDArray[np.uint8], *, comment: str = "") -
     height, width = pixels.shape
     note = f"# {comment}\n" if comment else ""
     file.write(f"P5\n{note}{width} {height}\n255\n".encode())
-    step = max(1, _WRITTEN_TOGETHER // width)
-    bands = (pixels[first : first + step] for first in range(0, height, step))
-    file.writelines(np.ascontiguousarray(band).data for band in bands)  # rows may be reversed
+    _write_rows(file, pixels)
+
+
+def write_pbm(file: BinaryIO, packed: NDArray[np.uint8], width: int) -> None:
+    """Write a P4 file of packed bits, shape (H, ceil(W / 8)), row 0 in the north, 1 black."""
+    file.write(f"P4\n{width} {len(packed)}\n".encode())
+    _write_rows(file, packed)
+
+
+def _write_rows(file: BinaryIO, rows: NDArray[np.uint8]) -> None:
+    """Write rows band by band: they may be a view from the last to the first."""
+    step = max(1, _WRITTEN_TOGETHER // rows.shape[1])
+    bands = (rows[first : first + step] for first in range(0, len(rows), step))
+    file.writelines(np.ascontiguousarray(band).data for band in bands)
 
 
 def _read_header(data: bytes, source: Path) -> _Header:
@@ -133,22 +175,27 @@ def _read_header(data: bytes, source: Path) -> _Header:
 
 
 def _binary(data: bytes, header: _Header, source: Path) -> Samples:
-    wide = header.maxval > 255
-    row = (header.width + 7) // 8 if header.magic == 4 else header.width * header.channels
-    expected = row * header.height * (2 if wide else 1)
-    start = _start_of_data(data, header, expected, source)
-    _check_length(data, start, expected, source)
-    body = np.frombuffer(data, dtype=">u2" if wide else np.uint8, count=row * header.height,
-                         offset=start)  # fmt: skip
+    body = _binary_rows(data, header, source)
     if header.magic == 4:
-        return np.unpackbits(body.reshape(header.height, row), axis=1, count=header.width)
-    samples: Samples = body.astype(np.uint16) if wide else body
+        return np.unpackbits(body.reshape(header.height, -1), axis=1, count=header.width)
+    samples: Samples = body.astype(np.uint16) if header.maxval > 255 else body
     if header.maxval not in (255, 65535) and samples.max() > header.maxval:
         index = int(np.argmax(samples > header.maxval))
         raise _above_maxval(int(samples[index]), index, header, source)
     if header.channels == 3:
         return samples.reshape(header.height, header.width, 3)
     return samples.reshape(header.height, header.width)
+
+
+def _binary_rows(data: bytes, header: _Header, source: Path) -> Samples:
+    """Return the bytes, or pairs of bytes, behind the header, checked in number."""
+    wide = header.maxval > 255
+    row = (header.width + 7) // 8 if header.magic == 4 else header.width * header.channels
+    expected = row * header.height * (2 if wide else 1)
+    start = _start_of_data(data, header, expected, source)
+    _check_length(data, start, expected, source)
+    return np.frombuffer(data, dtype=">u2" if wide else np.uint8, count=row * header.height,
+                         offset=start)  # fmt: skip
 
 
 def _start_of_data(data: bytes, header: _Header, expected: int, source: Path) -> int:
@@ -173,7 +220,7 @@ def _start_of_data(data: bytes, header: _Header, expected: int, source: Path) ->
     length = len(data) - start
     if length == expected + 1:
         text = f"{source}: header: DOS line ends; the pixels are intact and were read"
-        warnings.warn(text, MapdealWarning, stacklevel=5)
+        warnings.warn(text, MapdealWarning, stacklevel=6)
         return start + 1
     if length == expected and b"\r\n" not in header.raw:
         return start  # a lone CR, then a first pixel of value 10
@@ -189,7 +236,7 @@ def _check_length(data: bytes, start: int, expected: int, source: Path) -> None:
     if actual > expected:
         _check_trailing(data[start + expected : start + expected + 64], source)
         text = f"{source}: {actual - expected} bytes behind the picture were ignored"
-        warnings.warn(text, MapdealWarning, stacklevel=5)
+        warnings.warn(text, MapdealWarning, stacklevel=6)
 
 
 def _check_trailing(trailing: bytes, source: Path) -> None:

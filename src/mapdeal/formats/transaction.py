@@ -105,6 +105,14 @@ class Transaction:
             (path, temporary, self._pool.submit(copy_context().run, temporary.fill, writer))
         )
 
+    def write_bytes(self, path: Path, data: bytes) -> None:
+        """Have a file with these contents become `path`."""
+
+        def write(file: BinaryIO) -> None:
+            file.write(data)
+
+        self.write(path, write)
+
     def checksums(self) -> dict[Path, str]:
         """Return the sha256 of each file so far, waiting for those that are being written."""
         return {path: _result(future, path) for path, _, future in self._pending}

@@ -65,6 +65,12 @@ class Entry:
             raise self.error("must be a list")
         return [Entry(self.source, self.key, node) for node in self.node.value]
 
+    def fields(self) -> dict[str, Entry]:
+        """Return the entries of a mapping by key."""
+        if not isinstance(self.node, yaml.MappingNode):
+            raise self.error("must be a mapping of keys")
+        return _entries_of(self.source, self.node)
+
     def value(self) -> Any:
         """Return the value that PyYAML's safe loader makes of the node."""
         try:
@@ -109,6 +115,11 @@ def read_mapping(path: Path) -> dict[str, Entry]:
     if not isinstance(node, yaml.MappingNode):
         kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
         raise MalformedInputError(f"must be a mapping of keys, is a {kind}", source=path)
+    return _entries_of(path, node)
+
+
+def _entries_of(path: Path, node: yaml.MappingNode) -> dict[str, Entry]:
+    """Return the entries of a mapping by key; a key that stands twice is refused."""
     entries: dict[str, Entry] = {}
     for key_node, value_node in node.value:
         if not isinstance(key_node, yaml.ScalarNode):

@@ -7,15 +7,20 @@ import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.grid.outline import (
+    Point,
+    check_simple,
+    checked_corners,
+    contains_centre,
+    distance_to_edge,
+    edges_of,
+)
 
 _LARGEST_COORDINATE = 1000.0
 _MOST_VERTICES = 500
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?\.?[nN]a[nN]|[-+]?\.?[iI]nf"
-
-Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,8 @@ class Footprint:
     -----
     Radii as in costmap_2d's ``calculateMinAndMaxDistances``: inscribed is the smallest distance
     from the centre to an edge, circumscribed the largest to a corner. A circle is a circle
-    here, not the 16-gon of ``makeFootprintFromRadius``, whose inscribed radius is 1.9 % short.
+    here, not the 16-gon of ``makeFootprintFromRadius``, whose inscribed radius is 1.9 % short;
+    `sixteen_gon` is that.
 
     Examples
     --------
@@ -53,31 +59,34 @@ class Footprint:
         return cls(radius=radius)
 
     @classmethod
+    def sixteen_gon(cls, radius: float) -> Footprint:
+        """Return a round robot as costmap_2d has it: 16 corners on the circle.
+
+        As ``makeFootprintFromRadius``. The inscribed radius is that of the polygon,
+        cos(pi / 16) = 0.981 of `radius`.
+
+        Examples
+        --------
+        >>> round(Footprint.sixteen_gon(0.5).inscribed_radius, 5)
+        0.49039
+        """
+        circle = cls.circle(radius)
+        angles = [index * 2 * math.pi / 16 for index in range(16)]
+        return cls(
+            tuple((circle.radius * math.cos(a), circle.radius * math.sin(a)) for a in angles)
+        )
+
+    @classmethod
     def polygon(cls, vertices: Sequence[Sequence[float]]) -> Footprint:
         """Return a robot with the given corners, (x, y) in metres."""
-        if len(vertices) > _MOST_VERTICES:
-            rule = f"a footprint has at most {_MOST_VERTICES} vertices"
-            raise ParameterError(rule, place="footprint", got=len(vertices))
-        points: list[Point] = []
-        for index, vertex in enumerate(vertices):
-            place = f"footprint vertex {index + 1}"
-            try:
-                x, y = (float(v) for v in vertex)
-            except (TypeError, ValueError):
-                rule = "a vertex must be a pair of numbers [x, y]"
-                raise ParameterError(rule, place=place, got=vertex) from None
-            if not all(abs(v) <= _LARGEST_COORDINATE for v in (x, y)):  # refuses nan too
-                rule = f"coordinates must be finite and within {_LARGEST_COORDINATE:g} m"
-                raise ParameterError(rule, place=place, got=(x, y))
-            points.append((x, y))
-        if len(points) < 3:
-            rule = "a footprint needs at least three vertices"
-            raise ParameterError(rule, place="footprint", got=len(points))
-        _check_simple(points)
-        if not _contains_centre(points):
+        points = checked_corners(
+            vertices, "footprint", within=_LARGEST_COORDINATE, least=3, most=_MOST_VERTICES
+        )
+        check_simple(points, "footprint")
+        if not contains_centre(points):
             text = "footprint: the robot's centre (0, 0) lies outside; its radii mean little"
             warnings.warn(text, MapdealWarning, stacklevel=2)
-        return cls(vertices=tuple(points))
+        return cls(vertices=points)
 
     @classmethod
     def parse(cls, text: str) -> Footprint:
@@ -114,7 +123,7 @@ class Footprint:
         """Radius of the largest circle around the centre that the robot covers, metres."""
         if not self.vertices:
             return self.radius
-        return min(_distance_to_edge(a, b) for a, b in _edges(self.vertices))
+        return min(distance_to_edge(a, b) for a, b in edges_of(self.vertices))
 
     @property
     def circumscribed_radius(self) -> float:
@@ -122,42 +131,3 @@ class Footprint:
         if not self.vertices:
             return self.radius
         return max(math.hypot(x, y) for x, y in self.vertices)
-
-
-def _edges(points: Sequence[Point]) -> list[tuple[Point, Point]]:
-    return list(pairwise([*points, points[0]]))
-
-
-def _distance_to_edge(a: Point, b: Point) -> float:
-    """Return the distance from the centre to the segment from `a` to `b`."""
-    (ax, ay), (bx, by) = a, b
-    length_squared = (bx - ax) ** 2 + (by - ay) ** 2
-    if length_squared == 0.0:  # a repeated corner; costmap_2d divides by zero here
-        return math.hypot(ax, ay)
-    along = min(1.0, max(0.0, -(ax * (bx - ax) + ay * (by - ay)) / length_squared))
-    return math.hypot(ax + along * (bx - ax), ay + along * (by - ay))
-
-
-def _contains_centre(points: Sequence[Point]) -> bool:
-    """Return whether (0, 0) lies in the polygon or on its outline."""
-    if min(_distance_to_edge(a, b) for a, b in _edges(points)) == 0.0:
-        return True
-    inside = False
-    for (ax, ay), (bx, by) in _edges(points):
-        if (ay > 0) != (by > 0) and ax + (bx - ax) * (-ay) / (by - ay) > 0:
-            inside = not inside
-    return inside
-
-
-def _check_simple(points: Sequence[Point]) -> None:
-    """Refuse outlines whose edges cross, naming the edge by its first corner."""
-    edges = _edges(points)
-    for i, (a, b) in enumerate(edges):
-        for j, (c, d) in enumerate(edges[i + 1 :], i + 1):
-            if _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0:
-                rule = f"the edge crosses the one that starts at vertex {j + 1}"
-                raise ParameterError(rule, place=f"footprint vertex {i + 1}", got=points[i])
-
-
-def _side(a: Point, b: Point, p: Point) -> float:
-    return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])

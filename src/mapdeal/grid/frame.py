@@ -170,8 +170,7 @@ class Frame:
         >>> frame.unbounded_rowcol_from_xy([[0.05, 0.35], [-0.3, 0.2]]).tolist()
         [[1, 2], [0, -1]]
         """
-        cells = self.continuous_rowcol_from_xy(points_xy)
-        return np.floor(cells + CELL_TOLERANCE).astype(np.int64)
+        return cells_at(self.continuous_rowcol_from_xy(points_xy))
 
     def clamped_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Return the cells that points fall into, or for points outside the nearest border cell.
@@ -295,6 +294,11 @@ class Frame:
             corner = self._xy_from_cells(np.array([[col, row]], dtype=np.float64))[0]
             origin = (float(corner[0]), float(corner[1]), yaw)
         return Frame(height, width, self.resolution, origin)
+
+
+def cells_at(places_rowcol: ArrayLike) -> NDArray[np.int64]:
+    """Return the cells that continuous cell coordinates lie in, exact multiples exactly."""
+    return np.floor(np.asarray(places_rowcol) + CELL_TOLERANCE).astype(np.int64)
 
 
 def xy_ahead(pose: Sequence[float], distance: float) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from typing import Any, Self
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
+from mapdeal.kernels.spans import Spans, paint
 
 
 class Framed(ABC):
@@ -69,6 +71,13 @@ class ValueGrid(Framed):
     @abstractmethod
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Self:
         """Return a grid of the same kind with other values, at another origin if one is given."""
+
+    def painted(self, strokes: Iterable[tuple[Spans, int]]) -> Self:
+        """Return a grid in which the cells of each span have its value, the last on top."""
+        values = self.values.copy()
+        for spans, value in strokes:
+            paint(values, spans, value)
+        return self.with_values(values)
 
     def accept_value(self, value: float) -> int:
         """Return `value`, a whole number on the grid's scale.

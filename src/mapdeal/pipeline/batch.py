@@ -74,12 +74,8 @@ def run_all(
             results.append(internal)
     document = json_of({"maps": [_entry(job, r) for job, r in zip(jobs, results, strict=True)]})
     summary = output / SUMMARY
-
-    def write(file: Any) -> None:
-        file.write(document)
-
     with Transaction([summary], force=True) as transaction:
-        transaction.write(summary, write)
+        transaction.write_bytes(summary, document)
     return results
 
 

@@ -153,11 +153,7 @@ def _compute(
         )
     sums = {path.name: digest for path, digest in transaction.checksums().items()}
     document = json_of({**manifest, "figures": figures, "outputs": sums})
-
-    def write_manifest(file: Any) -> None:
-        file.write(document)
-
-    transaction.write(folder / MANIFEST, write_manifest)
+    transaction.write_bytes(folder / MANIFEST, document)
     return figures
 
 

@@ -1,0 +1,52 @@
+"""``mapdeal shift``: a map of the same size at another origin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mapdeal.cli import options as opt
+from mapdeal.cli.stage_command import file_options, say_written
+from mapdeal.editing.window import shift_origin
+from mapdeal.pipeline.edit import edit_file
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+
+@app.command()
+def shift(
+    source: opt.MapArgument,
+    output: Annotated[Path, opt.output_argument("OUT", "The result: .yaml (with .pgm) or .npz.")],
+    origin: Annotated[
+        str,
+        typer.Option(metavar="X,Y", help="Where the lower left corner goes, by whole cells."),
+    ],
+    default: Annotated[
+        int | None,
+        typer.Option(
+            metavar="V",
+            help="Value of cells that come in.  [default: unknown, -1 of a map, 255 of costs]",
+        ),
+    ] = None,
+    image: opt.Image = None,
+    dialect: opt.Dialect = opt.DialectName.nav2,
+    max_cells: opt.MaxCells = None,
+    force: opt.Force = False,
+    threads: opt.Threads = None,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Move the window that a map or costmap shows, as costmap_2d's updateOrigin does.
+
+    Cells that both places have in common are kept. The new origin is the corner of the cell
+    that holds the point asked for.
+    """
+    opt.start(quiet=quiet, verbose=verbose)
+    to = opt.pair(origin, "--origin")
+    files = file_options(dialect, max_cells, force, threads, image)
+    figures = edit_file(
+        source, output, files, lambda grid: shift_origin(grid, to, default=default), what="shifted"
+    )
+    say_written(output, figures)

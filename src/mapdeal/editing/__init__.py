@@ -1,0 +1,1 @@
+"""Changes to parts of a grid: shapes drawn, regions reset, windows, other origins."""

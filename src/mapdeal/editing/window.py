@@ -1,0 +1,235 @@
+"""Parts of a grid: windows that are copied, other origins, regions that are reset."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import FindingError, MapdealWarning, ParameterError
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.frame import Frame, cells_at, cells_to_cover
+from mapdeal.grid.framed import Framed, ValueGrid
+from mapdeal.grid.outline import Point
+
+_MOST_CELLS = 1_000_000_000
+_FARTHEST = 1e12
+
+G = TypeVar("G", bound=Framed)
+V = TypeVar("V", bound=ValueGrid)
+
+
+def window(
+    grid: G, *, size_xy: Point, corner_xy: Point | None = None, center_xy: Point | None = None
+) -> G:
+    """Return a part of a grid, which may reach beyond it.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid, Costmap or DistanceField
+        Where the part is copied from.
+    size_xy : tuple of float
+        Extent along the columns and along the rows of the grid, metres; covered by whole cells.
+    corner_xy : tuple of float, optional
+        Lower left corner in the map frame, metres. The window begins with the cell that holds
+        it, so that cells keep their places whatever the yaw.
+    center_xy : tuple of float, optional
+        The middle instead of the corner: the corner is half the size from it.
+
+    Returns
+    -------
+    OccupancyGrid, Costmap or DistanceField
+        Of the kind of `grid`; cells outside of it are unknown.
+
+    Raises
+    ------
+    ParameterError
+        If not exactly one of corner and center is given, a number is not finite, the size is
+        not above 0, or a window of a field reaches beyond it: there is no unknown distance.
+
+    Warns
+    -----
+    MapdealWarning
+        If the window and the grid have no cell in common.
+
+    References
+    ----------
+    ``copyCostmapWindow`` of costmap_2d, which fails where the window touches an upper edge,
+    has then lost the destination's cells, and moves the cells by up to one to where the corner
+    was asked for.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> grid = OccupancyGrid([[0, 1, 2], [3, 4, 5]], 0.5, (1.0, 2.0, 0.0))
+    >>> part = window(grid, corner_xy=(1.6, 2.5), size_xy=(1.0, 1.0))
+    >>> part.occupancy.tolist(), part.origin
+    ([[4, 5], [-1, -1]], (1.5, 2.5, 0.0))
+    """
+    row, col, height, width = _region(grid.frame, size_xy, corner_xy, center_xy)
+    if height * width > _MOST_CELLS:
+        rule = f"a window must not have more than {_MOST_CELLS} cells"
+        raise ParameterError(rule, place="size", got=(width, height))
+    return _copied(grid, row, col, height, width)
+
+
+def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
+    """Return a grid of the same size at another origin, as a rolling window moves.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or Costmap
+        Where the cells come from; those that both places have in common are kept.
+    origin_xy : tuple of float
+        A point in the map frame, metres. The new origin is the corner of the cell of the
+        grid's lattice that holds it: grids are shifted by whole cells.
+    default : int, optional
+        Value of the other cells, on the grid's scale; unknown if not given.
+
+    Raises
+    ------
+    ParameterError
+        If a coordinate is not finite, or `default` is not on the scale.
+
+    Warns
+    -----
+    MapdealWarning
+        If no cell is kept.
+
+    References
+    ----------
+    ``updateOrigin`` of costmap_2d, which truncates toward zero instead and so takes 0.3 / 0.1
+    for two cells.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> grid = OccupancyGrid([[1, 2, 3]], 0.1, (0.0, 2.0, 0.0))
+    >>> shifted = shift_origin(grid, (0.2, 2.0), default=0)
+    >>> shifted.occupancy.tolist(), shifted.origin
+    ([[3, 0, 0]], (0.2, 2.0, 0.0))
+    """
+    fill = grid.unknown_value if default is None else grid.accept_value(default)
+    row, col = grid.frame.unbounded_rowcol_from_xy([origin_xy])[0].tolist()
+    return _copied(grid, row, col, *grid.shape, fill=fill)
+
+
+def reset_region(
+    grid: V,
+    *,
+    size_xy: Point,
+    corner_xy: Point | None = None,
+    center_xy: Point | None = None,
+    value: int | None = None,
+    strict: bool = False,
+) -> V:
+    """Return a grid in which a region has one value.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or Costmap
+        What to change.
+    size_xy, corner_xy, center_xy : tuple of float
+        The region, as in `window`.
+    value : int, optional
+        On the grid's scale; unknown if not given.
+    strict : bool
+        Whether a region that reaches beyond the grid is an error; nothing is changed then.
+
+    Raises
+    ------
+    ParameterError
+        As `window`, or if `value` is not on the scale.
+    FindingError
+        If `strict` is set and the region reaches beyond the grid.
+
+    Warns
+    -----
+    MapdealWarning
+        If the region reaches beyond the grid.
+
+    References
+    ----------
+    ``resetMap`` of costmap_2d and ``resetMapToValue`` of Nav2.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> grid = OccupancyGrid([[0, 0, 0], [0, 0, 0]], 0.5, (1.0, 2.0, 0.0))
+    >>> region = {"corner_xy": (1.5, 2.0), "size_xy": (0.5, 1.0)}
+    >>> reset_region(grid, value=100, **region).occupancy.tolist()
+    [[0, 100, 0], [0, 100, 0]]
+    """
+    number = grid.unknown_value if value is None else grid.accept_value(value)
+    row, col, height, width = _region(grid.frame, size_xy, corner_xy, center_xy)
+    rows, cols = _overlap(row, height, grid.shape[0]), _overlap(col, width, grid.shape[1])
+    values = grid.values.copy()
+    values[rows, cols] = number
+    if (rows.stop - rows.start, cols.stop - cols.start) != (height, width):
+        outside = rows.start == rows.stop or cols.start == cols.stop
+        text = "lies outside of the map" if outside else "reaches beyond the map, it is clipped"
+        if strict:
+            raise FindingError(text, place="region")
+        warnings.warn(f"region: {text}", MapdealWarning, stacklevel=2)
+    return grid.with_values(values)
+
+
+def blank(grid: V) -> V:
+    """Return a grid of the same kind and geometry in which every value is 0, to draw a mask."""
+    return grid.with_values(np.zeros_like(grid.values))
+
+
+def _region(
+    frame: Frame, size_xy: Point, corner_xy: Point | None, center_xy: Point | None
+) -> tuple[int, int, int, int]:
+    """Return first row, first column, rows and columns of a region in metres."""
+    size_x, size_y = (float(value) for value in size_xy)
+    if not (0 < size_x <= _FARTHEST and 0 < size_y <= _FARTHEST):  # refuses nan too
+        rule = f"must be two numbers of metres above 0 and within {_FARTHEST:g}"
+        raise ParameterError(rule, place="size", got=(size_x, size_y))
+    if corner_xy is not None and center_xy is None:
+        row, col = frame.unbounded_rowcol_from_xy([corner_xy])[0].tolist()
+    elif center_xy is not None and corner_xy is None:
+        middle = frame.continuous_rowcol_from_xy([center_xy])[0]
+        half = np.array([size_y, size_x]) / frame.resolution / 2
+        row, col = cells_at(middle - half).tolist()
+    else:
+        raise ParameterError("either a corner or a center must be given", place="region")
+    height, width = (cells_to_cover(size, frame.resolution) for size in (size_y, size_x))
+    return row, col, max(height, 1), max(width, 1)
+
+
+def _copied(
+    grid: G, row: int, col: int, height: int, width: int, *, fill: int | None = None
+) -> G:  # fmt: skip
+    rows, cols = _overlap(row, height, grid.shape[0]), _overlap(col, width, grid.shape[1])
+    origin = grid.frame.window(row, col, height, width).origin
+    shared = (rows.stop - rows.start, cols.stop - cols.start)
+    if isinstance(grid, DistanceField):
+        if shared != (height, width):
+            rule = "a window of a distance field must lie inside of it"
+            raise ParameterError(rule, place="window", hint="take the window of the map, then esdf")
+        distance, occupancy = grid.distance[rows, cols], grid.occupancy[rows, cols]
+        return replace(grid, origin=origin, distance=distance, occupancy=occupancy)
+    if not isinstance(grid, ValueGrid):
+        raise ParameterError("takes a map, a costmap or a field", source="window")
+    if 0 in shared:
+        text = "lies outside of the map, no cell is kept"
+        warnings.warn(f"window: {text}", MapdealWarning, stacklevel=3)
+    values: NDArray[np.generic] = np.full(
+        (height, width), grid.unknown_value if fill is None else fill, dtype=grid.values.dtype
+    )
+    to_rows = slice(rows.start - row, rows.stop - row)
+    to_cols = slice(cols.start - col, cols.stop - col)
+    if 0 not in shared:
+        values[to_rows, to_cols] = grid.values[rows, cols]
+    return grid.with_values(values, origin)
+
+
+def _overlap(first: int, count: int, size: int) -> slice:
+    """Return the part of `first` .. `first` + `count` that lies in 0 .. `size`, perhaps empty."""
+    start = min(max(first, 0), size)
+    return slice(start, max(start, min(first + count, size)))

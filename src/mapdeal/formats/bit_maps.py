@@ -1,0 +1,111 @@
+"""Bit maps on disk: a PBM file, P4, and a map_server YAML beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
+from mapdeal.formats.map_server import find_image
+from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
+from mapdeal.formats.picture import LARGEST_CELLS
+from mapdeal.formats.pnm import decode_pbm, write_pbm
+from mapdeal.formats.source import exists, read_file, status_of
+from mapdeal.formats.transaction import Transaction
+from mapdeal.grid.bit_map import BitMap
+
+
+def read_bit_map(path: Path | str, *, max_cells: int | None = None) -> BitMap:
+    """Read a bit map, without an array of whole bytes on the way.
+
+    Parameters
+    ----------
+    path : path or str
+        A ``.pbm`` with its ``.yaml`` beside it.
+    max_cells : int, optional
+        Cells up to which it is read, 1e9 by default.
+
+    Returns
+    -------
+    BitMap
+        Black is 1, an obstacle; the other way round if the YAML says ``negate: 1``.
+
+    Raises
+    ------
+    FileAccessError
+        If one of the files cannot be read.
+    MalformedInputError
+        If one of them is malformed, or they do not belong together.
+    """
+    return read_bit_map_pair(Path(path), max_cells=max_cells)[0]
+
+
+def read_bit_map_pair(
+    path: Path, *, max_cells: int | None = None
+) -> tuple[BitMap, MapMetadata, tuple[Path, Path]]:
+    """Return a bit map, what its YAML says, and the files it came from, see `read_bit_map`."""
+    if path.suffix.lower() != ".pbm":
+        rule = "a bit map must be a .pbm"
+        hint = "pass the .pbm that the YAML names" if path.suffix in (".yaml", ".yml") else None
+        raise ParameterError(rule, source=path, got=path.suffix, hint=hint)
+    status_of(path)
+    yaml_path = next((p for p in map(path.with_suffix, (".yaml", ".yml")) if exists(p)), None)
+    if yaml_path is None:
+        rule = f"has no {path.with_suffix('.yaml').name} beside it, which tells its place"
+        raise FileAccessError(rule, source=path)
+    metadata = read_metadata(yaml_path)
+    image = find_image(yaml_path, metadata.image)
+    if not image.samefile(path):
+        rule = f"names another image than {path.name}"
+        raise MalformedInputError(rule, source=yaml_path, place="image", got=metadata.image)
+    if metadata.mode == "raw" or metadata.cost_scale is not None:
+        rule = "must be trinary for a bit map"
+        raise MalformedInputError(rule, source=yaml_path, place="mode", got=metadata.mode)
+    limit = LARGEST_CELLS if max_cells is None else max_cells
+    packed, width = decode_pbm(read_file(path), path, max_cells=limit)
+    packed = packed[::-1]  # image rows run from the north, grid rows from the south
+    packed = ~packed if metadata.negate else packed
+    bits = BitMap(packed, width, metadata.resolution, metadata.origin)
+    return bits, metadata, (path, yaml_path)
+
+
+def bit_map_paths(output: Path) -> tuple[Path, Path]:
+    """Return the files that writing a bit map to `output` makes, the picture first.
+
+    Raises
+    ------
+    ParameterError
+        If it does not end in ``.pbm``.
+    """
+    if output.suffix != ".pbm":
+        raise ParameterError("a bit map must end in .pbm", source=output, got=output.suffix)
+    return output, output.with_suffix(".yaml")
+
+
+def write_bit_map_pair(transaction: Transaction, output: Path, bits: BitMap) -> None:
+    """Write a bit map as PBM P4 and its YAML, which any map_server reads as a trinary map."""
+    picture, yaml_path = bit_map_paths(output)
+    metadata = MapMetadata(image=picture.name, resolution=bits.resolution, origin=bits.origin)
+    transaction.write(picture, lambda file: write_pbm(file, bits.packed[::-1], bits.width))
+    transaction.write_bytes(yaml_path, yaml_of(metadata))
+
+
+def write_bit_map(path: Path | str, bits: BitMap, *, force: bool = False) -> None:
+    """Write a bit map.
+
+    Parameters
+    ----------
+    path : path or str
+        A ``.pbm``; its ``.yaml`` is written beside it. Folders that are missing are made.
+    bits : BitMap
+        The cells.
+    force : bool
+        Whether to replace files that exist.
+
+    Raises
+    ------
+    FileAccessError
+        If a file exists already or cannot be written; nothing is changed then.
+    """
+    output = Path(path)
+    with Transaction(bit_map_paths(output), force=force) as transaction:
+        write_bit_map_pair(transaction, output, bits)

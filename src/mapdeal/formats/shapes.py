@@ -1,0 +1,121 @@
+"""Shapes to draw, from a YAML or a GeoJSON file, in metres in the map frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.formats.geojson import read_geojson
+from mapdeal.formats.yaml_text import Entry, read_mapping
+from mapdeal.grid.outline import Point
+from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
+
+_KEYS = {
+    "polygon": ("type", "points", "holes", "value"),
+    "line": ("type", "points", "thickness", "value"),
+    "circle": ("type", "center", "radius", "value"),
+}
+
+
+def read_shapes(path: Path | str) -> list[Shape]:
+    """Return the shapes in a file, in its order.
+
+    Parameters
+    ----------
+    path : path or str
+        A ``.json`` or ``.geojson`` file (GeoJSON), or YAML with a list ``shapes``, each with
+        ``type: polygon`` and ``points``, perhaps ``holes``; ``type: line`` and ``points``,
+        perhaps ``thickness``; or ``type: circle`` with ``center`` and ``radius``. All may have a
+        ``value``. Lengths are in metres, points [x, y] in the map frame.
+
+    Returns
+    -------
+    list of Polygon, Line or Circle
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If it is malformed, or has no shape; the error names shape and line.
+    """
+    path = Path(path)
+    if path.suffix.lower() in (".json", ".geojson"):
+        shapes = read_geojson(path)
+    else:
+        shapes = list(_shapes_of(path))
+    if not shapes:
+        raise MalformedInputError("holds no shape", source=path)
+    return shapes
+
+
+def _shapes_of(path: Path) -> Iterator[Shape]:
+    entries = read_mapping(path)
+    if "shapes" not in entries:
+        hint = "write a list: shapes: [{type: polygon, points: [[x, y], ...]}, ...]"
+        raise MalformedInputError("missing key shapes", source=path, hint=hint)
+    for key, entry in entries.items():
+        if key != "shapes":
+            raise entry.error("no such key, a file of shapes has only shapes")
+    for index, entry in enumerate(entries["shapes"].items()):
+        yield _shape_of(Entry(path, f"shape {index + 1}", entry.node))
+
+
+def _shape_of(entry: Entry) -> Shape:
+    fields = entry.fields()
+    kind = fields["type"].text() if "type" in fields else None
+    if kind not in _KEYS:
+        rule = f"type must be one of {', '.join(_KEYS)}"
+        raise (fields["type"] if kind else entry).error(rule)
+    for key, field in fields.items():
+        if key not in _KEYS[kind]:
+            known = ", ".join(_KEYS[kind])
+            rule = f"no such key of a {kind}"
+            raise MalformedInputError(rule, source=entry.source, place=field.place, got=key,
+                                      hint=f"known: {known}")  # fmt: skip
+
+    def required(key: str) -> Entry:
+        if key not in fields:
+            raise entry.error(f"a {kind} needs {key}")
+        return fields[key]
+
+    value = _whole(fields["value"]) if "value" in fields else None
+    with _found_at(entry):
+        if kind == "circle":
+            return Circle(_point(required("center")), required("radius").number(), value)
+        points = _points(required("points"))
+        if kind == "line":
+            thickness = fields["thickness"].number() if "thickness" in fields else 0.0
+            return Line(points, thickness, value)
+        holes = fields["holes"].items() if "holes" in fields else []
+        return Polygon(points, [_points(hole) for hole in holes], value)
+
+
+def _points(entry: Entry) -> list[Point]:
+    return [_point(item) for item in entry.items()]
+
+
+def _point(entry: Entry) -> Point:
+    numbers = entry.items()
+    if len(numbers) != 2:
+        raise entry.error("must be two numbers [x, y]")
+    return numbers[0].number(), numbers[1].number()
+
+
+def _whole(entry: Entry) -> int:
+    number = entry.number()
+    if number % 1:
+        raise entry.error("must be a whole number")
+    return int(number)
+
+
+@contextmanager
+def _found_at(entry: Entry) -> Iterator[None]:
+    """Turn what is wrong with a shape into an error about its place in the file."""
+    try:
+        yield
+    except ParameterError as error:
+        error.place = f"{entry.place}: {error.place}"
+        raise MalformedInputError(str(error), source=entry.source) from None

@@ -1,0 +1,279 @@
+"""The bit map: an obstacle mask of eight cells a byte."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import Origin
+from mapdeal.grid.framed import Framed, as_layer
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.shapes import Circle, Line
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
+from mapdeal.kernels.spans import Spans, paint_bits
+from mapdeal.kernels.threads import for_rows
+
+
+@dataclass(frozen=True, eq=False)
+class BitMap(Framed):
+    """A grid of bits, eight cells a byte.
+
+    Parameters
+    ----------
+    packed : array_like of uint8, shape (H, ceil(W / 8))
+        The first cell of a row in the highest bit of its first byte, as in PBM P4 and
+        ``numpy.packbits``. Row 0 is the south. Kept as a read-only view; bits behind the last
+        cell of a row are 0, and are made so.
+    width : int
+        Cells in a row, W; any number.
+    resolution : float
+        Side of a cell, metres.
+    origin : sequence of float
+        x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
+
+    Raises
+    ------
+    ParameterError
+        If the bytes do not fit the width, or the geometry is not finite.
+
+    Notes
+    -----
+    Like all grids a bit map is frozen: what changes cells returns a new one. Several changes
+    are cheapest together, ``set`` with many cells or `mapdeal.draw` with many shapes.
+
+    References
+    ----------
+    Design document 003. Widths that are no multiple of 8, bounds, and the ends of lines are
+    right here.
+
+    Examples
+    --------
+    >>> bits = BitMap.from_mask([[0, 1, 0], [0, 0, 7]], 0.5, (1.0, 2.0, 0.0))
+    >>> bits.packed.tolist(), bits.get([[0, 1], [1, 1]]).tolist()
+    ([[64], [32]], [True, False])
+    """
+
+    packed: NDArray[np.uint8]
+    width: int
+    resolution: float
+    origin: Origin = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        packed = as_layer(self.packed, np.uint8, "packed")
+        if packed.ndim != 2 or self.width < 1 or packed.shape[1] != (self.width + 7) // 8:
+            rule = "packed must have two axes, the second as long as the width divided by 8"
+            raise ParameterError(rule, got=(packed.shape, self.width))
+        padding = 0xFF >> (self.width % 8) if self.width % 8 else 0
+        if padding and (packed[:, -1] & padding).any():
+            packed = packed.copy()
+            packed[:, -1] &= 0xFF ^ padding
+        self._freeze(packed=packed)
+
+    @property
+    def _layer(self) -> NDArray[Any]:
+        return self.packed
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns, in cells."""
+        return self.packed.shape[0], self.width
+
+    @classmethod
+    def from_mask(
+        cls, mask: ArrayLike, resolution: float, origin: Origin = (0.0, 0.0, 0.0)
+    ) -> BitMap:
+        """Return the bit map of an array, shape (H, W): every value above 0 is a 1.
+
+        Examples
+        --------
+        >>> BitMap.from_mask([[-1, 0, 1, 200]], 0.5).packed.tolist()
+        [[48]]
+        """
+        values = np.asarray(mask)
+        if values.ndim != 2 or 0 in values.shape:
+            rule = "a mask must be two-dimensional and not empty"
+            raise ParameterError(rule, got=values.shape)
+        packed = np.empty((values.shape[0], (values.shape[1] + 7) // 8), dtype=np.uint8)
+
+        def pack(rows: slice) -> None:
+            packed[rows] = np.packbits(values[rows] > 0, axis=1)
+
+        for_rows(pack, values.shape)
+        return cls(packed, values.shape[1], resolution, origin)
+
+    @classmethod
+    def from_occupancy(
+        cls, grid: OccupancyGrid, lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD
+    ) -> BitMap:
+        """Return the obstacle mask of a map, the cells of at least `lethal_threshold`.
+
+        Unknown cells become 0.
+        """
+        values = grid.occupancy
+        packed = np.empty((values.shape[0], (values.shape[1] + 7) // 8), dtype=np.uint8)
+
+        def pack(rows: slice) -> None:
+            packed[rows] = np.packbits(values[rows] >= lethal_threshold, axis=1)
+
+        for_rows(pack, values.shape)
+        return cls(packed, values.shape[1], grid.resolution, grid.origin)
+
+    def to_mask(self) -> NDArray[np.bool_]:
+        """Return the bits as an array of bool, shape (H, W)."""
+        return np.unpackbits(self.packed, axis=1, count=self.width).view(np.bool_)
+
+    def to_occupancy(self) -> OccupancyGrid:
+        """Return the map whose obstacles are the ones and whose free cells the zeros.
+
+        Examples
+        --------
+        >>> BitMap.from_mask([[0, 1]], 0.5).to_occupancy().occupancy.tolist()
+        [[0, 100]]
+        """
+        values = np.unpackbits(self.packed, axis=1, count=self.width).view(np.int8)
+        values *= OCCUPIED
+        return OccupancyGrid(values, self.resolution, self.origin)
+
+    def contains(self, cells_rowcol: ArrayLike) -> NDArray[np.bool_]:
+        """Return for each cell (row, column), shape (N, 2), whether it lies in the grid."""
+        cells = np.asarray(cells_rowcol).reshape(-1, 2)
+        inside: NDArray[np.bool_] = np.all((cells >= 0) & (cells < self.shape), axis=1)
+        return inside
+
+    def get(self, cells_rowcol: ArrayLike) -> NDArray[np.bool_]:
+        """Return the bits of cells.
+
+        Parameters
+        ----------
+        cells_rowcol : array_like of int, shape (N, 2)
+            Rows and columns.
+
+        Returns
+        -------
+        numpy.ndarray of bool, shape (N,)
+
+        Raises
+        ------
+        ParameterError
+            If a cell lies outside of the grid.
+        """
+        rows, cols = self._checked(cells_rowcol)
+        bits: NDArray[np.bool_] = (self.packed[rows, cols >> 3] << (cols & 7) & 0x80) != 0
+        return bits
+
+    def set(self, cells_rowcol: ArrayLike, value: bool = True) -> BitMap:
+        """Return a bit map in which cells have a value.
+
+        Parameters
+        ----------
+        cells_rowcol : array_like of int, shape (N, 2)
+            Rows and columns.
+        value : bool
+            What they become.
+
+        Raises
+        ------
+        ParameterError
+            If a cell lies outside of the grid.
+
+        Examples
+        --------
+        >>> BitMap.from_mask([[0, 0, 0]], 0.5).set([[0, 2]]).to_mask().tolist()
+        [[False, False, True]]
+        """
+        rows, cols = self._checked(cells_rowcol)
+        packed = self.packed.copy()
+        bits = (0x80 >> (cols & 7)).astype(np.uint8)
+        if value:
+            np.bitwise_or.at(packed, (rows, cols >> 3), bits)
+        else:
+            np.bitwise_and.at(packed, (rows, cols >> 3), ~bits)
+        return self.with_packed(packed)
+
+    def fill(self, value: bool = True) -> BitMap:
+        """Return a bit map of which every cell has a value."""
+        return self.with_packed(np.full_like(self.packed, 0xFF if value else 0))
+
+    def line(
+        self, points_xy: ArrayLike, *, thickness: float = 0.0, value: bool = True
+    ) -> BitMap:  # fmt: skip
+        """Return a bit map with a line drawn, clipped to the grid; see `mapdeal.Line`.
+
+        Parameters
+        ----------
+        points_xy : array_like of float, shape (N, 2)
+            Points in the map frame, metres; each is joined to the next, ends included.
+        thickness : float
+            Metres; 0 for a line of single cells.
+        value : bool
+            What its cells become.
+
+        Examples
+        --------
+        >>> bits = BitMap.from_mask([[0, 0, 0, 0]], 1.0).line([(1.5, 0.5), (2.5, 0.5)])
+        >>> bits.to_mask().tolist()
+        [[False, True, True, False]]
+        """
+        points = [tuple(point) for point in np.asarray(points_xy, dtype=np.float64).tolist()]
+        return self.painted([(Line(points, thickness).spans(self.frame), value)])
+
+    def circle(
+        self, center_xy: tuple[float, float], radius: float, *, value: bool = True
+    ) -> BitMap:
+        """Return a bit map with a filled circle drawn, clipped to the grid; see `mapdeal.Circle`.
+
+        Parameters
+        ----------
+        center_xy : tuple of float
+            In the map frame, metres.
+        radius : float
+            Metres.
+        value : bool
+            What its cells become.
+        """
+        return self.painted([(Circle(center_xy, radius).spans(self.frame), value)])
+
+    def copy(self) -> BitMap:
+        """Return a bit map with bytes of its own."""
+        return self.with_packed(self.packed.copy())
+
+    def count(self) -> int:
+        """Return the number of ones."""
+        ones = np.unpackbits(np.arange(256, dtype=np.uint8)[:, np.newaxis], axis=1).sum(axis=1)
+        return int(np.bincount(self.packed.ravel(), minlength=256) @ ones)
+
+    def with_packed(self, packed: NDArray[np.uint8]) -> BitMap:
+        """Return a bit map of the same geometry with other bits."""
+        return replace(self, packed=packed)
+
+    def painted(self, strokes: Iterable[tuple[Spans, int]]) -> BitMap:
+        """Return a bit map in which the cells of each span have its value, the last on top."""
+        packed = self.packed.copy()
+        for spans, value in strokes:
+            paint_bits(packed, spans, bool(value))
+        return self.with_packed(packed)
+
+    def accept_value(self, value: float) -> int:
+        """Return `value`, which must be 0 or 1."""
+        if value not in (0, 1):
+            raise ParameterError(
+                "must be 0 or 1, the values of a bit map", place="value", got=value
+            )
+        return int(value)
+
+    def _checked(self, cells_rowcol: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        cells = np.asarray(cells_rowcol)
+        if cells.size and cells.dtype.kind not in "iu":
+            raise ParameterError("cells must be whole numbers", got=cells.dtype.name)
+        cells = cells.reshape(-1, 2).astype(np.int64)
+        outside = ~self.contains(cells)
+        if outside.any():
+            first = tuple(cells[int(np.argmax(outside))].tolist())
+            rule = f"lies outside of the {self.shape[0]} x {self.shape[1]} cells"
+            raise ParameterError(rule, place="cell", got=first)
+        return cells[:, 0], cells[:, 1]

@@ -1,0 +1,147 @@
+"""Polygons as lists of corners: edges, crossings, convexity, area."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+
+Point = tuple[float, float]
+
+_STRAIGHT = 1e-9
+"""Sine of the turn up to which three corners count as one line."""
+
+
+def checked_corners(
+    points: Sequence[Sequence[float]], what: str, *, within: float, least: int, most: int
+) -> tuple[Point, ...]:
+    """Return `points` as pairs of finite floats.
+
+    Parameters
+    ----------
+    points : sequence of (x, y)
+        Corners, metres.
+    what : str
+        What an error calls the shape: ``polygon`` gives ``polygon vertex 3``.
+    within : float
+        Largest coordinate, metres.
+    least, most : int
+        How many corners there may be.
+
+    Raises
+    ------
+    ParameterError
+        If there are too few or too many, or one is no such pair; the error names it.
+    """
+    if len(points) > most:
+        raise ParameterError(f"a {what} has at most {most} vertices", place=what, got=len(points))
+    corners: list[Point] = []
+    for index, vertex in enumerate(points):
+        place = f"{what} vertex {index + 1}"
+        try:
+            x, y = (float(v) for v in vertex)
+        except (TypeError, ValueError, OverflowError):
+            rule = "a vertex must be a pair of numbers [x, y]"
+            raise ParameterError(rule, place=place, got=vertex) from None
+        if not all(abs(v) <= within for v in (x, y)):  # refuses nan too
+            rule = f"coordinates must be finite and within {within:g} m"
+            raise ParameterError(rule, place=place, got=(x, y))
+        corners.append((x, y))
+    if len(corners) < least:
+        words = {1: "one vertex", 2: "two vertices", 3: "three vertices"}[least]
+        raise ParameterError(f"a {what} needs at least {words}", place=what, got=len(corners))
+    return tuple(corners)
+
+
+def edges_of(points: Sequence[Point]) -> list[tuple[Point, Point]]:
+    """Return the edges of a closed polygon, the one back to the first corner included."""
+    return list(pairwise([*points, points[0]]))
+
+
+def check_simple(points: Sequence[Point], what: str) -> None:
+    """Refuse outlines whose edges cross, naming the edge by its first corner."""
+    starts = np.array(points, dtype=np.float64)
+    ends = np.roll(starts, -1, axis=0)
+    for i in range(len(points) - 1):
+        a, b, c, d = starts[i], ends[i], starts[i + 1 :], ends[i + 1 :]
+        apart = np.sign(_side(a, b, c)) * np.sign(_side(a, b, d)) < 0
+        crosses = apart & (np.sign(_side(c, d, a)) * np.sign(_side(c, d, b)) < 0)
+        if crosses.any():
+            other = i + 1 + int(np.argmax(crosses))
+            rule = f"the edge crosses the one that starts at vertex {other + 1}"
+            raise ParameterError(rule, place=f"{what} vertex {i + 1}", got=points[i])
+
+
+def is_convex(points: Sequence[Point]) -> bool:
+    """Return whether a polygon without crossings bulges outwards everywhere.
+
+    Corners on a straight line and repeated corners do no harm.
+
+    Examples
+    --------
+    >>> is_convex([(0, 0), (2, 0), (2, 0), (4, 0), (2, 3)])
+    True
+    >>> is_convex([(0, 0), (4, 0), (2, 1), (2, 3)])
+    False
+    """
+    distinct = [p for p, following in edges_of(points) if p != following]
+    if len(distinct) < 3:
+        return True
+    corners = np.array(distinct, dtype=np.float64)
+    along = np.roll(corners, -1, axis=0) - corners
+    following = np.roll(along, -1, axis=0)
+    turn = _cross(along, following)
+    lengths = np.hypot(along[:, 0], along[:, 1])
+    straight = np.abs(turn) <= _STRAIGHT * lengths * np.roll(lengths, -1)
+    backwards = straight & (np.einsum("ij,ij->i", along, following) < 0)
+    bends = turn[~straight]
+    return not backwards.any() and bool((bends > 0).all() or (bends < 0).all())
+
+
+def area_of(points: Sequence[Point]) -> float:
+    """Return the area of a polygon, square metres, whichever way it goes round.
+
+    Examples
+    --------
+    >>> area_of([(1, 1), (1, 3), (4, 3), (4, 1)])
+    6.0
+    """
+    corners = np.array(points, dtype=np.float64) - np.array(points[0])
+    return abs(float(_cross(corners, np.roll(corners, -1, axis=0)).sum())) / 2
+
+
+def distance_to_edge(a: Point, b: Point) -> float:
+    """Return the distance from (0, 0) to the segment from `a` to `b`."""
+    (ax, ay), (bx, by) = a, b
+    length_squared = (bx - ax) ** 2 + (by - ay) ** 2
+    if length_squared == 0.0:  # a repeated corner; costmap_2d divides by zero here
+        return math.hypot(ax, ay)
+    along = min(1.0, max(0.0, -(ax * (bx - ax) + ay * (by - ay)) / length_squared))
+    return math.hypot(ax + along * (bx - ax), ay + along * (by - ay))
+
+
+def contains_centre(points: Sequence[Point]) -> bool:
+    """Return whether (0, 0) lies in the polygon or on its outline."""
+    if min(distance_to_edge(a, b) for a, b in edges_of(points)) == 0.0:
+        return True
+    inside = False
+    for (ax, ay), (bx, by) in edges_of(points):
+        if (ay > 0) != (by > 0) and ax + (bx - ax) * (-ay) / (by - ay) > 0:
+            inside = not inside
+    return inside
+
+
+def _side(
+    a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return _cross(b - a, p - a)
+
+
+def _cross(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    crossed: NDArray[np.float64] = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    return crossed

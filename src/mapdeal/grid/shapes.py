@@ -1,0 +1,266 @@
+"""Shapes in the map frame, in metres, and the cells of a grid that they cover."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import CELL_TOLERANCE, Frame
+from mapdeal.grid.outline import Point, area_of, check_simple, checked_corners, is_convex
+from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, line_spans
+from mapdeal.kernels.discs import capsule_spans
+from mapdeal.kernels.polygons import convex_spans, ring_spans
+from mapdeal.kernels.spans import Spans, joined
+
+_LARGEST_COORDINATE = 1e12
+_MOST_VERTICES = 10_000
+_FLAT = 1e-12
+"""Area, as a share of the square over a polygon's extent, up to which it has none."""
+
+
+class Shape(Protocol):
+    """What can be drawn: a kind, perhaps a value of its own, and the cells it covers."""
+
+    kind: ClassVar[str]
+
+    @property
+    def value(self) -> int | None:
+        """The value to draw with, if the shape brings one."""
+        ...
+
+    def spans(self, frame: Frame) -> Spans:
+        """Return the cells of a grid that the shape covers."""
+        ...
+
+    def reaches_beyond(self, frame: Frame) -> bool:
+        """Return whether a part of the shape lies outside of a grid."""
+        ...
+
+    def has_extent(self) -> bool:
+        """Return whether the shape is more than its own outline."""
+        ...
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """A filled polygon, convex or not, with holes or without.
+
+    Parameters
+    ----------
+    points_xy : sequence of (x, y)
+        Corners in the map frame, metres, in either sense of rotation.
+    holes_xy : sequence of sequences of (x, y)
+        Corners of each hole; cells on the edge of a hole belong to the polygon.
+    value : int, optional
+        What to draw it with.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than three corners, a coordinate is not finite, or edges cross.
+
+    Notes
+    -----
+    Corners are moved to the centres of their cells, the edges between them are costmap_2d's
+    lines of cells, and the rest is what lies between. A convex polygon without holes is filled
+    column by column, cell for cell as ``setConvexPolygonCost`` does. That function fills the
+    bays of concave ones, too; here they stay empty.
+
+    Examples
+    --------
+    >>> Polygon([(0, 0), (2, 0), (2, 1), (0, 1)]).has_extent()
+    True
+    """
+
+    points_xy: Sequence[Point]
+    holes_xy: Sequence[Sequence[Point]] = ()
+    value: int | None = None
+
+    kind: ClassVar[str] = "polygon"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points_xy", _ring(self.points_xy, "polygon"))
+        holes = tuple(_ring(hole, "hole") for hole in self.holes_xy)
+        object.__setattr__(self, "holes_xy", holes)
+
+    def spans(self, frame: Frame) -> Spans:
+        """Return the cells of a grid that the polygon covers."""
+        rings = [_cells(frame, ring, self.kind) for ring in (self.points_xy, *self.holes_xy)]
+        if len(rings) == 1 and is_convex(self.points_xy):
+            return convex_spans(rings[0], frame.shape)
+        return ring_spans(rings, frame.shape)
+
+    def reaches_beyond(self, frame: Frame) -> bool:
+        """Return whether a corner lies outside of a grid; upper edges are outside."""
+        return not bool(frame.contains(self.points_xy).all())
+
+    def has_extent(self) -> bool:
+        """Return whether the corners do not all lie on one line."""
+        corners = np.array(self.points_xy)
+        extent = float(np.ptp(corners, axis=0).max())
+        return area_of(self.points_xy) > _FLAT * extent**2
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line through two points or more, with both of its ends.
+
+    Parameters
+    ----------
+    points_xy : sequence of (x, y)
+        Points in the map frame, metres; each is joined to the next.
+    thickness : float
+        Metres; 0 for a line of single cells.
+    value : int, optional
+        What to draw it with.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than two points, or a number is not finite or below 0.
+
+    Notes
+    -----
+    The cells of costmap_2d's ``raytraceLine`` from the cell of each point to that of the next,
+    and with a thickness every cell whose centre lies within half of it from the line. The ends
+    are round.
+    """
+
+    points_xy: Sequence[Point]
+    thickness: float = 0.0
+    value: int | None = None
+
+    kind: ClassVar[str] = "line"
+
+    def __post_init__(self) -> None:
+        points = checked_corners(
+            self.points_xy, "line", within=_LARGEST_COORDINATE, least=2, most=_MOST_VERTICES
+        )
+        object.__setattr__(self, "points_xy", points)
+        if not 0 <= self.thickness <= _LARGEST_COORDINATE:  # refuses nan too
+            rule = "must be a finite number of metres of at least 0"
+            raise ParameterError(rule, place="line thickness", got=self.thickness)
+
+    def spans(self, frame: Frame) -> Spans:
+        """Return the cells of a grid that the line covers."""
+        cells = _cells(frame, self.points_xy, self.kind)
+        parts = [line_spans(a, b, frame.shape) for a, b in pairwise(cells)]
+        if self.thickness > 0:
+            radius = _near_radius(frame, self.thickness / 2, "line thickness")
+            places = _positions(frame, self.points_xy)
+            parts += [capsule_spans(a, b, radius, frame.shape) for a, b in pairwise(places)]
+        return joined(parts)
+
+    def reaches_beyond(self, frame: Frame) -> bool:
+        """Return whether a part of the line, its thickness included, lies outside of a grid."""
+        if not bool(frame.contains(self.points_xy).all()):
+            return True
+        return _disc_reaches_beyond(frame, self.points_xy, self.thickness / 2)
+
+    def has_extent(self) -> bool:
+        """Return True: a line is meant to have none."""
+        return True
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A filled circle.
+
+    Parameters
+    ----------
+    center_xy : (x, y)
+        In the map frame, metres.
+    radius : float
+        Metres.
+    value : int, optional
+        What to draw it with.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite, or the radius not above 0.
+
+    Notes
+    -----
+    Every cell whose centre lies within the radius, as in `mapdeal.inflate`, and the cell that
+    holds the circle's own centre.
+    """
+
+    center_xy: Point
+    radius: float
+    value: int | None = None
+
+    kind: ClassVar[str] = "circle"
+
+    def __post_init__(self) -> None:
+        (center,) = checked_corners(
+            [self.center_xy], "circle", within=_LARGEST_COORDINATE, least=1, most=1
+        )
+        object.__setattr__(self, "center_xy", center)
+        if not 0 < self.radius <= _LARGEST_COORDINATE:  # refuses nan too
+            rule = "must be a finite number of metres above 0"
+            raise ParameterError(rule, place="circle radius", got=self.radius)
+
+    def spans(self, frame: Frame) -> Spans:
+        """Return the cells of a grid that the circle covers."""
+        (cell,) = _cells(frame, [self.center_xy], self.kind)
+        (place,) = _positions(frame, [self.center_xy])
+        radius = _near_radius(frame, self.radius, "circle radius")
+        disc = capsule_spans(place, place, radius, frame.shape)
+        return joined([line_spans(cell, cell, frame.shape), disc])
+
+    def reaches_beyond(self, frame: Frame) -> bool:
+        """Return whether a part of the circle lies outside of a grid."""
+        if not bool(frame.contains([self.center_xy]).all()):
+            return True
+        return _disc_reaches_beyond(frame, [self.center_xy], self.radius)
+
+    def has_extent(self) -> bool:
+        """Return True: its radius is above 0."""
+        return True
+
+
+def _ring(points: Sequence[Point], what: str) -> tuple[Point, ...]:
+    corners = checked_corners(
+        points, what, within=_LARGEST_COORDINATE, least=3, most=_MOST_VERTICES
+    )
+    check_simple(corners, what)
+    return corners
+
+
+def _cells(frame: Frame, points: Sequence[Point], what: str) -> list[Cell]:
+    """Return the cells of points, in the grid or not too far from it."""
+    cells = frame.unbounded_rowcol_from_xy(points)
+    far = np.abs(cells).max(axis=1) > FARTHEST_CELL
+    if far.any():
+        index = int(np.argmax(far))
+        rule = f"lies more than {FARTHEST_CELL} cells from the map"
+        raise ParameterError(rule, place=f"{what} vertex {index + 1}", got=points[index])
+    return [(row, col) for row, col in cells.tolist()]
+
+
+def _positions(frame: Frame, points: Sequence[Point]) -> list[tuple[float, float]]:
+    places: NDArray[np.float64] = frame.continuous_rowcol_from_xy(points)
+    return [(row, col) for row, col in places.tolist()]
+
+
+def _near_radius(frame: Frame, radius: float, place: str) -> float:
+    """Return a radius in cells; one that no arithmetic here is made for is refused."""
+    cells = radius / frame.resolution
+    if cells > FARTHEST_CELL:
+        rule = f"must not be more than {FARTHEST_CELL} cells"
+        raise ParameterError(rule, place=place, got=radius)
+    return cells
+
+
+def _disc_reaches_beyond(frame: Frame, points: Sequence[Point], radius: float) -> bool:
+    reach = radius / frame.resolution - CELL_TOLERANCE
+    places = np.array(_positions(frame, points))
+    below, above = places.min() - reach, (places - np.array(frame.shape)).max() + reach
+    return radius > 0 and bool(below < 0 or above > 0)

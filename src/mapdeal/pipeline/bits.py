@@ -1,0 +1,76 @@
+"""Maps into bit maps and back, file to file."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from mapdeal.errors import MapdealWarning
+from mapdeal.formats.bit_maps import bit_map_paths, read_bit_map_pair, write_bit_map_pair
+from mapdeal.formats.maps import as_occupancy, output_paths, write_grid
+from mapdeal.grid.bit_map import BitMap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN
+from mapdeal.kernels.lookup import histogram
+from mapdeal.pipeline.figures import Figures, figures_of
+from mapdeal.pipeline.files import FileOptions, add_picture, outputs_of, read_input
+
+
+def pack_file(
+    path: Path,
+    output: Path,
+    options: FileOptions,
+    *,
+    lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
+) -> Figures:
+    """Write the obstacles of a map as a bit map; return its figures.
+
+    Of a field those are the cells that it counts as obstacles.
+    """
+    outputs = bit_map_paths(output)
+    source = read_input(path, options)
+    with outputs_of(outputs, source.files, options) as transaction:
+        if isinstance(source.grid, DistanceField):
+            field, obstacles = source.grid, source.grid.obstacles()
+            bits = BitMap.from_mask(obstacles, field.resolution, field.origin)
+            values = np.where(obstacles, np.int8(0), field.occupancy)
+        else:
+            grid = as_occupancy(source.grid)
+            bits = BitMap.from_occupancy(grid, lethal_threshold)
+            values = grid.occupancy
+        lost = int(histogram(values)[UNKNOWN])
+        if lost:
+            text = f"{path}: {lost} unknown cells are free in a bit map"
+            warnings.warn(text, MapdealWarning, stacklevel=2)
+        write_bit_map_pair(transaction, output, bits)
+        if options.image is not None:
+            add_picture(transaction, options, bits.to_occupancy(), f"{path.stem}: bit map")
+    return _figures_of(bits)
+
+
+def unpack_file(path: Path, output: Path, options: FileOptions) -> Figures:
+    """Write a bit map as a map; return its figures."""
+    outputs = output_paths(output)
+    bits, metadata, files = read_bit_map_pair(path, max_cells=options.max_cells)
+    with outputs_of(outputs, files, options) as transaction:
+        grid = bits.to_occupancy()
+        write_grid(transaction, output, grid, extra=dict(metadata.extra))
+        add_picture(transaction, options, grid, path.stem)
+    return figures_of(grid)
+
+
+def _figures_of(bits: BitMap) -> Figures:
+    height, width = bits.shape
+    ones = bits.count()
+    return {
+        "width": width,
+        "height": height,
+        "resolution": bits.resolution,
+        "origin": list(bits.origin),
+        "occupied": ones,
+        "free": width * height - ones,
+        "unknown": 0,
+        "between": 0,
+    }

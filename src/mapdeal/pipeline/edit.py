@@ -1,0 +1,77 @@
+"""Changes to a map or costmap, file to file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from mapdeal.errors import ParameterError
+from mapdeal.formats.maps import output_paths, write_grid
+from mapdeal.formats.npz import Grid
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.pipeline.figures import Figures, figures_of
+from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of, read_input
+
+Editable = OccupancyGrid | Costmap
+
+
+def edit_file(
+    path: Path,
+    output: Path,
+    options: FileOptions,
+    change: Callable[[Editable], Editable],
+    *,
+    what: str,
+) -> Figures:
+    """Read a map or costmap, change it, and write it; return its figures.
+
+    Costs that were read as costmap_2d's bytes are written as such; keys of the YAML that
+    map_server does not know are kept.
+
+    Parameters
+    ----------
+    path, output : Path
+        The files.
+    options : FileOptions
+        How they are read and written.
+    change : callable
+        Takes the grid and returns a new one of its kind.
+    what : str
+        What has been done, for the title of the picture.
+    """
+
+    def changed(grid: Grid) -> Grid:
+        if not isinstance(grid, (OccupancyGrid, Costmap)):
+            rule = "is a distance field, which cannot be edited"
+            raise ParameterError(rule, hint="edit the map, then run esdf on it")
+        return change(grid)
+
+    return change_file(path, output, options, changed, what=what)
+
+
+def change_file(
+    path: Path,
+    output: Path,
+    options: FileOptions,
+    change: Callable[[Grid], Grid],
+    *,
+    what: str,
+) -> Figures:
+    """Do what `edit_file` does, with fields, too."""
+    outputs = output_paths(output)
+    source = read_input(path, options)
+    with outputs_of(outputs, source.files, options) as transaction:
+        with errors_named(path):
+            grid = change(source.grid)
+        metadata = source.metadata
+        as_bytes = metadata is not None and metadata.cost_scale is not None
+        write_grid(
+            transaction,
+            output,
+            grid,
+            encoding="costmap2d" if as_bytes else "occupancy",
+            extra=dict(metadata.extra) if metadata else {},
+        )
+        add_picture(transaction, options, grid, f"{path.stem}: {what}")
+    return figures_of(grid)

@@ -1,0 +1,82 @@
+"""How commands that work from file to file read their input and announce their outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from mapdeal.errors import MapdealError, ParameterError, one_line
+from mapdeal.formats.map_yaml import Dialect
+from mapdeal.formats.maps import Source, read_source
+from mapdeal.formats.npz import Grid
+from mapdeal.formats.transaction import Transaction
+from mapdeal.kernels.threads import use_threads
+from mapdeal.pipeline.products import write_picture
+
+
+@dataclass(frozen=True)
+class FileOptions:
+    """How a command reads its input and writes its outputs.
+
+    Parameters
+    ----------
+    dialect : {'nav2', 'humble', 'ros1'}
+        Whose reading of the image to follow.
+    max_cells : int, optional
+        Cells up to which the input is read.
+    force : bool
+        Whether outputs that exist are replaced.
+    threads : int, optional
+        Threads to compute and write with; all processors if not given.
+    image : Path, optional
+        Where a picture of the result goes.
+    """
+
+    dialect: Dialect = "nav2"
+    max_cells: int | None = None
+    force: bool = False
+    threads: int | None = None
+    image: Path | None = None
+
+
+def read_input(path: Path, options: FileOptions) -> Source:
+    """Return the grid in a file, read as the options say."""
+    with use_threads(options.threads):
+        return read_source(path, dialect=options.dialect, max_cells=options.max_cells)
+
+
+@contextmanager
+def outputs_of(
+    outputs: Sequence[Path], inputs: Sequence[Path], options: FileOptions
+) -> Iterator[Transaction]:
+    """Have `outputs` and the picture written together, or not at all."""
+    image = options.image
+    if image is not None and image.suffix != ".png":
+        raise ParameterError("a picture must end in .png", place="--image", got=str(image))
+    if image is not None and image in outputs:
+        raise ParameterError("is an output already", place="--image", got=str(image))
+    all_outputs = [*outputs, *([image] if image is not None else [])]
+    with (
+        use_threads(options.threads),
+        Transaction(all_outputs, inputs=inputs, force=options.force) as transaction,
+    ):
+        yield transaction
+
+
+def add_picture(
+    transaction: Transaction, options: FileOptions, grid: Grid, title: str
+) -> None:  # fmt: skip
+    """Write the picture that was asked for, if one was."""
+    if options.image is not None:
+        write_picture(transaction, options.image, grid, one_line(title))
+
+
+@contextmanager
+def errors_named(path: Path) -> Iterator[None]:
+    """Have errors name the file that the grid came from, unless they name one already."""
+    try:
+        yield
+    except MapdealError as error:
+        raise error.found_in(path) from None

@@ -1,0 +1,108 @@
+"""Keepout masks: areas that a robot is to stay out of, laid over its costs."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MapdealWarning
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.frame import Frame, cells_at
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.scales import cost_from_occupancy
+from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.threads import for_rows
+
+
+def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
+    """Return costs that are nowhere below those of a keepout mask.
+
+    Parameters
+    ----------
+    costmap : Costmap
+        The costs.
+    mask : OccupancyGrid
+        100 where the robot must not go, 1..99 where it had better not, 0 elsewhere. It may have
+        a resolution, origin, yaw and size of its own: a cell of the costs takes the mask's
+        value at its centre.
+
+    Returns
+    -------
+    Costmap
+        Of the geometry and scale of `costmap`. On scale ``costmap2d`` a mask value v is the
+        cost round(2.54 v), on scale ``occupancy`` it is v itself.
+
+    Warns
+    -----
+    MapdealWarning
+        If the mask covers no cell of the costs, or unknown cells became free by it.
+
+    Notes
+    -----
+    Cells where the mask is unknown, or which lie outside of it, keep their cost. Elsewhere the
+    larger of both counts, and an unknown cost always takes the mask's.
+
+    References
+    ----------
+    Nav2's ``KeepoutFilter`` with base 0 and multiplier 1, the yaw of the mask honoured.
+
+    Examples
+    --------
+    >>> costmap = Costmap([[0, 200, 254, 255]], 0.5, (1.0, 2.0, 0.0))
+    >>> mask = OccupancyGrid([[50, 50]], 1.0, (1.0, 2.0, 0.0))
+    >>> apply_keepout_mask(costmap, mask).cost.tolist()
+    [[127, 200, 254, 127]]
+    """
+    values: NDArray[Any] = mask.occupancy
+    if costmap.scale == "costmap2d":
+        values = look_up(mask.occupancy, cost_from_occupancy())
+    height, width = mask.shape
+    unknown = costmap.unknown_value
+    cost = costmap.cost.copy()
+    covered: list[int] = []
+    freed: list[int] = []
+
+    def lay_over(rows: slice) -> None:
+        at_row, at_col = _cells_at_centres(mask.frame, costmap.frame, rows)
+        inside = (at_row >= 0) & (at_row < height) & (at_col >= 0) & (at_col < width)
+        found = values[np.clip(at_row, 0, height - 1), np.clip(at_col, 0, width - 1)]
+        known = inside & (found != unknown)
+        old = cost[rows]
+        taken = known & ((found > old) | (old == unknown))
+        covered.append(int(np.count_nonzero(known)))
+        freed.append(int(np.count_nonzero(taken & (old == unknown) & (found == 0))))
+        np.copyto(old, found, where=taken)
+
+    for_rows(lay_over, costmap.shape)
+    if not sum(covered):
+        text = "the mask covers no cell of the costs: nothing of it is known there"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
+    if sum(freed):
+        text = f"{sum(freed)} unknown cells became free where the mask is 0, as in Nav2"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
+    return costmap.with_values(cost)
+
+
+def _cells_at_centres(
+    source: Frame, target: Frame, rows: slice
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the rows and columns of a grid that hold the cell centres of another's rows.
+
+    Without a turn between the two they are a column and a row that broadcast.
+    """
+    across = np.arange(target.width)
+    along = np.arange(rows.start, rows.stop)
+    if source.origin[2] == target.origin[2]:
+        first = source.continuous_rowcol_from_xy(target.xy_from_rowcol([[0, 0]]))[0]
+        step = target.resolution / source.resolution
+        return (
+            cells_at(first[0] + along * step)[:, np.newaxis],
+            cells_at(first[1] + across * step)[np.newaxis, :],
+        )
+    cells = np.stack(np.broadcast_arrays(along[:, np.newaxis], across), axis=-1)
+    found = source.unbounded_rowcol_from_xy(target.xy_from_rowcol(cells))
+    shaped = found.reshape(len(along), target.width, 2)
+    return shaped[..., 0], shaped[..., 1]

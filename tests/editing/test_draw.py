@@ -1,0 +1,240 @@
+"""Drawing on maps and costmaps, against recordings of costmap_2d and by hand."""
+
+import json
+import math
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import oracles
+from drawn import cells, grid_from_text
+from mapdeal import (
+    BitMap,
+    Circle,
+    Costmap,
+    FindingError,
+    Line,
+    MapdealWarning,
+    OccupancyGrid,
+    ParameterError,
+    Polygon,
+    draw,
+)
+
+EMPTY = "......\n......\n......\n......"
+
+
+def turned(grid, points):
+    """Points given in cells (column, row) of a grid, in the map frame."""
+    x, y, yaw = grid.origin
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    step = grid.resolution
+    return [(x + step * (u * cos - v * sin), y + step * (u * sin + v * cos)) for u, v in points]
+
+
+def peers(folder):
+    arrays = np.load(folder / "expected" / "peers.npz")
+    about = json.loads((folder / "expected" / "peers.json").read_text())
+    for key, case in about.items():
+        if key.startswith("polygon/"):
+            yield key, case, arrays[f"{key}/out"]
+
+
+def test_convex_polygons_are_those_of_costmap_2d_cell_for_cell(real_maps):
+    refused = 0
+    for key, case, expected in peers(real_maps):
+        shape = (case["height"], case["width"])
+        untouched = np.full(shape, 7, np.uint8)
+        costmap = Costmap(untouched, case["resolution"], (*case["origin"], 0.0))
+        polygon = Polygon(case["polygon"])
+        if not case["ok"]:
+            refused += 1
+            with pytest.raises(FindingError, match="map"):
+                draw(costmap, polygon, value=case["cost"], strict=True)
+            assert np.array_equal(expected, untouched), key
+            continue
+        drawn = draw(costmap, polygon, value=case["cost"], strict=True)
+        assert np.array_equal(drawn.cost, expected), key
+    assert refused == 7
+
+
+def test_what_costmap_2d_refuses_is_the_part_inside_of_a_larger_map(real_maps):
+    for key, case, _ in peers(real_maps):
+        if case["ok"]:
+            continue
+        height, width, resolution = case["height"], case["width"], case["resolution"]
+        x, y = case["origin"]
+        margin = 2000
+        large = Costmap(
+            np.zeros((height + 2 * margin, width + 2 * margin), np.uint8),
+            resolution,
+            (x - margin * resolution, y - margin * resolution, 0.0),
+        )
+        small = Costmap(np.zeros((height, width), np.uint8), resolution, (x, y, 0.0))
+        polygon = Polygon(case["polygon"])
+        whole = draw(large, polygon, value=200, strict=True).cost
+        with pytest.warns(MapdealWarning, match="map"):
+            clipped = draw(small, polygon, value=200).cost
+        inner = slice(margin, margin + height), slice(margin, margin + width)
+        assert np.array_equal(clipped, whole[inner]), key
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, math.pi / 2, -2.5])
+def test_shapes_are_drawn_on_the_turned_map(yaw):
+    grid = grid_from_text(EMPTY, 0.25, (1.5, -2.0, yaw))
+    polygon = Polygon(turned(grid, [(1.5, 0.5), (4.5, 0.5), (4.5, 2.5), (1.5, 2.5)]))
+    drawn = draw(grid, polygon, value=100)
+    assert np.array_equal(drawn.occupancy, cells("......\n.####.\n.####.\n.####."))
+    assert (drawn.resolution, drawn.origin) == (grid.resolution, grid.origin)
+    line = Line(turned(grid, [(0.5, 3.5), (2.5, 3.5)]))
+    assert np.array_equal(
+        draw(grid, line, value=100).occupancy, cells("###...\n......\n......\n......")
+    )
+    circle = Circle(turned(grid, [(2.5, 1.5)])[0], 0.25)
+    expected = cells("......\n..#...\n.###..\n..#...")
+    assert np.array_equal(draw(grid, circle, value=100).occupancy, expected)
+
+
+def test_the_bay_of_a_concave_polygon_stays_empty():
+    grid = grid_from_text(EMPTY)
+    corners = [(0.5, 0.5), (4.5, 0.5), (4.5, 3.5), (3.5, 3.5), (3.5, 1.5), (1.5, 1.5), (1.5, 3.5),
+               (0.5, 3.5)]  # fmt: skip
+    drawn = draw(grid, Polygon(turned(grid, corners)), value=100)
+    assert np.array_equal(drawn.occupancy, cells("##.##.\n##.##.\n#####.\n#####."))
+
+
+def test_a_hole_keeps_its_edge():
+    grid = OccupancyGrid(np.zeros((7, 8), np.int8), 0.25, (1.5, -2.0, 0.4))
+    outer = turned(grid, [(0.5, 0.5), (6.5, 0.5), (6.5, 6.5), (0.5, 6.5)])
+    hole = turned(grid, [(1.5, 1.5), (5.5, 1.5), (5.5, 5.5), (1.5, 5.5)])
+    drawn = draw(grid, Polygon(outer, [hole]), value=100).occupancy
+    assert (drawn[2:5, 2:5] == 0).all()
+    assert np.count_nonzero(drawn) == 49 - 9
+
+
+def test_a_thick_line_has_round_ends_and_includes_them():
+    grid = OccupancyGrid(np.zeros((5, 9), np.int8), 0.5, (1.5, -2.0, -0.7))
+    line = Line(turned(grid, [(2.5, 2.5), (6.5, 2.5)]), thickness=1.0)
+    expected = cells(".........\n..#####..\n.#######.\n..#####..\n.........")
+    assert np.array_equal(draw(grid, line, value=100).occupancy, expected)
+
+
+def test_a_line_through_several_points_joins_them():
+    grid = grid_from_text(EMPTY)
+    line = Line(turned(grid, [(0.5, 0.5), (3.5, 0.5), (3.5, 3.5)]))
+    assert np.array_equal(
+        draw(grid, line, value=100).occupancy, cells("...#..\n...#..\n...#..\n####..")
+    )
+
+
+def test_a_circle_below_a_cell_is_its_centre_s_cell():
+    grid = grid_from_text(EMPTY)
+    circle = Circle(turned(grid, [(2.1, 1.9)])[0], 0.01)
+    drawn = draw(grid, circle, value=100).occupancy
+    assert np.argwhere(drawn).tolist() == [[1, 2]]
+
+
+@given(
+    st.tuples(st.floats(-1, 8), st.floats(-1, 6)),
+    st.tuples(st.floats(-1, 8), st.floats(-1, 6)),
+    st.floats(0.05, 4),
+    st.floats(-3, 3),
+)
+def test_round_shapes_by_distance_in_the_map_frame(a, b, size, yaw):
+    grid = OccupancyGrid(np.zeros((5, 7), np.int8), 0.25, (1.5, -2.0, yaw))
+    (ax, ay), (bx, by) = turned(grid, [a, b])
+    size *= grid.resolution
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapdealWarning)
+        circle = draw(grid, Circle((ax, ay), size), value=100).occupancy
+        line = draw(grid, Line([(ax, ay), (bx, by)], thickness=size), value=100).occupancy
+    thin = {
+        (y, x)
+        for x, y in oracles.line(*[tuple(map(math.floor, np.array(p) + 1e-9)) for p in (a, b)])
+    }
+    for row, col in np.ndindex(grid.shape):
+        centre = grid.frame.xy_from_rowcol([[row, col]])[0]
+        if abs(math.dist(centre, (ax, ay)) - size) > 1e-9:
+            within = math.dist(centre, (ax, ay)) < size
+            own = (row, col) == tuple(math.floor(v + 1e-9) for v in a[::-1])
+            assert (circle[row, col] == 100) == (within or own)
+        distance = oracles.distance_to_segment(centre, (ax, ay), (bx, by))
+        if abs(distance - size / 2) > 1e-9:
+            assert (line[row, col] == 100) == (distance < size / 2 or (row, col) in thin)
+
+
+def test_the_last_shape_is_on_top_and_its_own_value_counts_first():
+    grid = Costmap(np.full((3, 4), 7, np.uint8), 0.5, (1.0, 2.0, 0.0))
+    wide = Polygon([(1.1, 2.1), (2.9, 2.1), (2.9, 3.4), (1.1, 3.4)], value=253)
+    drawn = draw(grid, [wide, Circle((1.75, 2.75), 0.2)], value=0)
+    assert drawn.cost.tolist() == [[253] * 4, [253, 0, 253, 253], [253] * 4]
+    assert grid.cost.tolist() == [[7] * 4] * 3
+
+
+def test_bit_maps_are_drawn_on_as_maps_are():
+    rng = np.random.default_rng(5)
+    mask = rng.random((9, 21)) < 0.3
+    bits = BitMap.from_mask(mask, 0.25, (1.5, -2.0, 0.4))
+    grid = bits.to_occupancy()
+    shapes = [
+        Polygon(turned(grid, [(2, 2), (18, 3), (9, 8)])),
+        Line(turned(grid, [(1.5, 7.5), (19.5, 1.5)]), thickness=0.6),
+    ]
+    drawn = draw(bits, shapes, value=1).to_occupancy().occupancy
+    assert np.array_equal(drawn, draw(grid, shapes, value=100).occupancy)
+    circle = Circle(turned(grid, [(10, 4)])[0], 0.8)
+    cleared = draw(bits, circle, value=0).to_occupancy().occupancy
+    assert np.array_equal(cleared, draw(grid, circle, value=0).occupancy)
+
+
+@pytest.mark.parametrize(
+    ("shape", "text"),
+    [
+        (Polygon([(9, 9), (10, 9), (9, 10)]), "polygon: lies outside"),
+        (Polygon([(0.5, 0.5), (9, 0.5), (0.5, 0.9)]), "polygon: reaches beyond"),
+        (Polygon([(0.2, 0.2), (0.6, 0.6), (0.9, 0.9)]), "polygon: has no area"),
+        (Line([(0.5, 0.5), (3.0, 0.5)]), "line: reaches beyond"),
+        (Line([(0.5, 0.5), (0.6, 0.5)], thickness=2.0), "line: reaches beyond"),
+        (Circle((0.5, 0.5), 0.6), "circle: reaches beyond"),
+        (Circle((-0.1, 0.5), 0.05), "circle: lies outside"),
+    ],
+)
+def test_what_cannot_be_drawn_as_meant_is_a_warning_or_with_strict_a_finding(shape, text):
+    grid = OccupancyGrid(np.zeros((4, 5), np.int8), 0.25)
+    with pytest.warns(MapdealWarning, match=text):
+        draw(grid, shape, value=100)
+    with pytest.raises(FindingError, match=text) as caught:
+        draw(grid, [Circle((0.5, 0.5), 0.1), shape], value=100, strict=True)
+    assert caught.value.exit_code == 1
+    assert "shape 2" in str(caught.value)
+
+
+def test_a_polygon_without_area_is_drawn_as_a_line():
+    grid = grid_from_text(EMPTY)
+    with pytest.warns(MapdealWarning, match="no area"):
+        drawn = draw(grid, Polygon(turned(grid, [(0.5, 1.5), (3.5, 1.5), (1.5, 1.5)])), value=100)
+    assert np.array_equal(drawn.occupancy, cells("......\n......\n####..\n......"))
+
+
+def test_a_shape_that_just_fits_is_none_of_these():
+    grid = OccupancyGrid(np.zeros((4, 5), np.int8), 0.25, (1.0, 2.0, 0.0))
+    shapes = [Circle((1.5, 2.5), 0.5), Polygon([(1.0, 2.0), (2.24, 2.0), (2.24, 2.99)])]
+    assert draw(grid, shapes, value=100, strict=True).occupancy.any()
+
+
+@pytest.mark.parametrize(
+    ("value", "match"), [(101, "-1 to 100"), (-2, "-1 to 100"), (None, "needs a value")]
+)
+def test_values_off_the_scale_are_refused(value, match):
+    grid = OccupancyGrid(np.zeros((4, 5), np.int8), 0.25)
+    with pytest.raises(ParameterError, match=match):
+        draw(grid, Circle((0.5, 0.5), 0.1), value=value)
+
+
+def test_the_map_that_is_drawn_on_stays_as_it_is():
+    grid = grid_from_text(EMPTY)
+    draw(grid, Circle(turned(grid, [(2, 2)])[0], 0.5), value=100)
+    assert not grid.occupancy.any()

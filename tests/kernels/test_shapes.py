@@ -1,0 +1,150 @@
+"""Lines, polygons and discs of cells against loops over all cells."""
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+import oracles
+from mapdeal.kernels.bresenham import FARTHEST_CELL, extents, line_spans
+from mapdeal.kernels.discs import capsule_spans
+from mapdeal.kernels.polygons import convex_spans, ring_spans
+from mapdeal.kernels.spans import Spans, paint, paint_bits
+
+HEIGHT, WIDTH = 7, 11
+CELLS = st.tuples(st.integers(-9, 16), st.integers(-9, 20))
+POSITIONS = st.tuples(st.floats(-5, 12), st.floats(-5, 16))
+
+
+def painted(spans, shape=(HEIGHT, WIDTH)):
+    """The cells of spans as a set of (x, y)."""
+    values = np.zeros(shape, dtype=np.uint8)
+    paint(values, spans, 1)
+    return {(x, y) for y, x in np.argwhere(values).tolist()}
+
+
+def inside(cells):
+    return {(x, y) for x, y in cells if 0 <= x < WIDTH and 0 <= y < HEIGHT}
+
+
+def swapped(cells):
+    return [(b, a) for a, b in cells]
+
+
+@given(CELLS, CELLS)
+def test_a_line_visits_the_cells_of_costmap_2d_clipped(start, stop):
+    spans = line_spans(start, stop, (HEIGHT, WIDTH))
+    assert painted(spans) == inside(oracles.line(*swapped([start, stop])))
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "cells"),
+    [
+        ((0, 0), (4, 2), [(0, 0), (1, 1), (2, 1), (3, 2), (4, 2)]),
+        ((4, 2), (0, 0), [(4, 2), (3, 1), (2, 1), (1, 0), (0, 0)]),
+        ((3, 3), (3, 3), [(3, 3)]),
+    ],
+)
+def test_recorded_lines(start, stop, cells):
+    assert oracles.line(start, stop) == cells
+    assert painted(line_spans(start[::-1], stop[::-1], (HEIGHT, WIDTH))) == set(cells)
+
+
+def test_a_line_to_the_farthest_cell_stays_exact():
+    # Slope 1/2 from (0, 0): after i steps n // 2 + i * minor is still exact at 2^61.
+    far = FARTHEST_CELL
+    lanes, low, high = extents((0, 0), (far, far // 2), 5)
+    assert lanes.tolist() == [0, 1, 2, 3, 4]
+    assert low.tolist() == high.tolist() == [0, 1, 1, 2, 2]
+    _, low, high = extents((-far, -far), (far, far), 3)
+    assert low.tolist() == high.tolist() == [0, 1, 2]
+
+
+@st.composite
+def rings(draw, least=3, most=7):
+    return draw(st.lists(CELLS, min_size=least, max_size=most))
+
+
+@given(rings())
+@example([(0, 0), (0, 0), (0, 0)])
+@example([(2, 3), (5, 9), (2, 3)])
+def test_any_ring_is_outline_and_inside(ring):
+    expected = oracles.ring_fill([swapped(ring)], WIDTH, HEIGHT)
+    assert painted(ring_spans([ring], (HEIGHT, WIDTH))) == expected
+
+
+@given(rings(), rings(3, 4))
+def test_a_second_ring_is_a_hole_with_an_outline(ring, hole):
+    expected = oracles.ring_fill([swapped(ring), swapped(hole)], WIDTH, HEIGHT)
+    assert painted(ring_spans([ring, hole], (HEIGHT, WIDTH))) == expected
+
+
+@given(rings())
+def test_the_convex_fill_is_column_by_column_for_any_ring(ring):
+    expected = inside(oracles.convex_fill(swapped(ring)))
+    assert painted(convex_spans(ring, (HEIGHT, WIDTH))) == expected
+
+
+@st.composite
+def convex_rings(draw):
+    """Lattice points in convex position, in order: the hull of some points."""
+    points = sorted(set(draw(st.lists(CELLS, min_size=3, max_size=12))))
+    chains = []
+    for row in (points, points[::-1]):
+        chain = []
+        for p in row:
+            while len(chain) > 1 and _turn(chain[-2], chain[-1], p) <= 0:
+                chain.pop()
+            chain.append(p)
+        chains += chain[:-1]
+    return chains
+
+
+def _turn(a, b, c):
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+@given(convex_rings())
+def test_both_fills_agree_on_convex_rings(ring):
+    if len(ring) < 3:
+        return
+    shape = (HEIGHT, WIDTH)
+    assert painted(convex_spans(ring, shape)) == painted(ring_spans([ring], shape))
+
+
+@given(POSITIONS, POSITIONS, st.floats(0, 9))
+@example((3.5, 5.5), (3.5, 5.5), 0.0)
+@example((3.5, 5.5), (3.5, 5.5), 2.0)
+@example((2.5, 2.5), (2.5, 8.5), 1.0)
+@example((2.5, 2.5), (6.5, 2.5), 1.0)
+@example((2.0, 3.0), (2.0000000000000004, 9.0), 1.5)
+@example((1.5, 1.5), (4.5, 5.5), 2.5)
+def test_a_capsule_holds_the_centres_within_its_radius(start, stop, radius):
+    found = painted(capsule_spans(start, stop, radius, (HEIGHT, WIDTH)))
+    for x in range(WIDTH):
+        for y in range(HEIGHT):
+            distance = oracles.distance_to_segment((y + 0.5, x + 0.5), start, stop)
+            if abs(distance - radius) > 1e-7:
+                assert ((x, y) in found) == (distance < radius)
+            elif abs(distance - radius) < 1e-12:
+                assert (x, y) in found
+
+
+def test_a_capsule_of_any_size_takes_no_time():
+    spans = capsule_spans((-1e9, 0.0), (1e9, 1e9), 1e9, (HEIGHT, WIDTH))
+    assert len(painted(spans)) == HEIGHT * WIDTH
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 3), st.integers(0, 29), st.integers(1, 29)), max_size=5),
+    st.booleans(),
+)
+def test_bits_are_painted_as_bytes_are(runs, value):
+    rng = np.random.default_rng(len(runs))
+    mask = rng.random((4, 29)) < 0.5
+    columns = np.array(runs, dtype=np.int64).reshape(-1, 3).T
+    spans = Spans(columns[0], columns[1], columns[1] + columns[2]).clipped(29)
+    packed = np.packbits(mask, axis=1)
+    paint_bits(packed, spans, value)
+    paint(mask, spans, value)
+    assert np.array_equal(packed, np.packbits(mask, axis=1))
