@@ -2,7 +2,7 @@
 
 import pytest
 
-from bad_maps import DRAWING, cells_of, write_map
+from bad_maps import DRAWING, cells_of, write_map, yaml_text
 from drawn import cells
 
 BAD_PARAMETERS = [
@@ -128,3 +128,135 @@ def test_a_clockwise_footprint_is_accepted_p5(folder, accepted):
 def test_a_footprint_of_thousands_of_vertices_is_refused_p5(refused):
     shape = str([[k % 7 + 1.0, k % 5 + 1.0] for k in range(501)])
     refused(["inflate", "m.yaml", "-o", "o.yaml", "--footprint", shape], 2, "500 vertices")
+
+
+TRIANGLE = ["--point", "1.5,-2.0", "--point", "1.6,-2.0", "--point", "1.5,-1.9"]
+BAD_EDITS = [
+    ("P5-two-points", ["polygon", *TRIANGLE[:4], "--value", "100"], "polygon", ""),
+    ("P5-nan", ["polygon", *TRIANGLE, "--point", "nan,0", "--value", "1"], "vertex 4", ""),
+    ("P5-inf", ["line", *TRIANGLE, "--point", "inf,0", "--value", "1"], "vertex 4", ""),
+    ("P5-huge", ["polygon", *TRIANGLE[:4], "--point", "0,1e11", "--value", "1"], "vertex 3", ""),
+    ("P5-too-huge", ["line", *TRIANGLE, "--point", "0,1e15", "--value", "1"], "vertex 4", ""),
+    (
+        "P5-crossing",
+        ["polygon", "--point", "1.5,-2", "--point", "1.6,-1.9", "--point", "1.6,-2", "--point",
+         "1.5,-1.9", "--value", "1"],
+        "vertex 1", "",
+    ),
+    ("P5-one-number", ["polygon", "--point", "1", "--value", "1"], "--point", ""),
+    ("P5-three-numbers", ["polygon", "--point", "1,2,3", "--value", "1"], "--point", ""),
+    ("P5-words", ["circle", "--point", "a,b", "--radius", "1", "--value", "1"], "--point", ""),
+    ("no-point", ["polygon", "--value", "100"], "--point", ""),
+    ("no-value", ["polygon", *TRIANGLE], "--value", ""),
+    ("value-off-the-scale", ["polygon", *TRIANGLE, "--value", "101"], "value", ""),
+    ("value-in-parts", ["polygon", *TRIANGLE, "--value", "1.5"], "--value", ""),
+    ("P1-no-radius", ["circle", *TRIANGLE, "--value", "1"], "--radius", ""),
+    ("P1-radius-0", ["circle", *TRIANGLE, "--radius", "0", "--value", "1"], "radius", ""),
+    ("P1-radius-nan", ["circle", *TRIANGLE, "--radius", "nan", "--value", "1"], "radius", ""),
+    ("P1-radius-huge", ["circle", *TRIANGLE, "--radius", "1e11", "--value", "1"], "radius", ""),
+    ("P1-thickness", ["line", *TRIANGLE, "--thickness", "-1", "--value", "1"], "thickness", ""),
+    ("P9-zero", ["reset", "--at", "1.5,-2", "--size", "0,1"], "size", ""),
+    ("P9-nan", ["reset", "--at", "1.5,-2", "--size", "nan,1"], "size", ""),
+    ("P9-two-places", ["reset", "--at", "1,2", "--corner", "1,2", "--size", "1,1"], "--at", ""),
+    ("P9-no-place", ["reset", "--size", "1,1"], "--at", ""),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "place", "hint"), [pytest.param(*case, id=row) for row, *case in BAD_EDITS]
+)
+def test_an_edit_that_cannot_be_is_refused(refused, words, place, hint):
+    kind, *options = words
+    refused(["edit", kind, "m.yaml", "-o", "o.npz", *options], 2, place, hint=hint)
+
+
+BAD_WINDOWS = [
+    ("P9-zero", ["window", "--at", "1.5,-2", "--size", "1,0"], "size"),
+    ("P9-negative", ["window", "--at", "1.5,-2", "--size", "-1,1"], "size"),
+    ("P9-overflow", ["window", "--at", "1.5,-2", "--size", "1e7,1e7"], "size"),
+    ("P9-far-overflow", ["window", "--corner", "1e300,0", "--size", "1,1"], "point"),
+    ("P9-no-size", ["window", "--at", "1.5,-2"], "--size"),
+    ("P10-nan", ["shift", "--origin", "nan,0"], "point"),
+    ("P10-inf", ["shift", "--origin", "0,inf"], "point"),
+    ("P10-default-off-the-scale", ["shift", "--origin", "0,0", "--default", "255"], "value"),
+    ("P10-words", ["shift", "--origin", "here"], "--origin"),
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "place"), [pytest.param(*case, id=row) for row, *case in BAD_WINDOWS]
+)
+def test_a_window_or_origin_that_cannot_be_is_refused(refused, words, place):
+    name, *options = words
+    refused([name, "m.yaml", "-o", "o.npz", *options], 2, place)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param([*TRIANGLE[:4], "--point", "1.5,9"], id="P6-partly-outside"),
+        pytest.param([f"--point={x},{y}" for x, y in [(8, 8), (9, 8), (9, 9)]], id="P6-outside"),
+        pytest.param([f"--point=1.5{k},-2" for k in range(3)], id="P6-zero-area"),
+    ],
+)
+def test_a_polygon_that_has_to_be_clipped_p6(folder, accepted, refused, words):
+    write_map(folder, yaml_text(origin="[1.5, -2.0, 0]"))
+    words = ["edit", "polygon", "m.yaml", *words, "--value", "100"]
+    refused([*words, "-o", "s.npz", "--strict"], 1, "nothing was drawn")
+    _, warned = accepted(*words, "-o", "o.npz")
+    assert len(warned) == 1
+
+
+def test_a_clockwise_polygon_is_the_same_p5(accepted):
+    corners = [(1.51, -1.98), (1.64, -1.98), (1.64, -1.91), (1.51, -1.91)]
+    for name, points in (("a", corners), ("b", corners[::-1])):
+        words = [f"--point={x},{y}" for x, y in points]
+        accepted("edit", "polygon", "m.yaml", "-o", f"{name}.npz", *words, "--value", "100")
+    assert cells_of("a.npz") == cells_of("b.npz")
+
+
+def test_a_window_larger_than_the_map_is_filled_with_unknown_p9(accepted):
+    accepted("window", "m.yaml", "-o", "o.npz", "--corner", "1.5,-2.0", "--size", "0.2,0.15")
+    expected = [[*row, -1] for row in cells(DRAWING).tolist()]
+    assert cells_of("o.npz") == [*expected, [-1] * 4]
+
+
+def test_an_origin_far_away_keeps_nothing_and_warns_p10(accepted):
+    _, warned = accepted("shift", "m.yaml", "-o", "o.npz", "--origin", "1e9,-1e9")
+    assert cells_of("o.npz") == [[-1] * 3] * 2
+    assert len(warned) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["pack", "m.yaml", "-o", "o.pgm"], 2),
+        (["pack", "m.yaml", "-o", "m.pbm", "--force"], 4),
+        (["pack", "m.yaml", "-o", "o.pbm", "--lethal-threshold", "0"], 2),
+        (["unpack", "m.yaml", "-o", "o.yaml"], 2),
+        (["unpack", "none.pbm", "-o", "o.yaml"], 4),
+        (["unpack", "m.pgm", "-o", "o.yaml"], 2),
+        (["cost", "m.yaml", "-o", "o.npz", "--mask", "none.yaml"], 4),
+        (["cost", "m.yaml", "-o", "m.npz", "--mask", "m.pgm"], 3),
+        (["convert", "m.yaml", "-o", "o.npz", "--static-layer"], 2),
+        (["convert", "m.yaml", "-o", "o.npz", "--lethal-threshold", "65"], 2),
+        (["convert", "m.yaml", "-o", "o.npz", "--encoding", "costmap2d", "--static-layer",
+          "--lethal-threshold", "101"], 2),
+        (["convert", "m.yaml", "-o", "o.npz", "--encoding", "amcl2"], 2),
+        (["edit"], 2),
+        (["edit", "star", "m.yaml"], 2),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else str(value),
+)  # fmt: skip
+def test_other_words_that_make_no_sense(refused, words, code):
+    refused(words, code)
+
+
+@pytest.mark.parametrize("name", ["edit", "convert"])
+def test_a_field_is_not_edited_nor_has_it_values(accepted, refused, name):
+    accepted("esdf", "m.yaml", "-o", "e.npz")
+    if name == "edit":
+        refused(["edit", "circle", "e.npz", "-o", "o.npz", "--point", "1.5,-2", "--radius", "1",
+                 "--value", "1"], 2, "e.npz", hint="esdf")  # fmt: skip
+    else:
+        refused(["convert", "e.npz", "-o", "o.npz", "--encoding", "amcl"], 2, "encoding")

@@ -8,6 +8,7 @@ import yaml
 
 from drawn import cells, grid_from_text
 from mapdeal import OccupancyGrid, read_map, write_map
+from mapdeal.cli.main import COMMANDS
 from mapdeal.version import __version__
 
 ROOM = "........\n.#......\n......?.\n...##..."
@@ -33,12 +34,24 @@ def test_the_package_runs_as_a_module():
     )
 
 
-@pytest.mark.parametrize("name", ["run", "active", "inflate", "esdf", "cost", "convert", "info"])
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_help(command, name):
     code, out, err = command(name, "--help")
     assert (code, err) == (0, "")
-    assert "Usage: mapdeal" in out
-    assert "--dialect" in out
+    assert f"Usage: mapdeal {name}" in out
+
+
+@pytest.mark.parametrize("kind", ["polygon", "line", "circle", "reset"])
+def test_every_kind_of_edit_has_help(command, kind):
+    code, out, err = command("edit", kind, "--help")
+    assert (code, err) == (0, "")
+    assert f"Usage: mapdeal edit {kind}" in out
+    assert "--blank" in out
+
+
+def test_no_line_of_the_command_list_is_cut_off(command):
+    for words in (["--help"], ["edit", "--help"]):
+        assert "..." not in command(*words)[1].split("Commands:")[1]
 
 
 def test_no_words_show_the_help(command):

@@ -76,7 +76,7 @@ def convert(
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Write a map, costmap or field in another format or on another scale."""
+    """Write a grid in another format or on another scale."""
     opt.start(quiet=quiet, verbose=verbose)
     layer = opt.given(
         lethal_threshold=lethal_threshold, trinary=trinary_costmap, track_unknown=track_unknown

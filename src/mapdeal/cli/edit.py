@@ -20,7 +20,7 @@ from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.pipeline.edit import Editable, edit_file
 from mapdeal.pipeline.files import FileOptions
 
-app = typer.Typer(rich_markup_mode=None, add_completion=False, no_args_is_help=True)
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 Output = Annotated[Path, opt.output_argument("OUT", "The result: .yaml (with .pgm) or .npz.")]
 Points = Annotated[
@@ -72,7 +72,7 @@ def polygon(
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Draw a filled polygon, given by its corners, or the shapes of a file.
+    """Draw a filled polygon, or the shapes of a file.
 
     A convex polygon gets the cells that costmap_2d's setConvexPolygonCost sets.
     """
@@ -106,7 +106,7 @@ def line(
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Draw a line from point to point, with both ends, or the shapes of a file."""
+    """Draw a line through points, or the shapes of a file."""
     opt.start(quiet=quiet, verbose=verbose)
     files = file_options(dialect, max_cells, force, threads, image)
 
@@ -172,7 +172,7 @@ def reset(
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Give all cells of a rectangle along the map's axes one value."""
+    """Give a rectangle along the map's axes one value."""
     opt.start(quiet=quiet, verbose=verbose)
     region = opt.region(size, at, corner)
     files = file_options(dialect, max_cells, force, threads, image)

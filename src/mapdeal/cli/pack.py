@@ -32,7 +32,7 @@ def pack(
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Write the obstacles of a map as a bit map, PBM P4, eight cells a byte."""
+    """Write the obstacles of a map as a bit map (PBM P4)."""
     opt.start(quiet=quiet, verbose=verbose)
     files = file_options(dialect, max_cells, force, threads, image)
     say_written(output, pack_file(source, output, files, lethal_threshold=lethal_threshold))

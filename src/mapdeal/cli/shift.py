@@ -38,10 +38,10 @@ def shift(
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Move the window that a map or costmap shows, as costmap_2d's updateOrigin does.
+    """Move the window that a map or costmap shows.
 
-    Cells that both places have in common are kept. The new origin is the corner of the cell
-    that holds the point asked for.
+    As costmap_2d's updateOrigin: cells that both places have in common are kept. The new
+    origin is the corner of the cell that holds the point asked for.
     """
     opt.start(quiet=quiet, verbose=verbose)
     to = opt.pair(origin, "--origin")
@@ -49,4 +49,4 @@ def shift(
     figures = edit_file(
         source, output, files, lambda grid: shift_origin(grid, to, default=default), what="shifted"
     )
-    say_written(output, figures)
+    say_written(output, figures, with_origin=True)

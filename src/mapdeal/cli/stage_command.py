@@ -44,7 +44,10 @@ def run_stage(
     say_written(output, figures)
 
 
-def say_written(output: Path, figures: Figures) -> None:
+def say_written(output: Path, figures: Figures, *, with_origin: bool = False) -> None:
     """Say in one line what was written."""
-    size = f"{figures['width']} x {figures['height']}"
-    terminal.summary([f"{output}: {size} cells, {summary_of(figures)}"])
+    text = f"{output}: {figures['width']} x {figures['height']} cells"
+    if with_origin:
+        x, y, yaw = figures["origin"]
+        text += f" at {x:.6g}, {y:.6g}" + (f", yaw {yaw:.6g}" if yaw else "")
+    terminal.summary([f"{text}, {summary_of(figures)}"])

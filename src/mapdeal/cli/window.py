@@ -30,10 +30,10 @@ def window(
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Copy a part of a map; what lies beyond the map is unknown.
+    """Copy a part of a map, or more than the map.
 
-    The window is laid along the map's own axes and begins with the cell that holds its lower
-    left corner, so that cells keep their places.
+    What lies beyond the map is unknown. The window is laid along the map's own axes and begins
+    with the cell that holds its lower left corner, so that cells keep their places.
     """
     opt.start(quiet=quiet, verbose=verbose)
     region = opt.region(size, at, corner)
@@ -41,4 +41,4 @@ def window(
     figures = change_file(
         source, output, files, lambda grid: window_of(grid, **region), what="window"
     )
-    say_written(output, figures)
+    say_written(output, figures, with_origin=True)

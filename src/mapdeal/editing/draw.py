@@ -86,10 +86,10 @@ def draw(
     """
     each = list(shapes) if isinstance(shapes, Sequence) else [shapes]
     values = [_value_of(grid, shape, name, value) for shape, name in _named(each)]
-    for text in _findings(grid, each):
+    for text, consequence in _findings(grid, each):
         if strict:
-            raise FindingError(text)
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+            raise FindingError(f"{text}; nothing was drawn")
+        warnings.warn(f"{text}; {consequence}", MapdealWarning, stacklevel=2)
     strokes = [
         (_spans_of(shape, name, grid.frame), number)
         for (shape, name), number in zip(_named(each), values, strict=True)
@@ -127,13 +127,12 @@ def _named_in_errors(name: str) -> Iterator[None]:
         raise
 
 
-def _findings(grid: Paintable, shapes: Sequence[Shape]) -> Iterator[str]:
-    """Return a line for each shape that cannot be drawn as it is meant."""
+def _findings(grid: Paintable, shapes: Sequence[Shape]) -> Iterator[tuple[str, str]]:
+    """Return what of each shape cannot be drawn as it is meant, and what is drawn instead."""
     for shape, name in _named(shapes):
         if not shape.has_extent():
-            yield f"{name}: has no area, its corners lie on a line; only the line is drawn"
-        if shape.reaches_beyond(grid.frame):
-            if _spans_of(shape, name, grid.frame).rows.size == 0:
-                yield f"{name}: lies outside of the map, nothing of it is drawn"
-            else:
-                yield f"{name}: reaches beyond the map, it is clipped"
+            yield f"{name}: has no area, its corners lie on a line", "only the line is drawn"
+        if part := shape.outside_part(grid.frame):
+            empty = _spans_of(shape, name, grid.frame).rows.size == 0
+            drawn = "nothing of the shape is drawn" if empty else "the shape is clipped"
+            yield f"{name}: {part} lies outside of the map", drawn

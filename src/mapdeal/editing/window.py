@@ -169,10 +169,11 @@ def reset_region(
     values = grid.values.copy()
     values[rows, cols] = number
     if (rows.stop - rows.start, cols.stop - cols.start) != (height, width):
+        if strict:
+            rule = "reaches beyond the map; nothing was changed"
+            raise FindingError(rule, place="region")
         outside = rows.start == rows.stop or cols.start == cols.stop
         text = "lies outside of the map" if outside else "reaches beyond the map, it is clipped"
-        if strict:
-            raise FindingError(text, place="region")
         warnings.warn(f"region: {text}", MapdealWarning, stacklevel=2)
     return grid.with_values(values)
 

@@ -38,8 +38,8 @@ class Shape(Protocol):
         """Return the cells of a grid that the shape covers."""
         ...
 
-    def reaches_beyond(self, frame: Frame) -> bool:
-        """Return whether a part of the shape lies outside of a grid."""
+    def outside_part(self, frame: Frame) -> str | None:
+        """Return what of the shape lies outside of a grid, in words; None if nothing does."""
         ...
 
     def has_extent(self) -> bool:
@@ -96,9 +96,9 @@ class Polygon:
             return convex_spans(rings[0], frame.shape)
         return ring_spans(rings, frame.shape)
 
-    def reaches_beyond(self, frame: Frame) -> bool:
-        """Return whether a corner lies outside of a grid; upper edges are outside."""
-        return not bool(frame.contains(self.points_xy).all())
+    def outside_part(self, frame: Frame) -> str | None:
+        """Return the first corner outside of a grid, in words; upper edges are outside."""
+        return _outside_vertex(frame, self.points_xy)
 
     def has_extent(self) -> bool:
         """Return whether the corners do not all lie on one line."""
@@ -157,11 +157,12 @@ class Line:
             parts += [capsule_spans(a, b, radius, frame.shape) for a, b in pairwise(places)]
         return joined(parts)
 
-    def reaches_beyond(self, frame: Frame) -> bool:
-        """Return whether a part of the line, its thickness included, lies outside of a grid."""
-        if not bool(frame.contains(self.points_xy).all()):
-            return True
-        return _disc_reaches_beyond(frame, self.points_xy, self.thickness / 2)
+    def outside_part(self, frame: Frame) -> str | None:
+        """Return the first point outside of a grid, or the thickness, in words."""
+        if vertex := _outside_vertex(frame, self.points_xy):
+            return vertex
+        beyond = _disc_reaches_beyond(frame, self.points_xy, self.thickness / 2)
+        return "its thickness" if beyond else None
 
     def has_extent(self) -> bool:
         """Return True: a line is meant to have none."""
@@ -215,11 +216,12 @@ class Circle:
         disc = capsule_spans(place, place, radius, frame.shape)
         return joined([line_spans(cell, cell, frame.shape), disc])
 
-    def reaches_beyond(self, frame: Frame) -> bool:
-        """Return whether a part of the circle lies outside of a grid."""
+    def outside_part(self, frame: Frame) -> str | None:
+        """Return the center, if it is outside of a grid, or the rim, in words."""
         if not bool(frame.contains([self.center_xy]).all()):
-            return True
-        return _disc_reaches_beyond(frame, [self.center_xy], self.radius)
+            return "its center"
+        beyond = _disc_reaches_beyond(frame, [self.center_xy], self.radius)
+        return "its rim" if beyond else None
 
     def has_extent(self) -> bool:
         """Return True: its radius is above 0."""
@@ -257,6 +259,15 @@ def _near_radius(frame: Frame, radius: float, place: str) -> float:
         rule = f"must not be more than {FARTHEST_CELL} cells"
         raise ParameterError(rule, place=place, got=radius)
     return cells
+
+
+def _outside_vertex(frame: Frame, points: Sequence[Point]) -> str | None:
+    inside = frame.contains(points)
+    if inside.all():
+        return None
+    index = int(np.argmin(inside))
+    x, y = points[index]
+    return f"vertex {index + 1}, ({x:g}, {y:g}),"
 
 
 def _disc_reaches_beyond(frame: Frame, points: Sequence[Point], radius: float) -> bool:
