@@ -98,6 +98,23 @@ def test_a_mask_drawn_on_a_blank_grid_saved_and_laid_over_the_costs(
     assert (read_map(output).cost[drawn.occupancy == 80] >= 203).all()
 
 
+def test_a_mask_that_is_unknown_outside_of_its_shapes_changes_nothing_there(
+    command, room, tmp_path
+):
+    mask, output = tmp_path / "mask.yaml", tmp_path / "cost.npz"
+    command("edit", "circle", room, "-o", mask, "--blank", "--background", -1, "--point",
+            "2.0,-1.8", "--radius", 0.15, "--value", 100)  # fmt: skip
+    drawn = read_map(mask).occupancy
+    assert set(np.unique(drawn).tolist()) == {-1, 100}
+    assert command("cost", room, "-o", output, "--mask", mask)[2] == ""
+    expected = exponential_cost(read_map(room)).cost.copy()
+    expected[drawn == 100] = 254
+    assert np.array_equal(read_map(output).cost, expected)
+    code, _, err = command("edit", "circle", room, "-o", tmp_path / "x.yaml", "--background", -1,
+                           "--point", "2.0,-1.8", "--radius", 0.15, "--value", 100)  # fmt: skip
+    assert (code, "--blank" in err) == (2, True)
+
+
 def test_a_mask_on_costs_of_the_other_scale(command, room, tmp_path):
     mask, output = tmp_path / "mask.npz", tmp_path / "cost.yaml"
     command("edit", "reset", room, "-o", mask, "--blank", "--corner", "1.5,-2", "--size", "0.2,0.2",

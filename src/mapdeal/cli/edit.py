@@ -41,6 +41,14 @@ File = Annotated[
     ),
 ]
 Blank = Annotated[bool, typer.Option("--blank", help="Start from 0 everywhere, to draw a mask.")]
+Background = Annotated[
+    int | None,
+    typer.Option(
+        metavar="V",
+        help="With --blank: start from V instead, such as -1, unknown, for a mask that says "
+        "nothing outside of its shapes.",
+    ),
+]
 Strict = Annotated[
     bool,
     typer.Option("--strict", help="Draw nothing, exit code 1, if anything has to be clipped."),
@@ -63,6 +71,7 @@ def polygon(
     file: File = None,
     value: Value = None,
     blank: Blank = False,
+    background: Background = None,
     strict: Strict = False,
     image: opt.Image = None,
     dialect: opt.Dialect = opt.DialectName.nav2,
@@ -82,7 +91,8 @@ def polygon(
     def shapes(points: list[Point]) -> list[Shape]:
         return [Polygon(points)]
 
-    _draw(source, output, files, shapes, point, file, value, blank=blank, strict=strict)
+    start = _start(blank, background)
+    _draw(source, output, files, shapes, point, file, value, start, strict=strict)
 
 
 @app.command()
@@ -97,6 +107,7 @@ def line(
     file: File = None,
     value: Value = None,
     blank: Blank = False,
+    background: Background = None,
     strict: Strict = False,
     image: opt.Image = None,
     dialect: opt.Dialect = opt.DialectName.nav2,
@@ -113,7 +124,8 @@ def line(
     def shapes(points: list[Point]) -> list[Shape]:
         return [Line(points, thickness)]
 
-    _draw(source, output, files, shapes, point, file, value, blank=blank, strict=strict)
+    start = _start(blank, background)
+    _draw(source, output, files, shapes, point, file, value, start, strict=strict)
 
 
 @app.command()
@@ -127,6 +139,7 @@ def circle(
     file: File = None,
     value: Value = None,
     blank: Blank = False,
+    background: Background = None,
     strict: Strict = False,
     image: opt.Image = None,
     dialect: opt.Dialect = opt.DialectName.nav2,
@@ -145,7 +158,8 @@ def circle(
             raise ParameterError("is needed for a circle", source="--radius")
         return [Circle(center, radius) for center in points]
 
-    _draw(source, output, files, shapes, point, file, value, blank=blank, strict=strict)
+    start = _start(blank, background)
+    _draw(source, output, files, shapes, point, file, value, start, strict=strict)
 
 
 @app.command()
@@ -163,6 +177,7 @@ def reset(
         ),
     ] = None,
     blank: Blank = False,
+    background: Background = None,
     strict: Strict = False,
     image: opt.Image = None,
     dialect: opt.Dialect = opt.DialectName.nav2,
@@ -177,9 +192,10 @@ def reset(
     region = opt.region(size, at, corner)
     files = file_options(dialect, max_cells, force, threads, image)
 
+    start = _start(blank, background)
+
     def change(grid: Editable) -> Editable:
-        start = blank_of(grid) if blank else grid
-        return reset_region(start, value=value, strict=strict, **region)
+        return reset_region(start(grid), value=value, strict=strict, **region)
 
     say_written(output, edit_file(source, output, files, change, what="region reset"))
 
@@ -192,8 +208,8 @@ def _draw(
     points: list[str] | None,
     file: Path | None,
     value: int | None,
+    start: Callable[[Editable], Editable],
     *,
-    blank: bool,
     strict: bool,
 ) -> None:
     """Draw the shapes of a file, if there is one, and over them the one of the points."""
@@ -207,8 +223,17 @@ def _draw(
         raise ParameterError("is needed to draw with", source="--value", hint=hint)
 
     def change(grid: Editable) -> Editable:
-        return draw(blank_of(grid) if blank else grid, shapes, value=value, strict=strict)
+        return draw(start(grid), shapes, value=value, strict=strict)
 
     kinds = dict.fromkeys(shape.kind for shape in shapes)
-    what = f"{', '.join(kinds)} drawn" + (" on a blank grid" if blank else "")
+    what = f"{', '.join(kinds)} drawn"
     say_written(output, edit_file(source, output, files, change, what=what))
+
+
+def _start(blank: bool, background: int | None) -> Callable[[Editable], Editable]:
+    """Return what makes of a map the grid that is drawn on."""
+    if background is not None and not blank:
+        raise ParameterError("needs --blank", source="--background")
+    if not blank:
+        return lambda grid: grid
+    return lambda grid: blank_of(grid, background or 0)

@@ -178,9 +178,12 @@ def reset_region(
     return grid.with_values(values)
 
 
-def blank(grid: V) -> V:
-    """Return a grid of the same kind and geometry in which every value is 0, to draw a mask."""
-    return grid.with_values(np.zeros_like(grid.values))
+def blank(grid: V, value: int = 0) -> V:
+    """Return a grid of the same kind and geometry in which every cell has one value.
+
+    To draw a mask on: one that is unknown outside of its shapes changes nothing there.
+    """
+    return grid.with_values(np.full_like(grid.values, grid.accept_value(value)))
 
 
 def _region(

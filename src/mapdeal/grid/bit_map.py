@@ -15,6 +15,7 @@ from mapdeal.grid.framed import Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.shapes import Circle, Line
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
+from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.spans import Spans, paint_bits
 from mapdeal.kernels.threads import for_rows
 
@@ -141,8 +142,9 @@ class BitMap(Framed):
 
     def contains(self, cells_rowcol: ArrayLike) -> NDArray[np.bool_]:
         """Return for each cell (row, column), shape (N, 2), whether it lies in the grid."""
-        cells = np.asarray(cells_rowcol).reshape(-1, 2)
-        inside: NDArray[np.bool_] = np.all((cells >= 0) & (cells < self.shape), axis=1)
+        rows, cols = np.asarray(cells_rowcol).reshape(-1, 2).T
+        height, width = self.shape
+        inside: NDArray[np.bool_] = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
         return inside
 
     def get(self, cells_rowcol: ArrayLike) -> NDArray[np.bool_]:
@@ -245,7 +247,7 @@ class BitMap(Framed):
     def count(self) -> int:
         """Return the number of ones."""
         ones = np.unpackbits(np.arange(256, dtype=np.uint8)[:, np.newaxis], axis=1).sum(axis=1)
-        return int(np.bincount(self.packed.ravel(), minlength=256) @ ones)
+        return int(histogram(self.packed) @ ones)
 
     def with_packed(self, packed: NDArray[np.uint8]) -> BitMap:
         """Return a bit map of the same geometry with other bits."""
@@ -270,10 +272,10 @@ class BitMap(Framed):
         cells = np.asarray(cells_rowcol)
         if cells.size and cells.dtype.kind not in "iu":
             raise ParameterError("cells must be whole numbers", got=cells.dtype.name)
-        cells = cells.reshape(-1, 2).astype(np.int64)
-        outside = ~self.contains(cells)
-        if outside.any():
-            first = tuple(cells[int(np.argmax(outside))].tolist())
+        cells = cells.reshape(-1, 2).astype(np.int64, copy=False)
+        inside = self.contains(cells)
+        if not inside.all():
+            first = tuple(cells[int(np.argmin(inside))].tolist())
             rule = f"lies outside of the {self.shape[0]} x {self.shape[1]} cells"
             raise ParameterError(rule, place="cell", got=first)
         return cells[:, 0], cells[:, 1]
