@@ -123,6 +123,15 @@ def test_a_mask_on_costs_of_the_other_scale(command, room, tmp_path):
     assert (read_map(output).occupancy[:2, :2] == 99).all()
 
 
+def test_the_mask_is_an_input_that_no_output_may_replace(command, room, tmp_path):
+    mask = tmp_path / "mask.npz"
+    command("convert", room, "-o", mask)
+    before = mask.read_bytes()
+    code, _, err = command("cost", room, "-o", mask, "--mask", mask, "--force")
+    assert (code, "the output is the input" in err) == (4, True)
+    assert mask.read_bytes() == before
+
+
 def test_a_reset_region_is_unknown_unless_a_value_is_given(command, room, costs, tmp_path):
     words = ["--corner", "1.6,-1.9", "--size", "0.2,0.1"]
     command("edit", "reset", room, "-o", tmp_path / "a.yaml", *words)
@@ -315,3 +324,25 @@ def test_commands_do_what_the_library_does(command, room, tmp_path):
             0.17, "--value", 42)  # fmt: skip
     expected = draw(read_map(room), Circle((1.83, -1.77), 0.17), value=42)
     assert np.array_equal(read_map(tmp_path / "o.npz").occupancy, expected.occupancy)
+
+
+def test_a_keepout_mask_of_a_real_map_from_zones_to_costs(command, real_maps, tmp_path):
+    depot = next(real_maps.rglob("depot.yaml"))
+    zones = tmp_path / "zones.yaml"
+    zones.write_text(
+        "shapes:\n"
+        "- {type: polygon, points: [[2, 2], [8, 2], [8, 5], [5, 3.5], [2, 5]], value: 100}\n"
+        "- {type: polygon, points: [[20, 3], [26, 4], [25, 9]], value: 80}\n"
+    )
+    mask = tmp_path / "mask.yaml"
+    words = ["edit", "polygon", depot, "-o", mask, "--blank", "--file", zones, "--strict"]
+    assert command(*words)[0] == 0
+    drawn = read_map(mask)
+    assert drawn.frame == read_map(depot).frame
+    # A point in the bay of the first, one in each zone, and one far away.
+    points = [(5, 4.5), (3, 3), (24, 5), (15, 12)]
+    cells, _ = drawn.frame.bounded_rowcol_from_xy(points)
+    assert drawn.occupancy[tuple(cells.T)].tolist() == [0, 100, 80, 0]
+    assert command("cost", depot, "-o", tmp_path / "c.npz", "--mask", mask)[0] == 0
+    cost, plain = read_map(tmp_path / "c.npz").cost, exponential_cost(read_map(depot)).cost
+    assert np.array_equal(cost, np.maximum(plain, np.round(drawn.occupancy * 2.54)))

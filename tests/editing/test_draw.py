@@ -107,6 +107,16 @@ def test_the_bay_of_a_concave_polygon_stays_empty():
     assert np.array_equal(drawn.occupancy, cells("##.##.\n##.##.\n#####.\n#####."))
 
 
+def test_a_bay_to_the_side_stays_empty_where_costmap_2d_fills_columns():
+    grid = grid_from_text("\n".join(["......"] * 5))
+    corners = [(0, 0), (5, 0), (5, 1), (2, 1), (2, 3), (5, 3), (5, 4), (0, 4)]
+    middles = [(x + 0.5, y + 0.5) for x, y in corners]
+    drawn = draw(grid, Polygon(turned(grid, middles)), value=100)
+    expected = cells("######\n######\n###...\n######\n######")
+    assert np.array_equal(drawn.occupancy, expected)
+    assert len(oracles.convex_fill(corners)) == 30
+
+
 def test_a_hole_keeps_its_edge():
     grid = OccupancyGrid(np.zeros((7, 8), np.int8), 0.25, (1.5, -2.0, 0.4))
     outer = turned(grid, [(0.5, 0.5), (6.5, 0.5), (6.5, 6.5), (0.5, 6.5)])
@@ -209,6 +219,8 @@ def test_bit_maps_are_drawn_on_as_maps_are():
         (Line([(0.5, 0.5), (3.0, 0.5)]), "line: vertex 2, (3, 0.5), lies"),
         (Line([(0.5, 0.5), (0.6, 0.5)], thickness=2.0), "line: its thickness lies"),
         (Circle((0.5, 0.5), 0.6), "circle: its rim lies"),
+        (Circle((1.1, 0.5), 0.2), "its rim lies"),
+        (Circle((0.5, 0.9), 0.2), "its rim lies"),
         (Circle((-0.1, 0.5), 0.05), "circle: its center lies outside of the map; nothing"),
     ],
 )

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from mapdeal import Circle, Frame, Line, ParameterError, Polygon
-from mapdeal.grid.outline import is_convex
 
 
 @pytest.mark.parametrize(
@@ -52,25 +51,3 @@ def test_a_shape_of_a_thousand_kilometres_is_clipped_in_no_time():
     for row, start, stop in zip(*(column.tolist() for column in spans), strict=True):
         values[row, start:stop] = 1
     assert values.all()
-
-
-@pytest.mark.parametrize(
-    ("points", "convex"),
-    [
-        ([(0, 0), (4, 0), (4, 3), (0, 3)], True),
-        ([(0, 3), (4, 3), (4, 0), (0, 0)], True),
-        ([(0, 0), (2, 0), (4, 0), (4, 3), (4, 3), (0, 3)], True),
-        ([(0, 0), (4, 0), (4, 3), (2, 1), (0, 3)], False),
-        ([(0, 0), (4, 0), (2, 0), (2, 3)], False),
-        ([(0.1, 0.1), (0.2, 0.2), (0.3, 0.3), (0.0, 0.3)], True),
-    ],
-)
-def test_convexity_at_any_place_and_size(points, convex):
-    assert is_convex(points) is convex
-    assert is_convex([(1e6 + 1e3 * x, -2e6 + 1e3 * y) for x, y in points]) is convex
-
-
-def test_an_octagon_is_convex_wherever_it_lies():
-    for x in (0.0, 1e5):
-        corners = [(x + math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8)]
-        assert is_convex(corners)

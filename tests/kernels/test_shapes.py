@@ -1,14 +1,16 @@
 """Lines, polygons and discs of cells against loops over all cells."""
 
+import math
+
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import oracles
 from mapdeal.kernels.bresenham import FARTHEST_CELL, extents, line_spans
 from mapdeal.kernels.discs import capsule_spans
-from mapdeal.kernels.polygons import convex_spans, ring_spans
+from mapdeal.kernels.polygons import polygon_spans
 from mapdeal.kernels.spans import Spans, paint, paint_bits
 
 HEIGHT, WIDTH = 7, 11
@@ -70,46 +72,37 @@ def rings(draw, least=3, most=7):
 @example([(2, 3), (5, 9), (2, 3)])
 def test_any_ring_is_outline_and_inside(ring):
     expected = oracles.ring_fill([swapped(ring)], WIDTH, HEIGHT)
-    assert painted(ring_spans([ring], (HEIGHT, WIDTH))) == expected
+    assert painted(polygon_spans([ring], (HEIGHT, WIDTH))) == expected
 
 
 @given(rings(), rings(3, 4))
 def test_a_second_ring_is_a_hole_with_an_outline(ring, hole):
     expected = oracles.ring_fill([swapped(ring), swapped(hole)], WIDTH, HEIGHT)
-    assert painted(ring_spans([ring, hole], (HEIGHT, WIDTH))) == expected
-
-
-@given(rings())
-def test_the_convex_fill_is_column_by_column_for_any_ring(ring):
-    expected = inside(oracles.convex_fill(swapped(ring)))
-    assert painted(convex_spans(ring, (HEIGHT, WIDTH))) == expected
+    assert painted(polygon_spans([ring, hole], (HEIGHT, WIDTH))) == expected
 
 
 @st.composite
-def convex_rings(draw):
-    """Lattice points in convex position, in order: the hull of some points."""
-    points = sorted(set(draw(st.lists(CELLS, min_size=3, max_size=12))))
-    chains = []
-    for row in (points, points[::-1]):
-        chain = []
-        for p in row:
-            while len(chain) > 1 and _turn(chain[-2], chain[-1], p) <= 0:
-                chain.pop()
-            chain.append(p)
-        chains += chain[:-1]
-    return chains
+def convex_polygons(draw):
+    """Points in convex position and in order, in cells: some of a turned ellipse."""
+    angles = draw(st.lists(st.floats(0, 6.28), min_size=3, max_size=9, unique=True))
+    middle, turn = draw(POSITIONS), draw(st.floats(0, 3))
+    long, short = draw(st.floats(0.1, 12)), draw(st.floats(0.01, 12))
+    points = []
+    for angle in sorted(angles):
+        u, v = long * math.cos(angle), short * math.sin(angle)
+        points.append((
+            middle[0] + u * math.cos(turn) - v * math.sin(turn),
+            middle[1] + u * math.sin(turn) + v * math.cos(turn),
+        ))  # fmt: skip
+    return points
 
 
-def _turn(a, b, c):
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-@given(convex_rings())
-def test_both_fills_agree_on_convex_rings(ring):
-    if len(ring) < 3:
-        return
-    shape = (HEIGHT, WIDTH)
-    assert painted(convex_spans(ring, shape)) == painted(ring_spans([ring], shape))
+@given(convex_polygons())
+@settings(max_examples=500)
+def test_convex_polygons_are_filled_as_costmap_2d_fills_columns(points):
+    ring = [(math.floor(row), math.floor(col)) for row, col in points]
+    expected = inside(oracles.convex_fill(swapped(ring)))
+    assert painted(polygon_spans([ring], (HEIGHT, WIDTH))) == expected
 
 
 @given(POSITIONS, POSITIONS, st.floats(0, 9))

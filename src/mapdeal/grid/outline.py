@@ -1,4 +1,4 @@
-"""Polygons as lists of corners: edges, crossings, convexity, area."""
+"""Polygons as lists of corners: edges, crossings, area."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError
 
 Point = tuple[float, float]
-
-_STRAIGHT = 1e-9
-"""Sine of the turn up to which three corners count as one line."""
 
 
 def checked_corners(
@@ -67,40 +64,19 @@ def check_simple(points: Sequence[Point], what: str) -> None:
     """Refuse outlines whose edges cross, naming the edge by its first corner."""
     starts = np.array(points, dtype=np.float64)
     ends = np.roll(starts, -1, axis=0)
+    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
     for i in range(len(points) - 1):
-        a, b, c, d = starts[i], ends[i], starts[i + 1 :], ends[i + 1 :]
+        # Most edges are far from each other, which four comparisons tell.
+        near = (low[i + 1 :, 0] <= high[i, 0]) & (high[i + 1 :, 0] >= low[i, 0])
+        near &= (low[i + 1 :, 1] <= high[i, 1]) & (high[i + 1 :, 1] >= low[i, 1])
+        others = i + 1 + np.flatnonzero(near)
+        a, b, c, d = starts[i], ends[i], starts[others], ends[others]
         apart = np.sign(_side(a, b, c)) * np.sign(_side(a, b, d)) < 0
         crosses = apart & (np.sign(_side(c, d, a)) * np.sign(_side(c, d, b)) < 0)
         if crosses.any():
-            other = i + 1 + int(np.argmax(crosses))
+            other = int(others[np.argmax(crosses)])
             rule = f"the edge crosses the one that starts at vertex {other + 1}"
             raise ParameterError(rule, place=f"{what} vertex {i + 1}", got=points[i])
-
-
-def is_convex(points: Sequence[Point]) -> bool:
-    """Return whether a polygon without crossings bulges outwards everywhere.
-
-    Corners on a straight line and repeated corners do no harm.
-
-    Examples
-    --------
-    >>> is_convex([(0, 0), (2, 0), (2, 0), (4, 0), (2, 3)])
-    True
-    >>> is_convex([(0, 0), (4, 0), (2, 1), (2, 3)])
-    False
-    """
-    distinct = [p for p, following in edges_of(points) if p != following]
-    if len(distinct) < 3:
-        return True
-    corners = np.array(distinct, dtype=np.float64)
-    along = np.roll(corners, -1, axis=0) - corners
-    following = np.roll(along, -1, axis=0)
-    turn = _cross(along, following)
-    lengths = np.hypot(along[:, 0], along[:, 1])
-    straight = np.abs(turn) <= _STRAIGHT * lengths * np.roll(lengths, -1)
-    backwards = straight & (np.einsum("ij,ij->i", along, following) < 0)
-    bends = turn[~straight]
-    return not backwards.any() and bool((bends > 0).all() or (bends < 0).all())
 
 
 def area_of(points: Sequence[Point]) -> float:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import CELL_TOLERANCE, Frame
-from mapdeal.grid.outline import Point, area_of, check_simple, checked_corners, is_convex
+from mapdeal.grid.outline import Point, area_of, check_simple, checked_corners
 from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, line_spans
 from mapdeal.kernels.discs import capsule_spans
-from mapdeal.kernels.polygons import convex_spans, ring_spans
+from mapdeal.kernels.polygons import polygon_spans
 from mapdeal.kernels.spans import Spans, joined
 
 _LARGEST_COORDINATE = 1e12
@@ -68,9 +68,8 @@ class Polygon:
     Notes
     -----
     Corners are moved to the centres of their cells, the edges between them are costmap_2d's
-    lines of cells, and the rest is what lies between. A convex polygon without holes is filled
-    column by column, cell for cell as ``setConvexPolygonCost`` does. That function fills the
-    bays of concave ones, too; here they stay empty.
+    lines of cells, and the rest is what lies between. For a convex polygon those are the cells
+    that ``setConvexPolygonCost`` sets; of concave ones it fills bays, too, which stay empty here.
 
     Examples
     --------
@@ -92,9 +91,7 @@ class Polygon:
     def spans(self, frame: Frame) -> Spans:
         """Return the cells of a grid that the polygon covers."""
         rings = [_cells(frame, ring, self.kind) for ring in (self.points_xy, *self.holes_xy)]
-        if len(rings) == 1 and is_convex(self.points_xy):
-            return convex_spans(rings[0], frame.shape)
-        return ring_spans(rings, frame.shape)
+        return polygon_spans(rings, frame.shape)
 
     def outside_part(self, frame: Frame) -> str | None:
         """Return the first corner outside of a grid, in words; upper edges are outside."""

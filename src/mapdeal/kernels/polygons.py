@@ -7,65 +7,39 @@ from itertools import pairwise
 
 import numpy as np
 
-from mapdeal.kernels.bresenham import Cell, extents, line_spans
+from mapdeal.kernels.bresenham import Cell, line_spans
 from mapdeal.kernels.spans import Indices, Spans, joined
 
 
-def convex_spans(corners: Sequence[Cell], shape: tuple[int, int]) -> Spans:
-    """Return the cells of a convex polygon as costmap_2d fills it.
-
-    Parameters
-    ----------
-    corners : sequence of tuple of int
-        Row and column of each corner's cell, in the grid or not, at most
-        `mapdeal.kernels.bresenham.FARTHEST_CELL` away from it.
-    shape : tuple of int
-        Rows and columns of the grid.
-
-    Notes
-    -----
-    The outline by `line_spans`, and in each column everything between its lowest and its
-    highest cell (``convexFillCells``). What is left of a polygon that reaches beyond the grid
-    is exactly its part inside of it.
-    """
-    height, width = shape
-    lowest = np.full(width, height, dtype=np.int64)
-    highest = np.full(width, -1, dtype=np.int64)
-    for (row, col), (next_row, next_col) in _edges(corners):
-        cols, low, high = extents((col, row), (next_col, next_row), width)
-        lowest[cols] = np.minimum(lowest[cols], low)
-        highest[cols] = np.maximum(highest[cols], high)
-    crossed = np.flatnonzero(lowest <= highest)
-    if crossed.size == 0:
-        return joined([])
-    left, right = int(crossed[0]), int(crossed[-1]) + 1
-    lowest, highest = lowest[left:right], highest[left:right]
-    bottom, top = max(int(lowest.min()), 0), min(int(highest.max()), height - 1)
-    parts = []
-    for row in range(bottom, top + 1):
-        inside = np.zeros(right - left + 2, dtype=np.int8)
-        inside[1:-1] = (lowest <= row) & (row <= highest)
-        ends = left + np.flatnonzero(np.diff(inside)).reshape(-1, 2)
-        parts.append(Spans(np.full(len(ends), row), ends[:, 0], ends[:, 1]))
-    return joined(parts)
-
-
-def ring_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Spans:
-    """Return the cells of a polygon of any form, with holes or without.
+def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Spans:
+    """Return the cells of a polygon of any form, with holes or without, that lie in a grid.
 
     Parameters
     ----------
     rings : sequence of sequences of tuple of int
-        The corners of the outline and of each hole, as in `convex_spans`.
+        Row and column of each corner's cell, of the outline and of each hole; in the grid or
+        not, at most `mapdeal.kernels.bresenham.FARTHEST_CELL` away from it.
     shape : tuple of int
         Rows and columns of the grid.
 
     Notes
     -----
     The outlines by `line_spans`, and every cell whose centre an odd number of edges between
-    the corners' centres surround. For a convex polygon of cells that is `convex_spans`.
+    the corners' centres surround. What is left of a polygon that reaches beyond the grid is
+    exactly its part inside of it.
+
+    For a convex polygon these are the cells of costmap_2d's ``convexFillCells``, which fills
+    each column from its lowest to its highest cell: a column meets just two of its edges, also
+    after the corners were moved to their cells, since that keeps their order along both axes;
+    and a cell between the two lines of cells lies between the edges.
+
+    Examples
+    --------
+    >>> spans = polygon_spans([[(0, 0), (0, 4), (3, 0)]], (9, 9))
+    >>> sorted(set(zip(*(column.tolist() for column in spans))))[-1]
+    (3, 0, 1)
     """
-    edges = [edge for ring in rings for edge in _edges(ring)]
+    edges = [edge for ring in rings for edge in pairwise([*ring, ring[0]])]
     outlines = [line_spans(*edge, shape) for edge in edges]
     return joined([*outlines, _inside(edges, shape)])
 
@@ -91,7 +65,3 @@ def _inside(edges: list[tuple[Cell, Cell]], shape: tuple[int, int]) -> Spans:
     rows, cols = rows[order], cols[order]
     # A closed ring crosses a row an even number of times: enter, leave, enter, leave.
     return Spans(rows[::2], cols[::2], cols[1::2]).clipped(shape[1])
-
-
-def _edges(corners: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
-    return list(pairwise([*corners, corners[0]]))
