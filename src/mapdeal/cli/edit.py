@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
+from mapdeal.cli import terminal
 from mapdeal.cli.stage_command import file_options, say_written
 from mapdeal.editing.draw import draw
 from mapdeal.editing.window import blank as blank_of
@@ -225,6 +226,9 @@ def _draw(
     def change(grid: Editable) -> Editable:
         return draw(start(grid), shapes, value=value, strict=strict)
 
+    for index, shape in enumerate(shapes):
+        number = shape.value if shape.value is not None else value
+        terminal.detail(f"shape {index + 1}: {shape.kind}, value {number}")
     kinds = dict.fromkeys(shape.kind for shape in shapes)
     what = f"{', '.join(kinds)} drawn"
     say_written(output, edit_file(source, output, files, change, what=what))

@@ -169,6 +169,8 @@ def pair(text: str, name: str) -> tuple[float, float]:
 
 def region(size: str, at: str | None, corner: str | None) -> dict[str, Any]:
     """Return a region of a grid as functions on grids take it."""
+    place = f"at {at}" if corner is None else f"corner {corner}"
+    terminal.detail(f"region: {place}, size {size}")
     if at is not None and corner is not None:
         raise ParameterError("cannot be given together with --corner", source="--at")
     if at is not None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
+from mapdeal.cli import terminal
 from mapdeal.cli.stage_command import file_options, say_written
 from mapdeal.editing.window import shift_origin
 from mapdeal.pipeline.edit import edit_file
@@ -45,6 +46,8 @@ def shift(
     """
     opt.start(quiet=quiet, verbose=verbose)
     to = opt.pair(origin, "--origin")
+    shown = "unknown" if default is None else default
+    terminal.detail(f"shift: origin {to[0]:g}, {to[1]:g}, default {shown}")
     files = file_options(dialect, max_cells, force, threads, image)
     figures = edit_file(
         source, output, files, lambda grid: shift_origin(grid, to, default=default), what="shifted"

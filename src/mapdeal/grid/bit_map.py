@@ -237,6 +237,12 @@ class BitMap(Framed):
             Metres.
         value : bool
             What its cells become.
+
+        Examples
+        --------
+        >>> bits = BitMap.from_mask([[0, 0, 0, 0], [0, 0, 0, 0]], 1.0).circle((2.5, 0.5), 1.0)
+        >>> bits.to_mask().astype(int).tolist()
+        [[0, 1, 1, 1], [0, 0, 1, 0]]
         """
         return self.painted([(Circle(center_xy, radius).spans(self.frame), value)])
 

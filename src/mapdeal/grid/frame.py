@@ -175,8 +175,20 @@ class Frame:
     def clamped_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Return the cells that points fall into, or for points outside the nearest border cell.
 
-        Parameters, returns and errors are those of `unbounded_rowcol_from_xy`, but all cells
-        are inside of the grid.
+        Parameters
+        ----------
+        points_xy : array_like of float, shape (N, 2)
+            Points in the map frame, metres.
+
+        Returns
+        -------
+        numpy.ndarray of int64, shape (N, 2)
+            Row and column of each, all of them inside of the grid.
+
+        Raises
+        ------
+        ParameterError
+            If a coordinate is not finite, or beyond 1e12 m.
 
         References
         ----------

@@ -73,8 +73,12 @@ class Polygon:
 
     Examples
     --------
-    >>> Polygon([(0, 0), (2, 0), (2, 1), (0, 1)]).has_extent()
-    True
+    >>> room = Polygon([(0.5, 0.5), (2.5, 0.5), (2.5, 1.5), (0.5, 1.5)], value=100)
+    >>> spans = room.spans(Frame(4, 9, 1.0))
+    >>> sorted(set(zip(*(column.tolist() for column in spans))))[-1]  # row 1, columns 0 .. 2
+    (1, 2, 3)
+    >>> room.has_extent(), Polygon([(0, 0), (1, 1), (2, 2)]).has_extent()
+    (True, False)
     """
 
     points_xy: Sequence[Point]
@@ -127,6 +131,12 @@ class Line:
     The cells of costmap_2d's ``raytraceLine`` from the cell of each point to that of the next,
     and with a thickness every cell whose centre lies within half of it from the line. The ends
     are round.
+
+    Examples
+    --------
+    >>> spans = Line([(0.5, 0.5), (3.5, 0.5)]).spans(Frame(2, 9, 1.0))
+    >>> spans.rows.tolist(), spans.starts.tolist(), spans.stops.tolist()
+    ([0], [0], [4])
     """
 
     points_xy: Sequence[Point]
@@ -188,6 +198,13 @@ class Circle:
     -----
     Every cell whose centre lies within the radius, as in `mapdeal.inflate`, and the cell that
     holds the circle's own centre.
+
+    Examples
+    --------
+    >>> Circle((2.0, 2.0), 0.5).outside_part(Frame(4, 9, 1.0)) is None
+    True
+    >>> Circle((2.0, 2.0), 2.5).outside_part(Frame(4, 9, 1.0))
+    'its rim'
     """
 
     center_xy: Point
