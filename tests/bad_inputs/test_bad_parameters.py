@@ -155,6 +155,15 @@ BAD_EDITS = [
     ("P1-radius-nan", ["circle", *TRIANGLE, "--radius", "nan", "--value", "1"], "radius", ""),
     ("P1-radius-huge", ["circle", *TRIANGLE, "--radius", "1e11", "--value", "1"], "radius", ""),
     ("P1-thickness", ["line", *TRIANGLE, "--thickness", "-1", "--value", "1"], "thickness", ""),
+    ("P1-thickness-of-a-file", ["line", "--file", "z.yaml", "--thickness", "1"], "--point", ""),
+    ("P1-radius-of-a-file", ["circle", "--file", "z.yaml", "--radius", "1"], "--point", ""),
+    ("overlay", ["polygon", *TRIANGLE, "--overlay", "add", "--value", "1"], "--overlay", ""),
+    ("background-alone", ["line", *TRIANGLE, "--background", "1", "--value", "1"], "--blank", ""),
+    (
+        "background-off-the-scale",
+        ["polygon", *TRIANGLE, "--blank", "--background", "101", "--value", "1"],
+        "background", "",
+    ),
     ("P9-zero", ["reset", "--at", "1.5,-2", "--size", "0,1"], "size", ""),
     ("P9-nan", ["reset", "--at", "1.5,-2", "--size", "nan,1"], "size", ""),
     ("P9-two-places", ["reset", "--at", "1,2", "--corner", "1,2", "--size", "1,1"], "--at", ""),
@@ -178,7 +187,7 @@ BAD_WINDOWS = [
     ("P9-no-size", ["window", "--at", "1.5,-2"], "--size"),
     ("P10-nan", ["shift", "--origin", "nan,0"], "point"),
     ("P10-inf", ["shift", "--origin", "0,inf"], "point"),
-    ("P10-default-off-the-scale", ["shift", "--origin", "0,0", "--default", "255"], "value"),
+    ("P10-default-off-the-scale", ["shift", "--origin", "0,0", "--default", "255"], "default"),
     ("P10-words", ["shift", "--origin", "here"], "--origin"),
 ]
 
@@ -243,6 +252,8 @@ def test_an_origin_far_away_keeps_nothing_and_warns_p10(accepted):
         (["convert", "m.yaml", "-o", "o.npz", "--encoding", "costmap2d", "--static-layer",
           "--lethal-threshold", "101"], 2),
         (["convert", "m.yaml", "-o", "o.npz", "--encoding", "amcl2"], 2),
+        (["convert", "m.yaml", "-o", "o.npz", "--encoding", "costmap2d", "--static-layer",
+          "--inscribed-value", "many"], 2),
         (["edit"], 2),
         (["edit", "star", "m.yaml"], 2),
     ],
@@ -260,3 +271,30 @@ def test_a_field_is_not_edited_nor_has_it_values(accepted, refused, name):
                  "--value", "1"], 2, "e.npz", hint="esdf")  # fmt: skip
     else:
         refused(["convert", "e.npz", "-o", "o.npz", "--encoding", "amcl"], 2, "encoding")
+        refused(["pack", "e.npz", "-o", "o.pbm", "--lethal-threshold", "50"], 2, "threshold")
+        refused(["window", "e.npz", "-o", "o.npz", "--corner", "1.5,-2", "--size", "0.05,0.05",
+                 "--default", "0"], 2, "default")  # fmt: skip
+
+
+def test_what_is_wrong_with_a_shape_of_a_file_is_the_file_s_fault(folder, refused, accepted):
+    def shapes(text):
+        (folder / "z.yaml").write_text(f"shapes:\n- {{type: circle, {text}}}\n")
+        return ["edit", "circle", "m.yaml", "-o", "o.npz", "--file", "z.yaml"]
+
+    refused(shapes("center: [1.5, -2], radius: 1, value: 254"), 3, "z.yaml: shape 1 (line 2)")
+    refused(shapes("center: [1.5, -2], radius: 1e11, value: 1"), 3, "z.yaml: shape 1 (line 2)")
+    refused(shapes("center: [1.5, -2], radius: 1"), 2, "--value", hint="z.yaml: shape 1 (line 2)")
+    outside = shapes("center: [99, -2], radius: 1, value: 1")
+    refused([*outside, "--strict"], 1, "z.yaml: shape 1 (line 2): circle")
+    assert "z.yaml: shape 1 (line 2): circle" in accepted(*outside)[1][0]
+
+
+def test_files_that_were_mixed_up_are_told_apart(folder, refused):
+    (folder / "z.yaml").write_text("shapes:\n- {type: circle, center: [0, 0], radius: 1}\n")
+    (folder / "r.yaml").write_text("stages: [esdf]\n")
+    (folder / "l.yaml").write_text("- {type: circle, center: [0, 0], radius: 1}\n")
+    refused(["cost", "m.yaml", "-o", "o.npz", "--mask", "z.yaml"], 3, "z.yaml", hint="edit")
+    refused(["inflate", "r.yaml", "-o", "o.npz"], 3, "r.yaml", hint="--recipe")
+    words = ["edit", "circle", "m.yaml", "-o", "o.npz", "--value", "1", "--file"]
+    refused([*words, "l.yaml"], 3, "l.yaml", hint="shapes:")
+    refused([*words, "m.yaml"], 3, "missing key shapes", hint="shapes:")

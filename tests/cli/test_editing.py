@@ -181,6 +181,28 @@ def test_window_and_shift_tell_where_they_end_up(command, room, tmp_path):
     assert np.array_equal(read_map(tmp_path / "s.yaml").occupancy, expected.occupancy)
 
 
+def test_what_lies_beyond_the_map_can_have_a_value(command, room, tmp_path):
+    command("window", room, "-o", tmp_path / "w.npz", "--corner", "2.2,-1.7", "--size", "0.2,0.1",
+            "--default", 7)  # fmt: skip
+    assert read_map(tmp_path / "w.npz").occupancy.tolist() == [[0, 7]]
+
+
+@pytest.mark.parametrize(
+    ("overlay", "row"), [("seq", [60, 80, 80, 20, 20, 20]), ("max", [60, 80, 80, 80, 80, 20])]
+)
+def test_which_of_two_zones_wins(command, room, tmp_path, overlay, row):
+    zones = tmp_path / "zones.yaml"
+    zones.write_text(
+        "shapes:\n"
+        "- {type: line, points: [[1.55, -1.95], [1.75, -1.95]], value: 60}\n"
+        "- {type: line, points: [[1.65, -1.95], [1.95, -1.95]], value: 80}\n"
+        "- {type: line, points: [[1.85, -1.95], [2.05, -1.95]], value: 20}\n"
+    )
+    words = ["edit", "line", room, "-o", tmp_path / "o.npz", "--blank", "--background", -1]
+    assert command(*words, "--file", zones, "--overlay", overlay)[0] == 0
+    assert read_map(tmp_path / "o.npz").occupancy[0].tolist() == [*row, -1, -1]
+
+
 def test_a_yaw_is_honoured_by_every_command(command, tmp_path):
     write_map(tmp_path / "m.yaml", grid_from_text("....\n....\n....", 0.1, (1.5, -2.0, 0.4)))
     grid = read_map(tmp_path / "m.yaml")
@@ -244,6 +266,8 @@ def test_keys_that_map_server_does_not_know_are_kept(command, room, tmp_path):
         (["--static-layer", "--no-trinary-costmap"], [0, 2, 127, 253, 254, 255]),
         (["--static-layer", "--lethal-threshold", 50], [0, 0, 254, 253, 254, 255]),
         (["--static-layer", "--no-track-unknown"], [0, 0, 0, 253, 254, 0]),
+        (["--static-layer", "--inscribed-value", "none"], [0, 0, 0, 0, 254, 255]),
+        (["--static-layer", "--inscribed-value", 50], [0, 0, 253, 0, 254, 255]),
     ],
 )
 def test_a_map_as_costs(command, tmp_path, options, expected):

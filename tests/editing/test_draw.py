@@ -185,6 +185,32 @@ def test_the_last_shape_is_on_top_and_its_own_value_counts_first():
     assert grid.cost.tolist() == [[7] * 4] * 3
 
 
+@pytest.mark.parametrize("scale", ["costmap2d", "occupancy"])
+@pytest.mark.parametrize(("overlay", "wins"), [("max", max), ("min", min)])
+def test_the_larger_or_the_smaller_value_wins_and_unknown_gives_way(scale, overlay, wins):
+    unknown, top = (255, 254) if scale == "costmap2d" else (-1, 100)
+    values = [unknown, *range(top + 1)]
+    dtype = np.uint8 if scale == "costmap2d" else np.int8
+    grid = Costmap(np.array([values], dtype), 0.5, (1.0, 2.0, 0.0), scale)
+    line = Line([(1.25, 2.25), (0.75 + 0.5 * len(values), 2.25)])
+    for value in (0, 50, top):
+        drawn = draw(grid, line, value=value, overlay=overlay).cost[0].tolist()
+        assert drawn == [value, *(wins(old, value) for old in values[1:])]
+    assert (draw(grid, line, value=unknown).cost == unknown).all()
+
+
+def test_bits_with_overlays():
+    bits = BitMap.from_mask([[0, 1, 0, 1]], 0.5, (1.0, 2.0, 0.0))
+    line = Line([(1.25, 2.25), (2.25, 2.25)])
+    cases = [("max", 1, [1, 1, 1, 1]), ("max", 0, [0, 1, 0, 1])]
+    cases += [("min", 1, [0, 1, 0, 1]), ("min", 0, [0, 0, 0, 1])]
+    for overlay, value, expected in cases:
+        drawn = draw(bits, line, value=value, overlay=overlay)
+        assert drawn.to_mask()[0].tolist() == expected
+    with pytest.raises(ParameterError, match="overlay"):
+        draw(bits, line, value=1, overlay="add")
+
+
 def test_bit_maps_are_drawn_on_as_maps_are():
     rng = np.random.default_rng(5)
     mask = rng.random((9, 21)) < 0.3
@@ -208,6 +234,7 @@ def test_bit_maps_are_drawn_on_as_maps_are():
             Polygon([(9, 9), (10, 9), (9, 10)]),
             "polygon: vertex 1, (9, 9), lies outside of the map; nothing",
         ),
+        (Polygon([(0, 0), (1.25, 0), (0, 0.9)]), "vertex 2, (1.25, 0) (upper edges belong to no"),
         (
             Polygon([(0.5, 0.5), (9, 0.5), (0.5, 0.9)]),
             "polygon: vertex 2, (9, 0.5), lies outside of the map; the shape is clipped",

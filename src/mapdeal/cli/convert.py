@@ -68,6 +68,14 @@ def convert(
             show_default=False,
         ),
     ] = None,
+    inscribed_value: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N|none",
+            help="With --static-layer: this value becomes 253, as in Nav2 lyrical and newer; none "
+            "as before and in ROS 1.  [default: 99]",
+        ),
+    ] = None,
     image: opt.Image = None,
     dialect: opt.Dialect = opt.DialectName.nav2,
     max_cells: opt.MaxCells = None,
@@ -81,6 +89,8 @@ def convert(
     layer = opt.given(
         lethal_threshold=lethal_threshold, trinary=trinary_costmap, track_unknown=track_unknown
     )
+    if inscribed_value is not None:
+        layer["inscribed_value"] = _number_or_none(inscribed_value)
     if layer and not static_layer:
         words = {"trinary": "--trinary-costmap"}
         name = next(iter(layer))
@@ -96,3 +106,13 @@ def convert(
         static_layer=layer if static_layer else None,
     )
     say_written(output, figures)
+
+
+def _number_or_none(text: str) -> int | None:
+    if text == "none":
+        return None
+    try:
+        return int(text)
+    except ValueError:
+        rule = "must be a whole number from 0 to 100, or none"
+        raise ParameterError(rule, source="--inscribed-value", got=text) from None

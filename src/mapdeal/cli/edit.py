@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -21,9 +23,17 @@ from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.pipeline.edit import Editable, edit_file
 from mapdeal.pipeline.files import FileOptions
 
+
+class OverlayName(StrEnum):
+    """Which of two values wins, by the words of Nav2's vector object server."""
+
+    seq = "seq"
+    max = "max"
+    min = "min"
+
+
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
-Output = Annotated[Path, opt.output_argument("OUT", "The result: .yaml (with .pgm) or .npz.")]
 Points = Annotated[
     list[str] | None,
     typer.Option("--point", metavar="X,Y", help="A point, metres; repeat it for each."),
@@ -38,7 +48,15 @@ Value = Annotated[
 File = Annotated[
     Path | None,
     typer.Option(
-        metavar="SHAPES", help="Draw the shapes of a YAML or GeoJSON file, of whatever kind."
+        metavar="SHAPES",
+        help="Draw the shapes of a YAML or GeoJSON file, of whatever kind, one after the other.",
+    ),
+]
+Overlay = Annotated[
+    OverlayName,
+    typer.Option(
+        help="What wins in a cell: the later (seq), the larger (max) or the smaller value (min). "
+        "Unknown gives way to all."
     ),
 ]
 Blank = Annotated[bool, typer.Option("--blank", help="Start from 0 everywhere, to draw a mask.")]
@@ -52,7 +70,10 @@ Background = Annotated[
 ]
 Strict = Annotated[
     bool,
-    typer.Option("--strict", help="Draw nothing, exit code 1, if anything has to be clipped."),
+    typer.Option(
+        "--strict",
+        help="Draw nothing, exit code 1, if anything has to be clipped or has no area.",
+    ),
 ]
 
 
@@ -67,10 +88,11 @@ def edit() -> None:
 @app.command()
 def polygon(
     source: opt.MapArgument,
-    output: Output,
+    output: opt.GridOutput,
     point: Points = None,
     file: File = None,
     value: Value = None,
+    overlay: Overlay = OverlayName.seq,
     blank: Blank = False,
     background: Background = None,
     strict: Strict = False,
@@ -88,25 +110,23 @@ def polygon(
     """
     opt.start(quiet=quiet, verbose=verbose)
     files = file_options(dialect, max_cells, force, threads, image)
-
-    def shapes(points: list[Point]) -> list[Shape]:
-        return [Polygon(points)]
-
-    start = _start(blank, background)
-    _draw(source, output, files, shapes, point, file, value, start, strict=strict)
+    own: list[Shape] = [Polygon(_points(point))] if point else []
+    drawing = _Drawing(_gathered(file, own), value, overlay.value, strict)
+    _draw(source, output, files, drawing, _start(blank, background))
 
 
 @app.command()
 def line(
     source: opt.MapArgument,
-    output: Output,
+    output: opt.GridOutput,
     point: Points = None,
     thickness: Annotated[
-        float,
-        typer.Option(metavar="M", help="Thickness; 0 for a line of single cells."),
-    ] = 0.0,
+        float | None,
+        typer.Option(metavar="M", help="Thickness of the line.  [default: a single cell]"),
+    ] = None,
     file: File = None,
     value: Value = None,
+    overlay: Overlay = OverlayName.seq,
     blank: Blank = False,
     background: Background = None,
     strict: Strict = False,
@@ -121,24 +141,23 @@ def line(
     """Draw a line through points, or the shapes of a file."""
     opt.start(quiet=quiet, verbose=verbose)
     files = file_options(dialect, max_cells, force, threads, image)
-
-    def shapes(points: list[Point]) -> list[Shape]:
-        return [Line(points, thickness)]
-
-    start = _start(blank, background)
-    _draw(source, output, files, shapes, point, file, value, start, strict=strict)
+    _refuse_without_points("--thickness", thickness, point)
+    own: list[Shape] = [Line(_points(point), thickness or 0.0)] if point else []
+    drawing = _Drawing(_gathered(file, own), value, overlay.value, strict)
+    _draw(source, output, files, drawing, _start(blank, background))
 
 
 @app.command()
 def circle(
     source: opt.MapArgument,
-    output: Output,
+    output: opt.GridOutput,
     point: Points = None,
     radius: Annotated[
         float | None, typer.Option(metavar="M", help="Radius of the circle around each point.")
     ] = None,
     file: File = None,
     value: Value = None,
+    overlay: Overlay = OverlayName.seq,
     blank: Blank = False,
     background: Background = None,
     strict: Strict = False,
@@ -153,20 +172,18 @@ def circle(
     """Draw filled circles around points, or the shapes of a file."""
     opt.start(quiet=quiet, verbose=verbose)
     files = file_options(dialect, max_cells, force, threads, image)
-
-    def shapes(points: list[Point]) -> list[Shape]:
-        if radius is None:
-            raise ParameterError("is needed for a circle", source="--radius")
-        return [Circle(center, radius) for center in points]
-
-    start = _start(blank, background)
-    _draw(source, output, files, shapes, point, file, value, start, strict=strict)
+    _refuse_without_points("--radius", radius, point)
+    if point and radius is None:
+        raise ParameterError("is needed for a circle", source="--radius")
+    own: list[Shape] = [Circle(center, radius or 0.0) for center in _points(point)]
+    drawing = _Drawing(_gathered(file, own), value, overlay.value, strict)
+    _draw(source, output, files, drawing, _start(blank, background))
 
 
 @app.command()
 def reset(
     source: opt.MapArgument,
-    output: Output,
+    output: opt.GridOutput,
     size: opt.Size,
     at: opt.At = None,
     corner: opt.Corner = None,
@@ -201,35 +218,58 @@ def reset(
     say_written(output, edit_file(source, output, files, change, what="region reset"))
 
 
+@dataclass(frozen=True)
+class _Drawing:
+    """What is to be drawn, and how."""
+
+    shapes: list[Shape]
+    value: int | None
+    overlay: Literal["seq", "max", "min"]
+    strict: bool
+
+
+def _points(texts: list[str] | None) -> list[Point]:
+    return [opt.pair(text, "--point") for text in texts or ()]
+
+
+def _refuse_without_points(name: str, given: float | None, points: list[str] | None) -> None:
+    if given is not None and not points:
+        rule = "needs --point: the shapes of a file have their own"
+        raise ParameterError(rule, source=name)
+
+
+def _gathered(file: Path | None, own: list[Shape]) -> list[Shape]:
+    """Return the shapes of a file, if there is one, and over them those of the points."""
+    if not own and file is None:
+        raise ParameterError("one of the two is needed", source="--point, --file")
+    return [*([] if file is None else read_shapes(file)), *own]
+
+
 def _draw(
     source: Path,
     output: Path,
     files: FileOptions,
-    shapes_at: Callable[[list[Point]], list[Shape]],
-    points: list[str] | None,
-    file: Path | None,
-    value: int | None,
+    drawing: _Drawing,
     start: Callable[[Editable], Editable],
-    *,
-    strict: bool,
 ) -> None:
-    """Draw the shapes of a file, if there is one, and over them the one of the points."""
-    if not points and file is None:
-        raise ParameterError("one of the two is needed", source="--point, --file")
-    shapes = [] if file is None else read_shapes(file)
-    if points:
-        shapes += shapes_at([opt.pair(text, "--point") for text in points])
-    if value is None and any(shape.value is None for shape in shapes):
-        hint = "some shapes of the file have no value of their own" if file else None
-        raise ParameterError("is needed to draw with", source="--value", hint=hint)
+    for shape in drawing.shapes:
+        number = shape.value if shape.value is not None else drawing.value
+        name = ": ".join(part for part in (shape.source, shape.kind) if part)
+        if number is None:
+            hint = f"{name} has no value of its own" if shape.source else None
+            raise ParameterError("is needed to draw with", source="--value", hint=hint)
+        terminal.detail(f"{name}: value {number}")
 
     def change(grid: Editable) -> Editable:
-        return draw(start(grid), shapes, value=value, strict=strict)
+        return draw(
+            start(grid),
+            drawing.shapes,
+            value=drawing.value,
+            overlay=drawing.overlay,
+            strict=drawing.strict,
+        )
 
-    for index, shape in enumerate(shapes):
-        number = shape.value if shape.value is not None else value
-        terminal.detail(f"shape {index + 1}: {shape.kind}, value {number}")
-    kinds = dict.fromkeys(shape.kind for shape in shapes)
+    kinds = dict.fromkeys(shape.kind for shape in drawing.shapes)
     what = f"{', '.join(kinds)} drawn"
     say_written(output, edit_file(source, output, files, change, what=what))
 

@@ -98,15 +98,25 @@ FootprintPadding = Annotated[
 Size = Annotated[
     str, typer.Option(metavar="WX,WY", help="Metres along the columns and along the rows.")
 ]
-At = Annotated[str | None, typer.Option(metavar="X,Y", help="Where the middle goes.")]
+At = Annotated[str | None, typer.Option(metavar="X,Y", help="The middle, in the map frame.")]
 Corner = Annotated[
-    str | None, typer.Option(metavar="X,Y", help="Or where the lower left corner goes.")
+    str | None,
+    typer.Option(
+        metavar="X,Y",
+        help="Or the corner at its first cell, in the map frame: the lower left one, if the map "
+        "has no yaw.",
+    ),
 ]
 
 
 def output_argument(metavar: str, help_text: str) -> Any:
     """Return the option -o of a command."""
     return typer.Option("--output", "-o", metavar=metavar, help=help_text)
+
+
+GridOutput = Annotated[
+    Path, output_argument("OUT", "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz.")
+]
 
 
 def stage_option(

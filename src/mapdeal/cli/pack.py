@@ -21,9 +21,14 @@ def pack(
         Path, opt.output_argument("OUT.pbm", "The bit map; its .yaml is written beside it.")
     ],
     lethal_threshold: Annotated[
-        int,
-        typer.Option(metavar="N", min=1, max=100, help="Occupancy of an obstacle, 1..100."),
-    ] = 100,
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            max=100,
+            help="Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.",
+        ),
+    ] = None,
     image: opt.Image = None,
     dialect: opt.Dialect = opt.DialectName.nav2,
     max_cells: opt.MaxCells = None,

@@ -19,7 +19,9 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @app.command()
 def shift(
     source: opt.MapArgument,
-    output: Annotated[Path, opt.output_argument("OUT", "The result: .yaml (with .pgm) or .npz.")],
+    output: Annotated[
+        Path, opt.output_argument("OUT", "The result: .yaml or .pgm, .png, or .npz.")
+    ],
     origin: Annotated[
         str,
         typer.Option(metavar="X,Y", help="Where the lower left corner goes, by whole cells."),

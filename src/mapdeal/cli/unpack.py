@@ -19,7 +19,9 @@ def unpack(
     source: Annotated[
         Path, typer.Argument(metavar="IN.pbm", help="A bit map with its .yaml beside it.")
     ],
-    output: Annotated[Path, opt.output_argument("OUT", "The result: .yaml (with .pgm) or .npz.")],
+    output: Annotated[
+        Path, opt.output_argument("OUT", "The result: .yaml or .pgm, .png, or .npz.")
+    ],
     image: opt.Image = None,
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,

@@ -18,10 +18,19 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @app.command()
 def window(
     source: opt.MapArgument,
-    output: Annotated[Path, opt.output_argument("OUT", "The result: .yaml (with .pgm) or .npz.")],
+    output: Annotated[
+        Path, opt.output_argument("OUT", "The result: .yaml or .pgm, .png, or .npz.")
+    ],
     size: opt.Size,
     at: opt.At = None,
     corner: opt.Corner = None,
+    default: Annotated[
+        int | None,
+        typer.Option(
+            metavar="V",
+            help="Value of cells beyond the map.  [default: unknown, -1 of a map, 255 of costs]",
+        ),
+    ] = None,
     image: opt.Image = None,
     dialect: opt.Dialect = opt.DialectName.nav2,
     max_cells: opt.MaxCells = None,
@@ -39,6 +48,10 @@ def window(
     region = opt.region(size, at, corner)
     files = file_options(dialect, max_cells, force, threads, image)
     figures = change_file(
-        source, output, files, lambda grid: window_of(grid, **region), what="window"
+        source,
+        output,
+        files,
+        lambda grid: window_of(grid, default=default, **region),
+        what="window",
     )
     say_written(output, figures, with_origin=True)

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol, Self, TypeVar
 
-from mapdeal.errors import FindingError, MapdealWarning, ParameterError
+from mapdeal.errors import FindingError, MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.shapes import Shape
+from mapdeal.grid.values import Overlay
 from mapdeal.kernels.spans import Spans
 
 
@@ -21,11 +22,11 @@ class Paintable(Protocol):
         """The geometry of the grid."""
         ...
 
-    def accept_value(self, value: float) -> int:
+    def accept_value(self, value: float, name: str = "value") -> int:
         """Return a value that the grid can hold, or raise."""
         ...
 
-    def painted(self, strokes: Iterable[tuple[Spans, int]]) -> Self:
+    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: Overlay = "seq") -> Self:
         """Return the grid with spans of cells at new values."""
         ...
 
@@ -34,19 +35,28 @@ G = TypeVar("G", bound=Paintable)
 
 
 def draw(
-    grid: G, shapes: Sequence[Shape] | Shape, *, value: int | None = None, strict: bool = False
+    grid: G,
+    shapes: Sequence[Shape] | Shape,
+    *,
+    value: int | None = None,
+    overlay: Overlay = "seq",
+    strict: bool = False,
 ) -> G:
-    """Return a grid with shapes drawn into it, one over the other.
+    """Return a grid with shapes drawn into it, one after the other.
 
     Parameters
     ----------
     grid : OccupancyGrid, Costmap or BitMap
         What to draw on; its yaw is honoured.
     shapes : Polygon, Line or Circle, or a sequence of them
-        In metres in the map frame, the last on top.
+        In metres in the map frame.
     value : int, optional
         For shapes that bring none of their own, on the grid's own scale: -1..100 for a map,
         0..255 for costs on scale ``costmap2d``, 0 or 1 for a bit map.
+    overlay : {'seq', 'max', 'min'}
+        What wins where a shape meets a cell that has a value already, of another shape or of
+        the grid: the later one, the larger, or the smaller, as in Nav2's vector object server.
+        Unknown cells take any value.
     strict : bool
         Whether a shape that does not lie in the grid as a whole, or a polygon without area, is
         an error; nothing is drawn then.
@@ -60,6 +70,8 @@ def draw(
     ------
     ParameterError
         If a shape has no value, or one that is not on the grid's scale.
+    MalformedInputError
+        If that is so of a shape that was read from a file.
     FindingError
         If `strict` finds something.
 
@@ -84,55 +96,51 @@ def draw(
            [100, 100, 100,   0,   0],
            [  0,   0,   0,   0,   0]], dtype=int8)
     """
+    if overlay not in ("seq", "max", "min"):
+        raise ParameterError("must be one of seq, max, min", place="overlay", got=overlay)
     each = list(shapes) if isinstance(shapes, Sequence) else [shapes]
-    values = [_value_of(grid, shape, name, value) for shape, name in _named(each)]
-    for text, consequence in _findings(grid, each):
+    strokes = []
+    findings = []
+    for index, shape in enumerate(each):
+        name = shape.kind if shape.source or len(each) == 1 else f"shape {index + 1}, {shape.kind}"
+        with _about(shape, name):
+            number = _value_of(grid, shape, value)
+            spans = shape.spans(grid.frame)
+        strokes.append((spans, number))
+        findings += [(shape, name, *text) for text in _findings(grid, shape, spans)]
+    for shape, name, text, consequence in findings:
         if strict:
-            raise FindingError(f"{text}; nothing was drawn")
-        warnings.warn(f"{text}; {consequence}", MapdealWarning, stacklevel=2)
-    strokes = [
-        (_spans_of(shape, name, grid.frame), number)
-        for (shape, name), number in zip(_named(each), values, strict=True)
-    ]
-    return grid.painted(strokes)
+            source = shape.source or None
+            raise FindingError(f"{text}; nothing was drawn", source=source, place=name)
+        where = ": ".join(part for part in (shape.source, name) if part)
+        warnings.warn(f"{where}: {text}; {consequence}", MapdealWarning, stacklevel=2)
+    return grid.painted(strokes, overlay)
 
 
-def _named(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, str]]:
-    """Return each shape and what a message calls it."""
-    for index, shape in enumerate(shapes):
-        yield shape, shape.kind if len(shapes) == 1 else f"shape {index + 1}, {shape.kind}"
-
-
-def _value_of(grid: Paintable, shape: Shape, name: str, value: int | None) -> int:
+def _value_of(grid: Paintable, shape: Shape, value: int | None) -> int:
     number = shape.value if shape.value is not None else value
     if number is None:
-        raise ParameterError("needs a value to be drawn with", place=name)
-    with _named_in_errors(name):
-        return grid.accept_value(number)
-
-
-def _spans_of(shape: Shape, name: str, frame: Frame) -> Spans:
-    with _named_in_errors(name):
-        return shape.spans(frame)
+        raise ParameterError("needs a value to be drawn with")
+    return grid.accept_value(number)
 
 
 @contextmanager
-def _named_in_errors(name: str) -> Iterator[None]:
-    """Have errors about one shape of several say which."""
+def _about(shape: Shape, name: str) -> Iterator[None]:
+    """Have errors say which shape they are about; one from a file is the file's fault."""
     try:
         yield
     except ParameterError as error:
-        if not str(error.place).startswith(name):
-            error.place = f"{name}: {error.place}"
+        if not str(error.place).startswith(shape.kind) or name != shape.kind:
+            error.place = ": ".join(part for part in (name, error.place) if part)
+        if shape.source:
+            raise MalformedInputError(str(error), source=shape.source) from None
         raise
 
 
-def _findings(grid: Paintable, shapes: Sequence[Shape]) -> Iterator[tuple[str, str]]:
-    """Return what of each shape cannot be drawn as it is meant, and what is drawn instead."""
-    for shape, name in _named(shapes):
-        if not shape.has_extent():
-            yield f"{name}: has no area, its corners lie on a line", "only the line is drawn"
-        if part := shape.outside_part(grid.frame):
-            empty = _spans_of(shape, name, grid.frame).rows.size == 0
-            drawn = "nothing of the shape is drawn" if empty else "the shape is clipped"
-            yield f"{name}: {part} lies outside of the map", drawn
+def _findings(grid: Paintable, shape: Shape, spans: Spans) -> Iterator[tuple[str, str]]:
+    """Return what of a shape cannot be drawn as it is meant, and what is drawn instead."""
+    if not shape.has_extent():
+        yield "has no area, its corners lie on a line", "only the line is drawn"
+    if part := shape.outside_part(grid.frame):
+        drawn = "the shape is clipped" if spans.rows.size else "nothing of the shape is drawn"
+        yield f"{part} lies outside of the map", drawn

@@ -23,7 +23,12 @@ V = TypeVar("V", bound=ValueGrid)
 
 
 def window(
-    grid: G, *, size_xy: Point, corner_xy: Point | None = None, center_xy: Point | None = None
+    grid: G,
+    *,
+    size_xy: Point,
+    corner_xy: Point | None = None,
+    center_xy: Point | None = None,
+    default: int | None = None,
 ) -> G:
     """Return a part of a grid, which may reach beyond it.
 
@@ -38,11 +43,13 @@ def window(
         it, so that cells keep their places whatever the yaw.
     center_xy : tuple of float, optional
         The middle instead of the corner: the corner is half the size from it.
+    default : int, optional
+        Value of cells outside of `grid`, on its scale; unknown if not given.
 
     Returns
     -------
     OccupancyGrid, Costmap or DistanceField
-        Of the kind of `grid`; cells outside of it are unknown.
+        Of the kind of `grid`.
 
     Raises
     ------
@@ -73,7 +80,8 @@ def window(
     if height * width > _MOST_CELLS:
         rule = f"a window must not have more than {_MOST_CELLS} cells"
         raise ParameterError(rule, place="size", got=(width, height))
-    return _copied(grid, row, col, height, width)
+    fill = None if default is None else _default_of(grid, default)
+    return _copied(grid, row, col, height, width, fill=fill, what="window")
 
 
 def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
@@ -112,9 +120,9 @@ def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
     >>> shifted.occupancy.tolist(), shifted.origin
     ([[3, 0, 0]], (0.2, 2.0, 0.0))
     """
-    fill = grid.unknown_value if default is None else grid.accept_value(default)
+    fill = None if default is None else _default_of(grid, default)
     row, col = grid.frame.unbounded_rowcol_from_xy([origin_xy])[0].tolist()
-    return _copied(grid, row, col, *grid.shape, fill=fill)
+    return _copied(grid, row, col, *grid.shape, fill=fill, what="origin")
 
 
 def reset_region(
@@ -183,7 +191,13 @@ def blank(grid: V, value: int = 0) -> V:
 
     To draw a mask on: one that is unknown outside of its shapes changes nothing there.
     """
-    return grid.with_values(np.full_like(grid.values, grid.accept_value(value)))
+    return grid.with_values(np.full_like(grid.values, grid.accept_value(value, "background")))
+
+
+def _default_of(grid: Framed, value: int) -> int:
+    if not isinstance(grid, ValueGrid):
+        raise ParameterError("a distance field takes none", place="default", got=value)
+    return grid.accept_value(value, "default")
 
 
 def _region(
@@ -207,7 +221,7 @@ def _region(
 
 
 def _copied(
-    grid: G, row: int, col: int, height: int, width: int, *, fill: int | None = None
+    grid: G, row: int, col: int, height: int, width: int, *, fill: int | None, what: str
 ) -> G:  # fmt: skip
     rows, cols = _overlap(row, height, grid.shape[0]), _overlap(col, width, grid.shape[1])
     origin = grid.frame.window(row, col, height, width).origin
@@ -222,7 +236,7 @@ def _copied(
         raise ParameterError("takes a map, a costmap or a field", source="window")
     if 0 in shared:
         text = "lies outside of the map, no cell is kept"
-        warnings.warn(f"window: {text}", MapdealWarning, stacklevel=3)
+        warnings.warn(f"{what}: {text}", MapdealWarning, stacklevel=3)
     values: NDArray[np.generic] = np.full(
         (height, width), grid.unknown_value if fill is None else fill, dtype=grid.values.dtype
     )

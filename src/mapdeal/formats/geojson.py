@@ -124,20 +124,21 @@ class _Reader:
         if value is not None and value % 1:
             raise self.error("must be a whole number", f"{place}: value", got=value)
         whole = None if value is None else int(value)
+        source = f"{self._path}: {place}"
         try:
             if kind == "Polygon":
                 rings = [self._ring(ring, place) for ring in self._list(part, place)]
                 if not rings:
                     raise self.error("a Polygon needs a ring of coordinates", place)
-                return Polygon(rings[0], rings[1:], whole)
+                return Polygon(rings[0], rings[1:], whole, source)
             if kind == "LineString":
                 thickness = self._number(properties, "thickness", place) or 0.0
-                return Line(self._points(part, place), thickness, whole)
+                return Line(self._points(part, place), thickness, whole, source)
             radius = self._number(properties, "radius", place)
             if radius is None:
                 rule = "a Point needs a property radius, in metres, to be a circle"
                 raise self.error(rule, place)
-            return Circle(self._points([part], place)[0], radius, whole)
+            return Circle(self._points([part], place)[0], radius, whole, source)
         except ParameterError as error:
             error.place = f"{place}: {error.place}"
             raise MalformedInputError(str(error), source=self._path) from None

@@ -64,12 +64,12 @@ def read_source(
     return Source(pair.grid, pair.files, pair.metadata)
 
 
-def as_occupancy(grid: Grid) -> OccupancyGrid:
+def as_occupancy(grid: Grid, what: str = "the input") -> OccupancyGrid:
     """Return the map in a grid: a field's own, a costmap's as ROS would publish it."""
     if isinstance(grid, DistanceField):
         return grid.grid
     if isinstance(grid, Costmap):
-        text = "the input holds costs; taken as the occupancy that ROS would publish for them"
+        text = f"{what} holds costs; taken as the occupancy that ROS would publish for them"
         warnings.warn(text, MapdealWarning, stacklevel=2)
         return grid.to_occupancy()
     return grid

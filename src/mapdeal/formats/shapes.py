@@ -17,6 +17,7 @@ _KEYS = {
     "line": ("type", "points", "thickness", "value"),
     "circle": ("type", "center", "radius", "value"),
 }
+_FORM = "a file of shapes has a list: shapes: [{type: polygon, points: [[x, y], ...]}, ...]"
 
 
 def read_shapes(path: Path | str) -> list[Shape]:
@@ -52,10 +53,13 @@ def read_shapes(path: Path | str) -> list[Shape]:
 
 
 def _shapes_of(path: Path) -> Iterator[Shape]:
-    entries = read_mapping(path)
+    try:
+        entries = read_mapping(path)
+    except MalformedInputError as error:
+        error.hint = error.hint or _FORM
+        raise
     if "shapes" not in entries:
-        hint = "write a list: shapes: [{type: polygon, points: [[x, y], ...]}, ...]"
-        raise MalformedInputError("missing key shapes", source=path, hint=hint)
+        raise MalformedInputError("missing key shapes", source=path, hint=_FORM)
     for key, entry in entries.items():
         if key != "shapes":
             raise entry.error("no such key, a file of shapes has only shapes")
@@ -82,15 +86,17 @@ def _shape_of(entry: Entry) -> Shape:
         return fields[key]
 
     value = _whole(fields["value"]) if "value" in fields else None
+    source = f"{entry.source}: {entry.place}"
     with _found_at(entry):
         if kind == "circle":
-            return Circle(_point(required("center")), required("radius").number(), value)
+            center, radius = _point(required("center")), required("radius").number()
+            return Circle(center, radius, value, source)
         points = _points(required("points"))
         if kind == "line":
             thickness = fields["thickness"].number() if "thickness" in fields else 0.0
-            return Line(points, thickness, value)
+            return Line(points, thickness, value, source)
         holes = fields["holes"].items() if "holes" in fields else []
-        return Polygon(points, [_points(hole) for hole in holes], value)
+        return Polygon(points, [_points(hole) for hole in holes], value, source)
 
 
 def _points(entry: Entry) -> list[Point]:

@@ -14,7 +14,7 @@ from mapdeal.grid.frame import Origin
 from mapdeal.grid.framed import Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.shapes import Circle, Line
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, Overlay
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.spans import Spans, paint_bits
 from mapdeal.kernels.threads import for_rows
@@ -259,19 +259,21 @@ class BitMap(Framed):
         """Return a bit map of the same geometry with other bits."""
         return replace(self, packed=packed)
 
-    def painted(self, strokes: Iterable[tuple[Spans, int]]) -> BitMap:
-        """Return a bit map in which the cells of each span have its value, the last on top."""
+    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: Overlay = "seq") -> BitMap:
+        """Return a bit map in which the cells of spans have their values, one after the other.
+
+        With overlay ``max`` only ones are painted, with ``min`` only zeros.
+        """
         packed = self.packed.copy()
         for spans, value in strokes:
-            paint_bits(packed, spans, bool(value))
+            if overlay == "seq" or (overlay == "max") == bool(value):
+                paint_bits(packed, spans, bool(value))
         return self.with_packed(packed)
 
-    def accept_value(self, value: float) -> int:
+    def accept_value(self, value: float, name: str = "value") -> int:
         """Return `value`, which must be 0 or 1."""
         if value not in (0, 1):
-            raise ParameterError(
-                "must be 0 or 1, the values of a bit map", place="value", got=value
-            )
+            raise ParameterError("must be 0 or 1, the values of a bit map", place=name, got=value)
         return int(value)
 
     def _checked(self, cells_rowcol: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
+from mapdeal.grid.values import Overlay
 from mapdeal.kernels.spans import Spans, paint
 
 
@@ -72,25 +73,36 @@ class ValueGrid(Framed):
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Self:
         """Return a grid of the same kind with other values, at another origin if one is given."""
 
-    def painted(self, strokes: Iterable[tuple[Spans, int]]) -> Self:
-        """Return a grid in which the cells of each span have its value, the last on top."""
+    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: Overlay = "seq") -> Self:
+        """Return a grid in which the cells of spans have their values, one after the other.
+
+        What a cell has already gives way to any value (``seq``), to a larger (``max``) or to a
+        smaller one (``min``); unknown always gives way.
+        """
         values = self.values.copy()
+        old = np.arange(256, dtype=np.uint8).view(values.dtype)
         for spans, value in strokes:
-            paint(values, spans, value)
+            over = {"seq": None, "max": old < value, "min": old > value}[overlay]
+            paint(
+                values,
+                spans,
+                value,
+                over=None if over is None else over | (old == self.unknown_value),
+            )
         return self.with_values(values)
 
-    def accept_value(self, value: float) -> int:
+    def accept_value(self, value: float, name: str = "value") -> int:
         """Return `value`, a whole number on the grid's scale.
 
         Raises
         ------
         ParameterError
-            If it is anything else.
+            If it is anything else; the error calls it `name`.
         """
         lowest, highest = self.value_range
         if isinstance(value, bool) or not lowest <= value <= highest or value % 1:
             rule = f"must be a whole number from {lowest} to {highest}, the scale of this grid"
-            raise ParameterError(rule, place="value", got=value)
+            raise ParameterError(rule, place=name, got=value)
         return int(value)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import ClassVar, Protocol
 
@@ -34,6 +34,11 @@ class Shape(Protocol):
         """The value to draw with, if the shape brings one."""
         ...
 
+    @property
+    def source(self) -> str:
+        """File and place that the shape was read from, for messages; empty if none."""
+        ...
+
     def spans(self, frame: Frame) -> Spans:
         """Return the cells of a grid that the shape covers."""
         ...
@@ -59,6 +64,8 @@ class Polygon:
         Corners of each hole; cells on the edge of a hole belong to the polygon.
     value : int, optional
         What to draw it with.
+    source : str
+        File and place that it was read from, for messages.
 
     Raises
     ------
@@ -84,6 +91,7 @@ class Polygon:
     points_xy: Sequence[Point]
     holes_xy: Sequence[Sequence[Point]] = ()
     value: int | None = None
+    source: str = field(default="", compare=False, repr=False)
 
     kind: ClassVar[str] = "polygon"
 
@@ -120,6 +128,8 @@ class Line:
         Metres; 0 for a line of single cells.
     value : int, optional
         What to draw it with.
+    source : str
+        File and place that it was read from, for messages.
 
     Raises
     ------
@@ -142,6 +152,7 @@ class Line:
     points_xy: Sequence[Point]
     thickness: float = 0.0
     value: int | None = None
+    source: str = field(default="", compare=False, repr=False)
 
     kind: ClassVar[str] = "line"
 
@@ -188,6 +199,8 @@ class Circle:
         Metres.
     value : int, optional
         What to draw it with.
+    source : str
+        File and place that it was read from, for messages.
 
     Raises
     ------
@@ -210,6 +223,7 @@ class Circle:
     center_xy: Point
     radius: float
     value: int | None = None
+    source: str = field(default="", compare=False, repr=False)
 
     kind: ClassVar[str] = "circle"
 
@@ -281,7 +295,9 @@ def _outside_vertex(frame: Frame, points: Sequence[Point]) -> str | None:
         return None
     index = int(np.argmin(inside))
     x, y = points[index]
-    return f"vertex {index + 1}, ({x:g}, {y:g}),"
+    past = frame.continuous_rowcol_from_xy([points[index]])[0] - frame.shape
+    on_edge = " (upper edges belong to no cell)" if np.abs(past).min() < CELL_TOLERANCE else ""
+    return f"vertex {index + 1}, ({x:g}, {y:g}){on_edge or ','}"
 
 
 def _disc_reaches_beyond(frame: Frame, points: Sequence[Point], radius: float) -> bool:

@@ -39,8 +39,21 @@ def joined(parts: list[Spans]) -> Spans:
     return Spans(*(np.concatenate(column) for column in columns))
 
 
-def paint(values: NDArray[Any], spans: Spans, value: float) -> None:
+def paint(
+    values: NDArray[Any], spans: Spans, value: int, *, over: NDArray[np.bool_] | None = None
+) -> None:
     """Give the cells of `spans` a value, in place.
+
+    Parameters
+    ----------
+    values : numpy.ndarray of uint8 or int8, shape (H, W)
+        The cells.
+    spans : Spans
+        Which of them.
+    value : int
+        What they become.
+    over : numpy.ndarray of bool, shape (256,), optional
+        For the byte of each value whether it is painted over; all are by default.
 
     Examples
     --------
@@ -51,7 +64,11 @@ def paint(values: NDArray[Any], spans: Spans, value: float) -> None:
            [0, 7, 7, 7, 0]], dtype=int8)
     """
     for row, start, stop in _runs(spans):
-        values[row, start:stop] = value
+        cells = values[row, start:stop]
+        if over is None:
+            cells[:] = value
+        else:
+            cells[over[cells.view(np.uint8)]] = value
 
 
 def paint_bits(packed: NDArray[np.uint8], spans: Spans, value: bool) -> None:

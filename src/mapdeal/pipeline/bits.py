@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mapdeal.errors import MapdealWarning
+from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.formats.bit_maps import bit_map_paths, read_bit_map_pair, write_bit_map_pair
 from mapdeal.formats.maps import as_occupancy, output_paths, write_grid
 from mapdeal.grid.bit_map import BitMap
@@ -23,7 +23,7 @@ def pack_file(
     output: Path,
     options: FileOptions,
     *,
-    lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
+    lethal_threshold: int | None = None,
 ) -> Figures:
     """Write the obstacles of a map as a bit map; return its figures.
 
@@ -33,12 +33,15 @@ def pack_file(
     source = read_input(path, options)
     with outputs_of(outputs, source.files, options) as transaction:
         if isinstance(source.grid, DistanceField):
+            if lethal_threshold is not None:
+                rule = "a distance field has its own"
+                raise ParameterError(rule, source=path, place="lethal_threshold")
             field, obstacles = source.grid, source.grid.obstacles()
             bits = BitMap.from_mask(obstacles, field.resolution, field.origin)
             values = np.where(obstacles, np.int8(0), field.occupancy)
         else:
             grid = as_occupancy(source.grid)
-            bits = BitMap.from_occupancy(grid, lethal_threshold)
+            bits = BitMap.from_occupancy(grid, lethal_threshold or DEFAULT_LETHAL_THRESHOLD)
             values = grid.occupancy
         lost = int(histogram(values)[UNKNOWN])
         if lost:

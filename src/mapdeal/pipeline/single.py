@@ -47,8 +47,8 @@ def apply_to_file(
         grid = step.apply(source.grid, path)
         title = title_of(step)
         if over is not None and mask is not None:
-            grid = _masked(grid, as_occupancy(over.grid), mask)
-            title += f", mask {mask.stem}"
+            grid = _masked(grid, as_occupancy(over.grid, "the mask"), mask)
+            title += f", with {mask.name}"
         _write(transaction, output, grid, step, encoding)
         add_picture(transaction, options, grid, f"{path.stem}: {title}")
     return figures_of(grid)
