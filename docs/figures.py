@@ -218,9 +218,12 @@ def draw_office() -> None:
     _picture("office_cost_threshold.png", threshold, "office: cost, model threshold")
     _picture("office_cost_rings.png", rings, "office: cost, model rings")
     zones = mapdeal.read_shapes(MAPS.parent / "shapes" / "office_zones.yaml")
-    mask = mapdeal.draw(mapdeal.blank(office, -1), zones)
+    mask = mapdeal.draw(mapdeal.blank(office, -1), zones, overlay="max")
     masked = mapdeal.apply_keepout_mask(
-        mapdeal.exponential_cost(office, inscribed_radius=0.22), mask
+        mapdeal.exponential_cost(
+            office, inscribed_radius=0.22, inflation_radius=0.7, cost_scaling_factor=3.0
+        ),
+        mask,
     )
     _picture("office_mask.png", masked, "office: cost, inscribed 0.22 m, with a keepout mask")
 

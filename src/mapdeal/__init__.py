@@ -1,5 +1,12 @@
 """mapdeal: batch processing of robot map files without ROS.
 
+Read and write: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_shapes`.
+Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `BitMap`, each with its `Frame`.
+Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
+`ring_cost`; a robot's `Footprint`; `apply_keepout_mask`.
+Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
+`reset_region`.
+
 Everything public is loaded on first use, so that ``import mapdeal`` costs nothing.
 """
 

@@ -1,4 +1,5 @@
 import io
+import itertools
 
 import numpy as np
 import pytest
@@ -7,8 +8,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from drawn import grid_from_text
-from mapdeal import Costmap, OccupancyGrid, esdf, exponential_cost, inflate
+from mapdeal import Costmap, Frame, OccupancyGrid, esdf, exponential_cost, inflate
 from mapdeal.formats.png import write_indexed_png
+from mapdeal.render.canvas import frame_text, ticks_between
 from mapdeal.render.colours import cost_scale, free_side, obstacle_side
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.raster import Raster, inner_outline
@@ -162,3 +164,38 @@ def test_a_pixel_shows_the_extreme_of_all_its_cells(shape, reduce):
             assert pooled[row, col] == extreme(layer[y : y + reduce, x : x + reduce].flat)
             if row > 40:
                 break
+
+
+@given(
+    st.floats(-1e7, 1e7),
+    st.integers(1, 4000),
+    st.sampled_from([1e-6, 0.003, 0.05, 0.0504, 1.0, 20.0, 1e6]),
+    st.integers(14, 40),
+)
+def test_coordinates_stand_where_they_belong_and_apart(start, pixels, metres_per_pixel, size):
+    ticks = ticks_between(start, pixels, metres_per_pixel, size)
+    for pixel, label in ticks:
+        assert 0 <= pixel <= pixels
+        off = abs(start + pixel * metres_per_pixel - float(label))
+        assert off <= 0.51 * metres_per_pixel + 1e-6 * abs(float(label)) + 1e-9
+    places = [pixel for pixel, _ in ticks]
+    widest = max((len(label) for _, label in ticks), default=0)
+    assert all(b - a >= 0.5 * size * widest for a, b in itertools.pairwise(places))
+    if pixels > 60 * size and metres_per_pixel > 1e-3:
+        assert len(ticks) >= 2
+
+
+def test_only_maps_that_are_not_turned_have_coordinates():
+    straight, turned = (
+        rgb(occupancy_image(grid_from_text("..\n..", 0.1, (1.5, -2.0, yaw)), title=""))
+        for yaw in (0.0, 0.4)
+    )
+    # Left of the map and below it there are labels, or nothing but white.
+    assert straight[200:, :20].min() < 100
+    assert turned[100:-60, :13].min() == 255
+
+
+def test_a_turned_map_tells_its_corner_and_yaw():
+    assert frame_text(Frame(2, 3, 0.5, (1.25, -2.0, 0.4))).endswith(
+        "1.5 x 1 m, from 1.25, -2 at yaw 0.4 (not turned here)"
+    )

@@ -55,6 +55,7 @@ def sheet(
     title: str,
     subtitle: str,
     metres_per_pixel: float,
+    corner_xy: tuple[float, float] | None = None,
     bar: ColourBar | None = None,
     swatches: Sequence[Swatch] = (),
 ) -> Image:
@@ -70,6 +71,9 @@ def sheet(
         Two lines above the map.
     metres_per_pixel : float
         For the scale bar.
+    corner_xy : tuple of float, optional
+        Where the lower left corner lies in the map frame, metres, for coordinates along the
+        edges; None where the map's axes are not those of the map frame.
     bar : ColourBar, optional
         The colour scale, right of the map.
     swatches : sequence of Swatch
@@ -82,16 +86,21 @@ def sheet(
     column = pen.legend_width(bar, swatches)
     map_width = max(width, pen.minimum_width())
     legend_height = max(height, pen.legend_height(bar, swatches))
-    left, top = pad, pad + int(3.4 * text_size)
+    across = ticks_between(corner_xy[0], width, metres_per_pixel, text_size) if corner_xy else []
+    along = ticks_between(corner_xy[1], height, metres_per_pixel, text_size) if corner_xy else []
+    left, top = pad + pen.labels_width(along), pad + int(3.4 * text_size)
+    below = int(1.6 * text_size) if across else 0
     needed = left + map_width + (pad + column if column else 0) + pad
     # Thin maps get a sheet that their title fits on, very long titles are cut.
     sheet_width = max(needed, min(pen.text_width(title, subtitle), 60 * text_size) + 2 * pad)
-    sheet_height = max(top + height + int(3.2 * text_size), top + legend_height + pad)
+    sheet_height = max(top + height + below + int(3.2 * text_size), top + legend_height + pad)
 
     pen.open(sheet_width, sheet_height)
-    pen.text(left, pad, title, limit=sheet_width - 2 * pad, large=True)
-    pen.text(left, pad + int(1.55 * text_size), subtitle, limit=sheet_width - 2 * pad)
-    pen.scale_bar(left, top + height + int(0.9 * text_size), map_width, metres_per_pixel)
+    pen.text(pad, pad, title, limit=sheet_width - 2 * pad, large=True)
+    pen.text(pad, pad + int(1.55 * text_size), subtitle, limit=sheet_width - 2 * pad)
+    pen.coordinates(left, top + height, across, along)
+    scale_top = top + height + below + int(0.9 * text_size)
+    pen.scale_bar(left, scale_top, map_width, metres_per_pixel)
     boxes = pen.legend(left + map_width + pad, top, legend_height, bar, swatches)
     indices = pen.indices_around(left, top, width, height)
 
@@ -114,14 +123,47 @@ def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[S
 
 
 def frame_text(frame: Frame) -> str:
-    """Return a map's size in cells and metres and its yaw, for a subtitle."""
+    """Return a map's size in cells and metres, for a subtitle; of a turned one corner and yaw."""
     width, height = frame.width * frame.resolution, frame.height * frame.resolution
     text = (
         f"{frame.width} x {frame.height} cells, {frame.resolution:.6g} m each, "
         f"{width:.6g} x {height:.6g} m"
     )
-    yaw = frame.origin[2]
-    return f"{text}, yaw {yaw:.4g} rad (not turned here)" if yaw else text
+    x, y, yaw = frame.origin
+    return f"{text}, from {x:.6g}, {y:.6g} at yaw {yaw:.4g} (not turned here)" if yaw else text
+
+
+def corner_of(frame: Frame) -> tuple[float, float] | None:
+    """Return the lower left corner of a map that is not turned, for `sheet`."""
+    x, y, yaw = frame.origin
+    return None if yaw else (x, y)
+
+
+def ticks_between(
+    start: float, pixels: int, metres_per_pixel: float, text_size: int
+) -> list[tuple[int, str]]:  # fmt: skip
+    """Return the round coordinates along an edge, each with its pixel, as many as find room.
+
+    Examples
+    --------
+    >>> ticks_between(-1.3, 300, 0.01, 10)
+    [(30, '-1.0'), (80, '-0.5'), (130, '0.0'), (180, '0.5'), (230, '1.0'), (280, '1.5')]
+    """
+    widest = max(len(f"{value:.0f}") for value in (start, start + pixels * metres_per_pixel))
+    room = text_size * max(4.0, 0.7 * widest + 2)  # pixels
+    step = next(
+        factor * 10.0**power
+        for power in range(-7, 13)
+        for factor in (1, 2, 5)
+        if factor * 10.0**power >= room * metres_per_pixel
+    )
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+    first = math.ceil(start / step - 1e-6)
+    last = math.floor((start + pixels * metres_per_pixel) / step + 1e-6)
+    return [
+        (round((k * step - start) / metres_per_pixel), f"{k * step + 0.0:.{decimals}f}")
+        for k in range(first, last + 1)
+    ]
 
 
 def printable(text: str) -> str:
@@ -259,6 +301,29 @@ class _Pen:
             )
             y += int(1.6 * size)
         return boxes
+
+    def labels_width(self, ticks: Sequence[tuple[int, str]]) -> int:
+        """Return the room that labels left of the map take."""
+        if not ticks:
+            return 0
+        return int(max(self._font.getlength(label) for _, label in ticks) + 0.6 * self._size)
+
+    def coordinates(
+        self, left: int, bottom: int, across: Sequence[tuple[int, str]],
+        along: Sequence[tuple[int, str]],
+    ) -> None:  # fmt: skip
+        """Draw round coordinates below and left of the map, whose lower left corner is given."""
+        mark = max(3, self._size // 3)
+        for pixel, label in across:
+            x = left + pixel
+            self._draw.line([(x, bottom), (x, bottom + mark)], fill=0)
+            below = (x, bottom + 1.3 * mark)
+            self._draw.text(below, label, fill=0, font=self._font, anchor="mt")
+        for pixel, label in along:
+            y = bottom - pixel
+            self._draw.line([(left - mark, y), (left, y)], fill=0)
+            beside = (left - 1.5 * mark, y)
+            self._draw.text(beside, label, fill=0, font=self._font, anchor="rm")
 
     def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> None:
         length = round_length(width * metres_per_pixel * 0.4)

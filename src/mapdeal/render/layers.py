@@ -24,6 +24,7 @@ from mapdeal.render.canvas import (
     ColourBar,
     Image,
     Swatch,
+    corner_of,
     frame_text,
     round_length,
     sheet,
@@ -61,6 +62,7 @@ def occupancy_image(
         title=title,
         subtitle=frame_text(grid.frame),
         metres_per_pixel=raster.metres_per_pixel(grid.resolution),
+        corner_xy=corner_of(grid.frame),
         bar=bar,
         swatches=swatches_in(pixels, swatches),
     )
@@ -100,6 +102,7 @@ def field_image(
         title=title,
         subtitle=f"{frame_text(field.frame)}; convention {field.convention}{strength}",
         metres_per_pixel=raster.metres_per_pixel(field.resolution),
+        corner_xy=corner_of(field.frame),
         bar=bar,
         swatches=swatches,
     )
@@ -187,6 +190,7 @@ def cost_image(
         title=title,
         subtitle=frame_text(costmap.frame),
         metres_per_pixel=raster.metres_per_pixel(costmap.resolution),
+        corner_xy=corner_of(costmap.frame),
         bar=ColourBar(range(_COST_LEVELS), ticks, "cost"),
         swatches=swatches_in(pixels, swatches),
     )
