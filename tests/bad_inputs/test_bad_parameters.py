@@ -145,6 +145,7 @@ BAD_EDITS = [
     ),
     ("P5-one-number", ["polygon", "--point", "1", "--value", "1"], "--point", ""),
     ("P5-three-numbers", ["polygon", "--point", "1,2,3", "--value", "1"], "--point", ""),
+    ("P5-odd-digits", ["line", "--point", "1_0,2", "--value", "1"], "--point", ""),
     ("P5-words", ["circle", "--point", "a,b", "--radius", "1", "--value", "1"], "--point", ""),
     ("no-point", ["polygon", "--value", "100"], "--point", ""),
     ("no-value", ["polygon", *TRIANGLE], "--value", ""),

@@ -132,6 +132,36 @@ def test_the_mask_is_an_input_that_no_output_may_replace(command, room, tmp_path
     assert mask.read_bytes() == before
 
 
+@pytest.mark.parametrize("output", ["zones.yaml", "link.yaml", "zones.pgm"])
+def test_the_shapes_are_an_input_that_no_output_may_replace(command, room, tmp_path, output):
+    zones = tmp_path / "zones.yaml"
+    zones.write_text("shapes:\n- {type: circle, center: [2, -1.8], radius: 0.1, value: 100}\n")
+    (tmp_path / "link.yaml").symlink_to(zones)
+    before = zones.read_bytes()
+    words = ["edit", "circle", room, "--file", zones, "-o", tmp_path / output, "--force"]
+    code, _, err = command(*words)
+    assert (code, "the output is the input" in err) == (4, True)
+    assert zones.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "same"),
+    [
+        (["--robot-16-gon", "no"], True),
+        (["--robot-16-gon=no"], True),
+        (["--no-robot-16-gon"], True),
+        (["--robot-16-gon", "yes"], False),
+        (["--robot-16-gon"], False),
+    ],
+)
+def test_the_16_gon_can_be_written_as_flags_are(command, room, tmp_path, words, same):
+    shape = ["cost", room, "--robot-radius", 0.2, "-o"]
+    assert command(*shape, tmp_path / "c.npz")[0] == 0
+    assert command(*shape, tmp_path / "p.npz", *words)[0] == 0
+    circle, other = read_map(tmp_path / "c.npz").cost, read_map(tmp_path / "p.npz").cost
+    assert np.array_equal(circle, other) is same
+
+
 def test_a_reset_region_is_unknown_unless_a_value_is_given(command, room, costs, tmp_path):
     words = ["--corner", "1.6,-1.9", "--size", "0.2,0.1"]
     command("edit", "reset", room, "-o", tmp_path / "a.yaml", *words)
@@ -264,6 +294,7 @@ def test_keys_that_map_server_does_not_know_are_kept(command, room, tmp_path):
         ([], [0, 3, 127, 251, 254, 255]),
         (["--static-layer"], [0, 0, 0, 253, 254, 255]),
         (["--static-layer", "--no-trinary-costmap"], [0, 2, 127, 253, 254, 255]),
+        (["--static-layer", "--trinary-costmap", "no"], [0, 2, 127, 253, 254, 255]),
         (["--static-layer", "--lethal-threshold", 50], [0, 0, 254, 253, 254, 255]),
         (["--static-layer", "--no-track-unknown"], [0, 0, 0, 253, 254, 0]),
         (["--static-layer", "--inscribed-value", "none"], [0, 0, 0, 0, 254, 255]),

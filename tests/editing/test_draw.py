@@ -126,6 +126,24 @@ def test_a_hole_keeps_its_edge():
     assert np.count_nonzero(drawn) == 49 - 9
 
 
+def test_what_of_a_hole_lies_outside_means_nothing():
+    grid = OccupancyGrid(np.zeros((9, 9), np.int8), 0.25, (1.5, -2.0, 0.4))
+    outer = turned(grid, [(1.5, 1.5), (5.5, 1.5), (5.5, 5.5), (1.5, 5.5)])
+    plain = draw(grid, Polygon(outer), value=100).occupancy
+    away = turned(grid, [(6.5, 6.5), (8.5, 6.5), (8.5, 8.5), (6.5, 8.5)])
+    assert np.array_equal(draw(grid, Polygon(outer, [away]), value=100).occupancy, plain)
+    half = turned(grid, [(3.5, 2.5), (8.5, 2.5), (8.5, 4.5), (3.5, 4.5)])
+    drawn = draw(grid, Polygon(outer, [half, half]), value=100).occupancy
+    assert (drawn <= plain).all()
+    assert np.argwhere(drawn != plain).tolist() == [[3, 4], [3, 5]]
+
+
+def test_shapes_may_come_from_anywhere():
+    grid = grid_from_text(EMPTY)
+    circles = (Circle(turned(grid, [(x + 0.5, 0.5)])[0], 0.01) for x in (0, 3))
+    assert draw(grid, circles, value=100).occupancy[0].tolist() == [100, 0, 0, 100, 0, 0]
+
+
 def test_a_thick_line_has_round_ends_and_includes_them():
     grid = OccupancyGrid(np.zeros((5, 9), np.int8), 0.5, (1.5, -2.0, -0.7))
     line = Line(turned(grid, [(2.5, 2.5), (6.5, 2.5)]), thickness=1.0)

@@ -123,6 +123,9 @@ def test_a_window_of_a_field_must_lie_inside():
         {"corner_xy": (1.0, 2.0), "size_xy": (1e11, 1e11)},
         {"corner_xy": (math.inf, 2.0), "size_xy": (1.0, 1.0)},
         {"center_xy": (1e300, 2.0), "size_xy": (1.0, 1.0)},
+        {"corner_xy": (1.0,), "size_xy": (1.0, 1.0)},
+        {"corner_xy": (1.0, 2.0), "size_xy": 3.0},
+        {"corner_xy": ("a", 2.0), "size_xy": (1.0, 1.0)},
         {"size_xy": (1.0, 1.0)},
         {"size_xy": (1.0, 1.0), "corner_xy": (1.0, 2.0), "center_xy": (1.0, 2.0)},
     ],
@@ -149,6 +152,13 @@ def test_a_shift_floors_where_costmap_2d_truncates():
     # (0.3 - 0) / 0.1 truncates to 2 cells.
     fine = OccupancyGrid([[1, 2, 3, 4]], 0.1)
     assert shift_origin(fine, (0.3, 0.0), default=0).occupancy.tolist() == [[4, 0, 0, 0]]
+
+
+def test_a_shift_by_whole_cells_at_utm_coordinates():
+    far = OccupancyGrid(NUMBERED.occupancy, 0.05, (500000.0, 4649776.5, 0.0))
+    shifted = shift_origin(far, (500000.05, 4649776.55))
+    assert shifted.origin == (500000.05, 4649776.55, 0.0)
+    assert shifted.occupancy.tolist() == [[5, 6, 7, -1], [9, 10, 11, -1], [-1] * 4]
 
 
 def test_a_shift_along_turned_axes():

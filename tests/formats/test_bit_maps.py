@@ -94,6 +94,11 @@ def test_the_obstacles_of_every_real_map_survive(real_maps, mapdeal_warnings, tm
         (lambda p: p.write_bytes(b"P4\n99999999 99999999\n"), MalformedInputError, "limit"),
         (lambda p: _rewrite(p, "b.pbm", "c.pbm"), MalformedInputError, "another image"),
         (lambda p: _rewrite(p, "trinary", "raw"), MalformedInputError, "trinary"),
+        (
+            lambda p: _rewrite(p, "negate: 0", "negate: 0\ncost_scale: costmap2d"),
+            MalformedInputError,
+            "no costs",
+        ),
     ],
 )
 def test_files_that_are_no_bit_map_are_refused(pair, change, error, named):

@@ -116,7 +116,7 @@ def test_cells_are_checked_before_they_are_touched():
     bits = BitMap.from_mask(np.zeros((2, 9)), *PLACE)
     inside = bits.contains([[0, 0], [1, 8], [2, 0], [0, 9], [-1, 0]])
     assert inside.tolist() == [True, True, False, False, False]
-    for cells in ([[0, 9]], [[-1, 0]], [[0, 0], [2, 0]], [[0.5, 0]]):
+    for cells in ([[0, 9]], [[-1, 0]], [[0, 0], [2, 0]], [[0.5, 0]], [[1, 2, 3]], [[0]]):
         with pytest.raises(ParameterError, match="cell"):
             bits.get(cells)
         with pytest.raises(ParameterError, match="cell"):

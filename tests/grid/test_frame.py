@@ -48,6 +48,17 @@ def test_exact_multiples_do_not_fall_one_cell_short():
     assert frame.unbounded_rowcol_from_xy(points).tolist() == [[k + 10, k] for k in range(10)]
 
 
+@pytest.mark.parametrize("resolution", [0.05, 0.0504, 0.025, 0.001])
+def test_exact_multiples_are_exact_at_utm_coordinates_too(resolution):
+    frame = Frame(5, 7, resolution, (500000.0, 4649776.5, 0.0))
+    for k in range(300):
+        window = frame.window(k, 2 * k, 5, 7)
+        assert frame.unbounded_rowcol_from_xy([window.origin[:2]]).tolist() == [[k, 2 * k]]
+    # As a user writes them: the nearest float to the decimal number.
+    points = [[round(500000 + k * resolution, 6), 4649776.5] for k in range(300)]
+    assert frame.unbounded_rowcol_from_xy(points)[:, 1].tolist() == list(range(300))
+
+
 def test_the_grid_is_half_open():
     frame = Frame(4, 8, 0.5, (-1.0, 2.0, 0.0))
     corners = [[-1.0, 2.0], [3.0, 2.0], [-1.0, 4.0], [2.999, 3.999], [-1.001, 2.0]]

@@ -1,5 +1,6 @@
 """Lines, polygons and discs of cells against loops over all cells."""
 
+import itertools
 import math
 
 import numpy as np
@@ -8,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import oracles
-from mapdeal.kernels.bresenham import FARTHEST_CELL, extents, line_spans
+from mapdeal.kernels.bresenham import FARTHEST_CELL, edges_through, line_spans
 from mapdeal.kernels.discs import capsule_spans
 from mapdeal.kernels.polygons import polygon_spans
 from mapdeal.kernels.spans import Spans, paint, paint_bits
@@ -18,10 +19,11 @@ CELLS = st.tuples(st.integers(-9, 16), st.integers(-9, 20))
 POSITIONS = st.tuples(st.floats(-5, 12), st.floats(-5, 16))
 
 
-def painted(spans, shape=(HEIGHT, WIDTH)):
+def painted(parts, shape=(HEIGHT, WIDTH)):
     """The cells of spans as a set of (x, y)."""
     values = np.zeros(shape, dtype=np.uint8)
-    paint(values, spans, 1)
+    for spans in [parts] if isinstance(parts, Spans) else parts:
+        paint(values, spans, 1)
     return {(x, y) for y, x in np.argwhere(values).tolist()}
 
 
@@ -35,7 +37,7 @@ def swapped(cells):
 
 @given(CELLS, CELLS)
 def test_a_line_visits_the_cells_of_costmap_2d_clipped(start, stop):
-    spans = line_spans(start, stop, (HEIGHT, WIDTH))
+    spans = line_spans(edges_through([start, stop]), (HEIGHT, WIDTH))
     assert painted(spans) == inside(oracles.line(*swapped([start, stop])))
 
 
@@ -49,17 +51,30 @@ def test_a_line_visits_the_cells_of_costmap_2d_clipped(start, stop):
 )
 def test_recorded_lines(start, stop, cells):
     assert oracles.line(start, stop) == cells
-    assert painted(line_spans(start[::-1], stop[::-1], (HEIGHT, WIDTH))) == set(cells)
+    assert painted(line_spans(edges_through([start[::-1], stop[::-1]]), (HEIGHT, WIDTH))) == set(
+        cells
+    )
 
 
 def test_a_line_to_the_farthest_cell_stays_exact():
     # Slope 1/2 from (0, 0): after i steps n // 2 + i * minor is still exact at 2^61.
     far = FARTHEST_CELL
-    lanes, low, high = extents((0, 0), (far, far // 2), 5)
-    assert lanes.tolist() == [0, 1, 2, 3, 4]
-    assert low.tolist() == high.tolist() == [0, 1, 1, 2, 2]
-    _, low, high = extents((-far, -far), (far, far), 3)
-    assert low.tolist() == high.tolist() == [0, 1, 2]
+    (spans,) = line_spans(edges_through([(0, 0), (far, far // 2)]), (5, 9))
+    assert [column.tolist() for column in spans] == [
+        [0, 1, 2, 3, 4], [0, 1, 1, 2, 2], [1, 2, 2, 3, 3],
+    ]  # fmt: skip
+    (spans,) = line_spans(edges_through([(-far, -far), (far, far)]), (3, 9))
+    assert [column.tolist() for column in spans] == [[0, 1, 2], [0, 1, 2], [1, 2, 3]]
+
+
+@given(st.lists(CELLS, min_size=2, max_size=6))
+def test_several_lines_in_small_parts_are_the_same(cells):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mapdeal.kernels.spans.MOST_TOGETHER", 3)
+        parts = list(line_spans(edges_through(cells), (HEIGHT, WIDTH)))
+    ends = swapped(cells)
+    expected = {c for a, b in itertools.pairwise(ends) for c in oracles.line(a, b)}
+    assert painted(parts) == inside(expected)
 
 
 @st.composite
@@ -75,10 +90,15 @@ def test_any_ring_is_outline_and_inside(ring):
     assert painted(polygon_spans([ring], (HEIGHT, WIDTH))) == expected
 
 
-@given(rings(), rings(3, 4))
-def test_a_second_ring_is_a_hole_with_an_outline(ring, hole):
-    expected = oracles.ring_fill([swapped(ring), swapped(hole)], WIDTH, HEIGHT)
-    assert painted(polygon_spans([ring, hole], (HEIGHT, WIDTH))) == expected
+@given(rings(), st.lists(rings(3, 4), max_size=3), st.sampled_from([2, 1 << 20]))
+def test_holes_leave_out_their_inside_but_not_their_edge(ring, holes, together):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mapdeal.kernels.spans.MOST_TOGETHER", together)
+        found = painted(polygon_spans([ring, *holes], (HEIGHT, WIDTH)))
+    solid = oracles.ring_fill([swapped(ring)], WIDTH, HEIGHT)
+    rims = {c for hole in holes for c in oracles.outline(swapped(hole))}
+    hollow = {c for hole in holes for c in oracles.ring_fill([swapped(hole)], WIDTH, HEIGHT)}
+    assert found == solid - (hollow - rims)
 
 
 @st.composite

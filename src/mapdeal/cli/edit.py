@@ -112,7 +112,7 @@ def polygon(
     files = file_options(dialect, max_cells, force, threads, image)
     own: list[Shape] = [Polygon(_points(point))] if point else []
     drawing = _Drawing(_gathered(file, own), value, overlay.value, strict)
-    _draw(source, output, files, drawing, _start(blank, background))
+    _draw(source, output, files, drawing, _start(blank, background), file)
 
 
 @app.command()
@@ -144,7 +144,7 @@ def line(
     _refuse_without_points("--thickness", thickness, point)
     own: list[Shape] = [Line(_points(point), thickness or 0.0)] if point else []
     drawing = _Drawing(_gathered(file, own), value, overlay.value, strict)
-    _draw(source, output, files, drawing, _start(blank, background))
+    _draw(source, output, files, drawing, _start(blank, background), file)
 
 
 @app.command()
@@ -177,7 +177,7 @@ def circle(
         raise ParameterError("is needed for a circle", source="--radius")
     own: list[Shape] = [Circle(center, radius or 0.0) for center in _points(point)]
     drawing = _Drawing(_gathered(file, own), value, overlay.value, strict)
-    _draw(source, output, files, drawing, _start(blank, background))
+    _draw(source, output, files, drawing, _start(blank, background), file)
 
 
 @app.command()
@@ -251,6 +251,7 @@ def _draw(
     files: FileOptions,
     drawing: _Drawing,
     start: Callable[[Editable], Editable],
+    file: Path | None,
 ) -> None:
     for shape in drawing.shapes:
         number = shape.value if shape.value is not None else drawing.value
@@ -271,7 +272,8 @@ def _draw(
 
     kinds = dict.fromkeys(shape.kind for shape in drawing.shapes)
     what = f"{', '.join(kinds)} drawn"
-    say_written(output, edit_file(source, output, files, change, what=what))
+    inputs = [] if file is None else [file]
+    say_written(output, edit_file(source, output, files, change, what=what, inputs=inputs))
 
 
 def _start(blank: bool, background: int | None) -> Callable[[Editable], Editable]:

@@ -26,7 +26,9 @@ COMMANDS = (
     "run", "active", "inflate", "esdf", "cost", "edit", "window", "shift", "convert", "pack",
     "unpack", "info",
 )  # fmt: skip
-_FLAGS = ("inflate-unknown", "inflate-around-unknown")
+_FLAGS = (
+    "inflate-unknown", "inflate-around-unknown", "robot-16-gon", "trinary-costmap", "track-unknown",
+)  # fmt: skip
 _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 
 _INTERRUPTED, _INTERNAL = 130, 70

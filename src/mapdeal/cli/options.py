@@ -86,8 +86,9 @@ RobotRadius = Annotated[
 Robot16Gon = Annotated[
     bool,
     typer.Option(
-        "--robot-16-gon",
-        help="Take a round robot as costmap_2d does, as a polygon of 16 corners.",
+        "--robot-16-gon/--no-robot-16-gon",
+        help="Take a round robot as costmap_2d does, as a polygon of 16 corners.  [default: no]",
+        show_default=False,
     ),
 ]
 FootprintPadding = Annotated[
@@ -170,6 +171,8 @@ def pair(text: str, name: str) -> tuple[float, float]:
     """Return the two numbers of an option written ``X,Y``."""
     parts = text.split(",")
     try:
+        if not text.isascii() or "_" in text:  # which Python reads as digits, too
+            raise ValueError
         x, y = (float(part) for part in parts)
     except ValueError:
         rule = "must be two numbers X,Y"

@@ -36,7 +36,7 @@ G = TypeVar("G", bound=Paintable)
 
 def draw(
     grid: G,
-    shapes: Sequence[Shape] | Shape,
+    shapes: Iterable[Shape] | Shape,
     *,
     value: int | None = None,
     overlay: Overlay = "seq",
@@ -98,23 +98,26 @@ def draw(
     """
     if overlay not in ("seq", "max", "min"):
         raise ParameterError("must be one of seq, max, min", place="overlay", got=overlay)
-    each = list(shapes) if isinstance(shapes, Sequence) else [shapes]
+    each = list(shapes) if isinstance(shapes, Iterable) else [shapes]
     strokes = []
-    findings = []
-    for index, shape in enumerate(each):
-        name = shape.kind if shape.source or len(each) == 1 else f"shape {index + 1}, {shape.kind}"
-        with _about(shape, name):
-            number = _value_of(grid, shape, value)
-            spans = shape.spans(grid.frame)
-        strokes.append((spans, number))
-        findings += [(shape, name, *text) for text in _findings(grid, shape, spans)]
-    for shape, name, text, consequence in findings:
-        if strict:
-            source = shape.source or None
-            raise FindingError(f"{text}; nothing was drawn", source=source, place=name)
-        where = ": ".join(part for part in (shape.source, name) if part)
-        warnings.warn(f"{where}: {text}; {consequence}", MapdealWarning, stacklevel=2)
-    return grid.painted(strokes, overlay)
+    for shape, name in _named(each):
+        with _about(shape, name):  # cells are made when they are painted, but refused here
+            strokes.append((shape.spans(grid.frame), _value_of(grid, shape, value)))
+    for shape, name in _named(each):
+        for text, consequence in _findings(grid, shape):
+            if strict:
+                source = shape.source or None
+                raise FindingError(f"{text}; nothing was drawn", source=source, place=name)
+            where = ": ".join(part for part in (shape.source, name) if part)
+            warnings.warn(f"{where}: {text}; {consequence}", MapdealWarning, stacklevel=2)
+    return grid.painted(((spans, number) for parts, number in strokes for spans in parts), overlay)
+
+
+def _named(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, str]]:
+    """Return each shape and what a message calls it, beside where it was read from."""
+    for index, shape in enumerate(shapes):
+        alone = shape.source or len(shapes) == 1
+        yield shape, shape.kind if alone else f"shape {index + 1}, {shape.kind}"
 
 
 def _value_of(grid: Paintable, shape: Shape, value: int | None) -> int:
@@ -137,10 +140,11 @@ def _about(shape: Shape, name: str) -> Iterator[None]:
         raise
 
 
-def _findings(grid: Paintable, shape: Shape, spans: Spans) -> Iterator[tuple[str, str]]:
+def _findings(grid: Paintable, shape: Shape) -> Iterator[tuple[str, str]]:
     """Return what of a shape cannot be drawn as it is meant, and what is drawn instead."""
     if not shape.has_extent():
         yield "has no area, its corners lie on a line", "only the line is drawn"
     if part := shape.outside_part(grid.frame):
-        drawn = "the shape is clipped" if spans.rows.size else "nothing of the shape is drawn"
+        some = any(spans.rows.size for spans in shape.spans(grid.frame))
+        drawn = "the shape is clipped" if some else "nothing of the shape is drawn"
         yield f"{part} lies outside of the map", drawn

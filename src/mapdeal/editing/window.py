@@ -121,7 +121,7 @@ def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
     ([[3, 0, 0]], (0.2, 2.0, 0.0))
     """
     fill = None if default is None else _default_of(grid, default)
-    row, col = grid.frame.unbounded_rowcol_from_xy([origin_xy])[0].tolist()
+    row, col = grid.frame.unbounded_rowcol_from_xy([_pair(origin_xy, "origin")])[0].tolist()
     return _copied(grid, row, col, *grid.shape, fill=fill, what="origin")
 
 
@@ -204,7 +204,11 @@ def _region(
     frame: Frame, size_xy: Point, corner_xy: Point | None, center_xy: Point | None
 ) -> tuple[int, int, int, int]:
     """Return first row, first column, rows and columns of a region in metres."""
-    size_x, size_y = (float(value) for value in size_xy)
+    size_x, size_y = _pair(size_xy, "size")
+    corner_xy, center_xy = (
+        None if point is None else _pair(point, name)
+        for point, name in ((corner_xy, "corner"), (center_xy, "center"))
+    )
     if not (0 < size_x <= _FARTHEST and 0 < size_y <= _FARTHEST):  # refuses nan too
         rule = f"must be two numbers of metres above 0 and within {_FARTHEST:g}"
         raise ParameterError(rule, place="size", got=(size_x, size_y))
@@ -213,11 +217,20 @@ def _region(
     elif center_xy is not None and corner_xy is None:
         middle = frame.continuous_rowcol_from_xy([center_xy])[0]
         half = np.array([size_y, size_x]) / frame.resolution / 2
-        row, col = cells_at(middle - half).tolist()
+        row, col = cells_at(middle - half, frame.tolerance_at([center_xy])[0]).tolist()
     else:
         raise ParameterError("either a corner or a center must be given", place="region")
     height, width = (cells_to_cover(size, frame.resolution) for size in (size_y, size_x))
     return row, col, max(height, 1), max(width, 1)
+
+
+def _pair(values: Point, name: str) -> Point:
+    try:
+        x, y = (float(value) for value in values)
+    except (TypeError, ValueError):
+        rule = "must be a pair of numbers"
+        raise ParameterError(rule, place=name, got=values) from None
+    return x, y
 
 
 def _copied(

@@ -57,7 +57,10 @@ def read_bit_map_pair(
     if not image.samefile(path):
         rule = f"names another image than {path.name}"
         raise MalformedInputError(rule, source=yaml_path, place="image", got=metadata.image)
-    if metadata.mode == "raw" or metadata.cost_scale is not None:
+    if metadata.cost_scale is not None:
+        rule = "bits are no costs"
+        raise MalformedInputError(rule, source=yaml_path, place="cost_scale")
+    if metadata.mode == "raw":
         rule = "must be trinary for a bit map"
         raise MalformedInputError(rule, source=yaml_path, place="mode", got=metadata.mode)
     limit = LARGEST_CELLS if max_cells is None else max_cells

@@ -60,9 +60,11 @@ def _refuse_constant(name: str) -> NoReturn:
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"key {twice!r} stands twice")
+        seen: set[str] = set()
+        for name, _ in pairs:
+            if name in seen:
+                raise ValueError(f"key {name!r} stands twice")
+            seen.add(name)
     return found
 
 
@@ -113,7 +115,8 @@ class _Reader:
                 yield from self._geometry(part, properties, place)
             return
         if not isinstance(kind, str) or kind not in (*_PARTS, *_PARTS.values()):
-            rule = f"type must be one of Feature, {', '.join((*_PARTS.values(), *_PARTS))}"
+            kinds = ("Feature", *_PARTS.values(), *_PARTS, "GeometryCollection")
+            rule = f"type must be one of {', '.join(kinds)}"
             raise self.error(rule, place, got=kind)
         coordinates = self._list(geometry.get("coordinates"), f"{place}: coordinates")
         for part in coordinates if kind in _PARTS else [coordinates]:
@@ -127,7 +130,10 @@ class _Reader:
         source = f"{self._path}: {place}"
         try:
             if kind == "Polygon":
-                rings = [self._ring(ring, place) for ring in self._list(part, place)]
+                rings = [
+                    self._ring(ring, f"{place}: ring {index + 1}")
+                    for index, ring in enumerate(self._list(part, place))
+                ]
                 if not rings:
                     raise self.error("a Polygon needs a ring of coordinates", place)
                 return Polygon(rings[0], rings[1:], whole, source)

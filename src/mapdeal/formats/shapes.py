@@ -56,7 +56,7 @@ def _shapes_of(path: Path) -> Iterator[Shape]:
     try:
         entries = read_mapping(path)
     except MalformedInputError as error:
-        error.hint = error.hint or _FORM
+        error.hint = _FORM
         raise
     if "shapes" not in entries:
         raise MalformedInputError("missing key shapes", source=path, hint=_FORM)

@@ -194,6 +194,8 @@ def _line(event: yaml.Event) -> str:
 def _number_hint(text: str) -> str | None:
     if re.fullmatch(r"[-+]?\d+,\d+", text):
         return "write the decimal point as '.'"
+    if text.lower().lstrip("+-.") in ("inf", "infinity"):
+        return "it must be finite"
     if re.match(r"[-+]?[\d.]+\s*[a-zA-Z]", text):
         return "write the bare number, without a unit or suffix"
     if text.lower().lstrip("+-.") == "nan":

@@ -16,7 +16,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.shapes import Circle, Line
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, Overlay
 from mapdeal.kernels.lookup import histogram
-from mapdeal.kernels.spans import Spans, paint_bits
+from mapdeal.kernels.spans import Spans, paint_bits, set_bits
 from mapdeal.kernels.threads import for_rows
 
 
@@ -190,11 +190,7 @@ class BitMap(Framed):
         """
         rows, cols = self._checked(cells_rowcol)
         packed = self.packed.copy()
-        bits = (0x80 >> (cols & 7)).astype(np.uint8)
-        if value:
-            np.bitwise_or.at(packed, (rows, cols >> 3), bits)
-        else:
-            np.bitwise_and.at(packed, (rows, cols >> 3), ~bits)
+        set_bits(packed, rows, cols, value)
         return self.with_packed(packed)
 
     def fill(self, value: bool = True) -> BitMap:
@@ -222,7 +218,8 @@ class BitMap(Framed):
         [[False, True, True, False]]
         """
         points = [tuple(point) for point in np.asarray(points_xy, dtype=np.float64).tolist()]
-        return self.painted([(Line(points, thickness).spans(self.frame), value)])
+        spans = Line(points, thickness).spans(self.frame)
+        return self.painted((part, value) for part in spans)
 
     def circle(
         self, center_xy: tuple[float, float], radius: float, *, value: bool = True
@@ -244,7 +241,8 @@ class BitMap(Framed):
         >>> bits.to_mask().astype(int).tolist()
         [[0, 1, 1, 1], [0, 0, 1, 0]]
         """
-        return self.painted([(Circle(center_xy, radius).spans(self.frame), value)])
+        spans = Circle(center_xy, radius).spans(self.frame)
+        return self.painted((part, value) for part in spans)
 
     def copy(self) -> BitMap:
         """Return a bit map with bytes of its own."""
@@ -280,6 +278,9 @@ class BitMap(Framed):
         cells = np.asarray(cells_rowcol)
         if cells.size and cells.dtype.kind not in "iu":
             raise ParameterError("cells must be whole numbers", got=cells.dtype.name)
+        if cells.size and (cells.ndim != 2 or cells.shape[1] != 2):
+            rule = "cells must be pairs of row and column, shape (N, 2)"
+            raise ParameterError(rule, got=cells.shape)
         cells = cells.reshape(-1, 2).astype(np.int64, copy=False)
         inside = self.contains(cells)
         if not inside.all():

@@ -16,6 +16,9 @@ CELL_TOLERANCE = 1e-9
 """In cells. Lengths that are exact multiples of the resolution on paper may come out of a
 division one part in 1e16 short or long; the tolerance keeps them on their cell."""
 
+_ROUNDING = 4 * float(np.finfo(np.float64).eps)
+"""Of a coordinate: what storing it, subtracting the origin and turning leave uncertain."""
+
 Origin = tuple[float, float, float]
 
 # Far beyond any robot; inside of them no product of lengths and cells overflows.
@@ -141,6 +144,18 @@ class Frame:
         cells_xy = self._turn(points - np.array([x, y]), -yaw) / self.resolution
         return cells_xy[:, ::-1]
 
+    def tolerance_at(self, points_xy: ArrayLike) -> NDArray[np.float64]:
+        """Return how many cells coordinates of these points, shape (N, 2), may be off by rounding.
+
+        At least `CELL_TOLERANCE`; more far from the map frame's origin, where the coordinates
+        themselves are coarser than that.
+        """
+        points = np.abs(np.asarray(points_xy, dtype=np.float64).reshape(-1, 2))
+        x, y, _ = self.origin
+        largest = np.maximum(points.max(axis=1, keepdims=True), max(abs(x), abs(y)))
+        tolerance: NDArray[np.float64] = _ROUNDING * largest / self.resolution
+        return np.maximum(CELL_TOLERANCE, tolerance)
+
     def unbounded_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Return the cells that points fall into, as if the grid went on for ever.
 
@@ -170,7 +185,7 @@ class Frame:
         >>> frame.unbounded_rowcol_from_xy([[0.05, 0.35], [-0.3, 0.2]]).tolist()
         [[1, 2], [0, -1]]
         """
-        return cells_at(self.continuous_rowcol_from_xy(points_xy))
+        return cells_at(self.continuous_rowcol_from_xy(points_xy), self.tolerance_at(points_xy))
 
     def clamped_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Return the cells that points fall into, or for points outside the nearest border cell.
@@ -289,6 +304,10 @@ class Frame:
         points: NDArray[np.float64] = self._turn(cells_xy * self.resolution, yaw) + np.array([x, y])
         return points
 
+    def holds(self, cell: tuple[int, int]) -> bool:
+        """Return whether a cell (row, column) lies in the grid."""
+        return 0 <= cell[0] < self.height and 0 <= cell[1] < self.width
+
     def contains(self, points_xy: ArrayLike) -> NDArray[np.bool_]:
         """Return for each point, shape (N, 2), whether a cell of the grid holds it."""
         return self.bounded_rowcol_from_xy(points_xy)[1]
@@ -308,9 +327,11 @@ class Frame:
         return Frame(height, width, self.resolution, origin)
 
 
-def cells_at(places_rowcol: ArrayLike) -> NDArray[np.int64]:
+def cells_at(
+    places_rowcol: ArrayLike, tolerance: ArrayLike = CELL_TOLERANCE
+) -> NDArray[np.int64]:  # fmt: skip
     """Return the cells that continuous cell coordinates lie in, exact multiples exactly."""
-    return np.floor(np.asarray(places_rowcol) + CELL_TOLERANCE).astype(np.int64)
+    return np.floor(np.asarray(places_rowcol) + tolerance).astype(np.int64)
 
 
 def xy_ahead(pose: Sequence[float], distance: float) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -35,6 +35,9 @@ def checked_corners(
     ParameterError
         If there are too few or too many, or one is no such pair; the error names it.
     """
+    if not isinstance(points, Iterable) or isinstance(points, (str, bytes)):
+        raise ParameterError(f"a {what} takes a list of vertices [x, y]", place=what, got=points)
+    points = list(points)
     if len(points) > most:
         raise ParameterError(f"a {what} has at most {most} vertices", place=what, got=len(points))
     corners: list[Point] = []
@@ -71,8 +74,8 @@ def check_simple(points: Sequence[Point], what: str) -> None:
         near &= (low[i + 1 :, 1] <= high[i, 1]) & (high[i + 1 :, 1] >= low[i, 1])
         others = i + 1 + np.flatnonzero(near)
         a, b, c, d = starts[i], ends[i], starts[others], ends[others]
-        apart = np.sign(_side(a, b, c)) * np.sign(_side(a, b, d)) < 0
-        crosses = apart & (np.sign(_side(c, d, a)) * np.sign(_side(c, d, b)) < 0)
+        apart = _side(a, b, c) * _side(a, b, d) < 0
+        crosses = apart & (_side(c, d, a) * _side(c, d, b) < 0)
         if crosses.any():
             other = int(others[np.argmax(crosses)])
             rule = f"the edge crosses the one that starts at vertex {other + 1}"
@@ -112,10 +115,29 @@ def contains_centre(points: Sequence[Point]) -> bool:
     return inside
 
 
+def is_number(value: object) -> bool:
+    """Return whether a value is a number, nan and infinity included."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
 def _side(
     a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    return _cross(b - a, p - a)
+    """Return on which side of the line through `a` and `b` a point lies: -1, 1, or 0 on it.
+
+    Decimal coordinates that touch on paper are apart by their rounding, and count as touching.
+    """
+    along, beside = b - a, p - a
+    rounding = 8 * np.finfo(np.float64).eps * np.maximum(np.abs(a), np.maximum(abs(b), abs(p)))
+    slack = _near_product(along, rounding) + _near_product(rounding, beside)
+    cross = _cross(along, beside)
+    sign: NDArray[np.float64] = np.where(np.abs(cross) <= slack, 0.0, np.sign(cross))
+    return sign
+
+
+def _near_product(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    product: NDArray[np.float64] = np.abs(u[..., 0] * v[..., 1]) + np.abs(u[..., 1] * v[..., 0])
+    return product
 
 
 def _cross(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:

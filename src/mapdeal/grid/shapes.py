@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import CELL_TOLERANCE, Frame
-from mapdeal.grid.outline import Point, area_of, check_simple, checked_corners
-from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, line_spans
+from mapdeal.grid.outline import Point, area_of, check_simple, checked_corners, is_number
+from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, edges_through, line_spans
 from mapdeal.kernels.discs import capsule_spans
 from mapdeal.kernels.polygons import polygon_spans
-from mapdeal.kernels.spans import Spans, joined
+from mapdeal.kernels.spans import Spans
 
 _LARGEST_COORDINATE = 1e12
 _MOST_VERTICES = 10_000
@@ -39,8 +39,8 @@ class Shape(Protocol):
         """File and place that the shape was read from, for messages; empty if none."""
         ...
 
-    def spans(self, frame: Frame) -> Spans:
-        """Return the cells of a grid that the shape covers."""
+    def spans(self, frame: Frame) -> Iterator[Spans]:
+        """Return the cells of a grid that the shape covers, in parts."""
         ...
 
     def outside_part(self, frame: Frame) -> str | None:
@@ -61,7 +61,8 @@ class Polygon:
     points_xy : sequence of (x, y)
         Corners in the map frame, metres, in either sense of rotation.
     holes_xy : sequence of sequences of (x, y)
-        Corners of each hole; cells on the edge of a hole belong to the polygon.
+        Corners of each hole; cells on the edge of a hole belong to the polygon, and what of a
+        hole lies outside of the polygon means nothing.
     value : int, optional
         What to draw it with.
     source : str
@@ -70,7 +71,8 @@ class Polygon:
     Raises
     ------
     ParameterError
-        If there are fewer than three corners, a coordinate is not finite, or edges cross.
+        If there are fewer than three corners, or more than 10,000 with those of the holes, a
+        coordinate is not finite, or edges of the outline or of a hole cross.
 
     Notes
     -----
@@ -81,9 +83,9 @@ class Polygon:
     Examples
     --------
     >>> room = Polygon([(0.5, 0.5), (2.5, 0.5), (2.5, 1.5), (0.5, 1.5)], value=100)
-    >>> spans = room.spans(Frame(4, 9, 1.0))
-    >>> sorted(set(zip(*(column.tolist() for column in spans))))[-1]  # row 1, columns 0 .. 2
-    (1, 2, 3)
+    >>> (spans,) = room.spans(Frame(4, 9, 1.0))  # columns 0 .. 2 of rows 0 and 1
+    >>> spans.rows.tolist(), spans.starts.tolist(), spans.stops.tolist()
+    ([0, 1], [0, 0], [3, 3])
     >>> room.has_extent(), Polygon([(0, 0), (1, 1), (2, 2)]).has_extent()
     (True, False)
     """
@@ -97,11 +99,15 @@ class Polygon:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points_xy", _ring(self.points_xy, "polygon"))
-        holes = tuple(_ring(hole, "hole") for hole in self.holes_xy)
-        object.__setattr__(self, "holes_xy", holes)
+        left = _MOST_VERTICES - len(self.points_xy)
+        holes = []
+        for index, points in enumerate(self.holes_xy):
+            holes.append(_ring(points, f"hole {index + 1}", left))
+            left -= len(holes[-1])
+        object.__setattr__(self, "holes_xy", tuple(holes))
 
-    def spans(self, frame: Frame) -> Spans:
-        """Return the cells of a grid that the polygon covers."""
+    def spans(self, frame: Frame) -> Iterator[Spans]:
+        """Return the cells of a grid that the polygon covers, in parts."""
         rings = [_cells(frame, ring, self.kind) for ring in (self.points_xy, *self.holes_xy)]
         return polygon_spans(rings, frame.shape)
 
@@ -144,7 +150,7 @@ class Line:
 
     Examples
     --------
-    >>> spans = Line([(0.5, 0.5), (3.5, 0.5)]).spans(Frame(2, 9, 1.0))
+    >>> (spans,) = Line([(0.5, 0.5), (3.5, 0.5)]).spans(Frame(2, 9, 1.0))
     >>> spans.rows.tolist(), spans.starts.tolist(), spans.stops.tolist()
     ([0], [0], [4])
     """
@@ -161,19 +167,18 @@ class Line:
             self.points_xy, "line", within=_LARGEST_COORDINATE, least=2, most=_MOST_VERTICES
         )
         object.__setattr__(self, "points_xy", points)
-        if not 0 <= self.thickness <= _LARGEST_COORDINATE:  # refuses nan too
+        if not (is_number(self.thickness) and 0 <= self.thickness <= _LARGEST_COORDINATE):
             rule = "must be a finite number of metres of at least 0"
             raise ParameterError(rule, place="line thickness", got=self.thickness)
 
-    def spans(self, frame: Frame) -> Spans:
-        """Return the cells of a grid that the line covers."""
-        cells = _cells(frame, self.points_xy, self.kind)
-        parts = [line_spans(a, b, frame.shape) for a, b in pairwise(cells)]
-        if self.thickness > 0:
-            radius = _near_radius(frame, self.thickness / 2, "line thickness")
-            places = _positions(frame, self.points_xy)
-            parts += [capsule_spans(a, b, radius, frame.shape) for a, b in pairwise(places)]
-        return joined(parts)
+    def spans(self, frame: Frame) -> Iterator[Spans]:
+        """Return the cells of a grid that the line covers, in parts."""
+        thin = line_spans(edges_through(_cells(frame, self.points_xy, self.kind)), frame.shape)
+        if self.thickness == 0:
+            return thin
+        radius = _near(frame, self.thickness, "line thickness") / 2
+        ends = pairwise(_positions(frame, self.points_xy))
+        return chain(thin, (capsule_spans(a, b, radius, frame.shape) for a, b in ends))
 
     def outside_part(self, frame: Frame) -> str | None:
         """Return the first point outside of a grid, or the thickness, in words."""
@@ -232,17 +237,20 @@ class Circle:
             [self.center_xy], "circle", within=_LARGEST_COORDINATE, least=1, most=1
         )
         object.__setattr__(self, "center_xy", center)
-        if not 0 < self.radius <= _LARGEST_COORDINATE:  # refuses nan too
+        if not (is_number(self.radius) and 0 < self.radius <= _LARGEST_COORDINATE):
             rule = "must be a finite number of metres above 0"
             raise ParameterError(rule, place="circle radius", got=self.radius)
 
-    def spans(self, frame: Frame) -> Spans:
-        """Return the cells of a grid that the circle covers."""
+    def spans(self, frame: Frame) -> Iterator[Spans]:
+        """Return the cells of a grid that the circle covers, in parts."""
         (cell,) = _cells(frame, [self.center_xy], self.kind)
         (place,) = _positions(frame, [self.center_xy])
-        radius = _near_radius(frame, self.radius, "circle radius")
-        disc = capsule_spans(place, place, radius, frame.shape)
-        return joined([line_spans(cell, cell, frame.shape), disc])
+        radius = _near(frame, self.radius, "circle radius")
+        own = []
+        if frame.holds(cell):
+            row, col = (np.array([index]) for index in cell)
+            own.append(Spans(row, col, col + 1))
+        return chain(own, (capsule_spans(place, place, radius, frame.shape) for _ in range(1)))
 
     def outside_part(self, frame: Frame) -> str | None:
         """Return the center, if it is outside of a grid, or the rim, in words."""
@@ -256,10 +264,8 @@ class Circle:
         return True
 
 
-def _ring(points: Sequence[Point], what: str) -> tuple[Point, ...]:
-    corners = checked_corners(
-        points, what, within=_LARGEST_COORDINATE, least=3, most=_MOST_VERTICES
-    )
+def _ring(points: Sequence[Point], what: str, most: int = _MOST_VERTICES) -> tuple[Point, ...]:
+    corners = checked_corners(points, what, within=_LARGEST_COORDINATE, least=3, most=most)
     check_simple(corners, what)
     return corners
 
@@ -280,12 +286,12 @@ def _positions(frame: Frame, points: Sequence[Point]) -> list[tuple[float, float
     return [(row, col) for row, col in places.tolist()]
 
 
-def _near_radius(frame: Frame, radius: float, place: str) -> float:
-    """Return a radius in cells; one that no arithmetic here is made for is refused."""
-    cells = radius / frame.resolution
+def _near(frame: Frame, length: float, place: str) -> float:
+    """Return a length in cells; one that no arithmetic here is made for is refused."""
+    cells = length / frame.resolution
     if cells > FARTHEST_CELL:
         rule = f"must not be more than {FARTHEST_CELL} cells"
-        raise ParameterError(rule, place=place, got=radius)
+        raise ParameterError(rule, place=place, got=length)
     return cells
 
 

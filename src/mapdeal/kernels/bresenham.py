@@ -1,4 +1,4 @@
-"""costmap_2d's line of cells between two cells, in closed form.
+"""costmap_2d's line of cells between two cells, in closed form, for many lines at once.
 
 References
 ----------
@@ -10,9 +10,12 @@ step; where it reaches n, the minor axis moves. So after i steps the minor axis 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
 import numpy as np
 
-from mapdeal.kernels.spans import Indices, Spans
+from mapdeal.kernels.spans import Indices, Spans, bands, enumerated
 
 Cell = tuple[int, int]
 
@@ -20,55 +23,83 @@ FARTHEST_CELL = 1 << 30
 """Cell indices up to which no product in here or in `polygons` exceeds 64 bits."""
 
 
-def line_spans(start: Cell, stop: Cell, shape: tuple[int, int]) -> Spans:
-    """Return the cells from `start` to `stop`, both included, that lie in a grid.
+class Edges(NamedTuple):
+    """Lines between cells, each from its first to its second end: arrays of int64, shape (N,)."""
+
+    row: Indices
+    col: Indices
+    next_row: Indices
+    next_col: Indices
+
+    @property
+    def bottom(self) -> Indices:
+        """The lowest row of each."""
+        return np.minimum(self.row, self.next_row)
+
+    @property
+    def top(self) -> Indices:
+        """The highest row of each."""
+        return np.maximum(self.row, self.next_row)
+
+    def chosen(self, which: Indices) -> Edges:
+        """Return some of the edges."""
+        return Edges(*(column[which] for column in self))
+
+
+def edges_through(cells: Sequence[Cell], *, closed: bool = False) -> Edges:
+    """Return the edges from each cell to the next, and from the last to the first."""
+    ends = np.array(cells, dtype=np.int64).reshape(-1, 2)
+    following = np.roll(ends, -1, axis=0)
+    if not closed:
+        ends, following = ends[:-1], following[:-1]
+    return Edges(ends[:, 0], ends[:, 1], following[:, 0], following[:, 1])
+
+
+def line_spans(edges: Edges, shape: tuple[int, int]) -> Iterator[Spans]:
+    """Return the cells of lines, their ends included, that lie in a grid, in parts.
 
     Parameters
     ----------
-    start, stop : tuple of int
-        Row and column of the ends, in the grid or not, at most `FARTHEST_CELL` away from it.
+    edges : Edges
+        Their ends may lie anywhere at most `FARTHEST_CELL` from the grid.
     shape : tuple of int
         Rows and columns of the grid.
 
     Examples
     --------
-    >>> spans = line_spans((0, 0), (2, 4), (3, 9))  # (0,0) (1,1) (1,2) (2,3) (2,4)
-    >>> [list(column) for column in zip(*(c.tolist() for c in spans))]
-    [[0, 0, 1], [1, 1, 3], [2, 3, 5]]
+    >>> lines = edges_through([(0, 0), (2, 4)])  # (0,0) (1,1) (1,2) (2,3) (2,4)
+    >>> (spans,) = line_spans(lines, (3, 9))
+    >>> [column.tolist() for column in spans]  # rows, starts, stops
+    [[0, 1, 2], [0, 1, 3], [1, 3, 5]]
     """
-    rows, first, last = extents(start, stop, shape[0])
-    return Spans(rows, first, last + 1).clipped(shape[1])
+    for bottom, top in bands(edges.bottom, edges.top + 1, shape[0]):
+        _, spans = runs(edges, bottom, top)
+        yield spans.clipped(shape[1])
 
 
-def extents(start: Cell, stop: Cell, size: int) -> tuple[Indices, Indices, Indices]:
-    """Return how far a line of cells reaches within each of the lanes 0 .. `size` - 1.
-
-    Parameters
-    ----------
-    start, stop : tuple of int
-        Lane and position in it: (row, column), or (column, row) for extents of columns.
-    size : int
-        Number of lanes.
+def runs(edges: Edges, bottom: int, top: int) -> tuple[Indices, Spans]:
+    """Return how far each line reaches within each of the rows `bottom` .. `top` - 1.
 
     Returns
     -------
-    lanes, lowest, highest : numpy.ndarray of int64, shape (N,)
-        Of each lane that the line crosses the smallest and the largest position, both on it.
+    which : numpy.ndarray of int64, shape (N,)
+        The edge that a run belongs to.
+    spans : Spans
+        The cells of that edge in one row, not clipped to any columns.
     """
-    (u0, v0), (u1, v1) = start, stop
-    up = 1 if u1 >= u0 else -1
-    across, along = abs(u1 - u0), abs(v1 - v0)
-    low, high = max(min(u0, u1), 0), min(max(u0, u1), size - 1)
-    lanes = np.arange(low, high + 1, dtype=np.int64)
-    moved = (lanes - u0) * up
-    if across >= along:  # one cell a lane
-        n = max(across, 1)
-        first = last = (n // 2 + moved * along) // n
-    else:
-        # Lane k holds the steps i with (n // 2 + i * across) // n == k.
-        n, divisor = along, max(across, 1)
-        first = np.where(moved == 0, 0, -((n // 2 - moved * n) // divisor))
-        last = np.where(moved == across, n, -((n // 2 - (moved + 1) * n) // divisor) - 1)
-    down = v0 - last, v0 - first
-    lowest, highest = (v0 + first, v0 + last) if v1 >= v0 else down
-    return lanes, lowest, highest
+    which, rows = enumerated(np.maximum(edges.bottom, bottom), np.minimum(edges.top + 1, top))
+    row, col, next_row, next_col = edges.chosen(which)
+    across, along = np.abs(next_row - row), np.abs(next_col - col)
+    moved = np.abs(rows - row)
+    n = np.maximum(np.maximum(across, along), 1)
+    # Where rows are the major axis there is one cell a row. Elsewhere row k holds the steps i
+    # with (n // 2 + i * across) // n == k.
+    single = (n // 2 + moved * along) // n
+    steps = np.maximum(across, 1)
+    first = np.where(moved == 0, 0, -((n // 2 - moved * n) // steps))
+    last = np.where(moved == across, n, -((n // 2 - (moved + 1) * n) // steps) - 1)
+    first, last = (np.where(across >= along, single, end) for end in (first, last))
+    to_the_right = next_col >= col
+    lowest = np.where(to_the_right, col + first, col - last)
+    highest = np.where(to_the_right, col + last, col - first)
+    return which, Spans(rows, lowest, highest + 1)

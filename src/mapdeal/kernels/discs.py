@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.spans import Spans, joined
+from mapdeal.kernels.spans import Spans
 
 _TOLERANCE = 1e-9
 """In cells: centres exactly on the rim belong to the shape, whatever rounding says."""
@@ -44,7 +44,7 @@ def capsule_spans(
     top = math.floor(min(max(start[0], stop[0]) + reach - 0.5, shape[0] - 1))
     rows = np.arange(bottom, top + 1, dtype=np.int64)
     if rows.size == 0:
-        return joined([])
+        return Spans(rows, rows, rows)
     y: NDArray[np.float64] = rows.astype(np.float64) + 0.5
     # The shape is convex, so that it meets each row in one run: from the leftmost to the
     # rightmost of its parts.

@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mapdeal.kernels.bresenham import Cell, line_spans
-from mapdeal.kernels.spans import Indices, Spans, joined
+from mapdeal.kernels.bresenham import Cell, Edges, edges_through, runs
+from mapdeal.kernels.spans import Indices, Spans, bands, enumerated
+
+_COUNT_BITS = 20
+"""Bits that count how many runs of one kind a cell lies in; three such counts share 64 bits."""
+_SOLID, _HOLLOW, _RIM = (1 << (_COUNT_BITS * k) for k in range(3))
+_ONE_COUNT = (1 << _COUNT_BITS) - 1
 
 
-def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Spans:
-    """Return the cells of a polygon of any form, with holes or without, that lie in a grid.
+def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Iterator[Spans]:
+    """Return the cells of a polygon of any form, with holes or without, in parts.
 
     Parameters
     ----------
     rings : sequence of sequences of tuple of int
-        Row and column of each corner's cell, of the outline and of each hole; in the grid or
-        not, at most `mapdeal.kernels.bresenham.FARTHEST_CELL` away from it.
+        Row and column of each corner's cell, first of the outline and then of each hole; in the
+        grid or not, at most `mapdeal.kernels.bresenham.FARTHEST_CELL` away from it.
     shape : tuple of int
         Rows and columns of the grid.
 
     Notes
     -----
-    The outlines by `line_spans`, and every cell whose centre an odd number of edges between
-    the corners' centres surround. What is left of a polygon that reaches beyond the grid is
-    exactly its part inside of it.
+    The outline is costmap_2d's lines of cells between the corners; inside of it is every cell
+    whose centre an odd number of edges between the corners' centres surround. What is inside
+    of a hole in the same sense, but not on its edge, is left out. What comes of a polygon that
+    reaches beyond the grid is exactly its part inside of it.
 
     For a convex polygon these are the cells of costmap_2d's ``convexFillCells``, which fills
     each column from its lowest to its highest cell: a column meets just two of its edges, also
@@ -35,33 +40,61 @@ def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Sp
 
     Examples
     --------
-    >>> spans = polygon_spans([[(0, 0), (0, 4), (3, 0)]], (9, 9))
-    >>> sorted(set(zip(*(column.tolist() for column in spans))))[-1]
-    (3, 0, 1)
+    >>> (spans,) = polygon_spans([[(0, 0), (0, 4), (3, 0)]], (9, 9))
+    >>> [column.tolist() for column in spans]  # rows, starts, stops
+    [[0, 1, 2, 3], [0, 0, 0, 0], [5, 4, 3, 1]]
     """
-    edges = [edge for ring in rings for edge in pairwise([*ring, ring[0]])]
-    outlines = [line_spans(*edge, shape) for edge in edges]
-    return joined([*outlines, _inside(edges, shape)])
+    of_rings = [edges_through(ring, closed=True) for ring in rings]
+    edges = Edges(*(np.concatenate(columns) for columns in zip(*of_rings, strict=True)))
+    ring_of = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+    for bottom, top in bands(edges.bottom, edges.top + 1, shape[0]):
+        which, outline = runs(edges, bottom, top)
+        rim = ring_of[which]
+        inside_of, inside = _inside(edges, ring_of, bottom, top, shape[1])
+        spans = Spans(*map(np.concatenate, zip(outline, inside, strict=True)))
+        kinds = np.where(
+            np.concatenate([rim, inside_of]) == 0,
+            _SOLID,
+            np.repeat([_RIM, _HOLLOW], [len(rim), len(inside_of)]),
+        )
+        yield _covered(spans, kinds, shape[1])
 
 
-def _inside(edges: list[tuple[Cell, Cell]], shape: tuple[int, int]) -> Spans:
-    """Return the cells inside by the even-odd rule; those on an edge belong to its outline."""
-    all_rows: list[Indices] = []
-    all_cols: list[Indices] = []
-    for (row, col), (next_row, next_col) in edges:
-        if row == next_row:
-            continue
-        if row > next_row:
-            row, col, next_row, next_col = next_row, next_col, row, col
-        rows = np.arange(max(row, 0), min(next_row, shape[0]), dtype=np.int64)
-        # First column that is not left of the edge at the rows' centres.
-        passed = -(((rows - row) * (col - next_col)) // (next_row - row))
-        all_rows.append(rows)
-        all_cols.append(col + passed)
-    if not all_rows:
-        return joined([])
-    rows, cols = np.concatenate(all_rows), np.concatenate(all_cols)
-    order = np.lexsort((cols, rows))
-    rows, cols = rows[order], cols[order]
+def _inside(
+    edges: Edges, ring_of: Indices, bottom: int, top: int, width: int
+) -> tuple[Indices, Spans]:
+    """Return whose inside it is, and the cells inside of each ring by the even-odd rule.
+
+    Cells on an edge belong to the outline, and may be missing here.
+    """
+    which, rows = enumerated(np.maximum(edges.bottom, bottom), np.minimum(edges.top, top))
+    row, col, next_row, next_col = edges.chosen(which)
+    up = next_row > row
+    low_row, low_col = np.where(up, row, next_row), np.where(up, col, next_col)
+    high_row, high_col = np.where(up, next_row, row), np.where(up, next_col, col)
+    # First column that is not left of the edge at the rows' centres.
+    passed = -(((rows - low_row) * (low_col - high_col)) // (high_row - low_row))
+    cols = np.clip(low_col + passed, 0, width)
+    count = int(ring_of[-1]) + 1
+    keys = np.sort(((rows - bottom) * count + ring_of[which]) * (width + 1) + cols)
+    places, cols = np.divmod(keys, width + 1)
     # A closed ring crosses a row an even number of times: enter, leave, enter, leave.
-    return Spans(rows[::2], cols[::2], cols[1::2]).clipped(shape[1])
+    rows, rings = np.divmod(places[::2], count)
+    return rings, Spans(rows + bottom, cols[::2], cols[1::2])
+
+
+def _covered(spans: Spans, kinds: Indices, width: int) -> Spans:
+    """Return the runs of cells that are solid, and in no hollow or on its rim; none overlap."""
+    starts, stops = (np.clip(ends, 0, width) for ends in (spans.starts, spans.stops))
+    keys = np.concatenate([spans.rows * (width + 1) + ends for ends in (starts, stops)])
+    order = np.argsort(keys, kind="stable")
+    keys, counts = keys[order], np.cumsum(np.concatenate([kinds, -kinds])[order])
+    is_last = np.append(keys[1:] != keys[:-1], True)
+    keys, counts = keys[is_last], counts[is_last]
+    solid = (counts & _ONE_COUNT) > 0
+    hollow = ((counts >> _COUNT_BITS) & _ONE_COUNT) > 0
+    rim = (counts >> (2 * _COUNT_BITS)) > 0
+    covered = solid & (~hollow | rim)
+    change = np.diff(covered.astype(np.int8), prepend=0)
+    rows, begins = np.divmod(keys[change == 1], width + 1)
+    return Spans(rows, begins, keys[change == -1] % (width + 1))

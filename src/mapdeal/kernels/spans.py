@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Indices = NDArray[np.int64]
+
+_SHORT = 8
+"""Cells up to which runs are painted all together, cell by cell, rather than one by one."""
+
+MOST_TOGETHER = 1 << 20
+"""Runs that are made at the same time, so that no shape takes memory beyond its map's."""
 
 
 class Spans(NamedTuple):
@@ -30,13 +37,6 @@ class Spans(NamedTuple):
         starts, stops = np.clip(self.starts, 0, width), np.clip(self.stops, 0, width)
         kept = starts < stops
         return Spans(self.rows[kept], starts[kept], stops[kept])
-
-
-def joined(parts: list[Spans]) -> Spans:
-    """Return the runs of all parts together."""
-    empty = np.empty(0, dtype=np.int64)
-    columns = zip(*[(empty, empty, empty), *parts], strict=True)
-    return Spans(*(np.concatenate(column) for column in columns))
 
 
 def paint(
@@ -63,12 +63,18 @@ def paint(
     array([[0, 0, 0, 0, 0],
            [0, 7, 7, 7, 0]], dtype=int8)
     """
-    for row, start, stop in _runs(spans):
+    long, short = _by_length(spans)
+    for row, start, stop in zip(*(column.tolist() for column in long), strict=True):
         cells = values[row, start:stop]
         if over is None:
             cells[:] = value
         else:
             cells[over[cells.view(np.uint8)]] = value
+    for rows, cols in short:
+        if over is not None:
+            kept = over[values[rows, cols].view(np.uint8)]
+            rows, cols = rows[kept], cols[kept]
+        values[rows, cols] = value
 
 
 def paint_bits(packed: NDArray[np.uint8], spans: Spans, value: bool) -> None:
@@ -90,17 +96,77 @@ def paint_bits(packed: NDArray[np.uint8], spans: Spans, value: bool) -> None:
     >>> [f"{byte:08b}" for byte in packed[0].tolist()]
     ['00000011', '11111111', '11000000']
     """
-    whole = 0xFF if value else 0
-    for row, start, stop in _runs(spans):
+    long, short = _by_length(spans)
+    for row, start, stop in zip(*(column.tolist() for column in long), strict=True):
         first, last = start >> 3, (stop - 1) >> 3
         head, tail = 0xFF >> (start & 7), 0xFF & (0xFF << (7 - ((stop - 1) & 7)))
-        if first == last:
-            head = tail = head & tail
-        packed[row, first + 1 : last] = whole
+        packed[row, first + 1 : last] = 0xFF if value else 0
         for byte, mask in ((first, head), (last, tail)):
             old = int(packed[row, byte])
             packed[row, byte] = old | mask if value else old & ~mask
+    for rows, cols in short:
+        set_bits(packed, rows, cols, value)
 
 
-def _runs(spans: Spans) -> Any:
-    return zip(*(column.tolist() for column in spans), strict=True)
+def set_bits(packed: NDArray[np.uint8], rows: Indices, cols: Indices, value: bool) -> None:
+    """Set or clear the bits of cells, in place; a cell may stand several times."""
+    bits = (0x80 >> (cols & 7)).astype(np.uint8)
+    if value:
+        np.bitwise_or.at(packed, (rows, cols >> 3), bits)
+    else:
+        np.bitwise_and.at(packed, (rows, cols >> 3), ~bits)
+
+
+def enumerated(starts: Indices, stops: Indices) -> tuple[Indices, Indices]:
+    """Return the numbers of all half open ranges one after the other, and whose each is.
+
+    Examples
+    --------
+    >>> whose, numbers = enumerated(np.array([5, 0, 2]), np.array([7, 0, 5]))
+    >>> whose.tolist(), numbers.tolist()
+    ([0, 0, 2, 2, 2], [5, 6, 2, 3, 4])
+    """
+    counts = np.maximum(stops - starts, 0)
+    whose = np.repeat(np.arange(len(counts)), counts)
+    before = np.cumsum(counts) - counts
+    return whose, np.arange(len(whose)) - before[whose] + starts[whose]
+
+
+def bands(starts: Indices, stops: Indices, height: int) -> Iterator[tuple[int, int]]:
+    """Return ranges of rows that hold about `MOST_TOGETHER` rows of all given ranges each.
+
+    Parameters
+    ----------
+    starts, stops : numpy.ndarray of int64, shape (N,)
+        Half open ranges of rows, of edges perhaps.
+    height : int
+        Rows of the grid; others are left out.
+    """
+    change = np.zeros(height + 1, dtype=np.int64)
+    np.add.at(change, np.clip(starts, 0, height), 1)
+    np.add.at(change, np.clip(np.maximum(starts, stops), 0, height), -1)
+    in_row = np.cumsum(change[:-1])
+    used = np.flatnonzero(in_row)
+    if used.size == 0:
+        return
+    bottom, top = int(used[0]), int(used[-1]) + 1
+    share = np.cumsum(in_row[bottom:top]) // MOST_TOGETHER
+    edges = bottom + np.flatnonzero(np.diff(share, prepend=-1))
+    yield from zip(edges.tolist(), [*edges[1:].tolist(), top], strict=True)
+
+
+def _by_length(spans: Spans) -> tuple[Spans, Iterator[tuple[Indices, Indices]]]:
+    """Return the long runs, and the cells of the short ones, each once per run."""
+    lengths = spans.stops - spans.starts
+    is_long = lengths > _SHORT
+    long = Spans(*(column[is_long] for column in spans))
+    rows, starts, lengths = spans.rows[~is_long], spans.starts[~is_long], lengths[~is_long]
+
+    def cells() -> Iterator[tuple[Indices, Indices]]:
+        for k in range(_SHORT):
+            reach = lengths > k
+            if not reach.any():
+                return
+            yield rows[reach], starts[reach] + k
+
+    return long, cells()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mapdeal.errors import ParameterError
@@ -23,6 +23,7 @@ def edit_file(
     change: Callable[[Editable], Editable],
     *,
     what: str,
+    inputs: Sequence[Path] = (),
 ) -> Figures:
     """Read a map or costmap, change it, and write it; return its figures.
 
@@ -39,6 +40,8 @@ def edit_file(
         Takes the grid and returns a new one of its kind.
     what : str
         What has been done, for the title of the picture.
+    inputs : sequence of Path
+        Files beside the map that no output may replace.
     """
 
     def changed(grid: Grid) -> Grid:
@@ -47,7 +50,7 @@ def edit_file(
             raise ParameterError(rule, hint="edit the map, then run esdf on it")
         return change(grid)
 
-    return change_file(path, output, options, changed, what=what)
+    return change_file(path, output, options, changed, what=what, inputs=inputs)
 
 
 def change_file(
@@ -57,11 +60,12 @@ def change_file(
     change: Callable[[Grid], Grid],
     *,
     what: str,
+    inputs: Sequence[Path] = (),
 ) -> Figures:
     """Do what `edit_file` does, with fields, too."""
     outputs = output_paths(output)
     source = read_input(path, options)
-    with outputs_of(outputs, source.files, options) as transaction:
+    with outputs_of(outputs, [*source.files, *inputs], options) as transaction:
         with errors_named(path):
             grid = change(source.grid)
         metadata = source.metadata

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from typing import Any
 
@@ -93,16 +94,17 @@ def _cells_at_centres(
 
     Without a turn between the two they are a column and a row that broadcast.
     """
-    across = np.arange(target.width)
-    along = np.arange(rows.start, rows.stop)
-    if source.origin[2] == target.origin[2]:
-        first = source.continuous_rowcol_from_xy(target.xy_from_rowcol([[0, 0]]))[0]
-        step = target.resolution / source.resolution
-        return (
-            cells_at(first[0] + along * step)[:, np.newaxis],
-            cells_at(first[1] + across * step)[np.newaxis, :],
-        )
-    cells = np.stack(np.broadcast_arrays(along[:, np.newaxis], across), axis=-1)
-    found = source.unbounded_rowcol_from_xy(target.xy_from_rowcol(cells))
-    shaped = found.reshape(len(along), target.width, 2)
-    return shaped[..., 0], shaped[..., 1]
+    along = np.arange(rows.start, rows.stop)[:, np.newaxis]
+    across = np.arange(target.width)[np.newaxis, :]
+    centre = target.xy_from_rowcol([[0, 0]])
+    row, col = source.continuous_rowcol_from_xy(centre)[0].tolist()
+    tolerance = source.tolerance_at(centre)
+    step = target.resolution / source.resolution
+    turn = target.origin[2] - source.origin[2]
+    if turn == 0.0:
+        return cells_at(row + along * step, tolerance), cells_at(col + across * step, tolerance)
+    cos, sin = step * math.cos(turn), step * math.sin(turn)
+    return (
+        cells_at(row + along * cos + across * sin, tolerance),
+        cells_at(col - along * sin + across * cos, tolerance),
+    )
