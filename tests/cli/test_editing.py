@@ -321,6 +321,7 @@ def test_costs_as_ros_publishes_them_and_as_amcl_sees_them(command, tmp_path):
         seen = read_map(tmp_path / name)
         assert seen.occupancy.tolist() == [[0, -1, -1, -1, 100, -1]]
         assert seen.origin == stored.origin
+    assert np.load(tmp_path / "a.npz")["amcl"].tolist() == [[-1, 0, 0, 0, 1, 0]]
     command("convert", tmp_path / "o.npz", "-o", tmp_path / "b.npz", "--encoding", "costmap2d")
     assert read_map(tmp_path / "b.npz").cost.tolist() == [[0, 3, 127, 251, 254, 255]]
 

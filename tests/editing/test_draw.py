@@ -215,6 +215,7 @@ def test_the_larger_or_the_smaller_value_wins_and_unknown_gives_way(scale, overl
         drawn = draw(grid, line, value=value, overlay=overlay).cost[0].tolist()
         assert drawn == [value, *(wins(old, value) for old in values[1:])]
     assert (draw(grid, line, value=unknown).cost == unknown).all()
+    assert np.array_equal(draw(grid, line, value=unknown, overlay=overlay).cost, grid.cost)
 
 
 def test_bits_with_overlays():

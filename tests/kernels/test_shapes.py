@@ -12,7 +12,7 @@ import oracles
 from mapdeal.kernels.bresenham import FARTHEST_CELL, edges_through, line_spans
 from mapdeal.kernels.discs import capsule_spans
 from mapdeal.kernels.polygons import polygon_spans
-from mapdeal.kernels.spans import Spans, paint, paint_bits
+from mapdeal.kernels.spans import Spans, bands, paint, paint_bits
 
 HEIGHT, WIDTH = 7, 11
 CELLS = st.tuples(st.integers(-9, 16), st.integers(-9, 20))
@@ -161,3 +161,23 @@ def test_bits_are_painted_as_bytes_are(runs, value):
     paint_bits(packed, spans, value)
     paint(mask, spans, value)
     assert np.array_equal(packed, np.packbits(mask, axis=1))
+
+
+@given(
+    st.lists(st.tuples(st.integers(-5, 45), st.integers(0, 60)), min_size=1, max_size=30),
+    st.integers(1, 50),
+)
+def test_bands_hold_all_rows_and_not_too_many_at_once(ranges, most):
+    height = 40
+    starts = np.array([first for first, _ in ranges])
+    stops = starts + [count for _, count in ranges]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mapdeal.kernels.spans.MOST_TOGETHER", most)
+        found = list(bands(starts, stops, height))
+    rows = [row for first, stop in found for row in range(first, stop)]
+    used = {r for a, b in zip(starts, stops, strict=True) for r in range(max(a, 0), min(b, height))}
+    assert len(rows) == len(set(rows))
+    assert used <= set(rows) <= set(range(height))
+    for first, stop in found:
+        per_row = [int(((starts <= r) & (r < stops)).sum()) for r in range(first, stop)]
+        assert sum(per_row) <= most + max(per_row)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -19,9 +18,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @app.command()
 def shift(
     source: opt.MapArgument,
-    output: Annotated[
-        Path, opt.output_argument("OUT", "The result: .yaml or .pgm, .png, or .npz.")
-    ],
+    output: opt.GridOutput,
     origin: Annotated[
         str,
         typer.Option(metavar="X,Y", help="Where the lower left corner goes, by whole cells."),
@@ -49,7 +46,7 @@ def shift(
     opt.start(quiet=quiet, verbose=verbose)
     to = opt.pair(origin, "--origin")
     shown = "unknown" if default is None else default
-    terminal.detail(f"shift: origin {to[0]:g}, {to[1]:g}, default {shown}")
+    terminal.detail(f"shift: origin {to[0]:.10g}, {to[1]:.10g}, default {shown}")
     files = file_options(dialect, max_cells, force, threads, image)
     figures = edit_file(
         source, output, files, lambda grid: shift_origin(grid, to, default=default), what="shifted"

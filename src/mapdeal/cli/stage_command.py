@@ -49,5 +49,5 @@ def say_written(output: Path, figures: Figures, *, with_origin: bool = False) ->
     text = f"{output}: {figures['width']} x {figures['height']} cells"
     if with_origin:
         x, y, yaw = figures["origin"]
-        text += f" at {x:.6g}, {y:.6g}" + (f", yaw {yaw:.6g}" if yaw else "")
+        text += f" at {x:.10g}, {y:.10g}" + (f", yaw {yaw:.6g}" if yaw else "")
     terminal.summary([f"{text}, {summary_of(figures)}"])

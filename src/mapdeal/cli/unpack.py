@@ -19,9 +19,7 @@ def unpack(
     source: Annotated[
         Path, typer.Argument(metavar="IN.pbm", help="A bit map with its .yaml beside it.")
     ],
-    output: Annotated[
-        Path, opt.output_argument("OUT", "The result: .yaml or .pgm, .png, or .npz.")
-    ],
+    output: opt.GridOutput,
     image: opt.Image = None,
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,

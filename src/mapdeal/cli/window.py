@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -18,9 +17,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @app.command()
 def window(
     source: opt.MapArgument,
-    output: Annotated[
-        Path, opt.output_argument("OUT", "The result: .yaml or .pgm, .png, or .npz.")
-    ],
+    output: opt.GridOutput,
     size: opt.Size,
     at: opt.At = None,
     corner: opt.Corner = None,

@@ -56,7 +56,7 @@ def draw(
     overlay : {'seq', 'max', 'min'}
         What wins where a shape meets a cell that has a value already, of another shape or of
         the grid: the later one, the larger, or the smaller, as in Nav2's vector object server.
-        Unknown cells take any value.
+        Unknown cells take any value, and an unknown one wins only with ``seq``.
     strict : bool
         Whether a shape that does not lie in the grid as a whole, or a polygon without area, is
         an error; nothing is drawn then.

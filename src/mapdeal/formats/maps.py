@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.map_server import read_pair
@@ -134,12 +137,13 @@ def write_grid(
     mode: Mode | None = None,
     encoding: Encoding = "occupancy",
     extra: dict[str, Any] | None = None,
+    more: Mapping[str, NDArray[Any]] | None = None,
 ) -> None:
-    """Write a grid to `output` as its ending says; a field only fits an npz."""
+    """Write a grid to `output` as its ending says; a field and `more` layers only fit an npz."""
     if output.suffix == ".npz":
         if mode is not None:
             raise ParameterError("an npz has no mode", place="mode", got=mode)
-        transaction.write(output, lambda file: write_npz(file, grid))
+        transaction.write(output, lambda file: write_npz(file, grid, more=more))
         return
     if isinstance(grid, DistanceField):
         raise ParameterError("a distance field is written as npz", source=output)

@@ -10,7 +10,7 @@ import io
 import warnings
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -32,8 +32,10 @@ _LARGEST_SMALL_NUMBER = 1 << 31
 Grid = OccupancyGrid | Costmap | DistanceField
 
 
-def write_npz(file: BinaryIO, grid: Grid) -> None:
-    """Write a grid, all its layers and its geometry.
+def write_npz(
+    file: BinaryIO, grid: Grid, *, more: Mapping[str, NDArray[Any]] | None = None
+) -> None:
+    """Write a grid, all its layers and its geometry, and `more` layers, which no reader needs.
 
     The bytes depend on the grid alone: entries carry no time.
     """
@@ -42,6 +44,7 @@ def write_npz(file: BinaryIO, grid: Grid) -> None:
         "resolution": np.float64(grid.resolution),
         "origin": np.asarray(grid.origin, dtype=np.float64),
         **_entries_of(grid),
+        **(more or {}),
     }
     with zipfile.ZipFile(file, "w") as archive:
         for name, value in entries.items():

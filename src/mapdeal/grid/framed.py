@@ -77,18 +77,17 @@ class ValueGrid(Framed):
         """Return a grid in which the cells of spans have their values, one after the other.
 
         What a cell has already gives way to any value (``seq``), to a larger (``max``) or to a
-        smaller one (``min``); unknown always gives way.
+        smaller one (``min``); unknown gives way to all, and wins only with ``seq``.
         """
         values = self.values.copy()
         old = np.arange(256, dtype=np.uint8).view(values.dtype)
+        unknown = old == self.unknown_value
         for spans, value in strokes:
-            over = {"seq": None, "max": old < value, "min": old > value}[overlay]
-            paint(
-                values,
-                spans,
-                value,
-                over=None if over is None else over | (old == self.unknown_value),
-            )
+            if overlay == "seq":
+                paint(values, spans, value)
+            elif value != self.unknown_value:
+                wins = old < value if overlay == "max" else old > value
+                paint(values, spans, value, over=wins | unknown)
         return self.with_values(values)
 
     def accept_value(self, value: float, name: str = "value") -> int:

@@ -303,7 +303,7 @@ def _outside_vertex(frame: Frame, points: Sequence[Point]) -> str | None:
     x, y = points[index]
     past = frame.continuous_rowcol_from_xy([points[index]])[0] - frame.shape
     on_edge = " (upper edges belong to no cell)" if np.abs(past).min() < CELL_TOLERANCE else ""
-    return f"vertex {index + 1}, ({x:g}, {y:g}){on_edge or ','}"
+    return f"vertex {index + 1}, ({x:.10g}, {y:.10g}){on_edge or ','}"
 
 
 def _disc_reaches_beyond(frame: Frame, points: Sequence[Point], radius: float) -> bool:

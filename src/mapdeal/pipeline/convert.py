@@ -61,7 +61,10 @@ def convert_file(
         pixels: Literal["occupancy", "costmap2d"] = (
             "costmap2d" if encoding == "costmap2d" else "occupancy"
         )
-        write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra)
+        more = None
+        if encoding == "amcl" and isinstance(grid, OccupancyGrid):
+            more = {"amcl": grid.amcl_states()}
+        write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra, more=more)
         add_picture(transaction, options, grid, path.stem)
     return figures_of(grid)
 

@@ -130,7 +130,7 @@ def frame_text(frame: Frame) -> str:
         f"{width:.6g} x {height:.6g} m"
     )
     x, y, yaw = frame.origin
-    return f"{text}, from {x:.6g}, {y:.6g} at yaw {yaw:.4g} (not turned here)" if yaw else text
+    return f"{text}, from {x:.10g}, {y:.10g} at yaw {yaw:.4g} (not turned here)" if yaw else text
 
 
 def corner_of(frame: Frame) -> tuple[float, float] | None:
