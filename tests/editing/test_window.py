@@ -161,6 +161,14 @@ def test_a_shift_by_whole_cells_at_utm_coordinates():
     assert shifted.occupancy.tolist() == [[5, 6, 7, -1], [9, 10, 11, -1], [-1] * 4]
 
 
+def test_a_window_around_a_point_at_utm_coordinates():
+    far = OccupancyGrid(np.zeros((40, 40), np.int8), 0.05, (500000.0, 4649776.5, 0.0))
+    for k in range(1, 30):
+        middle = (round(500000 + k * 0.05, 2), round(4649776.5 + k * 0.05, 2))
+        part = window(far, center_xy=middle, size_xy=(0.1, 0.1))
+        assert far.frame.unbounded_rowcol_from_xy([part.origin[:2]]).tolist() == [[k - 1, k - 1]]
+
+
 def test_a_shift_along_turned_axes():
     corner = TURNED.frame.xy_from_rowcol([[1, 1]])[0]
     shifted = shift_origin(TURNED, tuple(corner))
