@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import CELL_TOLERANCE, Frame
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.outline import Point, area_of, check_simple, checked_corners, is_number
 from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, edges_through, line_spans
 from mapdeal.kernels.discs import capsule_spans
@@ -302,12 +302,13 @@ def _outside_vertex(frame: Frame, points: Sequence[Point]) -> str | None:
     index = int(np.argmin(inside))
     x, y = points[index]
     past = frame.continuous_rowcol_from_xy([points[index]])[0] - frame.shape
-    on_edge = " (upper edges belong to no cell)" if np.abs(past).min() < CELL_TOLERANCE else ""
-    return f"vertex {index + 1}, ({x:.10g}, {y:.10g}){on_edge or ','}"
+    is_on_edge = bool(np.abs(past).min() <= 2 * frame.tolerance_at([points[index]]))
+    edge = " (upper edges belong to no cell)" if is_on_edge else ","
+    return f"vertex {index + 1}, ({x:.10g}, {y:.10g}){edge}"
 
 
 def _disc_reaches_beyond(frame: Frame, points: Sequence[Point], radius: float) -> bool:
-    reach = radius / frame.resolution - CELL_TOLERANCE
+    reach = radius / frame.resolution - float(frame.tolerance_at(points).max())
     places = np.array(_positions(frame, points))
     below, above = places.min() - reach, (places - np.array(frame.shape)).max() + reach
     return radius > 0 and bool(below < 0 or above > 0)
