@@ -90,6 +90,11 @@ class ParameterError(MapdealError, ValueError):
 
     exit_code = 2
 
+    def in_file(self, source: Path | str, place: str | None = None) -> MalformedInputError:
+        """Return the error as one about what a file holds, at a place in it."""
+        self.place = ": ".join(part for part in (place, self.place) if part) or None
+        return MalformedInputError(str(self), source=source, hint=self.hint)
+
 
 class MalformedInputError(MapdealError):
     """An input file whose contents break its format's rules."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -20,6 +20,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.formats.shapes import read_shapes
 from mapdeal.grid.outline import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
+from mapdeal.grid.values import Overlay
 from mapdeal.pipeline.edit import Editable, edit_file
 from mapdeal.pipeline.files import FileOptions
 
@@ -52,7 +53,7 @@ File = Annotated[
         help="Draw the shapes of a YAML or GeoJSON file, of whatever kind, one after the other.",
     ),
 ]
-Overlay = Annotated[
+OverlayOption = Annotated[
     OverlayName,
     typer.Option(
         help="What wins in a cell: the later (seq), the larger (max) or the smaller value (min). "
@@ -92,7 +93,7 @@ def polygon(
     point: Points = None,
     file: File = None,
     value: Value = None,
-    overlay: Overlay = OverlayName.seq,
+    overlay: OverlayOption = OverlayName.seq,
     blank: Blank = False,
     background: Background = None,
     strict: Strict = False,
@@ -126,7 +127,7 @@ def line(
     ] = None,
     file: File = None,
     value: Value = None,
-    overlay: Overlay = OverlayName.seq,
+    overlay: OverlayOption = OverlayName.seq,
     blank: Blank = False,
     background: Background = None,
     strict: Strict = False,
@@ -157,7 +158,7 @@ def circle(
     ] = None,
     file: File = None,
     value: Value = None,
-    overlay: Overlay = OverlayName.seq,
+    overlay: OverlayOption = OverlayName.seq,
     blank: Blank = False,
     background: Background = None,
     strict: Strict = False,
@@ -224,7 +225,7 @@ class _Drawing:
 
     shapes: list[Shape]
     value: int | None
-    overlay: Literal["seq", "max", "min"]
+    overlay: Overlay
     strict: bool
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol, Self, TypeVar
 
-from mapdeal.errors import FindingError, MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.errors import FindingError, MapdealWarning, ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.shapes import Shape
 from mapdeal.grid.values import Overlay
@@ -133,10 +133,9 @@ def _about(shape: Shape, name: str) -> Iterator[None]:
     try:
         yield
     except ParameterError as error:
-        if not str(error.place).startswith(shape.kind) or name != shape.kind:
-            error.place = ": ".join(part for part in (name, error.place) if part)
         if shape.source:
-            raise MalformedInputError(str(error), source=shape.source) from None
+            raise error.in_file(shape.source, name) from None
+        error.place = ": ".join(part for part in (name, error.place) if part)
         raise
 
 

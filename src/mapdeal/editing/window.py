@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FindingError, MapdealWarning, ParameterError
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.frame import Frame, cells_at, cells_to_cover
+from mapdeal.grid.frame import FARTHEST, Frame, cells_at, cells_to_cover
 from mapdeal.grid.framed import Framed, ValueGrid
 from mapdeal.grid.outline import Point
 
 _MOST_CELLS = 1_000_000_000
-_FARTHEST = 1e12
 
 G = TypeVar("G", bound=Framed)
 V = TypeVar("V", bound=ValueGrid)
@@ -209,8 +208,8 @@ def _region(
         None if point is None else _pair(point, name)
         for point, name in ((corner_xy, "corner"), (center_xy, "center"))
     )
-    if not (0 < size_x <= _FARTHEST and 0 < size_y <= _FARTHEST):  # refuses nan too
-        rule = f"must be two numbers of metres above 0 and within {_FARTHEST:g}"
+    if not (0 < size_x <= FARTHEST and 0 < size_y <= FARTHEST):  # refuses nan too
+        rule = f"must be two numbers of metres above 0 and within {FARTHEST:g}"
         raise ParameterError(rule, place="size", got=(size_x, size_y))
     if corner_xy is not None and center_xy is None:
         row, col = frame.unbounded_rowcol_from_xy([corner_xy])[0].tolist()

@@ -146,8 +146,7 @@ class _Reader:
                 raise self.error(rule, place)
             return Circle(self._points([part], place)[0], radius, whole, source)
         except ParameterError as error:
-            error.place = f"{place}: {error.place}"
-            raise MalformedInputError(str(error), source=self._path) from None
+            raise error.in_file(self._path, place) from None
 
     def _ring(self, ring: Any, place: str) -> list[Any]:
         points = self._points(ring, place)

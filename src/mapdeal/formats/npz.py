@@ -111,8 +111,7 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
                 return _read_field(reader, resolution, origin)
             return OccupancyGrid(reader.layer("occupancy", np.int8), resolution, origin)
         except ParameterError as error:
-            rule = str(error)
-            raise MalformedInputError(rule, source=path) from None
+            raise error.in_file(path) from None
 
 
 def _entries_of(grid: Grid) -> dict[str, Any]:

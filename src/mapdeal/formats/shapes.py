@@ -123,5 +123,4 @@ def _found_at(entry: Entry) -> Iterator[None]:
     try:
         yield
     except ParameterError as error:
-        error.place = f"{entry.place}: {error.place}"
-        raise MalformedInputError(str(error), source=entry.source) from None
+        raise error.in_file(entry.source, entry.place) from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Origin
 from mapdeal.grid.framed import Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.outline import Point
 from mapdeal.grid.shapes import Circle, Line
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, Overlay
 from mapdeal.kernels.lookup import histogram
@@ -99,13 +100,7 @@ class BitMap(Framed):
         if values.ndim != 2 or 0 in values.shape:
             rule = "a mask must be two-dimensional and not empty"
             raise ParameterError(rule, got=values.shape)
-        packed = np.empty((values.shape[0], (values.shape[1] + 7) // 8), dtype=np.uint8)
-
-        def pack(rows: slice) -> None:
-            packed[rows] = np.packbits(values[rows] > 0, axis=1)
-
-        for_rows(pack, values.shape)
-        return cls(packed, values.shape[1], resolution, origin)
+        return cls(_packed(values, lambda part: part > 0), values.shape[1], resolution, origin)
 
     @classmethod
     def from_occupancy(
@@ -115,14 +110,8 @@ class BitMap(Framed):
 
         Unknown cells become 0.
         """
-        values = grid.occupancy
-        packed = np.empty((values.shape[0], (values.shape[1] + 7) // 8), dtype=np.uint8)
-
-        def pack(rows: slice) -> None:
-            packed[rows] = np.packbits(values[rows] >= lethal_threshold, axis=1)
-
-        for_rows(pack, values.shape)
-        return cls(packed, values.shape[1], grid.resolution, grid.origin)
+        packed = _packed(grid.occupancy, lambda part: part >= lethal_threshold)
+        return cls(packed, grid.shape[1], grid.resolution, grid.origin)
 
     def to_mask(self) -> NDArray[np.bool_]:
         """Return the bits as an array of bool, shape (H, W)."""
@@ -198,13 +187,13 @@ class BitMap(Framed):
         return self.with_packed(np.full_like(self.packed, 0xFF if value else 0))
 
     def line(
-        self, points_xy: ArrayLike, *, thickness: float = 0.0, value: bool = True
+        self, points_xy: Sequence[Point], *, thickness: float = 0.0, value: bool = True
     ) -> BitMap:  # fmt: skip
         """Return a bit map with a line drawn, clipped to the grid; see `mapdeal.Line`.
 
         Parameters
         ----------
-        points_xy : array_like of float, shape (N, 2)
+        points_xy : sequence of (x, y)
             Points in the map frame, metres; each is joined to the next, ends included.
         thickness : float
             Metres; 0 for a line of single cells.
@@ -217,13 +206,10 @@ class BitMap(Framed):
         >>> bits.to_mask().tolist()
         [[False, True, True, False]]
         """
-        points = [tuple(point) for point in np.asarray(points_xy, dtype=np.float64).tolist()]
-        spans = Line(points, thickness).spans(self.frame)
+        spans = Line(points_xy, thickness).spans(self.frame)
         return self.painted((part, value) for part in spans)
 
-    def circle(
-        self, center_xy: tuple[float, float], radius: float, *, value: bool = True
-    ) -> BitMap:
+    def circle(self, center_xy: Point, radius: float, *, value: bool = True) -> BitMap:
         """Return a bit map with a filled circle drawn, clipped to the grid; see `mapdeal.Circle`.
 
         Parameters
@@ -288,3 +274,16 @@ class BitMap(Framed):
             rule = f"lies outside of the {self.shape[0]} x {self.shape[1]} cells"
             raise ParameterError(rule, place="cell", got=first)
         return cells[:, 0], cells[:, 1]
+
+
+def _packed(
+    values: NDArray[Any], is_one: Callable[[NDArray[Any]], NDArray[np.bool_]]
+) -> NDArray[np.uint8]:
+    """Return eight cells a byte, a few rows at a time."""
+    packed = np.empty((values.shape[0], (values.shape[1] + 7) // 8), dtype=np.uint8)
+
+    def pack(rows: slice) -> None:
+        packed[rows] = np.packbits(is_one(values[rows]), axis=1)
+
+    for_rows(pack, values.shape)
+    return packed

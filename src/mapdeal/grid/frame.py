@@ -23,7 +23,8 @@ Origin = tuple[float, float, float]
 
 # Far beyond any robot; inside of them no product of lengths and cells overflows.
 _SMALLEST_CELL, _LARGEST_CELL = 1e-6, 1e6
-_FARTHEST = 1e12
+FARTHEST = 1e12
+"""Largest coordinate and length, metres."""
 
 
 def cells_to_cover(length: float, resolution: float) -> int:
@@ -51,8 +52,8 @@ def check_resolution(resolution: float) -> float:
 def check_origin(origin: Sequence[float]) -> Origin:
     """Return `origin` as a tuple (x, y, yaw) of finite floats."""
     values = tuple(float(v) for v in origin)
-    if len(values) != 3 or not all(abs(value) <= _FARTHEST for value in values):
-        rule = f"origin must be three numbers x, y, yaw within {_FARTHEST:g}"
+    if len(values) != 3 or not all(abs(value) <= FARTHEST for value in values):
+        rule = f"origin must be three numbers x, y, yaw within {FARTHEST:g}"
         raise ParameterError(rule, got=tuple(origin))
     return values[0], values[1], values[2]
 
@@ -135,9 +136,9 @@ class Frame:
             If a coordinate is not finite, or beyond 1e12 m.
         """
         points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
-        near = np.abs(points) <= _FARTHEST  # refuses nan too
+        near = np.abs(points) <= FARTHEST  # refuses nan too
         if not near.all():
-            rule = f"coordinates must be finite and within {_FARTHEST:g} m"
+            rule = f"coordinates must be finite and within {FARTHEST:g} m"
             first = points[int(np.argmin(near.all(axis=1)))]
             raise ParameterError(rule, place="point", got=tuple(first.tolist()))
         x, y, yaw = self.origin
@@ -248,7 +249,7 @@ class Frame:
         ([[1, 2], [-1, -1]], [True, False])
         """
         points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
-        known = np.all(np.abs(points) <= _FARTHEST, axis=1)
+        known = np.all(np.abs(points) <= FARTHEST, axis=1)
         cells = self.unbounded_rowcol_from_xy(np.where(known[:, np.newaxis], points, 0.0))
         inside: NDArray[np.bool_] = known & np.all((cells >= 0) & (cells < self.shape), axis=1)
         return np.where(inside[:, np.newaxis], cells, -1), inside

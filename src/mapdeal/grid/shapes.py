@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import FARTHEST, Frame
 from mapdeal.grid.outline import Point, area_of, check_simple, checked_corners, is_number
 from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, edges_through, line_spans
 from mapdeal.kernels.discs import capsule_spans
 from mapdeal.kernels.polygons import polygon_spans
 from mapdeal.kernels.spans import Spans
 
-_LARGEST_COORDINATE = 1e12
 _MOST_VERTICES = 10_000
 _FLAT = 1e-12
 """Area, as a share of the square over a polygon's extent, up to which it has none."""
@@ -164,10 +163,10 @@ class Line:
 
     def __post_init__(self) -> None:
         points = checked_corners(
-            self.points_xy, "line", within=_LARGEST_COORDINATE, least=2, most=_MOST_VERTICES
+            self.points_xy, "line", within=FARTHEST, least=2, most=_MOST_VERTICES
         )
         object.__setattr__(self, "points_xy", points)
-        if not (is_number(self.thickness) and 0 <= self.thickness <= _LARGEST_COORDINATE):
+        if not (is_number(self.thickness) and 0 <= self.thickness <= FARTHEST):
             rule = "must be a finite number of metres of at least 0"
             raise ParameterError(rule, place="line thickness", got=self.thickness)
 
@@ -233,11 +232,9 @@ class Circle:
     kind: ClassVar[str] = "circle"
 
     def __post_init__(self) -> None:
-        (center,) = checked_corners(
-            [self.center_xy], "circle", within=_LARGEST_COORDINATE, least=1, most=1
-        )
+        (center,) = checked_corners([self.center_xy], "circle", within=FARTHEST, least=1, most=1)
         object.__setattr__(self, "center_xy", center)
-        if not (is_number(self.radius) and 0 < self.radius <= _LARGEST_COORDINATE):
+        if not (is_number(self.radius) and 0 < self.radius <= FARTHEST):
             rule = "must be a finite number of metres above 0"
             raise ParameterError(rule, place="circle radius", got=self.radius)
 
@@ -265,7 +262,7 @@ class Circle:
 
 
 def _ring(points: Sequence[Point], what: str, most: int = _MOST_VERTICES) -> tuple[Point, ...]:
-    corners = checked_corners(points, what, within=_LARGEST_COORDINATE, least=3, most=most)
+    corners = checked_corners(points, what, within=FARTHEST, least=3, most=most)
     check_simple(corners, what)
     return corners
 

@@ -50,7 +50,7 @@ def pack_file(
         write_bit_map_pair(transaction, output, bits)
         if options.image is not None:
             add_picture(transaction, options, bits.to_occupancy(), f"{path.stem}: bit map")
-    return _figures_of(bits)
+    return figures_of(bits)
 
 
 def unpack_file(path: Path, output: Path, options: FileOptions) -> Figures:
@@ -62,18 +62,3 @@ def unpack_file(path: Path, output: Path, options: FileOptions) -> Figures:
         write_grid(transaction, output, grid, extra=dict(metadata.extra))
         add_picture(transaction, options, grid, path.stem)
     return figures_of(grid)
-
-
-def _figures_of(bits: BitMap) -> Figures:
-    height, width = bits.shape
-    ones = bits.count()
-    return {
-        "width": width,
-        "height": height,
-        "resolution": bits.resolution,
-        "origin": list(bits.origin),
-        "occupied": ones,
-        "free": width * height - ones,
-        "unknown": 0,
-        "between": 0,
-    }

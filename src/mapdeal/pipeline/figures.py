@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mapdeal.formats.npz import Grid
+from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -26,7 +27,7 @@ _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 
 
-def figures_of(grid: Grid) -> Figures:
+def figures_of(grid: Grid | BitMap) -> Figures:
     """Return the figures of a grid, as JSON can hold them."""
     figures: Figures = {
         "width": grid.shape[1],
@@ -38,6 +39,9 @@ def figures_of(grid: Grid) -> Figures:
         figures |= _field_figures(grid)
     elif isinstance(grid, Costmap):
         figures |= _cost_figures(grid)
+    elif isinstance(grid, BitMap):
+        ones, cells = grid.count(), grid.shape[0] * grid.shape[1]
+        figures |= {"occupied": ones, "free": cells - ones, "unknown": 0, "between": 0}
     else:
         figures |= occupancy_counts(grid)
     return figures
