@@ -194,3 +194,53 @@ def distance_to_segment(point, a, b):
         0.0 if length == 0 else min(1.0, max(0.0, float(np.subtract(point, a) @ along) / length))
     )
     return math.dist(point, np.add(a, share * along))
+
+
+def bilinear(values, row, col):
+    """Value and slopes of the bilinear interpolant; centres lie at +0.5, the border goes on."""
+    height, width = values.shape
+
+    def at(r, c):
+        return float(values[min(max(r, 0), height - 1), min(max(c, 0), width - 1)])
+
+    south, west = math.floor(row - 0.5), math.floor(col - 0.5)
+    v, u = row - 0.5 - south, col - 0.5 - west
+    a, b = at(south, west), at(south, west + 1)
+    c, d = at(south + 1, west), at(south + 1, west + 1)
+    value = a * (1 - u) * (1 - v) + b * u * (1 - v) + c * (1 - u) * v + d * u * v
+    return value, (c - a) * (1 - u) + (d - b) * u, (b - a) * (1 - v) + (d - c) * v
+
+
+def sum_of_inverse_distances(marked, scale, least):
+    """The sum of 1 / distance over all marked cells, pair by pair."""
+    result = np.zeros(marked.shape)
+    for row, col in np.ndindex(marked.shape):
+        for r, c in np.argwhere(marked).tolist():
+            distance = math.hypot(row - r, col - c) * scale
+            if distance > least:
+                result[row, col] += 1 / distance
+    return result
+
+
+def lowest_cost(weights, start, goal):
+    """Cost of the cheapest path over eight neighbours, by relaxing all steps until none helps.
+
+    A cell of weight 0 is closed; no diagonal step leads between two closed cells.
+    """
+    height, width = len(weights), len(weights[0])
+    cost = {start: 0.0}
+    changed = True
+    while changed:
+        changed = False
+        for (row, col), so_far in list(cost.items()):
+            for r in range(max(row - 1, 0), min(row + 2, height)):
+                for c in range(max(col - 1, 0), min(col + 2, width)):
+                    if weights[r][c] <= 0 or (r, c) == (row, col):
+                        continue
+                    if r != row and c != col and weights[r][col] <= 0 and weights[row][c] <= 0:
+                        continue
+                    total = so_far + math.hypot(r - row, c - col) * weights[r][c]
+                    if total < cost.get((r, c), math.inf) - 1e-12:
+                        cost[r, c] = total
+                        changed = True
+    return cost.get(goal)

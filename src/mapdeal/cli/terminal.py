@@ -6,10 +6,12 @@ import contextlib
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import TextIO
 
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, one_line
+
+_CHUNK = 1 << 18
 
 _stdout_problem: str | None = None
 _quiet = False
@@ -25,6 +27,35 @@ def configure(*, quiet: bool, verbose: bool) -> None:
 def result(text: str) -> None:
     """Print a result that the user asked for, quiet or not."""
     _print_result(text)
+
+
+def flush() -> None:
+    """Let whoever reads the results have those that are there."""
+    _to_stdout(sys.stdout.flush)
+
+
+def input_chunks() -> Iterator[bytes]:
+    """Yield what comes in on stdin, as soon as it comes.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    """
+    if sys.stdin is None:  # the process was started without
+        raise FileAccessError("cannot be read: it is closed", source="standard input")
+    try:
+        while chunk := os.read(sys.stdin.fileno(), _CHUNK):
+            yield chunk
+    except OSError as error:
+        rule = f"cannot be read: {error.strerror or error}"
+        raise FileAccessError(rule, source="standard input") from None
+
+
+def warn(text: str) -> None:
+    """Print a warning, unless quiet."""
+    if not _quiet:
+        _say(f"warning: {one_line(text)}")
 
 
 def summary(lines: Iterable[str]) -> None:
@@ -62,8 +93,8 @@ def show_warnings() -> None:
     ) -> None:
         if not issubclass(category, MapdealWarning):
             original(message, category, filename, lineno, file, line)
-        elif not _quiet:
-            _say(f"warning: {one_line(str(message))}")
+        else:
+            warn(str(message))
 
     warnings.showwarning = show
 

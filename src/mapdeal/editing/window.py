@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FindingError, MapdealWarning, ParameterError
+from mapdeal.grid.coordinates import FARTHEST, cells_at, cells_to_cover
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.frame import FARTHEST, Frame, cells_at, cells_to_cover
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Framed, ValueGrid
 from mapdeal.grid.outline import Point
 
@@ -245,7 +246,7 @@ def _copied(
         distance, occupancy = grid.distance[rows, cols], grid.occupancy[rows, cols]
         return replace(grid, origin=origin, distance=distance, occupancy=occupancy)
     if not isinstance(grid, ValueGrid):
-        raise ParameterError("takes a map, a costmap or a field", source="window")
+        raise ParameterError("takes a map, a costmap or a distance field", source="window")
     if 0 in shared:
         text = "lies outside of the map, no cell is kept"
         warnings.warn(f"{what}: {text}", MapdealWarning, stacklevel=3)

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.yaml_text import Entry, read_mapping, yaml_document
-from mapdeal.grid.frame import Origin, check_origin, check_resolution
+from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.values import CostScale
 
 Mode = Literal["trinary", "scale", "raw"]

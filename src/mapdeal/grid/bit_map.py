@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Origin
+from mapdeal.grid.coordinates import Origin
 from mapdeal.grid.framed import Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.outline import Point

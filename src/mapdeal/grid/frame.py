@@ -11,51 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-
-CELL_TOLERANCE = 1e-9
-"""In cells. Lengths that are exact multiples of the resolution on paper may come out of a
-division one part in 1e16 short or long; the tolerance keeps them on their cell."""
+from mapdeal.grid.coordinates import CELL_TOLERANCE, FARTHEST, Origin, cells_at
 
 _ROUNDING = 4 * float(np.finfo(np.float64).eps)
 """Of a coordinate: what storing it, subtracting the origin and turning leave uncertain."""
-
-Origin = tuple[float, float, float]
-
-# Far beyond any robot; inside of them no product of lengths and cells overflows.
-_SMALLEST_CELL, _LARGEST_CELL = 1e-6, 1e6
-FARTHEST = 1e12
-"""Largest coordinate and length, metres."""
-
-
-def cells_to_cover(length: float, resolution: float) -> int:
-    """Return how many cells it takes to cover `length` metres, exact multiples exactly.
-
-    Examples
-    --------
-    >>> cells_to_cover(0.3, 0.1)  # 0.3 / 0.1 is 2.9999999999999996, and 0.6 / 0.2 too
-    3
-    >>> cells_to_cover(0.31, 0.1)
-    4
-    """
-    return math.ceil(length / resolution - CELL_TOLERANCE)
-
-
-def check_resolution(resolution: float) -> float:
-    """Return `resolution` as a float; it must be a length that a cell can have."""
-    value = float(resolution)
-    if not _SMALLEST_CELL <= value <= _LARGEST_CELL:  # refuses nan too
-        rule = f"resolution must lie between {_SMALLEST_CELL:g} and {_LARGEST_CELL:g} m"
-        raise ParameterError(rule, got=resolution)
-    return value
-
-
-def check_origin(origin: Sequence[float]) -> Origin:
-    """Return `origin` as a tuple (x, y, yaw) of finite floats."""
-    values = tuple(float(v) for v in origin)
-    if len(values) != 3 or not all(abs(value) <= FARTHEST for value in values):
-        rule = f"origin must be three numbers x, y, yaw within {FARTHEST:g}"
-        raise ParameterError(rule, got=tuple(origin))
-    return values[0], values[1], values[2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +48,11 @@ class Frame:
 
     def _turn(self, vectors_xy: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
         cos, sin = math.cos(angle), math.sin(angle)
-        turned: NDArray[np.float64] = vectors_xy @ np.array([[cos, sin], [-sin, cos]])
+        # not a product of matrices, whose rounding depends on how many vectors there are
+        x, y = vectors_xy[:, 0], vectors_xy[:, 1]
+        turned = np.empty_like(vectors_xy)
+        turned[:, 0] = x * cos - y * sin
+        turned[:, 1] = x * sin + y * cos
         return turned
 
     @property
@@ -153,7 +116,8 @@ class Frame:
         """
         points = np.abs(np.asarray(points_xy, dtype=np.float64).reshape(-1, 2))
         x, y, _ = self.origin
-        largest = np.maximum(points.max(axis=1, keepdims=True), max(abs(x), abs(y)))
+        largest = np.maximum(points[:, :1], points[:, 1:])  # faster than max along short rows
+        np.maximum(largest, max(abs(x), abs(y)), out=largest)
         tolerance: NDArray[np.float64] = _ROUNDING * largest / self.resolution
         return np.maximum(CELL_TOLERANCE, tolerance)
 
@@ -248,11 +212,45 @@ class Frame:
         >>> cells.tolist(), inside.tolist()
         ([[1, 2], [-1, -1]], [True, False])
         """
-        points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
-        known = np.all(np.abs(points) <= FARTHEST, axis=1)
-        cells = self.unbounded_rowcol_from_xy(np.where(known[:, np.newaxis], points, 0.0))
-        inside: NDArray[np.bool_] = known & np.all((cells >= 0) & (cells < self.shape), axis=1)
+        places, inside, tolerance = self._bounded(points_xy)
+        cells = cells_at(places, tolerance)
         return np.where(inside[:, np.newaxis], cells, -1), inside
+
+    def bounded_continuous_rowcol_from_xy(
+        self, points_xy: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the cell coordinates of points, with fractions, and which are inside of the grid.
+
+        Parameters
+        ----------
+        points_xy : array_like of float, shape (N, 2)
+            Points in the map frame, metres; those that are not finite are outside.
+
+        Returns
+        -------
+        places : numpy.ndarray of float64, shape (N, 2)
+            As of `continuous_rowcol_from_xy`; of no meaning for points that are not finite.
+        inside : numpy.ndarray of bool, shape (N,)
+            Whether a cell of the grid holds the point.
+        """
+        places, inside, _ = self._bounded(points_xy)
+        return places, inside
+
+    def _bounded(
+        self, points_xy: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+        """Return the places of points, which are inside, and the tolerance of each place."""
+        points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
+        near = np.abs(points) <= FARTHEST  # refuses nan too
+        known = near[:, 0] & near[:, 1]
+        if not known.all():
+            points = np.where(known[:, np.newaxis], points, 0.0)
+        places = self.continuous_rowcol_from_xy(points)
+        tolerance = self.tolerance_at(points)
+        shifted = places + tolerance
+        row, col = shifted[:, 0], shifted[:, 1]
+        inside = known & (row >= 0) & (row < self.height) & (col >= 0) & (col < self.width)
+        return places, inside, tolerance
 
     def rowcol_ahead(self, pose: Sequence[float], distance: float) -> tuple[int, int]:
         """Return the cell of the point that lies ahead of a robot, inside the grid or not.
@@ -300,6 +298,35 @@ class Frame:
         cells = np.asarray(cells_rowcol, dtype=np.float64).reshape(-1, 2)
         return self._xy_from_cells(cells[:, ::-1] + 0.5)
 
+    def xy_from_continuous_rowcol(self, places_rowcol: ArrayLike) -> NDArray[np.float64]:
+        """Return the points of cell coordinates, shape (N, 2), that have fractions.
+
+        The reverse of `continuous_rowcol_from_xy`.
+        """
+        places = np.asarray(places_rowcol, dtype=np.float64).reshape(-1, 2)
+        return self._xy_from_cells(places[:, ::-1])
+
+    def xy_vectors_from_rowcol(self, vectors_rowcol: ArrayLike) -> NDArray[np.float64]:
+        """Return vectors along rows and columns as vectors along x and y, of the same length.
+
+        Parameters
+        ----------
+        vectors_rowcol : array_like of float, shape (N, 2)
+            Components from row to row and from column to column.
+
+        Returns
+        -------
+        numpy.ndarray of float64, shape (N, 2)
+            Components along x and y of the map frame, in the same unit.
+
+        Examples
+        --------
+        >>> Frame(2, 3, 0.5, (1.0, 2.0, math.pi / 2)).xy_vectors_from_rowcol([[0, 3]]).round(9)
+        array([[0., 3.]])
+        """
+        vectors = np.asarray(vectors_rowcol, dtype=np.float64).reshape(-1, 2)
+        return self._turn(vectors[:, ::-1], self.origin[2])
+
     def _xy_from_cells(self, cells_xy: NDArray[np.float64]) -> NDArray[np.float64]:
         x, y, yaw = self.origin
         points: NDArray[np.float64] = self._turn(cells_xy * self.resolution, yaw) + np.array([x, y])
@@ -326,13 +353,6 @@ class Frame:
             corner = self._xy_from_cells(np.array([[col, row]], dtype=np.float64))[0]
             origin = (float(corner[0]), float(corner[1]), yaw)
         return Frame(height, width, self.resolution, origin)
-
-
-def cells_at(
-    places_rowcol: ArrayLike, tolerance: ArrayLike = CELL_TOLERANCE
-) -> NDArray[np.int64]:  # fmt: skip
-    """Return the cells that continuous cell coordinates lie in, exact multiples exactly."""
-    return np.floor(np.asarray(places_rowcol) + tolerance).astype(np.int64)
 
 
 def xy_ahead(pose: Sequence[float], distance: float) -> tuple[float, float]:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
+from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import Overlay
 from mapdeal.kernels.spans import Spans, paint
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Origin
+from mapdeal.grid.coordinates import Origin
 from mapdeal.grid.framed import ValueGrid, as_layer
 from mapdeal.grid.scales import amcl_from_occupancy
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN

@@ -35,3 +35,9 @@ def bytes_of_distances(
     gain: float,
     clip: float,
 ) -> None: ...
+def interpolate(
+    values: NDArray[Any], places: NDArray[Any], between: NDArray[Any], slopes: NDArray[Any]
+) -> None: ...
+def cheapest_path(
+    weights: NDArray[Any], start: tuple[int, int], goal: tuple[int, int], least: float
+) -> tuple[NDArray[Any], float] | None: ...

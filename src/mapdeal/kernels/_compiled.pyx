@@ -1,13 +1,15 @@
 # cython: language_level=3, binding=False, embedsignature=False
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Compiled kernels, without the GIL: distance transforms in bands of rows, and table look-ups.
+"""Compiled kernels, without the GIL: distance transforms in bands of rows, table look-ups,
+interpolation, and the search for paths.
 
-The modules distance.py and lookup.py are their face to the rest; the algorithm of the transform is
-in distance_rows.h.
+The modules distance.py, lookup.py, bilinear.py and shortest_paths.py are their face to the rest;
+the algorithms are in the headers.
 """
 
+from cpython.exc cimport PyErr_CheckSignals
 from libc.math cimport INFINITY
-from libc.stdint cimport int64_t, uint8_t, uint32_t
+from libc.stdint cimport int8_t, int64_t, uint8_t, uint32_t, uint64_t
 from libc.stdlib cimport free, malloc
 from libc.string cimport memset
 
@@ -46,6 +48,29 @@ cdef extern from "lookup.h" nogil:
         uint8_t *bytes,
         int64_t width,
     )
+
+cdef extern from "bilinear.h" nogil:
+    void interpolate_places(
+        const float *values, int64_t height, int64_t width,
+        const double *places, int64_t count, double *between, double *slopes,
+    )
+
+cdef extern from "search.h" nogil:
+    enum:
+        SEARCH_GOES_ON, SEARCH_FOUND, SEARCH_IN_VAIN, SEARCH_OUT_OF_MEMORY
+    ctypedef struct Candidate:
+        pass
+    ctypedef struct Search:
+        const double *weights
+        int64_t height, width, start, goal
+        double least, least_diagonal
+        double *costs
+        int8_t *steps
+        Candidate *heap
+    double diagonal_of(double weight)
+    int begin_search(Search *search)
+    int search_on(Search *search, int64_t most)
+    int64_t cell_before(const Search *search, int64_t cell)
 
 fill_squares_16()
 
@@ -266,3 +291,66 @@ def bytes_of_distances(
                 &measure, &distance[y, 0], &obstacles[y, 0], &table[0], &result[y, 0],
                 distance.shape[1],
             )
+
+
+def interpolate(
+    const float[:, ::1] values,
+    const double[:, ::1] places,
+    double[::1] between,
+    double[:, ::1] slopes,
+):
+    """Set `between` and `slopes` to those of the values at places (row, column)."""
+    cdef int64_t count = places.shape[0]
+    if places.shape[1] != 2 or slopes.shape[1] != 2:
+        raise ValueError("places and slopes have two columns")
+    if between.shape[0] != count or slopes.shape[0] != count:
+        raise ValueError("the results have not the number of the places")
+    if values.shape[0] == 0 or values.shape[1] == 0:
+        raise ValueError("the grid has no cells")
+    if count == 0:
+        return
+    with nogil:
+        interpolate_places(
+            &values[0, 0], values.shape[0], values.shape[1], &places[0, 0], count,
+            &between[0], &slopes[0, 0],
+        )
+
+
+def cheapest_path(const double[:, ::1] weights, start, goal, double least):
+    """Return the cells of the cheapest path, as indices, and its cost; None if there is none."""
+    import numpy as np  # which telling the version must not wait for
+
+    cdef int64_t width = weights.shape[1]
+    cdef int64_t cell
+    cdef int state = SEARCH_GOES_ON
+    cdef double[:, ::1] costs = np.full((weights.shape[0], width), INFINITY)
+    cdef int8_t[:, ::1] steps = np.empty((weights.shape[0], width), dtype=np.int8)
+    cdef Search search
+    for row, col in (start, goal):
+        if not (0 <= row < weights.shape[0] and 0 <= col < width):
+            raise IndexError("no such cell")
+    memset(&search, 0, sizeof(search))
+    search.weights, search.costs, search.steps = &weights[0, 0], &costs[0, 0], &steps[0, 0]
+    search.height, search.width = weights.shape[0], width
+    search.start = start[0] * width + start[1]
+    search.goal = goal[0] * width + goal[1]
+    search.least, search.least_diagonal = least, diagonal_of(least)
+    try:
+        if not begin_search(&search):
+            raise MemoryError
+        while state == SEARCH_GOES_ON:
+            with nogil:
+                state = search_on(&search, 1 << 18)
+            PyErr_CheckSignals()
+    finally:
+        free(search.heap)
+    if state == SEARCH_OUT_OF_MEMORY:
+        raise MemoryError
+    if state == SEARCH_IN_VAIN:
+        return None
+    cell = search.goal
+    cells = [cell]
+    while cell != search.start:
+        cell = cell_before(&search, cell)
+        cells.append(cell)
+    return np.array(cells[::-1], dtype=np.int64), (&costs[0, 0])[search.goal]

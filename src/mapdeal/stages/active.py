@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.grid.frame import cells_to_cover
+from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.neighbourhood import drop_small_groups

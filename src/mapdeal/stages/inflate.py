@@ -7,8 +7,8 @@ import warnings
 from typing import Annotated, Literal
 
 from mapdeal.errors import MapdealWarning
+from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
 from mapdeal.kernels.distance import within_distance

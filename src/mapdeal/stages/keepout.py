@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MapdealWarning
+from mapdeal.grid.coordinates import cells_at
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.frame import Frame, cells_at
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.scales import cost_from_occupancy
 from mapdeal.kernels.lookup import look_up

@@ -1,0 +1,60 @@
+"""Lengths, coordinates and cells: what they may be, and how they are rounded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mapdeal.errors import ParameterError
+
+CELL_TOLERANCE = 1e-9
+"""In cells. Lengths that are exact multiples of the resolution on paper may come out of a
+division one part in 1e16 short or long; the tolerance keeps them on their cell."""
+
+Origin = tuple[float, float, float]
+
+# Far beyond any robot; inside of them no product of lengths and cells overflows.
+_SMALLEST_CELL, _LARGEST_CELL = 1e-6, 1e6
+FARTHEST = 1e12
+"""Largest coordinate and length, metres."""
+
+
+def cells_to_cover(length: float, resolution: float) -> int:
+    """Return how many cells it takes to cover `length` metres, exact multiples exactly.
+
+    Examples
+    --------
+    >>> cells_to_cover(0.3, 0.1)  # 0.3 / 0.1 is 2.9999999999999996, and 0.6 / 0.2 too
+    3
+    >>> cells_to_cover(0.31, 0.1)
+    4
+    """
+    return math.ceil(length / resolution - CELL_TOLERANCE)
+
+
+def check_resolution(resolution: float) -> float:
+    """Return `resolution` as a float; it must be a length that a cell can have."""
+    value = float(resolution)
+    if not _SMALLEST_CELL <= value <= _LARGEST_CELL:  # refuses nan too
+        rule = f"resolution must lie between {_SMALLEST_CELL:g} and {_LARGEST_CELL:g} m"
+        raise ParameterError(rule, got=resolution)
+    return value
+
+
+def check_origin(origin: Sequence[float]) -> Origin:
+    """Return `origin` as a tuple (x, y, yaw) of finite floats."""
+    values = tuple(float(v) for v in origin)
+    if len(values) != 3 or not all(abs(value) <= FARTHEST for value in values):
+        rule = f"origin must be three numbers x, y, yaw within {FARTHEST:g}"
+        raise ParameterError(rule, got=tuple(origin))
+    return values[0], values[1], values[2]
+
+
+def cells_at(
+    places_rowcol: ArrayLike, tolerance: ArrayLike = CELL_TOLERANCE
+) -> NDArray[np.int64]:  # fmt: skip
+    """Return the cells that continuous cell coordinates lie in, exact multiples exactly."""
+    return np.floor(np.asarray(places_rowcol) + tolerance).astype(np.int64)

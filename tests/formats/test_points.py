@@ -1,0 +1,132 @@
+"""Points as lines of text."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mapdeal import FileAccessError, MalformedInputError
+from mapdeal.formats.points import chunks_of, read_points
+
+TEXT = (
+    b'x, y\n1,2\n# why\n\n1,2,3\r\n[0.5, -1]\n{"y": 4, "x": 3, "name": "a"}\n-1e-3, .5\nnan,inf\n'
+)
+POINTS = [(1, 2), None, None, (0.5, -1), (3, 4), (-1e-3, 0.5), (math.nan, math.inf)]
+LINES = [2, 4, 5, 6, 7, 8, 9]
+
+
+def _all(chunks):
+    points, lines, errors = [], [], {}
+    for part in read_points(chunks, "p.csv"):
+        errors |= {len(points) + index: text for index, text in part.errors.items()}
+        points += part.points_xy.tolist()
+        lines += part.lines
+    return points, lines, errors
+
+
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=90))
+def test_the_text_may_be_cut_anywhere(sizes):
+    chunks, start = [], 0
+    for size in sizes:
+        chunks.append(TEXT[start : start + size])
+        start += size
+    chunks.append(TEXT[start:])
+    points, lines, errors = _all(chunks)
+    expected = [(math.nan, math.nan) if point is None else point for point in POINTS]
+    assert np.array_equal(points, expected, equal_nan=True)
+    assert lines == LINES
+    assert sorted(errors) == [1, 2]
+    assert errors[1] == "empty line"
+    assert "1,2,3" in errors[2]
+
+
+@given(st.lists(st.tuples(*[st.floats(-1e9, 1e9)] * 2), min_size=1, max_size=30), st.booleans())
+def test_plain_csv_is_read_exactly(points, has_crlf):
+    end = "\r\n" if has_crlf else "\n"
+    text = end.join(f"{x!r},{y!r}" for x, y in points).encode()
+    assert _all([text])[0] == [list(point) for point in points]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "1",
+        "1;2",
+        "1 2",
+        "1,2,",
+        ",",
+        "a,b",
+        "1_0,2",
+        "\u0661,2",
+        "[1]",
+        "[1, 2, 3]",
+        '{"x": 1}',
+        '{"x": true, "y": 1}',
+        '{"x": "1", "y": 1}',
+        "[[1, 2]]",
+        "[null, 1]",
+        "{",
+        "[" * 5000,
+        '"1","2"',
+        "\x00,1",
+        "0x10,1",
+    ],
+)
+def test_a_line_that_is_no_point_is_told_by_its_number(line):
+    points, lines, errors = _all([f"5,6\n{line}\n7,8\n".encode()])
+    assert (points[0], points[2]) == ([5, 6], [7, 8])
+    assert lines == [1, 2, 3]
+    assert list(errors) == [1]
+    assert len(errors[1]) < 120
+
+
+def test_bytes_that_are_no_text_are_a_bad_line():
+    assert list(_all([b"1,2\n\xff\xfe,3\n"])[2]) == [1]
+
+
+def test_numbers_beyond_all_bounds_are_infinite():
+    points = _all([b"1e400,2\n", b'{"x": -1e400, "y": 1}\n', b"[1" + b"0" * 400 + b", 1]\n"])
+    assert points[0][0] == [math.inf, 2]
+    assert points[0][1] == [-math.inf, 1]
+    assert list(points[2]) == [2]
+
+
+def test_a_mark_of_byte_order_and_a_header_are_passed_over():
+    assert _all([b'\xef\xbb\xbf"x","y"\n1,2'])[:2] == ([[1, 2]], [2])
+    assert _all([b"\xef\xbb\xbf1,2"])[:2] == ([[1, 2]], [1])
+
+
+@pytest.mark.parametrize("text", [b"", b"\n", b"# nothing\n", b"x,y\n"])
+def test_texts_without_points(text):
+    points, _, errors = _all([text] if text else [])
+    assert len(points) == len(errors) == (text == b"\n")
+
+
+def test_points_come_as_soon_as_their_line_is_complete():
+    def chunks():
+        yield b"1,2\n3,"
+        assert got == [[[1.0, 2.0]]]
+        yield b"4\n"
+
+    got = []
+    got.extend(part.points_xy.tolist() for part in read_points(chunks(), "p"))
+    assert got == [[[1.0, 2.0]], [[3.0, 4.0]]]
+
+
+def test_a_line_without_end_is_refused_before_it_fills_the_memory():
+    def endless():
+        while True:
+            yield b"1" * 10_000
+
+    with pytest.raises(MalformedInputError, match=r"p\.csv: line 1"):
+        list(read_points(endless(), "p.csv"))
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    for path in (tmp_path / "none", tmp_path):
+        with pytest.raises(FileAccessError, match="cannot be read"):
+            list(chunks_of(path))
+    (tmp_path / "p").write_bytes(TEXT * 30_000)
+    assert b"".join(chunks_of(tmp_path / "p")) == TEXT * 30_000

@@ -1,0 +1,159 @@
+"""Distances and gradients at points."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import oracles
+from drawn import grid_from_text
+from mapdeal import DistanceField, OccupancyGrid, ParameterError, esdf, read_map
+from mapdeal.kernels.threads import use_threads
+from strategies import RESOLUTIONS, occupancies
+
+ROOM = "......#\n.#.....\n.....?.\n...#..."
+ORIGINS = st.sampled_from([(0.0, 0.0, 0.0), (1.5, -2.0, 0.4), (-3.0, 7.25, -2.9), (5e5, 4e6, 1.0)])
+
+
+def _points_in(frame, shares):
+    """Points of a grid at shares 0..1 of its height and width, half a cell inside."""
+    places = 0.5 + shares * (np.array(frame.shape) - 1)
+    return frame.xy_from_continuous_rowcol(places), places
+
+
+@given(occupancies(), RESOLUTIONS, ORIGINS)
+def test_at_centres_the_distance_is_that_to_the_nearest_obstacle(occupancy, resolution, origin):
+    grid = OccupancyGrid(occupancy, resolution, origin)
+    expected = oracles.signed_distance(occupancy == 100, resolution, "center").ravel()
+    field = esdf(grid, convention="center")
+    cells = np.argwhere(np.ones(grid.shape))
+    distance, _, inside = field.query(grid.frame.xy_from_rowcol(cells))
+    assert inside.all()
+    assert distance == pytest.approx(expected, rel=1e-5, abs=1e-5 * resolution)
+
+
+@given(st.integers(0, 2**32 - 1), RESOLUTIONS, st.floats(-3.1, 3.1))
+def test_the_gradient_is_that_of_the_interpolant_in_the_map_frame(seed, resolution, yaw):
+    rng = np.random.default_rng(seed)
+    values = rng.uniform(-3, 3, (5, 7)).astype(np.float32)
+    grid = OccupancyGrid(np.zeros((5, 7), np.int8), resolution, (1.5, -2.0, yaw))
+    field = DistanceField(values, grid.occupancy, resolution, grid.origin)
+    # off the lines of centres, where it jumps
+    shares = rng.integers(0, 4, (20, 2)) + rng.uniform(0.05, 0.95, (20, 2))
+    points = grid.frame.xy_from_continuous_rowcol(shares + 0.5)
+    distance, gradient, _ = field.query(points)
+    step = 1e-3 * resolution
+    for axis in (0, 1):
+        ahead, behind = points.copy(), points.copy()
+        ahead[:, axis] += step
+        behind[:, axis] -= step
+        slope = (field.query(ahead).distance - field.query(behind).distance) / (2 * step)
+        assert gradient[:, axis] == pytest.approx(slope, rel=1e-6, abs=1e-6 / resolution)
+    expected = [oracles.bilinear(values, *place)[0] for place in (shares + 0.5).tolist()]
+    assert distance == pytest.approx(np.array(expected), abs=1e-6)
+
+
+def test_the_gradient_points_away_from_a_wall_and_is_1():
+    for yaw in (0.0, 0.7, -2.5):
+        grid = OccupancyGrid([[100, 0, 0, 0, 0]] * 4, 0.2, (3.0, 1.0, yaw))
+        point = grid.frame.xy_from_continuous_rowcol([[2.0, 3.3]])
+        distance, gradient, _ = esdf(grid).query(point)
+        assert distance[0] == pytest.approx(2.8 * 0.2)
+        assert gradient[0] == pytest.approx([math.cos(yaw), math.sin(yaw)], abs=1e-6)
+
+
+def test_y_has_its_resolution_too():
+    field = esdf(OccupancyGrid([[100] * 3, [0] * 3, [0] * 3, [0] * 3], 0.1, (0.0, 2.0, 0.0)))
+    assert field.query([0.13, 2.22]).gradient[0] == pytest.approx([0.0, 1.0])
+
+
+def test_outside_is_said_and_has_no_number():
+    field = esdf(grid_from_text(ROOM, 0.25, (1.5, -2.0, 0.0)))
+    upper = [1.5 + 7 * 0.25, -2.0 + 4 * 0.25]
+    points = [
+        [1.4, -1.9],
+        upper,
+        [1.6, upper[1]],
+        [np.nan, 0],
+        [np.inf, 0],
+        [1e300, 0],
+        [1.6, -1.9],
+    ]
+    distance, gradient, inside = field.query(points)
+    assert inside.tolist() == [False] * 6 + [True]
+    assert np.isnan(distance[:6]).all()
+    assert np.isnan(gradient[:6]).all()
+    assert np.isfinite(distance[6])
+
+
+def test_up_to_the_edges_the_outermost_cells_go_on():
+    grid = OccupancyGrid([[100, 0, 0]], 0.5, (0.0, 0.0, 0.0))
+    distance, gradient, inside = esdf(grid).query([[1.49, 0.01], [1.26, 0.49], [0.0, 0.0]])
+    assert distance.tolist() == [1.0, 1.0, 0.0]
+    assert gradient.tolist() == [[0.0, 0.0]] * 3
+    assert inside.all()
+
+
+@pytest.mark.parametrize(("drawing", "distance"), [("...", math.inf), ("###", -math.inf)])
+def test_a_map_of_one_kind_has_infinite_distances_and_no_gradient(drawing, distance):
+    found = esdf(grid_from_text(drawing, 0.5, (0.0, 0.0, 0.0))).query([[0.6, 0.3], [0.75, 0.25]])
+    assert found.distance.tolist() == [distance, distance]
+    assert np.isnan(found.gradient).all()
+    assert found.inside.all()
+
+
+def test_clip_and_strength_of_the_field_stay():
+    grid = OccupancyGrid([[100, 0, 0, 0, 0, 0]], 0.5)
+    field = esdf(grid, max_distance=1.0, strength=3.0)
+    distance, gradient, _ = field.query([[0.75, 0.25], [1.0, 0.25], [2.5, 0.25]])
+    assert distance == pytest.approx([1.5, 2.25, 3.0])
+    assert gradient[:, 0] == pytest.approx([3.0, 3.0, 0.0])
+
+
+def test_a_single_point_and_no_point_and_what_is_no_array_of_points():
+    field = esdf(grid_from_text(ROOM))
+    assert field.query((2.0, -1.8)).distance.shape == (1,)
+    assert field.query(np.empty((0, 2))).gradient.shape == (0, 2)
+    for wrong in ([1.0, 2.0, 3.0], [[1.0, 2.0, 3.0]], np.zeros((2, 3)), np.zeros((2, 2, 2)), 1.0):
+        with pytest.raises(ParameterError, match="shape"):
+            field.query(wrong)
+
+
+def test_many_points_in_threads_are_the_same_points():
+    field = esdf(grid_from_text(ROOM))
+    rng = np.random.default_rng(1)
+    shares = rng.random((30_001, 2))
+    points, _ = _points_in(field.frame, shares * 1.4 - 0.2)
+    results = []
+    for threads in (1, 3):
+        with use_threads(threads):
+            results.append([part.tobytes() for part in field.query(points)])
+    assert results[0] == results[1]
+    alone = [field.query(point).distance[0] for point in points[::2000]]
+    assert np.array_equal(field.query(points).distance[::2000], alone, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10.yaml",
+        "ros-navigation__navigation2/nav2_bringup/maps/warehouse.yaml",
+        "mit-racecar__racecar_simulator/maps/stata_basement.yaml",
+        "ros-planning__navigation/map_server/test/testmap.yaml",
+        "turtlebot__turtlebot_stdr/maps/frieburg.yaml",
+    ],
+)
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_real_maps_against_brute_force(real_maps, name):
+    path = next(real_maps.rglob(name.rpartition("/")[2]))
+    grid = read_map(path)
+    field = esdf(grid, convention="center")
+    free = np.argwhere(grid.occupancy != 100)
+    some = free[np.random.default_rng(2).integers(0, len(free), 200)]
+    distance = field.query(grid.frame.xy_from_rowcol(some)).distance
+    obstacles = grid.frame.xy_from_rowcol(np.argwhere(grid.occupancy == 100))
+    centres = grid.frame.xy_from_rowcol(some)
+    nearest = [np.sqrt(((obstacles - centre) ** 2).sum(axis=1).min()) for centre in centres]
+    assert distance == pytest.approx(np.array(nearest), rel=1e-5, abs=1e-5)
