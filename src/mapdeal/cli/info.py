@@ -14,6 +14,8 @@ from mapdeal.errors import one_line
 from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.inspect import describe_file
 
+_NAMES = {"distance field": "distances", "potential field": "values"}
+
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
@@ -48,8 +50,11 @@ def _text(report: dict[str, Any]) -> str:
         ("size", f"{width} x {height} cells, {width * resolution:g} x {height * resolution:g} m"),
         ("resolution", f"{resolution!r} m"),
         ("origin", f"x {x!r} m, y {y!r} m, yaw {yaw!r} rad"),
-        ("distances" if "lowest_distance" in report else "cells", summary_of(report)),
+        (_NAMES.get(report["kind"], "cells"), summary_of(report)),
     ]
+    if "attractive_gain" in report:
+        names = ("attractive_gain", "repulsive_gain", "repulsive_cap")
+        rows.append(("made with", ", ".join(f"{name} {report[name]:g}" for name in names)))
     if "lowest_distance" in report:
         limit = "none" if report["max_distance"] is None else f"{report['max_distance']:g} m"
         made = f"unknown {report['unknown']}, lethal_threshold {report['lethal_threshold']}, "

@@ -20,6 +20,7 @@ from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.potential import PotentialField
 
 _IMAGE_SUFFIXES = (".pgm", ".pbm", ".ppm", ".pnm", ".png", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg")
 
@@ -30,7 +31,7 @@ class Source:
 
     Parameters
     ----------
-    grid : OccupancyGrid, Costmap or DistanceField
+    grid : OccupancyGrid, Costmap, DistanceField or PotentialField
         The cells.
     files : tuple of Path
         All files that were read, the named one first.
@@ -69,7 +70,7 @@ def read_source(
 
 def as_occupancy(grid: Grid, what: str = "the input") -> OccupancyGrid:
     """Return the map in a grid: a field's own, a costmap's as ROS would publish it."""
-    if isinstance(grid, DistanceField):
+    if isinstance(grid, (DistanceField, PotentialField)):
         return grid.grid
     if isinstance(grid, Costmap):
         text = f"{what} holds costs; taken as the occupancy that ROS would publish for them"
@@ -94,7 +95,7 @@ def read_map(
 
     Returns
     -------
-    OccupancyGrid, Costmap or DistanceField
+    OccupancyGrid, Costmap, DistanceField or PotentialField
         An occupancy grid for every ordinary map; what the file holds for an npz, or for a YAML
         with ``cost_scale``.
 
@@ -132,7 +133,7 @@ def output_paths(output: Path) -> tuple[Path, ...]:
 def write_grid(
     transaction: Transaction,
     output: Path,
-    grid: OccupancyGrid | Costmap | DistanceField,
+    grid: Grid,
     *,
     mode: Mode | None = None,
     encoding: Encoding = "occupancy",
@@ -145,8 +146,9 @@ def write_grid(
             raise ParameterError("an npz has no mode", place="mode", got=mode)
         transaction.write(output, lambda file: write_npz(file, grid, more=more))
         return
-    if isinstance(grid, DistanceField):
-        raise ParameterError("a distance field is written as npz", source=output)
+    if isinstance(grid, (DistanceField, PotentialField)):
+        what = "a distance" if isinstance(grid, DistanceField) else "a potential"
+        raise ParameterError(f"{what} field is written as npz", source=output)
     write_pair(transaction, output, grid, mode=mode, encoding=encoding, extra=extra)
 
 
@@ -165,7 +167,7 @@ def write_map(
     path : path or str
         ``.yaml`` or ``.pgm`` for a pgm pair, ``.png`` for a png pair, ``.npz`` for every layer
         exactly. Folders that are missing are made.
-    grid : OccupancyGrid, Costmap or DistanceField
+    grid : OccupancyGrid, Costmap, DistanceField or PotentialField
         The cells; a field only fits an npz.
     mode : {'trinary', 'scale', 'raw'}, optional
         How values become pixels; raw if any lies in 1..99, else trinary.

@@ -24,12 +24,13 @@ from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.potential import PotentialField
 
 FORMAT = "mapdeal/1"
 _LARGEST_SMALL_ARRAY = 4096
 _LARGEST_SMALL_NUMBER = 1 << 31
 
-Grid = OccupancyGrid | Costmap | DistanceField
+Grid = OccupancyGrid | Costmap | DistanceField | PotentialField
 
 
 def write_npz(
@@ -88,8 +89,8 @@ def write_npy(file: BinaryIO, array: NDArray[Any]) -> None:
 def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
     """Return the grid in an ``.npz`` file that mapdeal wrote.
 
-    A file with costs gives a `Costmap`, one with distances a `DistanceField`, else an
-    `OccupancyGrid`.
+    A file with costs gives a `Costmap`, one with distances a `DistanceField`, one with a
+    repulsive layer a `PotentialField`, else an `OccupancyGrid`.
 
     Raises
     ------
@@ -109,6 +110,8 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
                 return _read_costmap(reader, resolution, origin)
             if "distance" in names:
                 return _read_field(reader, resolution, origin)
+            if "repulsive" in names:
+                return _read_potential(reader, resolution, origin)
             return OccupancyGrid(reader.layer("occupancy", np.int8), resolution, origin)
         except ParameterError as error:
             raise error.in_file(path) from None
@@ -131,7 +134,27 @@ def _entries_of(grid: Grid) -> dict[str, Any]:
             "lethal_threshold": np.int64(grid.lethal_threshold),
             "unknown": grid.unknown,
         }
+    if isinstance(grid, PotentialField):
+        return _potential_entries(grid)
     return {"occupancy": grid.occupancy}
+
+
+def _potential_entries(field: PotentialField) -> dict[str, Any]:
+    entries: dict[str, Any] = {"repulsive": field.repulsive, "normalised": field.normalised}
+    if field.goal is not None:
+        entries |= {
+            "attractive": field.attractive,
+            "potential": field.potential,
+            "gradient": field.gradient,
+            "gradient_magnitude": field.gradient_magnitude,
+            "goal": np.array(field.goal),
+        }
+    return entries | {
+        "occupancy": field.occupancy,
+        "attractive_gain": np.float64(field.attractive_gain),
+        "repulsive_gain": np.float64(field.repulsive_gain),
+        "repulsive_cap": np.float64(field.repulsive_cap),
+    }
 
 
 def _read_costmap(reader: _Reader, resolution: float, origin: Any) -> Costmap:
@@ -155,6 +178,24 @@ def _read_field(reader: _Reader, resolution: float, origin: Any) -> DistanceFiel
         max_distance=None if np.isinf(limit) else limit,
         lethal_threshold=reader.whole_number("lethal_threshold"),
         unknown=reader.text("unknown", ("free", "occupied")),  # type: ignore[arg-type]
+    )
+
+
+def _read_potential(reader: _Reader, resolution: float, origin: Any) -> PotentialField:
+    """Return the field of a file; what follows from others of its layers is not read."""
+    goal = None
+    if "goal" in reader.names():
+        x, y = reader.small("goal", np.float64, (2,)).tolist()
+        goal = (x, y)
+    return PotentialField(
+        reader.layer("repulsive", np.float64),
+        reader.layer("occupancy", np.int8),
+        resolution,
+        origin,
+        goal=goal,
+        attractive_gain=reader.number("attractive_gain"),
+        repulsive_gain=reader.number("repulsive_gain"),
+        repulsive_cap=reader.number("repulsive_cap"),
     )
 
 

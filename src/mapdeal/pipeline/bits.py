@@ -12,6 +12,7 @@ from mapdeal.formats.bit_maps import bit_map_paths, read_bit_map_pair, write_bit
 from mapdeal.formats.maps import as_occupancy, output_paths, write_grid
 from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pipeline.figures import Figures, figures_of
@@ -32,9 +33,9 @@ def pack_file(
     outputs = bit_map_paths(output)
     source = read_input(path, options)
     with outputs_of(outputs, source.files, options) as transaction:
-        if isinstance(source.grid, DistanceField):
+        if isinstance(source.grid, (DistanceField, PotentialField)):
             if lethal_threshold is not None:
-                rule = "a distance field has its own"
+                rule = "a field has its own"
                 raise ParameterError(rule, source=path, place="lethal_threshold")
             field, obstacles = source.grid, source.grid.obstacles()
             bits = BitMap.from_mask(obstacles, field.resolution, field.origin)

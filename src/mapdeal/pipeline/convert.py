@@ -14,6 +14,7 @@ from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.potential import PotentialField
 from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of, read_input
 from mapdeal.stages.esdf import field_view
@@ -75,9 +76,9 @@ def _converted(
     """Return the grid with its values on another scale."""
     if encoding is None or (encoding == "occupancy" and not isinstance(grid, Costmap)):
         return grid
-    if isinstance(grid, DistanceField):
-        rule = f"a distance field has no values of {encoding}"
-        raise ParameterError(rule, place="encoding", hint="mapdeal cost makes costs of it")
+    if isinstance(grid, (DistanceField, PotentialField)):
+        rule = f"a field has no values of {encoding}"
+        raise ParameterError(rule, place="encoding", hint="mapdeal cost makes costs of a map")
     if encoding == "amcl":
         occupancy = grid.to_occupancy() if isinstance(grid, Costmap) else grid
         return occupancy.as_amcl_sees_it()

@@ -46,8 +46,8 @@ def edit_file(
 
     def changed(grid: Grid) -> Grid:
         if not isinstance(grid, (OccupancyGrid, Costmap)):
-            rule = "is a distance field, which cannot be edited"
-            raise ParameterError(rule, hint="edit the map, then run esdf on it")
+            rule = "is a field, which cannot be edited"
+            raise ParameterError(rule, hint="edit the map, then run esdf or potential on it")
         return change(grid)
 
     return change_file(path, output, options, changed, what=what, inputs=inputs)

@@ -11,6 +11,7 @@ from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import (
     FREE,
     INSCRIBED_INFLATED_OBSTACLE,
@@ -37,6 +38,8 @@ def figures_of(grid: Grid | BitMap) -> Figures:
     }
     if isinstance(grid, DistanceField):
         figures |= _field_figures(grid)
+    elif isinstance(grid, PotentialField):
+        figures |= _potential_figures(grid)
     elif isinstance(grid, Costmap):
         figures |= _cost_figures(grid)
     elif isinstance(grid, BitMap):
@@ -69,6 +72,11 @@ def summary_of(figures: Figures) -> str:
         if least is None or most is None:
             return "no obstacle" if figures["obstacles"] == 0 else "nothing but obstacles"
         return f"{least + 0.0:.4g} .. {most:.4g} m, convention {figures['convention']}"
+    if "lowest_potential" in figures:
+        least, most = figures["lowest_potential"], figures["highest_potential"]
+        x, y = figures["goal"] or (None, None)
+        what = "no goal, repulsion" if x is None else f"goal {x:.10g}, {y:.10g}, potential"
+        return f"{what} {least:.5g} .. {most:.5g}"
     if "lethal" in figures:
         names = [name for name in _COST_SHARES if name in figures]
         text = ", ".join(share(name) for name in names)
@@ -86,6 +94,15 @@ def _field_figures(field: DistanceField) -> Figures:
         "obstacles": int(np.count_nonzero(field.obstacles())),
         "lowest_distance": float(field.distance.min()) if finite else None,
         "highest_distance": float(field.distance.max()) if finite else None,
+    }
+
+
+def _potential_figures(field: PotentialField) -> Figures:
+    return {
+        "goal": None if field.goal is None else list(field.goal),
+        "obstacles": int(np.count_nonzero(field.obstacles())),
+        "lowest_potential": float(field.potential.min()),
+        "highest_potential": float(field.potential.max()),
     }
 
 

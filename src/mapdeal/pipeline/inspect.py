@@ -13,10 +13,12 @@ from mapdeal.formats.maps import read_source
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.pipeline.figures import figures_of
 
 _SHOWN_OF_FIELDS = ("unknown", "max_distance", "strength", "lethal_threshold")
+_SHOWN_OF_POTENTIALS = ("attractive_gain", "repulsive_gain", "repulsive_cap")
 _SHOWN_KEYS = ("image", "mode", "negate", "occupied_thresh", "free_thresh")
 
 
@@ -38,6 +40,10 @@ def describe_file(
         report["kind"] = "distance field"
         layer = grid.distance
         report |= {key: getattr(grid, key) for key in _SHOWN_OF_FIELDS}
+    elif isinstance(grid, PotentialField):
+        report["kind"] = "potential field"
+        layer = grid.repulsive
+        report |= {key: getattr(grid, key) for key in _SHOWN_OF_POTENTIALS}
     else:
         report["kind"] = "costmap"
         layer = grid.cost

@@ -12,20 +12,30 @@ from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.route import Route
 from mapdeal.pipeline.stage_list import Step
 from mapdeal.render.canvas import Image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.stages.esdf import field_view
 
-_NAMES = {"active": "active", "inflate": "inflated", "esdf": "esdf", "cost": "cost"}
+_NAMES = {
+    "active": "active",
+    "inflate": "inflated",
+    "esdf": "esdf",
+    "potential": "potential",
+    "cost": "cost",
+}
 
 
 def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
     """Return the files that a step of a run writes into `folder`, in the order of writing."""
     name = _NAMES[step.name]
-    endings = [".npz"] if step.name in ("esdf", "cost") else []
-    endings += [".pgm", ".yaml", *([".png"] if images else [])]
+    endings = [".npz"] if step.name in ("esdf", "potential", "cost") else []
+    endings += [] if step.name == "potential" else [".pgm", ".yaml"]
+    endings += [".png"] if images else []
     return [folder / f"{name}{ending}" for ending in endings]
 
 
@@ -41,12 +51,12 @@ def write_products(
 ) -> None:
     """Write all files of a step's result, those of `paths_of`."""
     base = folder / _NAMES[step.name]
-    if step.name in ("esdf", "cost"):
+    if step.name in ("esdf", "potential", "cost"):
         write_grid(transaction, base.with_suffix(".npz"), grid)
     pair = base.with_suffix(".yaml")
     if isinstance(grid, DistanceField):
         write_pair(transaction, pair, field_view(grid, **step.view), mode="raw")
-    else:
+    elif not isinstance(grid, PotentialField):
         write_pair(transaction, pair, grid)
     if images:
         title = one_line(f"{stem}: {title_of(step)}")
@@ -60,14 +70,20 @@ def write_picture(
     title: str,
     *,
     image_max: int = DEFAULT_IMAGE_MAX,
+    route: Route | None = None,
 ) -> None:
-    """Write the picture of a grid; it is drawn in the thread that writes it."""
+    """Write the picture of a grid; it is drawn in the thread that writes it.
+
+    Of a costmap it may show a route.
+    """
 
     def draw() -> Image:
         if isinstance(grid, DistanceField):
             return field_image(grid, title=title, image_max=image_max)
         if isinstance(grid, Costmap):
-            return cost_image(grid, title=title, image_max=image_max)
+            return cost_image(grid, title=title, image_max=image_max, route=route)
+        if isinstance(grid, PotentialField):
+            return potential_image(grid, title=title, image_max=image_max)
         return occupancy_image(grid, title=title, image_max=image_max)
 
     def write(file: object) -> None:
@@ -88,6 +104,8 @@ def title_of(step: Step) -> str:
         return f"inflated by {radius:.4g} m ({parameters['kernel']})"
     if step.name == "esdf":
         return "signed distance field"
+    if step.name == "potential":
+        return "potential field" if parameters["goal"] else "repulsive field"
     if step.model == "exponential":
         return (
             f"cost, inscribed {parameters['inscribed_radius']:.4g} m, "

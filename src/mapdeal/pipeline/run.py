@@ -140,17 +140,19 @@ def _compute(
     grid = source.grid
     figures: dict[str, Figures] = {}
     for step in recipe.steps:
-        grid = step.apply(grid, source.files[0])
-        figures[step.name] = figures_of(grid)
+        made = step.apply(grid, source.files[0])
+        figures[step.name] = figures_of(made)
         write_products(
             transaction,
             step,
-            grid,
+            made,
             folder,
             stem=source.files[0].stem,
             images=options.images,
             image_max=options.image_max,
         )
+        if step.hands_on:
+            grid = made
     sums = {path.name: digest for path, digest in transaction.checksums().items()}
     document = json_of({**manifest, "figures": figures, "outputs": sums})
     transaction.write_bytes(folder / MANIFEST, document)

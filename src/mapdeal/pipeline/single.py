@@ -35,7 +35,11 @@ def apply_to_file(
 
     A keepout mask, a map of its own, is laid over the costs that the stage makes.
     """
-    endings = (".yaml", ".yml", ".npz", *([".npy"] if step.name == "esdf" else []))
+    endings: tuple[str, ...] = (".yaml", ".yml", ".npz")
+    if step.name == "esdf":
+        endings += (".npy",)
+    elif step.name == "potential":
+        endings = (".npz",)
     if output.suffix not in endings:
         hint = "--image writes a picture" if output.suffix == ".png" else None
         rule = f"the output must end in {' or '.join(e for e in endings if e != '.yml')}"

@@ -11,11 +11,13 @@ from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.formats.maps import as_occupancy
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
 from mapdeal.stages.active import active_region
 from mapdeal.stages.esdf import esdf, field_view
 from mapdeal.stages.exponential_cost import exponential_cost
 from mapdeal.stages.inflate import inflate
 from mapdeal.stages.parameters import accept_parameters, parameters_of, unknown_name
+from mapdeal.stages.potential import potential
 from mapdeal.stages.ring_cost import ring_cost
 from mapdeal.stages.threshold_cost import threshold_cost
 
@@ -34,7 +36,7 @@ class Step:
     Parameters
     ----------
     name : str
-        The stage: active, inflate, esdf or cost.
+        The stage, one of `STAGES`.
     parameters : mapping
         Every parameter of the stage's function.
     view : mapping
@@ -62,8 +64,15 @@ class Step:
             return inflate(as_occupancy(grid), **self.parameters)
         if self.name == "esdf":
             return esdf(as_occupancy(grid), **self.parameters)
-        source = as_occupancy(grid) if isinstance(grid, Costmap) else grid
+        source = grid if isinstance(grid, DistanceField) else as_occupancy(grid)
+        if self.name == "potential":
+            return potential(source, **self.parameters)
         return COST_MODELS[self.model or DEFAULT_MODEL](source, **self.parameters)
+
+    @property
+    def hands_on(self) -> bool:
+        """Whether the next stage works on the result; after a potential, on what that was of."""
+        return self.name != "potential"
 
     def described(self) -> dict[str, Any]:
         """Return stage, model and parameters as JSON can hold them."""
@@ -72,11 +81,12 @@ class Step:
         return {self.name: {key: _plain(value) for key, value in values.items()}}
 
 
-STAGES: tuple[str, ...] = ("active", "inflate", "esdf", "cost")
+STAGES: tuple[str, ...] = ("active", "inflate", "esdf", "potential", "cost")
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "active": active_region,
     "inflate": inflate,
     "esdf": esdf,
+    "potential": potential,
 }
 
 

@@ -21,8 +21,20 @@ INSCRIBED = (0, 190, 200)  # cyan, as in RViz's scheme "costmap"
 LETHAL = (16, 16, 20)
 LINE = (0, 0, 0)
 CONTOUR = (120, 255, 70)
+ARROW = (150, 40, 20)
+GOAL = (225, 30, 60)
+START = (20, 170, 70)
+MINIMUM = (255, 120, 0)
+ROUTE = (0, 100, 255)
 
 _COST_ANCHORS = [(255, 247, 188), (254, 196, 79), (236, 112, 20), (190, 30, 70), (92, 12, 92)]
+_POTENTIAL_ANCHORS = [
+    (250, 250, 235),
+    (200, 228, 190),
+    (110, 190, 170),
+    (40, 125, 150),
+    (35, 45, 95),
+]
 _FREE_SIDE_ANCHORS = [(247, 247, 245), (171, 210, 232), (72, 147, 198), (24, 79, 140), (8, 36, 84)]
 _OBSTACLE_SIDE_ANCHORS = [(252, 219, 199), (228, 130, 104), (178, 34, 48), (96, 6, 30)]
 
@@ -45,6 +57,11 @@ _LAB_FROM_LMS = np.array(
 def cost_scale(levels: int) -> Colours:
     """Return colours from low to high cost, shape (levels, 3): pale yellow to dark purple."""
     return interpolated(_COST_ANCHORS, levels)
+
+
+def potential_scale(levels: int) -> Colours:
+    """Return colours from low to high potential, shape (levels, 3): ivory to dark blue."""
+    return interpolated(_POTENTIAL_ANCHORS, levels)
 
 
 def free_side(levels: int) -> Colours:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.frame import cells_to_cover
 from mapdeal.grid.values import (
     FREE_SPACE,
     INSCRIBED_INFLATED_OBSTACLE,
@@ -24,15 +24,15 @@ from mapdeal.grid.values import (
 from mapdeal.kernels.distance import bytes_by_distance
 from mapdeal.kernels.lookup import set_where
 from mapdeal.kernels.threads import for_rows
-from mapdeal.stages.cost_source import CostSource, check_lethal_threshold, obstacles_of
 from mapdeal.stages.esdf import reach_is_kept
 from mapdeal.stages.field_values import bytes_in
+from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold, obstacles_of
 from mapdeal.stages.parameters import AT_LEAST_0, LETHAL, stage
 
 
 @stage
 def exponential_cost(
-    source: CostSource,
+    source: ObstacleSource,
     *,
     inscribed_radius: Annotated[float, AT_LEAST_0] = 0.0,
     inflation_radius: Annotated[float, AT_LEAST_0] = 0.55,

@@ -1,4 +1,4 @@
-"""What a cost model starts from: a map, or the distance field of one."""
+"""What a stage on obstacles starts from: a map, or the distance field of one."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
 
-CostSource = OccupancyGrid | DistanceField
+ObstacleSource = OccupancyGrid | DistanceField
 
 
-def check_lethal_threshold(source: CostSource, lethal_threshold: int | None) -> int:
+def check_lethal_threshold(source: ObstacleSource, lethal_threshold: int | None) -> int:
     """Return the threshold to use: the field's own for a field, else the given or 100."""
     if isinstance(source, DistanceField):
         if lethal_threshold not in (None, source.lethal_threshold):
@@ -23,7 +23,7 @@ def check_lethal_threshold(source: CostSource, lethal_threshold: int | None) -> 
     return DEFAULT_LETHAL_THRESHOLD if lethal_threshold is None else lethal_threshold
 
 
-def obstacles_of(source: CostSource, lethal_threshold: int) -> NDArray[np.bool_]:
+def obstacles_of(source: ObstacleSource, lethal_threshold: int) -> NDArray[np.bool_]:
     """Return the mask of cells that count as obstacles."""
     if isinstance(source, DistanceField):
         return source.obstacles()
@@ -31,7 +31,7 @@ def obstacles_of(source: CostSource, lethal_threshold: int) -> NDArray[np.bool_]
 
 
 def occupancy_with_obstacles(
-    source: CostSource, obstacles: NDArray[np.bool_]
+    source: ObstacleSource, obstacles: NDArray[np.bool_]
 ) -> NDArray[np.int8]:  # fmt: skip
     """Return a copy of the occupancy in which every obstacle is 100."""
     occupancy = source.occupancy.copy()

@@ -65,7 +65,7 @@ class Parameter:
         ParameterError
             If it is of another type, not finite, or out of bounds.
         """
-        if self.optional and (value is None or value == "none"):
+        if self.optional and (value is None or (isinstance(value, str) and value == "none")):
             return None
         if self.choices:
             if value in self.choices:
@@ -79,7 +79,11 @@ class Parameter:
             values = value.split(",") if isinstance(value, str) else value
             if not isinstance(values, Iterable) or isinstance(values, Mapping):
                 raise self._error("a list of numbers", value)
-            return tuple(self._accept_number(get_args(self.kind)[0], item) for item in values)
+            kind, *others = get_args(self.kind)
+            accepted = tuple(self._accept_number(kind, item) for item in values)
+            if others != [Ellipsis] and len(accepted) != 1 + len(others):
+                raise self._error(f"a list of {1 + len(others)} numbers", value)
+            return accepted
         return self._accept_number(self.kind, value)
 
     def _accept_bool(self, value: object) -> bool:

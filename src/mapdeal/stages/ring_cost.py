@@ -7,8 +7,8 @@ from typing import Annotated
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.kernels.neighbourhood import dilate_square
-from mapdeal.stages.cost_source import (
-    CostSource,
+from mapdeal.stages.obstacle_source import (
+    ObstacleSource,
     check_lethal_threshold,
     obstacles_of,
     occupancy_with_obstacles,
@@ -18,7 +18,7 @@ from mapdeal.stages.parameters import LETHAL, PERCENT, stage
 
 @stage
 def ring_cost(
-    source: CostSource,
+    source: ObstacleSource,
     *,
     values: Annotated[tuple[int, ...], PERCENT] = (90, 70, 50),
     lethal_threshold: Annotated[int, LETHAL] | None = None,

@@ -10,8 +10,8 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.stages.cost_source import CostSource, check_lethal_threshold
 from mapdeal.stages.esdf import View, esdf, field_view
+from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold
 from mapdeal.stages.parameters import ABOVE_0, AT_LEAST_0, LETHAL, PERCENT, stage
 
 _HIGHEST_BELOW_OBSTACLE = 99
@@ -19,7 +19,7 @@ _HIGHEST_BELOW_OBSTACLE = 99
 
 @stage
 def threshold_cost(
-    source: CostSource,
+    source: ObstacleSource,
     *,
     down: Annotated[float, PERCENT] = 45,
     up: Annotated[float, PERCENT] = 54,

@@ -1,0 +1,173 @@
+"""The potential field: repulsion from obstacles, and attraction to a goal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.coordinates import FARTHEST, Origin
+from mapdeal.grid.framed import Framed, as_layer
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import OCCUPIED
+
+Point = tuple[float, float]
+
+_TOP_OF_NORMALISED = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class PotentialField(Framed):
+    """A potential on a map: high at obstacles, low at the goal.
+
+    Parameters
+    ----------
+    repulsive : array_like of float64, shape (H, W)
+        Sum of 1 / distance to every obstacle cell, per metre, at least 0.
+    occupancy : array_like of int8, shape (H, W)
+        The map; the obstacles are its cells of 100.
+    resolution : float
+        Side of a cell, metres.
+    origin : sequence of float
+        x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
+    goal : tuple of float, optional
+        x and y of the goal in the map frame, metres.
+    attractive_gain, repulsive_gain : float
+        Factors of the two parts in `potential`.
+    repulsive_cap : float
+        What `repulsive` was capped at.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not finite or negative.
+    """
+
+    repulsive: NDArray[np.float64]
+    occupancy: NDArray[np.int8]
+    resolution: float
+    origin: Origin = (0.0, 0.0, 0.0)
+    goal: Point | None = None
+    attractive_gain: float = 1.0
+    repulsive_gain: float = 1.0
+    repulsive_cap: float = 1e5
+
+    def __post_init__(self) -> None:
+        repulsive = as_layer(self.repulsive, np.float64, "repulsive")
+        if repulsive.size and not 0 <= repulsive.min() <= repulsive.max() < math.inf:
+            raise ParameterError("repulsive must be finite and at least 0")
+        for name in ("attractive_gain", "repulsive_gain", "repulsive_cap"):
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise ParameterError("must be finite and at least 0", place=name, got=value)
+        if self.goal is not None:
+            goal = tuple(float(value) for value in self.goal)
+            if len(goal) != 2 or not all(abs(value) <= FARTHEST for value in goal):
+                rule = f"must be two numbers x, y within {FARTHEST:g} m"
+                raise ParameterError(rule, place="goal", got=self.goal)
+            object.__setattr__(self, "goal", goal)
+        occupancy = as_layer(self.occupancy, np.int8, "occupancy")
+        self._freeze(repulsive=repulsive, occupancy=occupancy)
+
+    @property
+    def _layer(self) -> NDArray[Any]:
+        return self.repulsive
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map that the potential belongs to."""
+        return OccupancyGrid(self.occupancy, self.resolution, self.origin)
+
+    def obstacles(self) -> NDArray[np.bool_]:
+        """Return the mask of obstacle cells."""
+        obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
+        return obstacles
+
+    @cached_property
+    def attractive(self) -> NDArray[np.float64] | None:
+        """Distance from each cell's centre to the goal, metres, shape (H, W); None without one."""
+        if self.goal is None:
+            return None
+        row, col = self.frame.continuous_rowcol_from_xy([self.goal])[0]
+        rows = np.arange(self.shape[0])[:, np.newaxis] + 0.5 - row
+        distance: NDArray[np.float64] = np.hypot(rows, np.arange(self.shape[1]) + 0.5 - col)
+        distance *= self.resolution
+        return _read_only(distance)
+
+    @cached_property
+    def potential(self) -> NDArray[np.float64]:
+        """Both parts times their gains, shape (H, W); without a goal, `repulsive` as it is."""
+        if self.attractive is None:
+            return self.repulsive
+        total = self.attractive_gain * self.attractive + self.repulsive_gain * self.repulsive
+        return _read_only(total)
+
+    @cached_property
+    def normalised(self) -> NDArray[np.float64]:
+        """The potential stretched to 0..10, shape (H, W); all 0 if it is the same everywhere."""
+        low, high = float(self.potential.min()), float(self.potential.max())
+        if high == low:
+            return _read_only(np.zeros(self.shape))
+        return _read_only(_TOP_OF_NORMALISED * (self.potential - low) / (high - low))
+
+    @cached_property
+    def gradient(self) -> NDArray[np.float64]:
+        """Slope of the potential along x and y of the map frame, per metre, shape (2, H, W).
+
+        It points uphill. Central differences between the neighbouring cells, one-sided at the
+        border; along an axis of a single cell 0. Beside an obstacle they look into its cell,
+        whose own term the sum leaves out; `downhill_surface` puts it back.
+        """
+        return _read_only(self._slopes(self.potential))
+
+    @cached_property
+    def gradient_magnitude(self) -> NDArray[np.float64]:
+        """Length of the gradient, per metre, shape (H, W)."""
+        return _read_only(np.hypot(*self.gradient))
+
+    def downhill_surface(self) -> NDArray[np.float64]:
+        """Return the potential with obstacle cells raised, shape (H, W), to go downhill on.
+
+        An obstacle's own cell has no term of its own in the sum, since it is at distance 0, so
+        that the cell of a lone obstacle would be a pit. Here it has one, as at the edge of the
+        cell: 2 / resolution.
+        """
+        gain = 1.0 if self.goal is None else self.repulsive_gain
+        surface = self.potential.copy()
+        surface[self.obstacles()] += 2.0 * gain / self.resolution
+        return surface
+
+    def downhill(self) -> NDArray[np.float64]:
+        """Return the direction of steepest descent, not its length, shape (2, H, W).
+
+        Unit vectors along x and y of the map frame on the `downhill_surface`; 0 where it is
+        level.
+        """
+        slopes = self._slopes(self.downhill_surface())
+        length = np.hypot(*slopes)
+        directions = np.zeros_like(slopes)
+        np.divide(-slopes, length, out=directions, where=length > 0)
+        return directions
+
+    def _slopes(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return derivatives along x and y of the map frame, per metre, shape (2, H, W)."""
+        height, width = self.shape
+        along_rows = np.gradient(values, axis=0) if height > 1 else np.zeros(self.shape)
+        along_cols = np.gradient(values, axis=1) if width > 1 else np.zeros(self.shape)
+        yaw = self.origin[2]
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        slopes = np.stack(
+            [along_cols * cos - along_rows * sin, along_cols * sin + along_rows * cos]
+        )
+        slopes /= self.resolution
+        return slopes
+
+
+def _read_only(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,118 @@
+"""Stage ``potential``: repulsion from all obstacles, attraction to a goal."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Annotated
+
+import numpy as np
+
+from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.grid.coordinates import FARTHEST
+from mapdeal.grid.potential import PotentialField
+from mapdeal.kernels.inverse_distance import sum_of_inverse_distances
+from mapdeal.stages.obstacle_source import (
+    ObstacleSource,
+    check_lethal_threshold,
+    obstacles_of,
+    occupancy_with_obstacles,
+)
+from mapdeal.stages.parameters import ABOVE_0, AT_LEAST_0, LETHAL, stage
+
+LEAST_DISTANCE = 0.001
+"""Metres up to which a term is left out, of a cell's distance to itself above all."""
+
+
+@stage
+def potential(
+    source: ObstacleSource,
+    *,
+    goal: tuple[float, float] | None = None,
+    repulsive_cap: Annotated[float, ABOVE_0] = 1e5,
+    attractive_gain: Annotated[float, AT_LEAST_0] = 1.0,
+    repulsive_gain: Annotated[float, AT_LEAST_0] = 1.0,
+    lethal_threshold: Annotated[int, LETHAL] | None = None,
+) -> PotentialField:
+    """Return the artificial potential field of a map.
+
+    Parameters
+    ----------
+    source : OccupancyGrid or DistanceField
+        The map, or its distance field: obstacles then are the field's.
+    goal : tuple of float, optional
+        x and y of the goal in the map frame, metres; without one there is only repulsion.
+    repulsive_cap : float
+        The most that repulsion can be, per metre.
+    attractive_gain, repulsive_gain : float
+        Factors of the two parts in the potential.
+    lethal_threshold : int, optional
+        Occupancy from which a cell is an obstacle; 100 for a map, a field's own for a field.
+
+    Returns
+    -------
+    PotentialField
+        ``repulsive``: min(repulsive_cap, sum of 1 / d over ALL obstacle cells), d in metres
+        between cell centres, terms with d <= 0.001 m left out; ``attractive``: metres to the
+        goal; ``potential``: the gains times both.
+
+    Raises
+    ------
+    ParameterError
+        If the goal lies in an obstacle.
+
+    Warns
+    -----
+    MapdealWarning
+        If the goal lies outside of the map.
+
+    Notes
+    -----
+    The sums are exact but for rounding, see `sum_of_inverse_distances`; they are not the
+    distance to the nearest obstacle, which `esdf` gives. Every obstacle cell counts, so that
+    repulsion grows with the number of cells that a wall has: at half the resolution it is twice
+    as strong.
+
+    References
+    ----------
+    Design document 000, ``calculateRepulsiveForce`` and ``calculateAttractiveForce``.
+
+    Examples
+    --------
+    >>> from mapdeal.grid.occupancy import OccupancyGrid
+    >>> field = potential(OccupancyGrid([[100, 0, 100, 0]], resolution=0.5), goal=(1.75, 0.25))
+    >>> field.repulsive.round(6).tolist()
+    [[1.0, 4.0, 1.0, 2.666667]]
+    >>> field.attractive.round(6).tolist()
+    [[1.5, 1.0, 0.5, 0.0]]
+    """
+    lethal_threshold = check_lethal_threshold(source, lethal_threshold)
+    obstacles = obstacles_of(source, lethal_threshold)
+    if goal is not None:
+        _check_goal(source, obstacles, goal)
+    repulsive = sum_of_inverse_distances(
+        obstacles, scale=source.resolution, least=LEAST_DISTANCE * (1 + 1e-9)
+    )
+    return PotentialField(
+        np.minimum(repulsive, repulsive_cap),
+        occupancy_with_obstacles(source, obstacles),
+        source.resolution,
+        source.origin,
+        goal=goal,
+        attractive_gain=attractive_gain,
+        repulsive_gain=repulsive_gain,
+        repulsive_cap=repulsive_cap,
+    )
+
+
+def _check_goal(
+    source: ObstacleSource, obstacles: np.ndarray, goal: tuple[float, float]
+) -> None:  # fmt: skip
+    if not all(abs(value) <= FARTHEST for value in goal):
+        rule = f"must be two numbers x, y within {FARTHEST:g} m"
+        raise ParameterError(rule, place="goal", got=goal)
+    cells, inside = source.frame.bounded_rowcol_from_xy([goal])
+    if not inside[0]:
+        text = f"potential: the goal {goal[0]:.10g}, {goal[1]:.10g} lies outside of the map"
+        warnings.warn(text, MapdealWarning, stacklevel=4)
+    elif obstacles[tuple(cells[0])]:
+        raise ParameterError("lies in an obstacle", place="goal", got=goal)

@@ -1,0 +1,176 @@
+"""The potential, and what the field says of itself."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import oracles
+from drawn import grid_from_text
+from mapdeal import (
+    MapdealWarning,
+    OccupancyGrid,
+    ParameterError,
+    PotentialField,
+    esdf,
+    potential,
+    read_map,
+    write_map,
+)
+from strategies import RESOLUTIONS, occupancies
+
+
+@pytest.fixture
+def golden():
+    """Design document 000's own case: ten by ten cells of 1 m, goal in the cell (5, 5)."""
+    occupancy = np.zeros((10, 10), np.int8)
+    for cell in range(1, 5):
+        occupancy[cell, cell] = 100
+    return potential(OccupancyGrid(occupancy, 1.0), goal=(5.5, 5.5))
+
+
+def test_the_design_s_case_by_hand(golden):
+    r2 = math.sqrt(2)
+    sums = 1 / r2 + 1 / (2 * r2) + 1 / (3 * r2) + 1 / (4 * r2)
+    assert golden.repulsive[0, 0] == pytest.approx(sums)
+    assert golden.repulsive[5, 5] == pytest.approx(sums)
+    assert golden.repulsive[1, 1] == pytest.approx(1 / r2 + 1 / (2 * r2) + 1 / (3 * r2))
+    far = sum(1 / math.hypot(9 - cell, cell) for cell in range(1, 5))
+    assert golden.repulsive[0, 9] == golden.repulsive[9, 0] == pytest.approx(far)
+    assert golden.attractive[5, 5] == 0
+    assert golden.attractive[0, 9] == pytest.approx(math.hypot(5, 4))
+    assert golden.potential[0, 9] == pytest.approx(far + math.hypot(5, 4))
+    assert (golden.normalised.min(), golden.normalised.max()) == (0.0, 10.0)
+
+
+def test_the_design_s_gradient_by_hand(golden):
+    u = golden.potential
+    d_dx, d_dy = golden.gradient
+    assert d_dx[7, 3] == pytest.approx((u[7, 4] - u[7, 2]) / 2)
+    assert d_dy[7, 3] == pytest.approx((u[8, 3] - u[6, 3]) / 2)
+    assert d_dx[7, 9] == pytest.approx(u[7, 9] - u[7, 8])
+    assert d_dy[0, 3] == pytest.approx(u[1, 3] - u[0, 3])
+    assert golden.gradient_magnitude[7, 3] == pytest.approx(math.hypot(d_dx[7, 3], d_dy[7, 3]))
+    # the case is the same from both sides of its diagonal
+    assert np.allclose(d_dx, d_dy.T)
+
+
+@settings(max_examples=40)
+@given(occupancies(longest=8), RESOLUTIONS)
+def test_the_parts_are_their_formulas(occupancy, resolution):
+    origin = (1.5, -2.0, 0.4)
+    grid = OccupancyGrid(occupancy, resolution, origin)
+    goal = grid.frame.xy_from_rowcol([[-2, 1]])[0]
+    with pytest.warns(MapdealWarning, match="outside"):
+        field = potential(grid, goal=goal, attractive_gain=2.0, repulsive_gain=0.5)
+    direct = oracles.sum_of_inverse_distances(occupancy == 100, resolution, 0.001)
+    assert field.repulsive == pytest.approx(np.minimum(direct, 1e5), rel=1e-9, abs=1e-12)
+    for row, col in np.ndindex(grid.shape):
+        away = math.hypot(row + 2, col - 1) * resolution
+        assert field.attractive[row, col] == pytest.approx(away)
+    assert field.potential == pytest.approx(2 * field.attractive + 0.5 * field.repulsive)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, 2.0, -3.0])
+def test_the_gradient_of_the_attraction_points_from_the_goal_whatever_the_yaw(yaw):
+    grid = OccupancyGrid(np.zeros((30, 40), np.int8), 0.25, (1.5, -2.0, yaw))
+    goal = grid.frame.xy_from_rowcol([[10, 12]])[0]
+    field = potential(grid, goal=tuple(goal))
+    for cell in [(25, 30), (2, 3), (20, 5), (5, 33)]:
+        away = grid.frame.xy_from_rowcol([cell])[0] - goal
+        expected = away / np.hypot(*away)
+        assert field.gradient[(slice(None), *cell)] == pytest.approx(expected, abs=0.01)
+        assert field.downhill()[(slice(None), *cell)] == pytest.approx(-expected, abs=0.01)
+
+
+def test_repulsion_is_capped():
+    grid = grid_from_text("###\n###", 0.25)
+    field = potential(grid, repulsive_cap=9.5)
+    assert field.repulsive.max() == 9.5
+    assert potential(grid).repulsive.max() > 9.5
+
+
+def test_distances_up_to_a_millimetre_are_left_out():
+    field = potential(OccupancyGrid([[100, 0, 0]], 0.001))
+    assert field.repulsive == pytest.approx(np.array([[0, 0, 500.0]]))
+    field = potential(OccupancyGrid([[100, 0, 0]], 0.0011))
+    assert field.repulsive == pytest.approx(np.array([[0, 1 / 0.0011, 1 / 0.0022]]))
+
+
+def test_without_a_goal_there_is_only_repulsion():
+    field = potential(grid_from_text(".#.\n..."), repulsive_gain=7.0)
+    assert field.attractive is None
+    assert np.array_equal(field.potential, field.repulsive)
+    spread = field.repulsive.max() - field.repulsive.min()
+    expected = 10 * (field.repulsive - field.repulsive.min()) / spread
+    assert field.normalised == pytest.approx(expected)
+
+
+def test_where_all_is_level_the_normalised_field_and_the_gradient_are_0():
+    field = potential(grid_from_text("..."))
+    assert not field.normalised.any()
+    assert not field.gradient.any()
+    assert not field.downhill().any()
+    single = potential(grid_from_text("."), goal=(1.6, -1.9))
+    assert not single.gradient.any()
+
+
+def test_obstacles_are_those_of_the_field_or_of_the_threshold():
+    grid = grid_from_text("..?\n+..")
+    assert not potential(grid).obstacles().any()
+    assert potential(grid, lethal_threshold=50).obstacles().sum() == 1
+    field = esdf(grid, unknown="occupied", lethal_threshold=50)
+    assert potential(field).obstacles().sum() == 2
+    assert np.array_equal(potential(field).obstacles(), field.obstacles())
+    with pytest.raises(ParameterError, match="made with 50"):
+        potential(field, lethal_threshold=60)
+
+
+def test_a_lone_obstacle_is_no_pit_to_go_downhill_into():
+    field = potential(grid_from_text(".....\n..#..\n.....", 0.25, (0.0, 0.0, 0.0)))
+    assert field.potential[1, 2] < field.potential[1, 1]
+    surface = field.downhill_surface()
+    assert surface[1, 2] > surface[1, 1]
+    assert surface[1, 2] == pytest.approx(2 / 0.25)
+    assert field.downhill()[0, 1, 1] < 0 < field.downhill()[0, 1, 3]
+
+
+@pytest.mark.parametrize("goal", [(0.3, 0.1), (0.26, 0.01)])
+def test_a_goal_in_an_obstacle_is_refused(goal):
+    grid = grid_from_text(".#.\n.#.", 0.25, (0.0, 0.0, 0.0))
+    with pytest.raises(ParameterError, match="goal"):
+        potential(grid, goal=goal)
+
+
+@pytest.mark.parametrize("goal", [(1.0,), (1.0, 2.0, 3.0), "1", (math.nan, 0.0), (1e13, 0.0)])
+def test_a_goal_is_two_numbers(goal):
+    with pytest.raises(ParameterError, match="goal"):
+        potential(grid_from_text("..."), goal=goal)
+
+
+@pytest.mark.parametrize("repulsive", [[[np.nan]], [[-1.0]], [[np.inf]]])
+def test_a_field_holds_finite_repulsion(repulsive):
+    with pytest.raises(ParameterError, match="repulsive"):
+        PotentialField(repulsive, np.zeros((1, 1), np.int8), 0.5)
+
+
+@pytest.mark.parametrize("goal", [None, (1.7, -1.9)])
+def test_a_file_holds_every_layer_and_gives_the_field_back(tmp_path, goal):
+    field = potential(grid_from_text(".#.?\n...."), goal=goal, attractive_gain=3.0)
+    write_map(tmp_path / "p.npz", field)
+    with np.load(tmp_path / "p.npz") as entries:
+        layers = {"repulsive", "normalised"}
+        if goal:
+            layers |= {"attractive", "potential", "gradient", "gradient_magnitude"}
+            assert entries["gradient"].shape == (2, 2, 4)
+            assert entries["goal"].tolist() == list(goal)
+        assert all(entries[name].dtype == np.float64 for name in layers)
+        assert layers <= set(entries.files)
+        assert ("gradient" in entries.files) == (goal is not None)
+    again = read_map(tmp_path / "p.npz")
+    assert isinstance(again, PotentialField)
+    for name in ("goal", "origin", "resolution", "attractive_gain", "repulsive_cap"):
+        assert getattr(again, name) == getattr(field, name)
+    assert np.array_equal(again.potential, field.potential)
+    assert np.array_equal(again.occupancy, field.occupancy)
