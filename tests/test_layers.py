@@ -11,7 +11,7 @@ import mapdeal
 
 PACKAGE = Path(mapdeal.__file__).parent
 
-MIDDLE = {"stages", "editing", "formats", "render"}
+MIDDLE = {"stages", "editing", "planning", "formats", "render"}
 ALLOWED = {
     "errors": set(),
     "version": set(),
@@ -19,6 +19,7 @@ ALLOWED = {
     "grid": {"errors", "kernels"},
     "stages": {"errors", "grid", "kernels"},
     "editing": {"errors", "grid", "kernels"},
+    "planning": {"errors", "grid", "kernels"},
     "formats": {"errors", "grid", "kernels"},
     "render": {"errors", "grid", "kernels"},
     "pipeline": {"errors", "version", "grid", "kernels", *MIDDLE},

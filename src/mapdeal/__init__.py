@@ -1,9 +1,12 @@
 """mapdeal: batch processing of robot map files without ROS.
 
 Read and write: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_shapes`.
-Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `BitMap`, each with its `Frame`.
+Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField`, `BitMap`, each with its
+`Frame`.
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
-`ring_cost`; a robot's `Footprint`; `apply_keepout_mask`.
+`ring_cost`, `potential`; a robot's `Footprint`; `apply_keepout_mask`.
+Questions: `DistanceField.query`, which gives `FieldSamples`; `shortest_route` and `descend`, which
+give a `Route`.
 Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
 `reset_region`.
 
@@ -33,16 +36,21 @@ if TYPE_CHECKING:
     from mapdeal.formats.shapes import read_shapes
     from mapdeal.grid.bit_map import BitMap
     from mapdeal.grid.costmap import Costmap
-    from mapdeal.grid.field import DistanceField
+    from mapdeal.grid.field import DistanceField, FieldSamples
     from mapdeal.grid.footprint import Footprint
     from mapdeal.grid.frame import Frame, xy_ahead
     from mapdeal.grid.occupancy import OccupancyGrid
+    from mapdeal.grid.potential import PotentialField
+    from mapdeal.grid.route import Route
     from mapdeal.grid.shapes import Circle, Line, Polygon
+    from mapdeal.planning.astar import shortest_route
+    from mapdeal.planning.descent import descend
     from mapdeal.stages.active import active_region
     from mapdeal.stages.esdf import esdf, field_view
     from mapdeal.stages.exponential_cost import exponential_cost
     from mapdeal.stages.inflate import inflate
     from mapdeal.stages.keepout import apply_keepout_mask
+    from mapdeal.stages.potential import potential
     from mapdeal.stages.ring_cost import ring_cost
     from mapdeal.stages.threshold_cost import threshold_cost
 
@@ -51,6 +59,7 @@ _HOMES = {
     "Circle": "mapdeal.grid.shapes",
     "Costmap": "mapdeal.grid.costmap",
     "DistanceField": "mapdeal.grid.field",
+    "FieldSamples": "mapdeal.grid.field",
     "FileAccessError": "mapdeal.errors",
     "FindingError": "mapdeal.errors",
     "Footprint": "mapdeal.grid.footprint",
@@ -62,20 +71,25 @@ _HOMES = {
     "OccupancyGrid": "mapdeal.grid.occupancy",
     "ParameterError": "mapdeal.errors",
     "Polygon": "mapdeal.grid.shapes",
+    "PotentialField": "mapdeal.grid.potential",
+    "Route": "mapdeal.grid.route",
     "active_region": "mapdeal.stages.active",
     "apply_keepout_mask": "mapdeal.stages.keepout",
     "blank": "mapdeal.editing.window",
+    "descend": "mapdeal.planning.descent",
     "draw": "mapdeal.editing.draw",
     "esdf": "mapdeal.stages.esdf",
     "exponential_cost": "mapdeal.stages.exponential_cost",
     "field_view": "mapdeal.stages.esdf",
     "inflate": "mapdeal.stages.inflate",
+    "potential": "mapdeal.stages.potential",
     "read_bit_map": "mapdeal.formats.bit_maps",
     "read_map": "mapdeal.formats.maps",
     "read_shapes": "mapdeal.formats.shapes",
     "reset_region": "mapdeal.editing.window",
     "ring_cost": "mapdeal.stages.ring_cost",
     "shift_origin": "mapdeal.editing.window",
+    "shortest_route": "mapdeal.planning.astar",
     "threshold_cost": "mapdeal.stages.threshold_cost",
     "window": "mapdeal.editing.window",
     "write_bit_map": "mapdeal.formats.bit_maps",
@@ -88,6 +102,7 @@ __all__ = [
     "Circle",
     "Costmap",
     "DistanceField",
+    "FieldSamples",
     "FileAccessError",
     "FindingError",
     "Footprint",
@@ -99,21 +114,26 @@ __all__ = [
     "OccupancyGrid",
     "ParameterError",
     "Polygon",
+    "PotentialField",
+    "Route",
     "__version__",
     "active_region",
     "apply_keepout_mask",
     "blank",
+    "descend",
     "draw",
     "esdf",
     "exponential_cost",
     "field_view",
     "inflate",
+    "potential",
     "read_bit_map",
     "read_map",
     "read_shapes",
     "reset_region",
     "ring_cost",
     "shift_origin",
+    "shortest_route",
     "threshold_cost",
     "window",
     "write_bit_map",

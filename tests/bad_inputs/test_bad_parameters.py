@@ -4,6 +4,8 @@ import pytest
 
 from bad_maps import DRAWING, cells_of, write_map, yaml_text
 from drawn import cells
+from mapdeal import Costmap, read_map
+from mapdeal import write_map as write_map_file
 
 BAD_PARAMETERS = [
     ("P1-negative", ["inflate", "--radius", "-0.1"], "radius", ""),
@@ -299,3 +301,43 @@ def test_files_that_were_mixed_up_are_told_apart(folder, refused):
     words = ["edit", "circle", "m.yaml", "-o", "o.npz", "--value", "1", "--file"]
     refused([*words, "l.yaml"], 3, "l.yaml", hint="shapes:")
     refused([*words, "m.yaml"], 3, "missing key shapes", hint="shapes:")
+
+
+BAD_QUESTIONS = [
+    ("P7-three-numbers", ["query", "m.yaml", "--at", "1,2,3"], 2, "--at"),
+    ("P7-no-number", ["query", "m.yaml", "--at", "here"], 2, "--at"),
+    ("P7-no-point", ["query", "m.yaml"], 2, "--points"),
+    ("P7-no-such-file", ["query", "m.yaml", "--points", "none.csv"], 4, "none.csv"),
+    ("P7-a-folder", ["query", "m.yaml", "--points", "."], 4, "."),
+    ("P8-goal-in-an-obstacle", ["potential", "m.yaml", "-o", "o.npz", "--goal"], 2, "goal"),
+    ("P8-goal-nan", ["potential", "m.yaml", "-o", "o.npz", "--goal", "nan,1"], 2, "goal"),
+    ("P8-goal-of-one-number", ["potential", "m.yaml", "-o", "o.npz", "--goal", "1"], 2, "goal"),
+    ("P8-cap-0", ["potential", "m.yaml", "-o", "o.npz", "--repulsive-cap", "0"], 2, "cap"),
+    ("P8-gain", ["potential", "m.yaml", "-o", "o.npz", "--repulsive-gain", "-1"], 2, "gain"),
+    ("P8-potential-as-yaml", ["potential", "m.yaml", "-o", "o.yaml"], 2, "o.yaml"),
+    ("P8-start-closed", ["route", "m.yaml", "--to", "9,9", "--from"], 2, "m.yaml: start"),
+    ("P8-goal-outside", ["route", "c.npz", "--from", "1.51,-1.98", "--to", "9,9"], 2, "goal"),
+    ("P8-start-nan", ["route", "c.npz", "--from", "nan,0", "--to", "9,9"], 2, "start"),
+    ("P8-no-goal", ["route", "m.yaml", "--from", "1,1"], 2, "--to"),
+    ("P8-method", ["route", "m.yaml", "--from", "1,1", "--to", "1,1", "--method", "x"], 2, ""),
+    ("P8-weight", ["route", "c.npz", "--from", "1.51,-1.98", "--to", "1.51,-1.98",
+                   "--field-weight", "-1"], 2, "field_weight"),
+    ("P8-other-method", ["route", "c.npz", "--from", "1.51,-1.98", "--to", "1.51,-1.98",
+                         "--attractive-gain", "2"], 2, "--attractive-gain"),
+    ("P8-other-method-too", ["route", "c.npz", "--from", "1.51,-1.98", "--to", "1.51,-1.98",
+                             "--method", "descent", "--field-weight", "2"], 2, "--field-weight"),
+    ("P8-output", ["route", "c.npz", "--from", "1.51,-1.98", "--to", "1.51,-1.98", "-o", "o.txt"],
+     2, "o.txt"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "place"), [pytest.param(*case, id=row) for row, *case in BAD_QUESTIONS]
+)
+def test_a_question_that_cannot_be_asked_is_refused(folder, accepted, refused, words, code, place):
+    grid = read_map(folder / "m.yaml")
+    wall = grid.frame.xy_from_rowcol([next(zip(*(grid.occupancy == 100).nonzero(), strict=True))])
+    write_map_file(folder / "c.npz", Costmap([[0, 0, 254]], 0.05, grid.origin))
+    if words[-1] in ("--goal", "--from"):
+        words = [*words, "{},{}".format(*wall[0])]
+    refused(words, code, place)

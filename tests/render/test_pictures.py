@@ -8,11 +8,32 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from drawn import grid_from_text
-from mapdeal import Costmap, Frame, OccupancyGrid, esdf, exponential_cost, inflate
+from mapdeal import (
+    Costmap,
+    Frame,
+    OccupancyGrid,
+    Route,
+    esdf,
+    exponential_cost,
+    inflate,
+    potential,
+    shortest_route,
+)
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.render.canvas import corner_of, frame_text, ticks_between
-from mapdeal.render.colours import cost_scale, free_side, obstacle_side
+from mapdeal.render.colours import (
+    ARROW,
+    GOAL,
+    LETHAL,
+    MINIMUM,
+    ROUTE,
+    START,
+    cost_scale,
+    free_side,
+    obstacle_side,
+)
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster, inner_outline
 
 BLACK, RVIZ_UNKNOWN = (0, 0, 0), (112, 137, 134)
@@ -200,3 +221,58 @@ def test_a_turned_map_tells_its_corner_and_yaw():
     assert frame_text(Frame(2, 3, 0.5, (1.25, -2.0, 0.4))).endswith(
         "1.5 x 1 m, from 1.25, -2 at yaw 0.4 (not turned here)"
     )
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4])
+def test_a_potential_has_its_obstacles_its_goal_and_arrows_that_point_to_it(yaw):
+    grid = OccupancyGrid(np.zeros((8, 12), np.int8), 0.5, (1.0, 2.0, yaw))
+    goal = tuple(grid.frame.xy_from_rowcol([[4, 10]])[0])
+    pixels = rgb(potential_image(potential(grid, goal=goal), title="t"))
+    assert count(pixels, GOAL) > 50
+    assert not count(pixels, LETHAL)
+    # the arrows' heads are wider than their tails, and lie on the goal's side of each cell
+    arrows = np.argwhere(np.all(pixels == ARROW, axis=2))
+    goal_col = np.argwhere(np.all(pixels == GOAL, axis=2))[:, 1].min()
+    map_left = int(np.flatnonzero((pixels.sum(axis=2) == 255 * 3).all(axis=0))[0])
+    assert len(arrows) > 500
+    row = arrows[(arrows[:, 1] < goal_col)]
+    cols = np.unique(row[:, 1])
+    assert cols.min() > map_left
+    walled = OccupancyGrid(np.where(np.eye(8, 12) > 0, 100, 0).astype(np.int8), 0.5)
+    assert count(rgb(potential_image(potential(walled), title="t")), LETHAL) > 8 * 20 * 20
+
+
+def test_arrows_turn_with_the_grid_s_own_axes():
+    images = []
+    for yaw in (0.0, 0.7):
+        grid = OccupancyGrid(np.zeros((8, 12), np.int8), 0.5, (0.0, 0.0, yaw))
+        goal = tuple(grid.frame.xy_from_rowcol([[4, 10]])[0])
+        pixels = rgb(potential_image(potential(grid, goal=goal), title="t"))
+        arrows = np.argwhere(np.all(pixels == ARROW, axis=2))
+        images.append(arrows - arrows.min(axis=0))
+    # but for pixels that rounding has moved, the picture of the map is the same
+    first, second = ({tuple(p) for p in image.tolist()} for image in images)
+    assert len(first & second) > 0.97 * max(len(first), len(second))
+
+
+def test_a_route_is_drawn_where_it_leads():
+    costmap = Costmap(np.zeros((10, 20), np.uint8), 0.5, (3.0, -1.0, 0.4))
+    ends = costmap.frame.xy_from_rowcol([[2, 2], [2, 17]])
+    route = shortest_route(costmap, tuple(ends[0]), tuple(ends[1]))
+    pixels = rgb(cost_image(costmap, title="t", route=route))
+    plain = rgb(cost_image(costmap, title="t"))
+    assert not count(plain, ROUTE)
+    drawn = np.argwhere(np.all(pixels == ROUTE, axis=2))
+    start, goal = (np.argwhere(np.all(pixels == c, axis=2)) for c in (START, GOAL))
+    height, width = pixels.shape[:2]
+    on_map = drawn[drawn[:, 1] < 0.7 * width]
+    assert np.ptp(on_map[:, 0]) <= 4  # a level line
+    assert start[:, 1].min() < on_map[:, 1].min() < on_map[:, 1].max() < goal[:, 1].max()
+    assert on_map[:, 0].mean() > height / 2  # in the south
+
+
+def test_the_place_of_a_local_minimum_is_marked():
+    costmap = Costmap(np.zeros((10, 20), np.uint8), 0.5)
+    stopped = Route("descent", False, (1.0, 1.0), (9.0, 4.0), [[1.0, 1.0], [5.0, 2.0]], 4.1, 4.1,
+                    1.0, local_minimum=(5.0, 2.0))  # fmt: skip
+    assert count(rgb(cost_image(costmap, title="t", route=stopped)), MINIMUM) > 50

@@ -12,6 +12,7 @@ from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import Source, read_source
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.transaction import Transaction
+from mapdeal.grid.route import Route
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.products import write_picture
 
@@ -66,11 +67,15 @@ def outputs_of(
 
 
 def add_picture(
-    transaction: Transaction, options: FileOptions, grid: Grid, title: str
-) -> None:  # fmt: skip
+    transaction: Transaction,
+    options: FileOptions,
+    grid: Grid,
+    title: str,
+    route: Route | None = None,
+) -> None:
     """Write the picture that was asked for, if one was."""
     if options.image is not None:
-        write_picture(transaction, options.image, grid, one_line(title))
+        write_picture(transaction, options.image, grid, one_line(title), route=route)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.route import Route
 from mapdeal.grid.values import (
     INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
@@ -31,6 +32,7 @@ from mapdeal.render.canvas import (
     swatches_in,
 )
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
+from mapdeal.render.route import ROUTE_COLOURS, draw_route, route_text
 
 _FREE_LEVELS, _OBSTACLE_LEVELS, _COST_LEVELS = 70, 49, 200
 _FIELD_LEVELS = _FREE_LEVELS + _OBSTACLE_LEVELS
@@ -144,17 +146,21 @@ def _field_levels(
 
 
 def cost_image(
-    costmap: Costmap, *, title: str, image_max: int = DEFAULT_IMAGE_MAX
-) -> Image:  # fmt: skip
+    costmap: Costmap,
+    *,
+    title: str,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    route: Route | None = None,
+) -> Image:
     """Return a costmap in an even scale; lethal, inscribed, unknown and free stand apart.
 
     Where cells share a pixel the highest cost shows. If the circumscribed cost is known, a
-    line bounds the cells of that cost and more.
+    line bounds the cells of that cost and more. A route is drawn over all.
     """
     raster = Raster.fitting(costmap.shape, image_max)
     on_byte_scale = costmap.scale == "costmap2d"
     top = INSCRIBED_INFLATED_OBSTACLE - 1 if on_byte_scale else OCCUPIED - 1
-    free, inscribed, lethal, unknown, contour = (_COST_LEVELS + k for k in range(5))
+    free, inscribed, lethal, unknown, contour, first_of_route = (_COST_LEVELS + k for k in range(6))
     by_value = np.full(256, lethal, dtype=np.uint8)
     by_value[0] = free
     by_value[1 : top + 1] = (np.arange(top) * _COST_LEVELS) // top
@@ -170,6 +176,7 @@ def cost_image(
         colours.cost_scale(_COST_LEVELS),
         [colours.RVIZ_FREE, colours.INSCRIBED, colours.LETHAL, colours.RVIZ_UNKNOWN,
          colours.CONTOUR],
+        ROUTE_COLOURS,
     ])  # fmt: skip
     swatches = [Swatch(lethal, f"lethal {LETHAL_OBSTACLE if on_byte_scale else OCCUPIED}")]
     if on_byte_scale:
@@ -184,15 +191,21 @@ def cost_image(
         label = f"circumscribed {costmap.circumscribed_cost}"
         swatches.append(Swatch(contour, label))
     ticks = [(value / top, f"{value:g}") for value in (1, *_round_values(top, 5), top)]
+    shown = swatches_in(pixels, swatches)
+    subtitle = frame_text(costmap.frame)
+    if route is not None:
+        pixels = np.array(pixels)  # they may be the costs themselves
+        shown += draw_route(pixels, route, costmap.frame, raster, first_of_route)
+        subtitle += f"; {route_text(route)}"
     return sheet(
         pixels,
         palette.astype(np.uint8),
         title=title,
-        subtitle=frame_text(costmap.frame),
+        subtitle=subtitle,
         metres_per_pixel=raster.metres_per_pixel(costmap.resolution),
         corner_xy=corner_of(costmap.frame),
         bar=ColourBar(range(_COST_LEVELS), ticks, "cost"),
-        swatches=swatches_in(pixels, swatches),
+        swatches=shown,
     )
 
 

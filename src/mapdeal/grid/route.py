@@ -1,0 +1,53 @@
+"""A way through a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Method = Literal["astar", "descent"]
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """What was found on the way from a start to a goal.
+
+    Parameters
+    ----------
+    method : {'astar', 'descent'}
+        How it was sought.
+    reached : bool
+        Whether the last point is the goal.
+    start, goal : tuple of float
+        x and y in the map frame, metres.
+    points_xy : numpy.ndarray of float64, shape (N, 2)
+        The way in the map frame, metres, from the start on; empty if there is none.
+    length : float
+        Length of the way, metres.
+    cost : float
+        Sum over the way's pieces of their length in metres times the weight of the cell that
+        they end in.
+    min_clearance : float
+        Least distance of the points to the centre of an obstacle cell, metres; +inf without
+        obstacles, nan without points.
+    local_minimum : tuple of float, optional
+        Where a descent has ended in a minimum of the potential that is not the goal.
+    """
+
+    method: Method
+    reached: bool
+    start: tuple[float, float]
+    goal: tuple[float, float]
+    points_xy: NDArray[np.float64]
+    length: float
+    cost: float
+    min_clearance: float
+    local_minimum: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        points = np.asarray(self.points_xy, dtype=np.float64).reshape(-1, 2).view()
+        points.flags.writeable = False
+        object.__setattr__(self, "points_xy", points)

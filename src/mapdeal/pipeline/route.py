@@ -1,0 +1,146 @@
+"""A route through the map or the costs in a file."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import FindingError, MapdealWarning, ParameterError
+from mapdeal.formats.maps import Source
+from mapdeal.formats.routes import route_json
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.route import Method, Route
+from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.kernels.lookup import histogram
+from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of, read_input
+from mapdeal.pipeline.recipe import Recipe, load_recipe
+from mapdeal.planning.astar import shortest_route
+from mapdeal.planning.descent import descend
+from mapdeal.stages.potential import potential
+
+_RECIPE = "nav2"
+_REACH = 0.7
+_BEYOND_THE_ROBOT = 0.48
+"""Metres: what the recipe's costs reach, and that less its inscribed radius."""
+
+
+@dataclass(frozen=True)
+class RouteReport:
+    """A route, and its JSON text."""
+
+    route: Route
+    text: str
+
+
+def route_file(
+    path: Path,
+    output: Path | None,
+    options: FileOptions,
+    *,
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    method: Method = "astar",
+    footprint: Footprint | None = None,
+    weights: Mapping[str, Any] | None = None,
+    gains: Mapping[str, Any] | None = None,
+) -> RouteReport:
+    """Find a route through the map or the costs in a file, and write it if `output` is given.
+
+    Parameters
+    ----------
+    path : Path
+        A costmap, or a map or field, which gets the costs of the recipe ``nav2``.
+    output : Path, optional
+        Where the JSON goes.
+    options : FileOptions
+        How files are read and written.
+    start, goal : tuple of float
+        Points in the map frame, metres.
+    method : {'astar', 'descent'}
+        `shortest_route`, or `descend` on the `potential` of the lethal cells.
+    footprint : Footprint, optional
+        The robot's shape, for the costs of a map.
+    weights : mapping, optional
+        Parameters of `shortest_route` or `descend`.
+    gains : mapping, optional
+        Parameters of `potential`.
+
+    Returns
+    -------
+    RouteReport
+        Also if the goal was not reached; `check_reached` then raises.
+    """
+    if output is not None and output.suffix != ".json":
+        raise ParameterError("a route is written as .json", source=output)
+    source = read_input(path, options)
+    outputs = [] if output is None else [output]
+    with outputs_of(outputs, source.files, options) as transaction:
+        with errors_named(path):
+            costmap = _costs_of(source, path, footprint)
+            if method == "astar":
+                route = shortest_route(costmap, start, goal, **(weights or {}))
+            else:
+                field = potential(_lethal_cells(costmap), goal=goal, **(gains or {}))
+                route = descend(costmap, field, start, **(weights or {}))
+        text = route_json(route)
+        if output is not None:
+            transaction.write_bytes(output, f"{text}\n".encode())
+        add_picture(transaction, options, costmap, f"{path.stem}: route, {method}", route)
+    return RouteReport(route, text)
+
+
+def check_reached(route: Route, path: Path) -> None:
+    """Raise FindingError if a route has not reached its goal."""
+    if route.reached:
+        return
+    goal = f"{route.goal[0]:.10g}, {route.goal[1]:.10g}"
+    if route.local_minimum is None:
+        rule = f"no route leads to {goal}"
+        raise FindingError(rule, source=path, hint="its picture (--image) shows what is closed")
+    x, y = (round(value, 3) + 0.0 for value in route.local_minimum)
+    rule = f"stopped at {x:.10g}, {y:.10g}, in a local minimum of the potential over open cells"
+    hint = "try a larger --attractive-gain, --through-unknown, or --method astar"
+    raise FindingError(rule, source=path, hint=hint)
+
+
+def _costs_of(source: Source, path: Path, footprint: Footprint | None) -> Costmap:
+    grid = source.grid
+    if isinstance(grid, Costmap):
+        if footprint is not None:
+            rule = "is for maps: these costs are made already"
+            raise ParameterError(rule, source="--footprint, --robot-radius")
+        return grid
+    if isinstance(grid, OccupancyGrid):
+        between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
+        if source.metadata is not None and source.metadata.mode == "raw" and between:
+            text = f"{path}: {between} cells of 1..99 are no obstacles; costs are read from an npz"
+            warnings.warn(text, MapdealWarning, stacklevel=2)
+    for step in _recipe_for(footprint).steps:
+        if not (step.name == "esdf" and isinstance(grid, DistanceField)):
+            grid = step.apply(grid, path)
+    if not isinstance(grid, Costmap):
+        raise TypeError("the recipe of routes must end in costs")
+    return grid
+
+
+def _recipe_for(footprint: Footprint | None) -> Recipe:
+    """Return the recipe, for a large robot with as much room for its costs as for its own."""
+    if footprint is None:
+        return load_recipe(_RECIPE)
+    reach = max(_REACH, footprint.inscribed_radius + _BEYOND_THE_ROBOT)
+    reach = max(reach, footprint.circumscribed_radius)
+    setting = f"cost.inflation_radius={reach!r}"
+    return load_recipe(_RECIPE, footprint=footprint, settings=[setting])
+
+
+def _lethal_cells(costmap: Costmap) -> OccupancyGrid:
+    """Return the map of a costmap's lethal cells, which repel."""
+    published = costmap.to_occupancy()
+    occupied = published.occupied()
+    return published.with_values(occupied.astype("int8") * OCCUPIED)

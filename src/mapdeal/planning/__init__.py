@@ -1,0 +1,1 @@
+"""Ways through a costmap: from grids and two points to a route."""

@@ -1,0 +1,196 @@
+"""A route that follows the potential downhill, as a local planner does."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.route import Route
+from mapdeal.planning.terrain import Cell, Point, Terrain
+
+_STEPS = (0.5, 0.25, 0.125)
+"""In cells, the longest first; a shorter one is tried where the longer one does not lead down."""
+
+_STEPS_PER_CELL_OF_SIDE = 20
+"""Bounds the number of steps: a way as long as ten times both sides of the map."""
+
+Place = tuple[float, float]
+
+
+def descend(
+    costmap: Costmap,
+    potential: PotentialField,
+    start_xy: Point,
+    *,
+    cost_travel_multiplier: float = 2.0,
+    through_unknown: bool = False,
+) -> Route:
+    """Return the route that follows the negative gradient of a potential.
+
+    Parameters
+    ----------
+    costmap : Costmap
+        Says which cells are closed: lethal and inscribed ones, 254 and 253, or 100 and 99 on
+        scale ``occupancy``; and what the way costs, see `shortest_route`.
+    potential : PotentialField
+        The potential, with a goal, on the same cells.
+    start_xy : tuple of float
+        A point in the map frame, metres.
+    cost_travel_multiplier : float
+        How much costs count against length in the route's `cost`; the way does not depend on
+        it.
+    through_unknown : bool
+        Whether unknown cells are open.
+
+    Returns
+    -------
+    Route
+        If it has not `reached` the goal, it ends in its `local_minimum`.
+
+    Raises
+    ------
+    ParameterError
+        If the potential has no goal or lies elsewhere, or start or goal is outside of the map
+        or in a closed cell.
+
+    Notes
+    -----
+    Steps are half a cell long, or shorter where the potential, interpolated between the centres
+    of cells, would not fall; so it falls with every step. Where no such step is left, the lowest
+    way to the centre of a neighbouring open cell is taken. A local minimum is a place from which
+    that is not lower either. The goal is reached at a cell's length from it.
+
+    The surface is `PotentialField.downhill_surface`.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid, potential
+    >>> grid = OccupancyGrid([[0, 0, 0, 0]], 0.5)
+    >>> costmap, field = Costmap.from_occupancy(grid), potential(grid, goal=(1.75, 0.25))
+    >>> route = descend(costmap, field, (0.3, 0.25))
+    >>> route.reached, round(route.length, 6)
+    (True, 1.45)
+    """
+    if potential.goal is None:
+        raise ParameterError("the potential has no goal to descend to")
+    if potential.frame != costmap.frame:
+        raise ParameterError("potential and costmap must have the same cells")
+    terrain = Terrain.of(
+        costmap, cost_travel_multiplier=cost_travel_multiplier, through_unknown=through_unknown
+    )
+    terrain.open_cell_of(start_xy, "start")
+    terrain.open_cell_of(potential.goal, "goal")
+    frame = costmap.frame
+    start, goal = frame.continuous_rowcol_from_xy([start_xy, potential.goal]).tolist()
+    slope = _Slope(potential.downhill_surface(), terrain)
+    places, arrived = _followed(slope, tuple(start), tuple(goal))
+    points = frame.xy_from_continuous_rowcol(places)
+    points[0] = start_xy
+    minimum = None
+    if arrived:
+        points = np.vstack([points, [potential.goal]])
+    else:
+        minimum = (float(points[-1, 0]), float(points[-1, 1]))
+    measured = terrain.measured(points)
+    return Route(
+        "descent", arrived, start_xy, potential.goal, points, *measured, local_minimum=minimum
+    )
+
+
+def _followed(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], bool]:
+    """Return the places on the way down, and whether the last one is at the goal."""
+    places = [start]
+    most = _STEPS_PER_CELL_OF_SIDE * sum(slope.shape)
+    while len(places) <= most:
+        if math.dist(places[-1], goal) <= 1.0:
+            return places, True
+        following = slope.step_down(places[-1])
+        if following is None:
+            return places, False
+        places.append(following)
+    return places, False
+
+
+class _Slope:
+    """A surface over the centres of cells, in cells, and where one may go on it."""
+
+    def __init__(self, surface: NDArray[np.float64], terrain: Terrain) -> None:
+        self.shape = surface.shape
+        self._height, self._width = surface.shape
+        self._values = surface.reshape(-1).data
+        self._terrain = terrain
+
+    def step_down(self, place: Place) -> Place | None:
+        """Return the next place downhill, or None in a local minimum."""
+        here = self.value_at(place)
+        row, col = self._gradient_at(place)
+        length = math.hypot(row, col)
+        cell = _cell_of(place)
+        if length > 0:
+            for step in _STEPS:
+                following = (place[0] - step * row / length, place[1] - step * col / length)
+                reached = _cell_of(following)
+                if reached != cell and not self._terrain.allows_step(cell, reached):
+                    continue
+                if self.value_at(following) < here:
+                    return following
+        return self._lowest_neighbour(place, cell, here)
+
+    def value_at(self, place: Place) -> float:
+        """Return the surface between the centres of cells, bilinear."""
+        row, col = math.floor(place[0] - 0.5), math.floor(place[1] - 0.5)
+        v, u = place[0] - 0.5 - row, place[1] - 0.5 - col
+        south = (1 - u) * self._at(row, col) + u * self._at(row, col + 1)
+        north = (1 - u) * self._at(row + 1, col) + u * self._at(row + 1, col + 1)
+        return (1 - v) * south + v * north
+
+    def _at(self, row: int, col: int) -> float:
+        row, col = min(max(row, 0), self._height - 1), min(max(col, 0), self._width - 1)
+        value: float = self._values[row * self._width + col]
+        return value
+
+    def _gradient_at(self, place: Place) -> tuple[float, float]:
+        """Return the blend of the central differences at the four centres around a place."""
+        row, col = math.floor(place[0] - 0.5), math.floor(place[1] - 0.5)
+        v, u = place[0] - 0.5 - row, place[1] - 0.5 - col
+        along_rows = along_cols = 0.0
+        for r, c, share in (
+            (row, col, (1 - v) * (1 - u)),
+            (row, col + 1, (1 - v) * u),
+            (row + 1, col, v * (1 - u)),
+            (row + 1, col + 1, v * u),
+        ):
+            south, north = _beside(r, self._height)
+            west, east = _beside(c, self._width)
+            along_rows += share * (self._at(north, c) - self._at(south, c)) / max(north - south, 1)
+            along_cols += share * (self._at(r, east) - self._at(r, west)) / max(east - west, 1)
+        return along_rows, along_cols
+
+    def _lowest_neighbour(self, place: Place, cell: Cell, here: float) -> Place | None:
+        """Return the centre of the steepest way down to a cell, this one or one beside it."""
+        best, steepest = None, 0.0
+        for rows in (-1, 0, 1):
+            for cols in (-1, 0, 1):
+                beside = (cell[0] + rows, cell[1] + cols)
+                if (rows or cols) and not self._terrain.allows_step(cell, beside):
+                    continue
+                centre = (beside[0] + 0.5, beside[1] + 0.5)
+                drop, way = here - self._at(*beside), math.dist(place, centre)
+                if drop > 0 and way > 0 and drop / way > steepest:
+                    best, steepest = centre, drop / way
+        return best
+
+
+def _beside(index: int, length: int) -> tuple[int, int]:
+    """Return the indices on both sides, or at the border the index itself on one."""
+    index = min(max(index, 0), length - 1)
+    return max(index - 1, 0), min(index + 1, length - 1)
+
+
+def _cell_of(place: Place) -> Cell:
+    return math.floor(place[0]), math.floor(place[1])

@@ -1,0 +1,161 @@
+"""What it takes to cross each cell of a costmap."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.values import (
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
+    OCCUPIED,
+)
+from mapdeal.kernels.distance import signed_distance
+
+FIELD_RANGE = 2.0
+"""Metres from obstacles at which the field no longer weighs: the range of its metric view."""
+
+_LARGEST_FACTOR = 1e6
+
+Cell = tuple[int, int]
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """A costmap as routes see it.
+
+    Parameters
+    ----------
+    costmap : Costmap
+        The costs.
+    weights : numpy.ndarray of float64, shape (H, W)
+        What a metre costs that ends in a cell, at least 1; 0 for closed cells.
+    field : DistanceField
+        Distances between cell centres to the lethal cells.
+    """
+
+    costmap: Costmap
+    weights: NDArray[np.float64]
+    field: DistanceField
+
+    @classmethod
+    def of(
+        cls,
+        costmap: Costmap,
+        *,
+        cost_travel_multiplier: float = 2.0,
+        field_weight: float = 0.0,
+        through_unknown: bool = False,
+    ) -> Terrain:
+        """Return the terrain of a costmap.
+
+        Parameters
+        ----------
+        costmap : Costmap
+            Lethal and inscribed cells are closed: 254 and 253, or 100 and 99.
+        cost_travel_multiplier : float
+            What the highest cost of an open cell, 252 or 98, adds to the weight of 1.
+        field_weight : float
+            What distance 0 to an obstacle adds; it falls evenly to nothing at 2 m.
+        through_unknown : bool
+            Whether unknown cells are open, at the highest cost.
+
+        Raises
+        ------
+        ParameterError
+            If a number is negative, not finite or above 1e6.
+
+        References
+        ----------
+        ``getTraversalCost`` of Nav2's Smac 2D planner for the multiplier and its default. NavFn
+        gives unknown cells the highest cost that is open, too.
+        """
+        factors = {"cost_travel_multiplier": cost_travel_multiplier, "field_weight": field_weight}
+        for name, value in factors.items():
+            if not 0 <= value <= _LARGEST_FACTOR:
+                rule = f"must lie between 0 and {_LARGEST_FACTOR:g}"
+                raise ParameterError(rule, place=name, got=value)
+        lethal = LETHAL_OBSTACLE if costmap.scale == "costmap2d" else OCCUPIED
+        obstacles = costmap.cost == lethal
+        resolution, origin = costmap.resolution, costmap.origin
+        distance = signed_distance(obstacles, scale=resolution)
+        occupancy = np.where(obstacles, OCCUPIED, 0).astype(np.int8)
+        field = DistanceField(distance, occupancy, resolution, origin, convention="center")
+        by_cost = _weights_by_cost(costmap, cost_travel_multiplier, through_unknown)
+        weights = by_cost[costmap.cost.view(np.uint8)]
+        if field_weight > 0:
+            near = 1 - np.clip(distance / np.float64(FIELD_RANGE), 0, 1)
+            weights[weights > 0] += field_weight * near[weights > 0]
+        return cls(costmap, weights, field)
+
+    def is_open(self, cell: Cell) -> bool:
+        """Return whether a cell of the grid, or none of it, may be entered."""
+        return self.costmap.frame.holds(cell) and bool(self.weights[cell] > 0)
+
+    def allows_step(self, cell: Cell, following: Cell) -> bool:
+        """Return whether one may go from an open cell to one of its neighbours.
+
+        It must be open, and a diagonal step must not lead between two closed cells.
+        """
+        if not self.is_open(following):
+            return False
+        beside = ((cell[0], following[1]), (following[0], cell[1]))
+        return any(self.is_open(side) for side in beside)
+
+    def open_cell_of(self, point: Point, name: str) -> Cell:
+        """Return the cell of a point.
+
+        Raises
+        ------
+        ParameterError
+            If it lies outside of the map or is closed; the error calls the point `name`.
+        """
+        frame = self.costmap.frame
+        cells, inside = frame.bounded_rowcol_from_xy([point])
+        if not inside[0]:
+            raise ParameterError("lies outside of the map", place=name, got=point)
+        cell: Cell = (int(cells[0, 0]), int(cells[0, 1]))
+        if not self.is_open(cell):
+            cost = int(self.costmap.cost[cell])
+            what = "unknown" if cost == self.costmap.unknown_value else f"cost {cost}"
+            rule = f"lies in a closed cell ({what})"
+            raise ParameterError(rule, place=name, got=point, hint=self._nearest_open(cell))
+        return cell
+
+    def measured(self, points_xy: NDArray[np.float64]) -> tuple[float, float, float]:
+        """Return length, cost and least clearance of a way through at least one point."""
+        pieces = np.hypot(*np.diff(points_xy, axis=0).T)
+        cells = self.costmap.frame.clamped_rowcol_from_xy(points_xy)[1:]
+        cost = pieces @ self.weights[cells[:, 0], cells[:, 1]]
+        clearance = self.field.query(points_xy).distance
+        return float(pieces.sum()), float(cost), float(np.nanmin(clearance))
+
+    def _nearest_open(self, cell: Cell) -> str:
+        """Return where the nearest open cell is, as a hint."""
+        cells = np.argwhere(self.weights > 0)
+        if len(cells) == 0:
+            return "no cell of the map is open"
+        squares = ((cells - np.array(cell)) ** 2).sum(axis=1)
+        nearest = cells[int(np.argmin(squares))]
+        x, y = self.costmap.frame.xy_from_rowcol([nearest])[0].round(6).tolist()
+        metres = math.sqrt(squares.min()) * self.costmap.resolution
+        return f"the nearest open cell is {metres:.3g} m away, at {x + 0.0:.10g},{y + 0.0:.10g}"
+
+
+def _weights_by_cost(
+    costmap: Costmap, multiplier: float, through_unknown: bool
+) -> NDArray[np.float64]:
+    """Return the weight of each byte that a cost can be."""
+    highest = (INSCRIBED_INFLATED_OBSTACLE if costmap.scale == "costmap2d" else OCCUPIED - 1) - 1
+    weights = np.zeros(256)
+    weights[: highest + 1] = 1 + multiplier * np.arange(highest + 1) / highest
+    if through_unknown:
+        weights[costmap.unknown_value] = weights[highest]
+    return weights

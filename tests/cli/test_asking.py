@@ -1,0 +1,262 @@
+"""The commands that ask a field: query, potential, route."""
+
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from drawn import grid_from_text
+from mapdeal import esdf, exponential_cost, read_map, threshold_cost, write_map
+
+ROOM = "........\n.#......\n......?.\n...##..."
+KEYS = ["x", "y", "inside", "row", "col", "state", "distance", "gradient", "cell_distance"]
+
+
+@pytest.fixture
+def room(tmp_path):
+    write_map(tmp_path / "room.yaml", grid_from_text(ROOM, 0.1, (1.5, -2.0, 0.4)))
+    return tmp_path / "room.yaml"
+
+
+@pytest.fixture
+def hall(tmp_path):
+    """A map with a wall and a door, room for a robot of 0.22 m."""
+    occupancy = np.zeros((40, 60), np.int8)
+    occupancy[:28, 30] = 100
+    grid = grid_from_text("." * 60, 0.1, (0.0, 0.0, 0.0))
+    write_map(tmp_path / "hall.yaml", type(grid)(occupancy, 0.1, (0.0, 0.0, 0.0)))
+    return tmp_path / "hall.yaml"
+
+
+def _asked(out):
+    return [json.loads(line) for line in out.splitlines()]
+
+
+@pytest.mark.parametrize("as_field", [False, True])
+def test_query_answers_what_the_library_does(command, room, tmp_path, as_field):
+    source = room
+    if as_field:
+        source = tmp_path / "e.npz"
+        command("esdf", room, "-o", source)
+    field = esdf(read_map(room))
+    points = field.frame.xy_from_continuous_rowcol([[0.7, 2.2], [2.5, 1.5], [1.2, 6.9], [9, 9]])
+    at = [word for x, y in points.tolist() for word in ("--at", f"{x!r},{y!r}")]
+    code, out, err = command("query", source, *at)
+    assert (code, err) == (0, "")
+    samples = field.query(points)
+    answers = _asked(out)
+    assert [list(answer) for answer in answers] == [KEYS] * 4
+    assert [answer["state"] for answer in answers] == ["free", "occupied", "unknown", None]
+    assert [(a["row"], a["col"]) for a in answers[:3]] == [(0, 2), (2, 1), (1, 6)]
+    for index, answer in enumerate(answers[:3]):
+        assert answer["inside"] is True
+        assert [answer["x"], answer["y"]] == points[index].tolist()
+        assert answer["distance"] == pytest.approx(samples.distance[index], rel=1e-8)
+        assert answer["gradient"] == pytest.approx(samples.gradient[index].tolist(), rel=1e-8)
+        own = field.distance[answer["row"], answer["col"]]
+        assert np.float32(answer["cell_distance"]) == own
+    assert answers[3] == {**dict.fromkeys(KEYS), "x": points[3, 0], "y": points[3, 1],
+                          "inside": False}  # fmt: skip
+
+
+def test_query_says_null_for_what_is_infinite(command, tmp_path):
+    write_map(tmp_path / "m.yaml", grid_from_text("...", 0.5, (0.0, 0.0, 0.0)))
+    (answer,) = _asked(command("query", tmp_path / "m.yaml", "--at", "0.6,0.2")[1])
+    assert (answer["inside"], answer["state"]) == (True, "free")
+    assert answer["distance"] is answer["gradient"] is answer["cell_distance"] is None
+
+
+def test_query_takes_the_field_s_parameters_for_a_map_only(command, room, tmp_path):
+    point = ["--at", "{},{}".format(*esdf(read_map(room)).frame.xy_from_rowcol([[1, 6]])[0])]
+    (free,) = _asked(command("query", room, *point)[1])
+    (occupied,) = _asked(command("query", room, *point, "--unknown", "occupied")[1])
+    assert free["distance"] > 0
+    assert occupied["distance"] == 0
+    assert occupied["state"] == "unknown"
+    command("esdf", room, "-o", tmp_path / "e.npz")
+    code, _, err = command("query", tmp_path / "e.npz", *point, "--unknown", "occupied")
+    assert code == 2
+    assert "unknown" in err
+
+
+def test_query_p7_has_a_status_for_every_line_and_is_strict_on_demand(command, room, tmp_path):
+    frame = read_map(room).frame
+    x, y = frame.xy_from_rowcol([[0, 0]])[0]
+    edge = frame.xy_from_continuous_rowcol([[1.0, 8.0]])[0].tolist()
+    lines = [f"{x},{y}", "nan,1", "1,2,3", "", f"{edge[0]!r},{edge[1]!r}", f'{{"x":{x},"y":{y}}}']
+    (tmp_path / "p.csv").write_text("\n".join(lines) + "\n")
+    code, out, err = command("query", room, "--points", tmp_path / "p.csv")
+    answers = _asked(out)
+    assert code == 0
+    assert [answer["inside"] for answer in answers] == [True] + [False] * 4 + [True]
+    assert answers[0] == answers[5]
+    assert answers[1]["x"] is None
+    assert [(a["line"], "error" in a) for a in answers if "line" in a] == [(3, True), (4, True)]
+    assert err == f"warning: {tmp_path / 'p.csv'}: 2 of 6 lines hold no point\n"
+    code, strict_out, err = command("query", room, "--points", tmp_path / "p.csv", "--strict")
+    assert (code, strict_out) == (1, out)
+    assert "4 of 6 points" in err
+    assert command("query", room, "--at", f"{x},{y}", "--strict")[0] == 0
+
+
+def test_query_reads_standard_input_and_answers_at_once(room):
+    words = [sys.executable, "-m", "mapdeal", "query", room, "--points", "-"]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        for x in (1.55, 1.6):
+            process.stdin.write(f"{x},-1.9\n".encode())
+            process.stdin.flush()
+            assert json.loads(process.stdout.readline())["x"] == x
+        process.stdin.close()
+        assert process.wait() == 0
+
+
+def test_query_stops_quietly_when_its_reader_has_gone(room, tmp_path):
+    (tmp_path / "p.csv").write_text("1.55,-1.9\n" * 100_000)
+    words = f'"{sys.executable}" -m mapdeal query "{room}" --points "{tmp_path}/p.csv" | head -n 1'
+    done = subprocess.run(["bash", "-c", f"set -o pipefail; {words}"], capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_potential_writes_the_layers_and_the_picture(command, room, tmp_path):
+    x, y = read_map(room).frame.xy_from_rowcol([[3, 6]])[0]
+    code, out, err = command("potential", room, "-o", tmp_path / "p.npz", "--goal", f"{x},{y}",
+                             "--image", tmp_path / "p.png")  # fmt: skip
+    assert (code, err) == (0, "")
+    assert f"goal {x:.10g}, {y:.10g}, potential" in out
+    with np.load(tmp_path / "p.npz") as entries:
+        assert entries["attractive"][3, 6] == pytest.approx(0, abs=1e-9)
+        assert entries["gradient"].shape == (2, 4, 8)
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+    report = _asked(command("info", tmp_path / "p.npz", "--json")[1])[0]
+    assert (report["kind"], report["obstacles"]) == ("potential field", 3)
+    assert "attractive_gain 1" in command("info", tmp_path / "p.npz")[1]
+
+
+def test_potential_is_a_stage_of_recipes_that_hands_its_map_on(command, room, tmp_path):
+    (tmp_path / "r.yaml").write_text(
+        "stages: [esdf, {potential: {goal: [1.6, -1.9]}}, {cost: {inflation_radius: 0.2}}]\n"
+    )
+    words = ["run", room, "-o", tmp_path / "out", "--recipe", tmp_path / "r.yaml"]
+    code, _, err = command(*words)
+    assert (code, err) == (0, "")
+    folder = tmp_path / "out/room"
+    assert {"potential.npz", "potential.png", "cost.npz"} <= {p.name for p in folder.iterdir()}
+    assert not (folder / "potential.yaml").exists()
+    field = esdf(read_map(room))
+    expected = exponential_cost(field, inflation_radius=0.2).cost
+    assert np.array_equal(read_map(folder / "cost.npz").cost, expected)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["stages"][1]["potential"]["goal"] == [1.6, -1.9]
+    again = [*words, "--set", "potential.goal=1.7,-1.8", "--force"]
+    assert command(*again)[0] == 0
+    assert read_map(folder / "potential.npz").goal == (1.7, -1.8)
+
+
+@pytest.mark.parametrize("name", ["edit", "window", "convert", "shift"])
+def test_a_potential_field_is_not_for_what_wants_values(command, room, tmp_path, name):
+    command("potential", room, "-o", tmp_path / "p.npz")
+    words = {
+        "edit": ["edit", "circle", "--point", "1.6,-1.9", "--radius", "1", "--value", "1"],
+        "window": ["window", "--at", "1.6,-1.9", "--size", "0.1,0.1"],
+        "convert": ["convert", "--encoding", "amcl"],
+        "shift": ["shift", "--origin", "1.6,-1.9"],
+    }[name]
+    code, _, err = command(*words, tmp_path / "p.npz", "-o", tmp_path / "o.npz")
+    assert code == 2, err
+    assert "field" in err
+    assert not (tmp_path / "o.npz").exists()
+
+
+def test_maps_are_made_of_a_potential_field_s_map(command, room, tmp_path):
+    command("potential", room, "-o", tmp_path / "p.npz")
+    assert command("esdf", tmp_path / "p.npz", "-o", tmp_path / "e.npz")[0] == 0
+    assert np.array_equal(read_map(tmp_path / "e.npz").distance, esdf(read_map(room)).distance)
+    code, _, err = command("convert", tmp_path / "p.npz", "-o", tmp_path / "p.yaml")
+    assert code == 2
+    assert "npz" in err
+
+
+def test_route_prints_its_answer_or_writes_it(command, hall, tmp_path):
+    words = ["route", hall, "--from", "1,1", "--to", "5,1"]
+    code, out, err = command(*words)
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert list(answer)[-4:] == ["length_m", "min_clearance_m", "cost", "points"]
+    assert answer["reached"] is True
+    assert (answer["points"][0], answer["points"][-1]) == ([1.0, 1.0], [5.0, 1.0])
+    steps = [math.dist(a, b) for a, b in zip(answer["points"], answer["points"][1:], strict=False)]
+    assert answer["length_m"] == pytest.approx(sum(steps), abs=1e-6)
+    assert answer["length_m"] > 2 * math.hypot(2, 1.8)
+    assert answer["cost"] >= answer["length_m"]
+    assert answer["min_clearance_m"] > 0.22
+    code, said, err = command(*words, "-o", tmp_path / "r.json", "--image", tmp_path / "r.png")
+    assert (code, err) == (0, "")
+    assert (tmp_path / "r.json").read_text() == out
+    assert said.startswith(f"{tmp_path / 'r.json'}: {answer['length_m']:.2f} m")
+    assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_route_takes_costs_as_they_are(command, hall, tmp_path):
+    cost = exponential_cost(read_map(hall), inscribed_radius=1.3, inflation_radius=1.4)
+    write_map(tmp_path / "c.npz", cost)
+    words = ["route", tmp_path / "c.npz", "--from", "1,1", "--to", "5,1"]
+    code, out, err = command(*words, "--image", tmp_path / "c.png")
+    assert code == 1
+    assert json.loads(out) == {
+        "method": "astar", "reached": False, "start": [1.0, 1.0], "goal": [5.0, 1.0],
+        "length_m": None, "min_clearance_m": None, "cost": None, "points": [],
+    }  # fmt: skip
+    assert err.startswith(f"error: {tmp_path / 'c.npz'}: no route leads to 5, 1\n")
+    assert (tmp_path / "c.png").exists()
+    write_map(tmp_path / "t.npz", threshold_cost(esdf(read_map(hall))))
+    assert command("route", tmp_path / "t.npz", *words[2:])[0] == 0
+    assert command(*words, "--robot-radius", 0.3)[0] == 2
+
+
+def test_route_knows_the_robot_s_size(command, hall):
+    words = ["route", hall, "--from", "1,1", "--to", "5,1"]
+    for radius in (0.5, 0.9):  # more than the recipe's reach of 0.7
+        code, out, err = command(*words, "--robot-radius", radius)
+        assert (code, err) == (0, "")
+        assert json.loads(out)["min_clearance_m"] > radius
+    assert command(*words, "--robot-radius", 1.3)[0] == 1
+
+
+def test_route_by_descent_reaches_the_goal_or_tells_the_local_minimum(command, hall, tmp_path):
+    words = ["route", hall, "--method", "descent", "--attractive-gain", "100"]
+    code, out, err = command(*words, "--from", "2,3.5", "--to", "5,3.6")
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert (answer["reached"], answer["local_minimum"]) == (True, None)
+    code, out, err = command(*words, "--from", "1,1", "--to", "5,1", "-o", tmp_path / "r.json",
+                             "--image", tmp_path / "r.png")  # fmt: skip
+    assert code == 1
+    answer = json.loads((tmp_path / "r.json").read_text())
+    x, y = answer["local_minimum"]
+    assert answer["points"][-1] == [x, y]
+    assert x < 3.0
+    assert f"stopped at {round(x, 3):.10g}, {round(y, 3):.10g}" in err
+    assert (tmp_path / "r.png").exists()
+
+
+def test_route_warns_where_costs_look_like_a_map(command, hall, tmp_path):
+    command("cost", hall, "-o", tmp_path / "c.yaml")
+    code, _, err = command("route", tmp_path / "c.yaml", "--from", "1,1", "--to", "5,1", "-q")
+    assert (code, err) == (0, "")
+    code, _, err = command("route", tmp_path / "c.yaml", "--from", "1,1", "--to", "5,1")
+    assert code == 0
+    assert err.startswith("warning: ")
+    assert "1..99" in err
+
+
+def test_a_field_keeps_its_own_obstacles_on_a_route(command, hall, room, tmp_path):
+    command("esdf", hall, "-o", tmp_path / "e.npz")
+    words = ["--from", "1,1", "--to", "5,1"]
+    assert command("route", tmp_path / "e.npz", *words)[1] == command("route", hall, *words)[1]
+    command("esdf", hall, "-o", tmp_path / "short.npz", "--max-distance", "0.3")
+    code, _, err = command("route", tmp_path / "short.npz", *words)
+    assert code == 2
+    assert "max_distance" in err

@@ -1,0 +1,128 @@
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oracles
+from engines import needs_compiled
+from mapdeal.kernels import engine
+from mapdeal.kernels.shortest_paths import cheapest_path
+
+
+@st.composite
+def fields(draw, longest=9):
+    """Weights, some of them 0, with two open cells."""
+    height, width = draw(st.integers(1, longest)), draw(st.integers(1, longest))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    choices = draw(st.sampled_from([[1.0], [1.0, 1.5, 3.0], [1.0, 1.01, 7.3, 100.0]]))
+    weights = rng.choice(choices, size=(height, width))
+    weights[rng.random((height, width)) < draw(st.sampled_from([0.0, 0.2, 0.4, 0.6]))] = 0.0
+    cells = [draw(st.tuples(st.integers(0, height - 1), st.integers(0, width - 1))) for _ in "ab"]
+    for cell in cells:
+        weights[cell] = max(weights[cell], 1.0)
+    return weights, *cells
+
+
+def _cost_of(weights, cells):
+    total = 0.0
+    for (row, col), (r, c) in pairwise(cells):
+        assert max(abs(r - row), abs(c - col)) == 1
+        assert weights[r, c] > 0
+        if r != row and c != col:
+            assert weights[r, col] > 0 or weights[row, c] > 0
+        total += math.hypot(r - row, c - col) * weights[r, c]
+    return total
+
+
+@given(fields())
+def test_no_path_is_cheaper(each_engine, field):
+    weights, start, goal = field
+    lowest = oracles.lowest_cost(weights.tolist(), start, goal)
+    found = cheapest_path(weights, start, goal)
+    if lowest is None:
+        assert found is None
+        return
+    cells, cost = found
+    assert (tuple(cells[0]), tuple(cells[-1])) == (start, goal)
+    assert cost == pytest.approx(lowest, rel=1e-6)
+    assert _cost_of(weights, cells.tolist()) == pytest.approx(lowest, rel=1e-6)
+
+
+@needs_compiled
+@settings(max_examples=60)
+@given(fields(longest=25))
+def test_both_engines_find_the_same_path(field):
+    found = []
+    for name in ("compiled", "scipy"):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv(engine.VARIABLE, name)
+            result = cheapest_path(*field)
+            found.append(None if result is None else (result[0].tolist(), result[1]))
+    assert found[0] == found[1]
+
+
+def test_a_larger_field_against_another_algorithm(each_engine):
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    rng = np.random.default_rng(5)
+    height, width = 83, 131
+    weights = 1 + 4 * rng.random((height, width))
+    weights[rng.random((height, width)) < 0.3] = 0.0
+    start, goal = (2, 3), (80, 127)
+    weights[start] = weights[goal] = 1.0
+    rows, cols, costs = [], [], []
+    for row, col in np.argwhere(weights > 0).tolist():
+        for r, c in ((row + i, col + j) for i in (-1, 0, 1) for j in (-1, 0, 1)):
+            if not (0 <= r < height and 0 <= c < width) or weights[r, c] == 0:
+                continue
+            if r != row and c != col and weights[r, col] == 0 and weights[row, c] == 0:
+                continue
+            rows.append(row * width + col)
+            cols.append(r * width + c)
+            costs.append(math.hypot(r - row, c - col) * weights[r, c] or 1e-300)
+    graph = csr_array((costs, (rows, cols)), shape=(height * width,) * 2)
+    lowest = dijkstra(graph, indices=start[0] * width + start[1])[goal[0] * width + goal[1]]
+    assert cheapest_path(weights, start, goal)[1] == pytest.approx(lowest, rel=1e-7)
+
+
+def test_walls_that_touch_at_a_corner_leave_no_gap(each_engine):
+    weights = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]])
+    assert cheapest_path(weights, (0, 0), (2, 2)) is None
+    weights[1, 1] = 1.0
+    cells, cost = cheapest_path(weights, (0, 0), (2, 2))
+    assert cells.tolist() == [[0, 0], [1, 1], [2, 2]]
+    assert cost == pytest.approx(2 * math.sqrt(2))
+
+
+def test_a_corner_of_one_closed_cell_may_be_cut(each_engine):
+    cells, _ = cheapest_path(np.array([[1.0, 0.0], [1.0, 1.0]]), (0, 0), (1, 1))
+    assert cells.tolist() == [[0, 0], [1, 1]]
+
+
+def test_a_long_way_round_is_taken_if_it_is_cheaper(each_engine):
+    weights = np.ones((9, 9))
+    weights[4, :8] = 50.0
+    cells, cost = cheapest_path(weights, (0, 0), (8, 0))
+    assert [4, 8] in cells.tolist()
+    assert cost == pytest.approx(4 * 2 * math.sqrt(2) + 8)  # four diagonals and four straight
+
+
+def test_from_a_cell_to_itself_costs_nothing(each_engine):
+    cells, cost = cheapest_path(np.ones((2, 3)), (1, 2), (1, 2))
+    assert (cells.tolist(), cost) == ([[1, 2]], 0.0)
+
+
+def test_tiny_weights_stay_open_and_huge_ones_are_refused(each_engine):
+    assert cheapest_path(np.full((1, 3), 1e-30), (0, 0), (0, 2)) is not None
+    with pytest.raises(ValueError, match=r"2\^27"):
+        cheapest_path(np.full((1, 3), 1e30), (0, 0), (0, 2))
+
+
+@pytest.mark.parametrize("goal", [(0, 3), (-1, 0), (0, 1)])
+def test_start_and_goal_must_be_open_cells(each_engine, goal):
+    with pytest.raises(ValueError, match="open cells"):
+        cheapest_path(np.array([[1.0, 0.0, 1.0]]), (0, 0), goal)

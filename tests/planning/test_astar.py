@@ -1,0 +1,178 @@
+"""The cheapest route through a costmap."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oracles
+from mapdeal import Costmap, OccupancyGrid, ParameterError, esdf, exponential_cost, shortest_route
+
+ORIGIN = (1.5, -2.0, 0.4)
+
+
+def _weights(cost, multiplier, through_unknown, distance, field_weight):
+    """What a metre costs in each cell, cell by cell; 0 for closed ones."""
+    weights = np.zeros(cost.shape)
+    for cell in np.ndindex(cost.shape):
+        value = int(cost[cell])
+        if value == 255 and through_unknown:
+            value = 252
+        if value <= 252:
+            weights[cell] = 1 + multiplier * value / 252
+            weights[cell] += field_weight * max(0.0, 1 - distance[cell] / 2.0)
+    return weights
+
+
+@st.composite
+def problems(draw):
+    """A costmap with any costs, and the centres of two open cells of it."""
+    height, width = draw(st.integers(2, 8)), draw(st.integers(2, 8))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    cost = rng.choice([0, 0, 0, 1, 128, 252, 253, 254, 255], (height, width)).astype(np.uint8)
+    ends = [draw(st.tuples(st.integers(0, height - 1), st.integers(0, width - 1))) for _ in "ab"]
+    for end in ends:
+        cost[end] = draw(st.sampled_from([0, 200]))
+    return Costmap(cost, draw(st.sampled_from([0.05, 0.5, 2.0])), ORIGIN), *ends
+
+
+@settings(max_examples=80)
+@given(
+    problems(), st.booleans(), st.sampled_from([0.0, 2.0, 50.0]), st.sampled_from([0.0, 1.0, 20.0])
+)
+def test_the_route_has_the_lowest_cost_of_all(problem, through_unknown, multiplier, field_weight):
+    costmap, start, goal = problem
+    frame = costmap.frame
+    start_xy, goal_xy = (tuple(frame.xy_from_rowcol([cell])[0].tolist()) for cell in (start, goal))
+    route = shortest_route(
+        costmap,
+        start_xy,
+        goal_xy,
+        cost_travel_multiplier=multiplier,
+        through_unknown=through_unknown,
+        field_weight=field_weight,
+    )
+    distance = oracles.signed_distance(costmap.cost == 254, costmap.resolution, "center")
+    weights = _weights(costmap.cost, multiplier, through_unknown, distance, field_weight)
+    lowest = oracles.lowest_cost(weights.tolist(), start, goal)
+    assert route.reached == (lowest is not None)
+    if not route.reached:
+        assert route.points_xy.shape == (0, 2)
+        assert math.isnan(route.length)
+        return
+    assert route.cost == pytest.approx(lowest * costmap.resolution, rel=1e-6, abs=1e-9)
+    assert route.points_xy[0] == pytest.approx(start_xy)
+    assert route.points_xy[-1] == pytest.approx(goal_xy)
+    steps = [math.dist(a, b) for a, b in pairwise(route.points_xy.tolist())]
+    assert route.length == pytest.approx(sum(steps), abs=1e-9)
+    assert all(step <= 1.5 * costmap.resolution for step in steps)
+    cells = frame.unbounded_rowcol_from_xy(route.points_xy)
+    assert (weights[cells[:, 0], cells[:, 1]] > 0).all()
+    clearance = distance[cells[:, 0], cells[:, 1]].min()
+    assert route.min_clearance == pytest.approx(clearance, rel=1e-6)
+
+
+def _free(height, width, resolution=0.25):
+    return Costmap(np.zeros((height, width), np.uint8), resolution, ORIGIN)
+
+
+def test_start_and_goal_are_points_and_cells_are_entered_at_their_centres():
+    costmap = _free(3, 5)
+    frame = costmap.frame
+    start, goal = frame.xy_from_continuous_rowcol([[0.1, 0.2], [2.9, 4.3]])
+    route = shortest_route(costmap, tuple(start), tuple(goal))
+    assert route.points_xy[0].tolist() == start.tolist()
+    assert route.points_xy[-1].tolist() == goal.tolist()
+    centres = frame.continuous_rowcol_from_xy(route.points_xy[1:-1])
+    assert centres % 1 == pytest.approx(0.5)
+    assert centres[0] == pytest.approx([0.5, 0.5])
+    assert centres[-1] == pytest.approx([2.5, 4.5])
+    assert route.cost == pytest.approx(route.length)
+    assert route.min_clearance == math.inf
+
+
+def test_within_a_cell_the_way_is_over_its_centre():
+    costmap = _free(2, 3, 1.0)
+    start, goal = costmap.frame.xy_from_continuous_rowcol([[0.5, 1.2], [0.5, 1.9]])
+    route = shortest_route(costmap, tuple(start), tuple(goal))
+    assert (len(route.points_xy), route.reached) == (3, True)
+    assert route.length == pytest.approx(0.7)
+
+
+def test_from_a_centre_to_itself_the_way_has_no_length():
+    costmap = _free(2, 3)
+    centre = tuple(costmap.frame.xy_from_rowcol([[1, 1]])[0])
+    route = shortest_route(costmap, centre, centre)
+    assert (route.reached, route.length, route.cost) == (True, 0.0, 0.0)
+
+
+def test_on_the_occupancy_scale_99_and_100_are_closed_and_98_is_the_highest_cost():
+    for closed in (99, 100, -1):
+        costmap = Costmap(np.array([[0, closed, 0]], np.int8), 1.0, scale="occupancy")
+        assert not shortest_route(costmap, (0.5, 0.5), (2.5, 0.5)).reached
+    costmap = Costmap(np.array([[0, 98, 49]], np.int8), 1.0, scale="occupancy")
+    route = shortest_route(costmap, (0.5, 0.5), (2.5, 0.5), cost_travel_multiplier=4.0)
+    assert route.cost == pytest.approx(5.0 + 3.0)
+
+
+def test_unknown_cells_cost_the_most_if_they_are_open():
+    costmap = Costmap(np.array([[0, 255, 0]], np.uint8), 0.5)
+    assert not shortest_route(costmap, (0.25, 0.25), (1.25, 0.25)).reached
+    route = shortest_route(costmap, (0.25, 0.25), (1.25, 0.25), through_unknown=True)
+    assert route.cost == pytest.approx(0.5 * 3 + 0.5)
+
+
+def test_the_field_keeps_the_route_away_from_walls():
+    occupancy = np.zeros((41, 60), np.int8)
+    occupancy[0, :] = occupancy[40, :] = 100
+    costmap = Costmap.from_occupancy(OccupancyGrid(occupancy, 0.05))
+    ends = (0.1, 0.125), (2.9, 0.125)
+    plain = shortest_route(costmap, *ends)
+    soft = shortest_route(costmap, *ends, field_weight=3.0)
+    assert soft.length > plain.length
+    middle = np.abs(soft.points_xy[:, 1] - 1.025).min()
+    assert middle < np.abs(plain.points_xy[:, 1] - 1.025).min()
+
+
+@pytest.mark.parametrize(
+    ("start", "text"), [((0.25, 0.25), "cost 254"), ((0.75, 0.25), "unknown"), ((9, 0), "outside")]
+)
+def test_start_and_goal_must_be_open_and_the_nearest_open_cell_is_told(start, text):
+    costmap = Costmap(np.array([[254, 255, 253, 0, 0]], np.uint8), 0.5)
+    good = (2.25, 0.25)
+    for points, name in (((start, good), "start"), ((good, start), "goal")):
+        with pytest.raises(ParameterError, match=text) as caught:
+            shortest_route(costmap, *points)
+        assert caught.value.place == name
+        if text != "outside":
+            assert "1.75,0.25" in caught.value.hint
+    with pytest.raises(ParameterError) as caught:
+        shortest_route(Costmap(np.full((1, 2), 254, np.uint8), 0.5), (0.25, 0.25), (0.6, 0.25))
+    assert "no cell" in caught.value.hint
+
+
+@pytest.mark.parametrize("name", ["cost_travel_multiplier", "field_weight"])
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf, 1e7])
+def test_factors_must_make_sense(name, value):
+    with pytest.raises(ParameterError) as caught:
+        shortest_route(_free(2, 3), (1.6, -1.8), (1.6, -1.8), **{name: value})
+    assert caught.value.place == name
+
+
+def test_a_route_past_inscribed_cells_keeps_the_inscribed_radius(real_maps):
+    import warnings
+
+    from mapdeal import read_map
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        grid = read_map(next(real_maps.rglob("depot.yaml")))
+    field = esdf(grid, convention="center")
+    costs = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
+    route = shortest_route(exponential_cost(field, **costs), (2.0, 2.0), (28.0, 13.0))
+    assert route.reached
+    assert route.min_clearance > 0.22
+    assert route.min_clearance == pytest.approx(field.query(route.points_xy).distance.min())

@@ -1,0 +1,147 @@
+"""Going down the potential."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oracles
+from drawn import cells, grid_from_text
+from mapdeal import Costmap, OccupancyGrid, ParameterError, descend, potential
+
+ORIGIN = (1.5, -2.0, 0.4)
+
+
+def _xy(grid, row, col):
+    return tuple(grid.frame.xy_from_continuous_rowcol([[row, col]])[0].tolist())
+
+
+def _costmap(grid):
+    """Obstacles lethal, unknown cells unknown."""
+    return Costmap.from_occupancy(grid)
+
+
+@pytest.mark.parametrize("goal", [(3.2, 50.5), (35.5, 48.0), (38.5, 3.3), (2.5, 2.5)])
+def test_without_obstacles_the_way_is_straight(goal):
+    grid = OccupancyGrid(np.zeros((40, 60), np.int8), 0.25, ORIGIN)
+    start, goal_xy = _xy(grid, 20.3, 25.7), _xy(grid, *goal)
+    route = descend(_costmap(grid), potential(grid, goal=goal_xy), start)
+    assert route.reached
+    assert route.local_minimum is None
+    assert route.points_xy[0] == pytest.approx(start)
+    assert route.points_xy[-1] == pytest.approx(goal_xy)
+    straight = math.dist(start, goal_xy)
+    assert straight <= route.length < 1.01 * straight
+    assert route.cost == pytest.approx(route.length)
+
+
+def test_an_obstacle_beside_the_way_is_passed_in_a_bow():
+    occupancy = np.zeros((40, 60), np.int8)
+    occupancy[18:21, 30] = 100
+    grid = OccupancyGrid(occupancy, 0.25, ORIGIN)
+    field = potential(grid, goal=_xy(grid, 20.5, 55.5), attractive_gain=10.0)
+    route = descend(_costmap(grid), field, _xy(grid, 20.5, 5.5))
+    assert route.reached
+    rows = grid.frame.continuous_rowcol_from_xy(route.points_xy)[:, 0]
+    assert rows.max() > 22
+    assert route.min_clearance > 0.25
+
+
+TRAP = """
+..............
+.....#####....
+.........#....
+.........#....
+.........#....
+.....#####....
+..............
+"""
+
+
+def test_a_pocket_is_a_local_minimum_and_its_place_is_told():
+    grid = grid_from_text(TRAP, 0.25, ORIGIN)
+    field = potential(grid, goal=_xy(grid, 3.5, 13.5), attractive_gain=100.0)
+    route = descend(_costmap(grid), field, _xy(grid, 3.5, 1.5))
+    assert not route.reached
+    assert route.local_minimum == tuple(route.points_xy[-1])
+    row, col = grid.frame.continuous_rowcol_from_xy([route.local_minimum])[0]
+    assert 2 < row < 5
+    assert 6 < col < 9
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.02, 0.1, 0.3]),
+    st.sampled_from([1.0, 30.0, 1000.0]),
+    st.booleans(),
+)
+def test_every_step_leads_down_and_nothing_is_lower_where_it_ends(
+    seed, density, gain, through_unknown
+):
+    rng = np.random.default_rng(seed)
+    height, width = rng.integers(3, 14, 2)
+    occupancy = np.where(rng.random((height, width)) < density, 100, 0).astype(np.int8)
+    occupancy[rng.random((height, width)) < 0.05] = -1
+    grid_cells = [tuple(int(n) for n in rng.integers(0, (height, width))) for _ in "ab"]
+    for cell in grid_cells:
+        occupancy[cell] = 0
+    grid = OccupancyGrid(occupancy, 0.25, ORIGIN)
+    start, goal = (_xy(grid, *(np.array(cell) + rng.random(2))) for cell in grid_cells)
+    field = potential(grid, goal=goal, attractive_gain=gain)
+    route = descend(_costmap(grid), field, start, through_unknown=through_unknown)
+    surface = field.downhill_surface()
+    places = grid.frame.continuous_rowcol_from_xy(route.points_xy)
+    is_open = (occupancy == 0) | (through_unknown & (occupancy == -1))
+    on_way = places[:-1] if route.reached else places
+    heights = [oracles.bilinear(surface, *place)[0] for place in on_way.tolist()]
+    assert all(after < before + 1e-9 for before, after in pairwise(heights))
+    for place in places:
+        assert is_open[
+            tuple(np.clip(np.floor(place + 1e-6).astype(int), 0, (height - 1, width - 1)))
+        ]
+    assert all(math.dist(a, b) <= 0.25 * (1.5 * math.sqrt(2) + 1e-9) for a, b in
+               pairwise(route.points_xy.tolist()))  # fmt: skip
+    if route.reached:
+        assert math.dist(route.points_xy[-2], goal) <= 0.25 + 1e-9
+        return
+    row, col = (int(n) for n in np.floor(places[-1] + 1e-9))
+    for r in range(max(row - 1, 0), min(row + 2, height)):
+        for c in range(max(col - 1, 0), min(col + 2, width)):
+            diagonal = r != row and c != col
+            if diagonal and not is_open[r, col] and not is_open[row, c]:
+                continue
+            if is_open[r, c]:
+                assert surface[r, c] >= heights[-1] - 1e-9
+
+
+def test_closed_cells_hold_the_way_up():
+    grid = OccupancyGrid(cells("...?...\n...?...\n...?..."), 0.25, ORIGIN)
+    field = potential(grid, goal=_xy(grid, 1.5, 6.5))
+    closed = descend(_costmap(grid), field, _xy(grid, 1.5, 0.5))
+    assert not closed.reached
+    assert grid.frame.continuous_rowcol_from_xy([closed.local_minimum])[0, 1] <= 3.0 + 1e-9
+    assert descend(_costmap(grid), field, _xy(grid, 1.5, 0.5), through_unknown=True).reached
+
+
+def test_a_start_at_the_goal_has_arrived():
+    grid = OccupancyGrid(np.zeros((4, 5), np.int8), 0.25, ORIGIN)
+    goal = _xy(grid, 2.5, 2.5)
+    route = descend(_costmap(grid), potential(grid, goal=goal), goal)
+    assert (route.reached, route.length) == (True, 0.0)
+
+
+def test_what_does_not_go_together_is_refused():
+    grid = OccupancyGrid(cells("..#"), 0.25, ORIGIN)
+    inside, wall = _xy(grid, 0.5, 0.5), _xy(grid, 0.5, 2.5)
+    with pytest.raises(ParameterError, match="no goal"):
+        descend(_costmap(grid), potential(grid), inside)
+    with pytest.raises(ParameterError, match="closed") as caught:
+        descend(_costmap(grid), potential(grid, goal=inside), wall)
+    assert caught.value.place == "start"
+    with pytest.raises(ParameterError, match="same cells"):
+        elsewhere = OccupancyGrid(grid.occupancy, 0.25)
+        descend(_costmap(elsewhere), potential(grid, goal=inside), inside)
