@@ -6,6 +6,7 @@ Reads examples/maps and writes docs/images.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
@@ -15,6 +16,7 @@ import numpy as np
 import mapdeal
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.potential import potential_image
 from mapdeal.stages.exponential_cost import cost_table
 
 mpl.use("Agg")  # draws without a display
@@ -225,20 +227,31 @@ def draw_office() -> None:
         ),
         mask,
     )
+    goal = (9.0, 5.0)
+    costs = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
+    costmap = mapdeal.exponential_cost(office, **costs)
+    route = mapdeal.shortest_route(costmap, (-7.5, 2.5), goal)
+    _picture("office_route.png", costmap, "office: route, astar", route=route)
+    attraction = mapdeal.potential(office, goal=goal, attractive_gain=50.0)
+    _picture("office_potential.png", attraction, "office: potential field")
+    trapped = mapdeal.descend(costmap, attraction, (-7.5, 2.5))
+    _picture("office_descent.png", costmap, "office: route, descent", route=trapped)
     _picture("office_mask.png", masked, "office: cost, inscribed 0.22 m, with a keepout mask")
 
 
 def _picture(
     name: str,
-    grid: mapdeal.OccupancyGrid | mapdeal.DistanceField | mapdeal.Costmap,
+    grid: mapdeal.OccupancyGrid | mapdeal.DistanceField | mapdeal.Costmap | mapdeal.PotentialField,
     title: str,
     *,
     side: int = LONG_SIDE,
+    route: mapdeal.Route | None = None,
 ) -> None:
     draw = {
         mapdeal.OccupancyGrid: occupancy_image,
         mapdeal.DistanceField: field_image,
-        mapdeal.Costmap: cost_image,
+        mapdeal.Costmap: partial(cost_image, route=route),
+        mapdeal.PotentialField: potential_image,
     }[type(grid)]
     image = draw(grid, title=title, image_max=side)
     with (IMAGES / name).open("wb") as file:

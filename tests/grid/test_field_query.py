@@ -157,3 +157,16 @@ def test_real_maps_against_brute_force(real_maps, name):
     centres = grid.frame.xy_from_rowcol(some)
     nearest = [np.sqrt(((obstacles - centre) ** 2).sum(axis=1).min()) for centre in centres]
     assert distance == pytest.approx(np.array(nearest), rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize("origin", [(0.1, 0.7, 0.0), (-3.3, 2.2, 0.4), (500000.3, 4.2e6, 1.1)])
+def test_at_centres_rounding_does_not_choose_the_side_of_the_gradient(origin):
+    grid = OccupancyGrid([[0, 0, 0, 100, 0, 0, 0]] * 5, 0.1, origin)
+    field = esdf(grid)
+    cells = np.argwhere(np.ones(grid.shape))
+    distance, gradient, _ = field.query(grid.frame.xy_from_rowcol(cells))
+    assert np.array_equal(distance.astype(np.float32), field.distance.ravel())
+    along = gradient @ [math.cos(origin[2]), math.sin(origin[2])]
+    # towards the next column, which the last one has not
+    expected = np.append(np.diff(field.distance[0]), 0) / 0.1
+    assert along.reshape(grid.shape) == pytest.approx(np.tile(expected, (5, 1)), abs=1e-6)

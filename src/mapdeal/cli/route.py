@@ -89,8 +89,8 @@ def route(
 ) -> None:  # fmt: skip
     """Find a route from point to point.
 
-    Lethal, inscribed and unknown cells are closed. A map gets the costs of the recipe nav2; the shape of a robot replaces its radius of 0.22 m.
-    Without -o the answer is printed, as JSON.
+    Lethal, inscribed and unknown cells are closed. A map gets the costs of the recipe nav2; the
+    shape of a robot replaces its radius of 0.22 m. Without -o the answer is printed, as JSON.
     """
     opt.start(quiet=quiet, verbose=verbose)
     gains = opt.given(

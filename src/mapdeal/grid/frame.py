@@ -229,12 +229,14 @@ class Frame:
         Returns
         -------
         places : numpy.ndarray of float64, shape (N, 2)
-            As of `continuous_rowcol_from_xy`; of no meaning for points that are not finite.
+            As of `continuous_rowcol_from_xy`, but points that only rounding keeps off a cell's
+            centre line are on it; of no meaning for points that are not finite.
         inside : numpy.ndarray of bool, shape (N,)
             Whether a cell of the grid holds the point.
         """
-        places, inside, _ = self._bounded(points_xy)
-        return places, inside
+        places, inside, tolerance = self._bounded(points_xy)
+        nearest = np.rint(places - 0.5) + 0.5
+        return np.where(np.abs(places - nearest) <= tolerance, nearest, places), inside
 
     def _bounded(
         self, points_xy: ArrayLike

@@ -176,7 +176,7 @@ def cost_image(
         colours.cost_scale(_COST_LEVELS),
         [colours.RVIZ_FREE, colours.INSCRIBED, colours.LETHAL, colours.RVIZ_UNKNOWN,
          colours.CONTOUR],
-        ROUTE_COLOURS,
+        *([ROUTE_COLOURS] if route is not None else []),
     ])  # fmt: skip
     swatches = [Swatch(lethal, f"lethal {LETHAL_OBSTACLE if on_byte_scale else OCCUPIED}")]
     if on_byte_scale:
