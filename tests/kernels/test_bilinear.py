@@ -55,6 +55,8 @@ def test_near_an_infinite_value_the_nearest_cell_tells_and_there_is_no_slope(eac
     assert between.tolist() == [np.inf, 2.0, 2.5]
     assert np.isnan(slopes[:2]).all()
     assert slopes[2].tolist() == [0.0, 1.0]
+    between, _ = interpolate(values.T.copy(), np.array([[0.9, 0.5], [1.1, 0.5]]))
+    assert between.tolist() == [np.inf, 2.0]
 
 
 @needs_compiled

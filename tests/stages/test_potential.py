@@ -133,6 +133,11 @@ def test_a_lone_obstacle_is_no_pit_to_go_downhill_into():
     surface = field.downhill_surface()
     assert surface[1, 2] > surface[1, 1]
     assert surface[1, 2] == pytest.approx(2 / 0.25)
+    grid = field.grid
+    assert potential(grid, repulsive_gain=7.0).downhill_surface()[1, 2] == pytest.approx(8)
+    pulled = potential(grid, goal=(0.1, 0.1), repulsive_gain=7.0)
+    raised = pulled.downhill_surface() - pulled.potential
+    assert raised == pytest.approx(np.where(field.obstacles(), 56.0, 0.0))
     assert field.downhill()[0, 1, 1] < 0 < field.downhill()[0, 1, 3]
 
 

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from typing import TextIO
 
-from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, one_line
+from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, ParameterError, one_line
 
 _CHUNK = 1 << 18
 
@@ -39,11 +39,13 @@ def input_chunks() -> Iterator[bytes]:
 
     Raises
     ------
+    ParameterError
+        If there is none.
     FileAccessError
         If it cannot be read.
     """
     if sys.stdin is None:  # the process was started without
-        raise FileAccessError("cannot be read: it is closed", source="standard input")
+        raise ParameterError("is closed", source="standard input")
     try:
         while chunk := os.read(sys.stdin.fileno(), _CHUNK):
             yield chunk

@@ -168,7 +168,7 @@ class DistanceField(Framed):
 
         def ask(first: int, end: int) -> None:
             for start in range(first * _POINTS_TOGETHER, end * _POINTS_TOGETHER, _POINTS_TOGETHER):
-                some = slice(start, min(start + _POINTS_TOGETHER, count))
+                some = slice(start, start + _POINTS_TOGETHER)
                 distance[some], gradient[some], inside[some] = self._query(points[some])
 
         in_parallel(ask, -(-count // _POINTS_TOGETHER))

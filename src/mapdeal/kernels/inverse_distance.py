@@ -51,8 +51,7 @@ def sum_of_inverse_distances(
     rows = np.arange(half_height + 1, dtype=np.float64)[:, np.newaxis]
     inverse = np.hypot(rows, np.arange(half_width + 1, dtype=np.float64))
     inverse *= scale
-    far = inverse > least
-    far[0, 0] = False
+    far = inverse > least  # never so for a cell and itself
     np.divide(1.0, inverse, out=inverse, where=far)
     inverse[~far] = 0.0
     response = fft.dctn(inverse, type=1, overwrite_x=True, workers=workers)

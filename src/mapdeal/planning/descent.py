@@ -61,7 +61,7 @@ def descend(
     Notes
     -----
     Steps are half a cell long, or shorter where the potential, interpolated between the centres
-    of cells, would not fall; so it falls with every step. Where no such step is left, the lowest
+    of cells, would not fall; so it falls with every step. Where no such step is left, the steepest
     way to the centre of a neighbouring open cell is taken. A local minimum is a place from which
     that is not lower either. The goal is reached at a cell's length from it.
 
