@@ -82,6 +82,13 @@ def test_a_line_that_is_no_point_is_told_by_its_number(line):
     assert len(errors[1]) < 120
 
 
+def test_an_empty_line_between_plain_ones_has_its_place():
+    points, lines, errors = _all([b"1,2\n\n3,4\n \n"])
+    assert (points[0], points[2]) == ([1, 2], [3, 4])
+    assert lines == [1, 2, 3, 4]
+    assert errors == {1: "empty line", 3: "empty line"}
+
+
 def test_bytes_that_are_no_text_are_a_bad_line():
     assert list(_all([b"1,2\n\xff\xfe,3\n"])[2]) == [1]
 
