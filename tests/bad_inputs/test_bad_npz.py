@@ -27,6 +27,14 @@ FIELD = {
     "lethal_threshold": np.int64(100),
     "unknown": "free",
 }
+POTENTIAL = {
+    **MAP,
+    "repulsive": np.ones((2, 3)),
+    "goal": np.array([1.52, -1.98]),
+    "attractive_gain": np.float64(1),
+    "repulsive_gain": np.float64(1),
+    "repulsive_cap": np.float64(1e5),
+}
 COSTS = {**GEOMETRY, "cost": np.zeros((2, 3), np.uint8), "cost_scale": "costmap2d"}
 
 
@@ -78,6 +86,17 @@ BAD_ARRAYS = [
     ("inf-threshold", FIELD, "lethal_threshold", np.float64(np.inf)),
     ("nan-strength", FIELD, "strength", np.float64(np.nan)),
     ("nan-max-distance", FIELD, "max_distance", np.float64(np.nan)),
+    ("field-occupancy-above-100", FIELD, "occupancy", OCCUPANCY + np.int8(1)),
+    ("potential-occupancy-above-100", POTENTIAL, "occupancy", OCCUPANCY + np.int8(1)),
+    ("potential-without-gain", POTENTIAL, "repulsive_gain", None),
+    ("nan-repulsive", POTENTIAL, "repulsive", np.full((2, 3), np.nan)),
+    ("huge-repulsive", POTENTIAL, "repulsive", np.full((2, 3), 1e308)),
+    ("float32-repulsive", POTENTIAL, "repulsive", np.ones((2, 3), np.float32)),
+    ("goal-of-three", POTENTIAL, "goal", np.zeros(3)),
+    ("nan-goal", POTENTIAL, "goal", np.array([np.nan, 0])),
+    ("huge-gain", POTENTIAL, "attractive_gain", np.float64(1e308)),
+    ("negative-gain", POTENTIAL, "repulsive_gain", np.float64(-1)),
+    ("cap-0", POTENTIAL, "repulsive_cap", np.float64(0)),
     ("unknown-convention", FIELD, "convention", "middle"),
     ("unknown-cost-scale", COSTS, "cost_scale", "percent"),
     ("nan-circumscribed-cost", COSTS, "circumscribed_cost", np.float64(np.nan)),

@@ -314,6 +314,8 @@ BAD_QUESTIONS = [
     ("P8-goal-of-one-number", ["potential", "m.yaml", "-o", "o.npz", "--goal", "1"], 2, "goal"),
     ("P8-cap-0", ["potential", "m.yaml", "-o", "o.npz", "--repulsive-cap", "0"], 2, "cap"),
     ("P8-gain", ["potential", "m.yaml", "-o", "o.npz", "--repulsive-gain", "-1"], 2, "gain"),
+    ("P8-gain-that-overflows", ["potential", "m.yaml", "-o", "o.npz", "--attractive-gain",
+                                "1e308"], 2, "attractive_gain"),
     ("P8-potential-as-yaml", ["potential", "m.yaml", "-o", "o.yaml"], 2, "o.yaml"),
     ("P8-start-closed", ["route", "m.yaml", "--to", "9,9", "--from"], 2, "m.yaml: start"),
     ("P8-goal-outside", ["route", "c.npz", "--from", "1.51,-1.98", "--to", "9,9"], 2, "goal"),

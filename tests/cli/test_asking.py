@@ -267,3 +267,28 @@ def test_a_field_keeps_its_own_obstacles_on_a_route(command, hall, room, tmp_pat
     code, _, err = command("route", tmp_path / "short.npz", *words)
     assert code == 2
     assert "max_distance" in err
+
+
+def test_query_ends_with_its_reader_though_points_go_on(room):
+    words = f'yes 1.55,-1.9 | "{sys.executable}" -m mapdeal query "{room}" --points - | head -n 1'
+    done = subprocess.run(["bash", "-c", words], capture_output=True, timeout=20)
+    assert done.stdout.count(b"\n") == 1
+    assert done.stderr == b""
+
+
+def test_lost_answers_are_worse_than_a_finding(room):
+    words = f'"{sys.executable}" -m mapdeal query "{room}" --at 99,99 --strict'
+    assert subprocess.run(["bash", "-c", words], capture_output=True).returncode == 1
+    done = subprocess.run(["bash", "-c", f"{words} > /dev/full"], capture_output=True, text=True)
+    assert done.returncode == 4
+    assert done.stderr.startswith("error: standard output: cannot be written")
+    assert done.stderr.count("error:") == 1
+
+
+def test_a_goal_in_brackets_can_be_set(command, room, tmp_path):
+    (tmp_path / "r.yaml").write_text("stages: [potential]\n")
+    words = ["run", room, "-o", tmp_path / "out", "--recipe", tmp_path / "r.yaml", "--no-images"]
+    assert command(*words, "--set", "potential.goal=[1.6, -1.9]")[0] == 0
+    assert read_map(tmp_path / "out/room/potential.npz").goal == (1.6, -1.9)
+    assert command(*words, "--set", "potential.goal=none", "--force")[0] == 0
+    assert read_map(tmp_path / "out/room/potential.npz").goal is None

@@ -131,6 +131,21 @@ def test_a_line_without_end_is_refused_before_it_fills_the_memory():
         list(read_points(endless(), "p.csv"))
 
 
+@pytest.mark.parametrize("size", [1000, 10**7])
+@pytest.mark.parametrize("padding", [65_533, 65_534])
+def test_the_limit_of_a_line_does_not_depend_on_how_it_comes(size, padding):
+    text = b"1,2\n3,4\n5," + b" " * padding + b"6\n7,8\n"
+    chunks = [text[start : start + size] for start in range(0, len(text), size)]
+    if padding == 65_533:
+        assert _all(chunks)[0] == [[1, 2], [3, 4], [5, 6], [7, 8]]
+        return
+    got = []
+    with pytest.raises(MalformedInputError, match="line 3"):
+        for part in read_points(chunks, "p"):
+            got += part.points_xy.tolist()
+    assert got == [[1, 2], [3, 4]]
+
+
 def test_files_that_cannot_be_read(tmp_path):
     for path in (tmp_path / "none", tmp_path):
         with pytest.raises(FileAccessError, match="cannot be read"):

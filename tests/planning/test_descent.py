@@ -24,6 +24,14 @@ def _costmap(grid):
     return Costmap.from_occupancy(grid)
 
 
+def _closed_share(is_open, start, end):
+    """How much of a straight piece of way lies in closed cells, by looking at many places."""
+    shares = np.linspace(0, 1, 201)[:, np.newaxis]
+    cells = np.floor(np.array(start) * (1 - shares) + np.array(end) * shares + 1e-7).astype(int)
+    cells = np.clip(cells, 0, np.array(is_open.shape) - 1)
+    return float((~is_open[cells[:, 0], cells[:, 1]]).mean())
+
+
 @pytest.mark.parametrize("goal", [(3.2, 50.5), (35.5, 48.0), (38.5, 3.3), (2.5, 2.5)])
 def test_without_obstacles_the_way_is_straight(goal):
     grid = OccupancyGrid(np.zeros((40, 60), np.int8), 0.25, ORIGIN)
@@ -99,6 +107,8 @@ def test_every_step_leads_down_and_nothing_is_lower_where_it_ends(
     on_way = places[:-1] if route.reached else places
     heights = [oracles.bilinear(surface, *place)[0] for place in on_way.tolist()]
     assert all(after < before + 1e-9 for before, after in pairwise(heights))
+    pieces = list(pairwise(places.tolist()))
+    assert all(_closed_share(is_open, a, b) < 0.01 for a, b in pieces)
     for place in places:
         assert is_open[
             tuple(np.clip(np.floor(place + 1e-6).astype(int), 0, (height - 1, width - 1)))
@@ -106,15 +116,14 @@ def test_every_step_leads_down_and_nothing_is_lower_where_it_ends(
     assert all(math.dist(a, b) <= 0.25 * (1.5 * math.sqrt(2) + 1e-9) for a, b in
                pairwise(route.points_xy.tolist()))  # fmt: skip
     if route.reached:
-        assert math.dist(route.points_xy[-2], goal) <= 0.25 + 1e-9
+        in_its_cell = (np.floor(places[-2]) == np.floor(places[-1])).all()
+        assert in_its_cell or math.dist(route.points_xy[-2], goal) <= 0.25 + 1e-9
         return
     row, col = (int(n) for n in np.floor(places[-1] + 1e-9))
     for r in range(max(row - 1, 0), min(row + 2, height)):
         for c in range(max(col - 1, 0), min(col + 2, width)):
-            diagonal = r != row and c != col
-            if diagonal and not is_open[r, col] and not is_open[row, c]:
-                continue
-            if is_open[r, c]:
+            centre = (r + 0.5, c + 0.5)
+            if is_open[r, c] and _closed_share(is_open, places[-1], centre) == 0:
                 assert surface[r, c] >= heights[-1] - 1e-9
 
 
@@ -145,3 +154,33 @@ def test_what_does_not_go_together_is_refused():
     with pytest.raises(ParameterError, match="same cells"):
         elsewhere = OccupancyGrid(grid.occupancy, 0.25)
         descend(_costmap(elsewhere), potential(grid, goal=inside), inside)
+
+
+def test_a_goal_behind_a_corner_is_not_jumped_to():
+    grid = OccupancyGrid(cells("#.\n.#"), 0.25, ORIGIN)
+    field = potential(grid, goal=_xy(grid, 1.2, 1.2))
+    assert not descend(_costmap(grid), field, _xy(grid, 0.5, 0.5)).reached
+
+
+@pytest.mark.parametrize(("start", "goal"), [((0.1, 0.1), (0.9, 0.9)), ((0.9, 0.1), (0.2, 0.8))])
+def test_a_goal_in_the_start_s_own_cell_is_reached(start, goal):
+    grid = OccupancyGrid(cells("."), 0.25, ORIGIN)
+    goal_xy = _xy(grid, *goal)
+    route = descend(_costmap(grid), potential(grid, goal=goal_xy), _xy(grid, *start))
+    assert route.reached
+    assert route.length == pytest.approx(math.dist(start, goal) * 0.25)
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.2]))
+def test_the_clearance_is_the_least_distance_to_the_centre_of_an_obstacle(seed, density):
+    rng = np.random.default_rng(seed)
+    occupancy = np.where(rng.random((9, 13)) < density, 100, 0).astype(np.int8)
+    start, goal = (0.9, 0.05), (8.1, 12.9)
+    occupancy[0, 0] = occupancy[8, 12] = 0
+    grid = OccupancyGrid(occupancy, 0.25, ORIGIN)
+    field = potential(grid, goal=_xy(grid, *goal), attractive_gain=20.0)
+    route = descend(_costmap(grid), field, _xy(grid, *start))
+    centres = grid.frame.xy_from_rowcol(np.argwhere(occupancy == 100))
+    nearest = [math.dist(a, b) for a in route.points_xy.tolist() for b in centres.tolist()]
+    assert route.min_clearance == pytest.approx(min(nearest, default=math.inf))

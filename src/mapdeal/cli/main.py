@@ -15,7 +15,13 @@ from typer.core import TyperGroup
 
 from mapdeal.cli import terminal
 from mapdeal.cli.process import collect_from_here
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
+from mapdeal.errors import (
+    FileAccessError,
+    FindingError,
+    MalformedInputError,
+    MapdealError,
+    ParameterError,
+)
 
 # typer brings its own copy of click in new versions and uses the package in old ones; both
 # have the same tree of errors, reached from the one class that typer exports.
@@ -136,8 +142,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = command.main(args=words or ["--help"], prog_name="mapdeal", standalone_mode=False)
         terminal.finish()
     except MapdealError as error:
-        terminal.error(error)
-        return error.exit_code
+        problem = _worse_than(error)
+        terminal.error(problem)
+        return problem.exit_code
     except _ClickError as error:
         terminal.error(_usage_error(error))
         return ParameterError.exit_code
@@ -157,6 +164,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return _INTERNAL
     return code if isinstance(code, int) else 0
+
+
+def _worse_than(error: MapdealError) -> MapdealError:
+    """Return the error to tell of: that results are lost is worse than what was found."""
+    if isinstance(error, FindingError):
+        try:
+            terminal.finish()
+        except FileAccessError as lost:
+            return lost
+    return error
 
 
 def _usage_error(error: Any) -> ParameterError:

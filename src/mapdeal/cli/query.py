@@ -85,6 +85,8 @@ def query(
             count += len(answers.lines)
             outside += answers.outside
             bad += len(some.errors)
+            if not terminal.is_read():
+                break
     terminal.detail(f"{count} points, {outside} of them outside of the map")
     if bad:
         terminal.warn(f"{_name_of(points)}: {bad} of {count} lines hold no point")

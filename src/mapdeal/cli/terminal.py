@@ -14,14 +14,15 @@ from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, Parame
 _CHUNK = 1 << 18
 
 _stdout_problem: str | None = None
+_stdout_dropped = False
 _quiet = False
 _verbose = False
 
 
 def configure(*, quiet: bool, verbose: bool) -> None:
     """Set how much is said: quiet leaves errors and asked-for results only."""
-    global _quiet, _verbose
-    _quiet, _verbose = quiet, verbose
+    global _quiet, _verbose, _stdout_dropped
+    _quiet, _verbose, _stdout_dropped = quiet, verbose, False
 
 
 def result(text: str) -> None:
@@ -32,6 +33,11 @@ def result(text: str) -> None:
 def flush() -> None:
     """Let whoever reads the results have those that are there."""
     _to_stdout(sys.stdout.flush)
+
+
+def is_read() -> bool:
+    """Return whether results still reach somebody, so that more of them make sense."""
+    return not _stdout_dropped
 
 
 def input_chunks() -> Iterator[bytes]:
@@ -134,6 +140,8 @@ def _to_stdout(write: Callable[[], None]) -> None:
 
 def _drop_stdout() -> None:
     """Point stdout at nothing, so that no later line and no flush complains."""
+    global _stdout_dropped
+    _stdout_dropped = True
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -74,15 +75,20 @@ def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[PointLi
     """
     rest, line = b"", 1
     for chunk in chunks:
-        done, newline, rest = (rest + chunk).rpartition(b"\n")
-        if len(rest) > _LONGEST_LINE:
+        *lines, rest = (rest + chunk).split(b"\n")
+        short = list(takewhile(_is_short, lines))
+        if short:
+            yield _parsed(short, line)
+            line += len(short)
+        if len(short) < len(lines) or not _is_short(rest):
             rule = f"a line must not be longer than {_LONGEST_LINE} bytes"
             raise MalformedInputError(rule, source=source, place=f"line {line}")
-        if newline:
-            yield _parsed(done.split(b"\n"), line)
-            line += done.count(b"\n") + 1
     if rest:
         yield _parsed([rest], line)
+
+
+def _is_short(line: bytes) -> bool:
+    return len(line) <= _LONGEST_LINE
 
 
 def _parsed(lines: list[bytes], first: int) -> PointLines:

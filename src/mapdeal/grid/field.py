@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin
 from mapdeal.grid.framed import Framed, as_layer
-from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, UnknownPolicy
 from mapdeal.kernels.bilinear import interpolate
 from mapdeal.kernels.threads import in_parallel
@@ -94,7 +94,7 @@ class DistanceField(Framed):
             raise ParameterError("distance must not hold nan")
         self._freeze(
             distance=distance,
-            occupancy=as_layer(self.occupancy, np.int8, "occupancy"),
+            occupancy=as_occupancy_layer(self.occupancy),
         )
 
     @property

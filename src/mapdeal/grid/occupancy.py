@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin
@@ -47,11 +47,7 @@ class OccupancyGrid(ValueGrid):
     origin: Origin = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        occupancy = as_layer(self.occupancy, np.int8, "occupancy")
-        self._freeze(occupancy=occupancy)
-        if occupancy.min() < UNKNOWN or occupancy.max() > OCCUPIED:
-            rule = "occupancy must lie in -1..100"
-            raise ParameterError(rule, got=(int(occupancy.min()), int(occupancy.max())))
+        self._freeze(occupancy=as_occupancy_layer(self.occupancy))
 
     @property
     def _layer(self) -> NDArray[Any]:
@@ -103,3 +99,12 @@ class OccupancyGrid(ValueGrid):
         """Return the mask of unknown cells."""
         unknown: NDArray[np.bool_] = self.occupancy == UNKNOWN
         return unknown
+
+
+def as_occupancy_layer(values: ArrayLike) -> NDArray[np.int8]:
+    """Return `values` as int8, refusing what is not in -1..100."""
+    occupancy = as_layer(values, np.int8, "occupancy")
+    if occupancy.size and (occupancy.min() < UNKNOWN or occupancy.max() > OCCUPIED):
+        rule = "occupancy must lie in -1..100"
+        raise ParameterError(rule, got=(int(occupancy.min()), int(occupancy.max())))
+    return occupancy

@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import FARTHEST, Origin
 from mapdeal.grid.framed import Framed, as_layer
-from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import OCCUPIED
 
 Point = tuple[float, float]
 
 _TOP_OF_NORMALISED = 10.0
+
+LARGEST_GAIN = 1e9
+LARGEST_REPULSION = 1e15
+"""Beyond what any map has; within, no layer overflows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,7 @@ class PotentialField(Framed):
     Raises
     ------
     ParameterError
-        If a value is not finite or negative.
+        If a value is negative or beyond all maps, or the occupancy not in -1..100.
     """
 
     repulsive: NDArray[np.float64]
@@ -59,20 +63,24 @@ class PotentialField(Framed):
 
     def __post_init__(self) -> None:
         repulsive = as_layer(self.repulsive, np.float64, "repulsive")
-        if repulsive.size and not 0 <= repulsive.min() <= repulsive.max() < math.inf:
-            raise ParameterError("repulsive must be finite and at least 0")
-        for name in ("attractive_gain", "repulsive_gain", "repulsive_cap"):
+        if repulsive.size and not 0 <= repulsive.min() <= repulsive.max() <= LARGEST_REPULSION:
+            rule = f"repulsive must lie between 0 and {LARGEST_REPULSION:g}"
+            raise ParameterError(rule)
+        for name in ("attractive_gain", "repulsive_gain"):
             value = getattr(self, name)
-            if not 0 <= value < math.inf:
-                raise ParameterError("must be finite and at least 0", place=name, got=value)
+            if not 0 <= value <= LARGEST_GAIN:
+                rule = f"must lie between 0 and {LARGEST_GAIN:g}"
+                raise ParameterError(rule, place=name, got=value)
+        if not 0 < self.repulsive_cap <= LARGEST_REPULSION:
+            rule = f"must be above 0, at most {LARGEST_REPULSION:g}"
+            raise ParameterError(rule, place="repulsive_cap", got=self.repulsive_cap)
         if self.goal is not None:
             goal = tuple(float(value) for value in self.goal)
             if len(goal) != 2 or not all(abs(value) <= FARTHEST for value in goal):
                 rule = f"must be two numbers x, y within {FARTHEST:g} m"
                 raise ParameterError(rule, place="goal", got=self.goal)
             object.__setattr__(self, "goal", goal)
-        occupancy = as_layer(self.occupancy, np.int8, "occupancy")
-        self._freeze(repulsive=repulsive, occupancy=occupancy)
+        self._freeze(repulsive=repulsive, occupancy=as_occupancy_layer(self.occupancy))
 
     @property
     def _layer(self) -> NDArray[Any]:

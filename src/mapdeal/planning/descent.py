@@ -11,15 +11,16 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.route import Route
-from mapdeal.planning.terrain import Cell, Point, Terrain
+from mapdeal.planning.terrain import Cell, Place, Point, Terrain
 
 _STEPS = (0.5, 0.25, 0.125)
 """In cells, the longest first; a shorter one is tried where the longer one does not lead down."""
 
+_OFF = (-1e-6, 1e-6)
+"""In cells: more than what rounding moves a place by."""
+
 _STEPS_PER_CELL_OF_SIDE = 20
 """Bounds the number of steps: a way as long as ten times both sides of the map."""
-
-Place = tuple[float, float]
 
 
 def descend(
@@ -61,9 +62,11 @@ def descend(
     Notes
     -----
     Steps are half a cell long, or shorter where the potential, interpolated between the centres
-    of cells, would not fall; so it falls with every step. Where no such step is left, the steepest
-    way to the centre of a neighbouring open cell is taken. A local minimum is a place from which
-    that is not lower either. The goal is reached at a cell's length from it.
+    of cells, would not fall; so it falls with every step. Before closed cells it slides: the step
+    goes along rows or along columns alone. Where no such step is left, the steepest way down to
+    the centre of a cell, this one or one beside it, is taken. A local minimum is a place from
+    which there is none either. Every piece of the way lies in open cells. The goal is reached at
+    a cell's length from it, or in its cell, if nothing closed lies between.
 
     The surface is `PotentialField.downhill_surface`.
 
@@ -107,7 +110,7 @@ def _followed(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], bo
     places = [start]
     most = _STEPS_PER_CELL_OF_SIDE * sum(slope.shape)
     while len(places) <= most:
-        if math.dist(places[-1], goal) <= 1.0:
+        if slope.leads_to(places[-1], goal):
             return places, True
         following = slope.step_down(places[-1])
         if following is None:
@@ -129,17 +132,29 @@ class _Slope:
         """Return the next place downhill, or None in a local minimum."""
         here = self.value_at(place)
         row, col = self._gradient_at(place)
-        length = math.hypot(row, col)
-        cell = _cell_of(place)
-        if length > 0:
-            for step in _STEPS:
-                following = (place[0] - step * row / length, place[1] - step * col / length)
-                reached = _cell_of(following)
-                if reached != cell and not self._terrain.allows_step(cell, reached):
-                    continue
-                if self.value_at(following) < here:
+        for along_rows, along_cols in ((row, col), (row, 0.0), (0.0, col)):
+            length = math.hypot(along_rows, along_cols)
+            for step in _STEPS if length > 0 else ():
+                share = step / length
+                following = (place[0] - share * along_rows, place[1] - share * along_cols)
+                if self.value_at(following) < here and self._may_step(place, following):
                     return following
-        return self._lowest_neighbour(place, cell, here)
+        return self._lowest_neighbour(place, here)
+
+    def _may_step(self, place: Place, following: Place) -> bool:
+        """Return whether a step stays in open cells, and does not end on the edge of a closed one.
+
+        Rounding would put it on either side of the edge.
+        """
+        corners = ((following[0] + row, following[1] + col) for row in _OFF for col in _OFF)
+        return self._terrain.is_clear(place, following) and all(
+            self._terrain.is_open(_cell_of(corner)) for corner in corners
+        )
+
+    def leads_to(self, place: Place, goal: Place) -> bool:
+        """Return whether the goal lies close ahead."""
+        is_near = math.dist(place, goal) <= 1.0 or _cell_of(place) == _cell_of(goal)
+        return is_near and self._terrain.is_clear(place, goal)
 
     def value_at(self, place: Place) -> float:
         """Return the surface between the centres of cells, bilinear."""
@@ -171,17 +186,20 @@ class _Slope:
             along_cols += share * (self._at(r, east) - self._at(r, west)) / max(east - west, 1)
         return along_rows, along_cols
 
-    def _lowest_neighbour(self, place: Place, cell: Cell, here: float) -> Place | None:
+    def _lowest_neighbour(self, place: Place, here: float) -> Place | None:
         """Return the centre of the steepest way down to a cell, this one or one beside it."""
         best, steepest = None, 0.0
+        cell = _cell_of(place)
         for rows in (-1, 0, 1):
             for cols in (-1, 0, 1):
                 beside = (cell[0] + rows, cell[1] + cols)
-                if (rows or cols) and not self._terrain.allows_step(cell, beside):
+                if not self._terrain.is_open(beside):
                     continue
                 centre = (beside[0] + 0.5, beside[1] + 0.5)
                 drop, way = here - self._at(*beside), math.dist(place, centre)
-                if drop > 0 and way > 0 and drop / way > steepest:
+                if way == 0 or drop / way <= steepest:
+                    continue
+                if self._terrain.is_clear(place, centre):
                     best, steepest = centre, drop / way
         return best
 

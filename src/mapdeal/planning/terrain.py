@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +25,12 @@ FIELD_RANGE = 2.0
 
 _LARGEST_FACTOR = 1e6
 
+_SLACK = 1e-3
+"""In cells: distances of the field are float32."""
+
 Cell = tuple[int, int]
 Point = tuple[float, float]
+Place = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +115,21 @@ class Terrain:
         beside = ((cell[0], following[1]), (following[0], cell[1]))
         return any(self.is_open(side) for side in beside)
 
+    def is_clear(self, start: Place, end: Place) -> bool:
+        """Return whether a straight piece of way stays in open cells.
+
+        From corner to corner it must not lead between two closed cells.
+
+        Parameters
+        ----------
+        start, end : tuple of float
+            Cell coordinates with fractions, row and column.
+        """
+        cells = list(_cells_on(start, end))
+        return self.is_open(cells[0]) and all(
+            self.allows_step(cell, following) for cell, following in pairwise(cells)
+        )
+
     def open_cell_of(self, point: Point, name: str) -> Cell:
         """Return the cell of a point.
 
@@ -134,8 +155,37 @@ class Terrain:
         pieces = np.hypot(*np.diff(points_xy, axis=0).T)
         cells = self.costmap.frame.clamped_rowcol_from_xy(points_xy)[1:]
         cost = pieces @ self.weights[cells[:, 0], cells[:, 1]]
-        clearance = self.field.query(points_xy).distance
-        return float(pieces.sum()), float(cost), float(np.nanmin(clearance))
+        return float(pieces.sum()), float(cost), self.clearance_of(points_xy)
+
+    def clearance_of(self, points_xy: NDArray[np.float64]) -> float:
+        """Return the least distance of points in open cells to the centre of a lethal cell.
+
+        Exact, metres; +inf if there is no lethal cell. The field knows it of the centres of
+        cells. Of other points it gives bounds, which leave few to be looked at.
+        """
+        frame, resolution = self.costmap.frame, self.costmap.resolution
+        places = frame.continuous_rowcol_from_xy(points_xy)
+        cells = frame.clamped_rowcol_from_xy(points_xy)
+        at_centre = self.field.distance[cells[:, 0], cells[:, 1]].astype(np.float64) / resolution
+        if not np.isfinite(at_centre).all():
+            return math.inf
+        least = at_centre - np.hypot(*(places - cells - 0.5).T) - _SLACK
+        best = math.inf
+        for index in np.argsort(least, kind="stable").tolist():
+            if least[index] >= best:
+                break
+            reach = math.ceil(at_centre[index] + 1.0)
+            best = min(best, self._nearest_lethal(places[index], cells[index], reach))
+        return best * resolution
+
+    def _nearest_lethal(
+        self, place: NDArray[np.float64], cell: NDArray[np.int64], reach: int
+    ) -> float:
+        """Return the distance in cells of a place to a lethal cell's centre, within a reach."""
+        first = np.maximum(cell - reach, 0)
+        rows, cols = (slice(a, b) for a, b in zip(first, cell + reach + 1, strict=True))
+        centres = np.argwhere(self.field.occupancy[rows, cols] == OCCUPIED) + first + 0.5
+        return float(np.hypot(*(centres - place).T).min(initial=math.inf))
 
     def _nearest_open(self, cell: Cell) -> str:
         """Return where the nearest open cell is, as a hint."""
@@ -147,6 +197,25 @@ class Terrain:
         x, y = self.costmap.frame.xy_from_rowcol([nearest])[0].round(6).tolist()
         metres = math.sqrt(squares.min()) * self.costmap.resolution
         return f"the nearest open cell is {metres:.3g} m away, at {x + 0.0:.10g},{y + 0.0:.10g}"
+
+
+def _cells_on(start: Place, end: Place) -> Iterator[Cell]:
+    """Yield the cells that a straight piece of way passes, one after the other."""
+    way = (end[0] - start[0], end[1] - start[1])
+    shares = {0.0, 1.0}
+    for from_, along in zip(start, way, strict=True):
+        if along:
+            low, high = sorted((from_, from_ + along))
+            shares |= {
+                (edge - from_) / along for edge in range(math.ceil(low), math.floor(high) + 1)
+            }
+    last = None
+    for before, after in pairwise(sorted(share for share in shares if 0 <= share <= 1)):
+        middle = (before + after) / 2
+        cell = (math.floor(start[0] + middle * way[0]), math.floor(start[1] + middle * way[1]))
+        if cell != last:
+            yield cell
+        last = cell
 
 
 def _weights_by_cost(

@@ -17,7 +17,7 @@ from mapdeal.stages.obstacle_source import (
     obstacles_of,
     occupancy_with_obstacles,
 )
-from mapdeal.stages.parameters import ABOVE_0, AT_LEAST_0, LETHAL, stage
+from mapdeal.stages.parameters import CAP, GAIN, LETHAL, stage
 
 LEAST_DISTANCE = 0.001
 """Metres up to which a term is left out, of a cell's distance to itself above all."""
@@ -28,9 +28,9 @@ def potential(
     source: ObstacleSource,
     *,
     goal: tuple[float, float] | None = None,
-    repulsive_cap: Annotated[float, ABOVE_0] = 1e5,
-    attractive_gain: Annotated[float, AT_LEAST_0] = 1.0,
-    repulsive_gain: Annotated[float, AT_LEAST_0] = 1.0,
+    repulsive_cap: Annotated[float, CAP] = 1e5,
+    attractive_gain: Annotated[float, GAIN] = 1.0,
+    repulsive_gain: Annotated[float, GAIN] = 1.0,
     lethal_threshold: Annotated[int, LETHAL] | None = None,
 ) -> PotentialField:
     """Return the artificial potential field of a map.
