@@ -69,6 +69,39 @@ def test_query_says_null_for_what_is_infinite(command, tmp_path):
     assert answer["distance"] is answer["gradient"] is answer["cell_distance"] is None
 
 
+def test_query_tells_a_point_that_is_not_finite(command, room):
+    (answer,) = _asked(command("query", room, "--at", "nan,1")[1])
+    assert (answer["inside"], answer["x"], answer["y"]) == (False, None, 1.0)
+    assert answer["error"] == "must be finite, got nan,1"
+    assert "line" not in answer
+
+
+def test_query_states_go_by_the_field_s_own_threshold(command, tmp_path):
+    write_map(tmp_path / "m.yaml", grid_from_text(".+#", 0.5, (0.0, 0.0, 0.0)))
+    at = ["--at", "0.75,0.25"]
+    (free,) = _asked(command("query", tmp_path / "m.yaml", *at)[1])
+    (occupied,) = _asked(command("query", tmp_path / "m.yaml", *at, "--lethal-threshold", 50)[1])
+    assert (free["state"], occupied["state"]) == ("free", "occupied")
+
+
+@pytest.mark.parametrize("words", [["query", "{}", "--at", "1.6", "-1.9"],
+                                   ["route", "{}", "--from", "1", "2", "--to", "3,4"]])  # fmt: skip
+def test_points_with_a_space_are_told_how_to_write_them(command, room, words):
+    code, _, err = command(*[word.format(room) for word in words])
+    assert code == 2
+    assert "X,Y, without a space" in err
+
+
+@pytest.mark.parametrize("name", ["query", "route"])
+def test_of_a_potential_field_only_the_map_is_asked_with_a_warning(command, room, tmp_path, name):
+    command("potential", room, "-o", tmp_path / "p.npz")
+    point = "1.7,-1.8"
+    options = ["--at", point] if name == "query" else ["--from", point, "--to", point]
+    code, _, err = command(name, tmp_path / "p.npz", *options)
+    assert code in (0, 2)
+    assert err.startswith(f"warning: {tmp_path / 'p.npz'}: is a potential field")
+
+
 def test_query_takes_the_field_s_parameters_for_a_map_only(command, room, tmp_path):
     point = ["--at", "{},{}".format(*esdf(read_map(room)).frame.xy_from_rowcol([[1, 6]])[0])]
     (free,) = _asked(command("query", room, *point)[1])
@@ -94,8 +127,12 @@ def test_query_p7_has_a_status_for_every_line_and_is_strict_on_demand(command, r
     assert [answer["inside"] for answer in answers] == [True] + [False] * 4 + [True]
     assert answers[0] == answers[5]
     assert answers[1]["x"] is None
-    assert [(a["line"], "error" in a) for a in answers if "line" in a] == [(3, True), (4, True)]
-    assert err == f"warning: {tmp_path / 'p.csv'}: 2 of 6 lines hold no point\n"
+    assert [(a["line"], "error" in a) for a in answers if "line" in a] == [
+        (2, True),
+        (3, True),
+        (4, True),
+    ]
+    assert err == f"warning: {tmp_path / 'p.csv'}: 3 of 6 hold no finite point\n"
     code, strict_out, err = command("query", room, "--points", tmp_path / "p.csv", "--strict")
     assert (code, strict_out) == (1, out)
     assert "4 of 6 points" in err
@@ -225,7 +262,7 @@ def test_route_takes_costs_as_they_are(command, hall, tmp_path):
 
 def test_route_knows_the_robot_s_size(command, hall):
     words = ["route", hall, "--from", "1,1", "--to", "5,1"]
-    for radius in (0.5, 0.9):  # more than the recipe's reach of 0.7
+    for radius in (0.5, 0.9):  # the recipe's own reach is 0.7
         code, out, err = command(*words, "--robot-radius", radius)
         assert (code, err) == (0, "")
         assert json.loads(out)["min_clearance_m"] > radius

@@ -37,7 +37,8 @@ def test_the_text_may_be_cut_anywhere(sizes):
     expected = [(math.nan, math.nan) if point is None else point for point in POINTS]
     assert np.array_equal(points, expected, equal_nan=True)
     assert lines == LINES
-    assert sorted(errors) == [1, 2]
+    assert sorted(errors) == [1, 2, 6]
+    assert errors[6] == "must be finite, got 'nan,inf'"
     assert errors[1] == "empty line"
     assert "1,2,3" in errors[2]
 
@@ -93,11 +94,13 @@ def test_bytes_that_are_no_text_are_a_bad_line():
     assert list(_all([b"1,2\n\xff\xfe,3\n"])[2]) == [1]
 
 
-def test_numbers_beyond_all_bounds_are_infinite():
+def test_numbers_beyond_all_bounds_are_infinite_and_told():
     points = _all([b"1e400,2\n", b'{"x": -1e400, "y": 1}\n', b"[1" + b"0" * 400 + b", 1]\n"])
     assert points[0][0] == [math.inf, 2]
     assert points[0][1] == [-math.inf, 1]
-    assert list(points[2]) == [2]
+    assert list(points[2]) == [0, 1, 2]
+    assert "finite" in points[2][0]
+    assert '{"x": x, "y": y}' in points[2][2]
 
 
 def test_a_mark_of_byte_order_and_a_header_are_passed_over():

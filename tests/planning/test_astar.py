@@ -80,7 +80,7 @@ def _free(height, width, resolution=0.25):
     return Costmap(np.zeros((height, width), np.uint8), resolution, ORIGIN)
 
 
-def test_start_and_goal_are_points_and_cells_are_entered_at_their_centres():
+def test_between_start_and_goal_are_centres_without_a_hook_at_the_ends():
     costmap = _free(3, 5)
     frame = costmap.frame
     start, goal = frame.xy_from_continuous_rowcol([[0.1, 0.2], [2.9, 4.3]])
@@ -89,17 +89,26 @@ def test_start_and_goal_are_points_and_cells_are_entered_at_their_centres():
     assert route.points_xy[-1].tolist() == goal.tolist()
     centres = frame.continuous_rowcol_from_xy(route.points_xy[1:-1])
     assert centres % 1 == pytest.approx(0.5)
-    assert centres[0] == pytest.approx([0.5, 0.5])
-    assert centres[-1] == pytest.approx([2.5, 4.5])
+    assert not (centres < 1).all(axis=1).any()
+    assert not (centres > (2, 4)).all(axis=1).any()
     assert route.cost == pytest.approx(route.length)
     assert route.min_clearance == math.inf
 
 
-def test_within_a_cell_the_way_is_over_its_centre():
+def test_where_the_straight_way_would_cut_a_closed_cell_the_centre_stays():
+    costmap = Costmap(np.array([[0, 254], [0, 0]], np.uint8), 0.5, ORIGIN)
+    start, goal = costmap.frame.xy_from_continuous_rowcol([[0.1, 0.9], [1.1, 1.9]])
+    route = shortest_route(costmap, tuple(start), tuple(goal))
+    places = costmap.frame.continuous_rowcol_from_xy(route.points_xy)
+    expected = np.array([[0.1, 0.9], [0.5, 0.5], [1.5, 1.5], [1.1, 1.9]])
+    assert places == pytest.approx(expected)
+
+
+def test_within_a_cell_the_way_is_straight():
     costmap = _free(2, 3, 1.0)
     start, goal = costmap.frame.xy_from_continuous_rowcol([[0.5, 1.2], [0.5, 1.9]])
     route = shortest_route(costmap, tuple(start), tuple(goal))
-    assert (len(route.points_xy), route.reached) == (3, True)
+    assert (len(route.points_xy), route.reached) == (2, True)
     assert route.length == pytest.approx(0.7)
 
 
@@ -178,3 +187,14 @@ def test_a_route_past_inscribed_cells_keeps_the_inscribed_radius(real_maps):
     assert route.reached
     assert route.min_clearance > 0.22
     assert route.min_clearance == pytest.approx(field.query(route.points_xy).distance.min())
+
+
+def test_what_is_no_costmap_and_no_point_is_refused_with_what_to_pass():
+    grid = OccupancyGrid([[0, 0]], 0.5)
+    with pytest.raises(ParameterError, match="exponential_cost"):
+        shortest_route(grid, (0.2, 0.2), (0.7, 0.2))
+    with pytest.raises(ParameterError, match="two numbers"):
+        shortest_route(_free(2, 3), (1.6, -1.8, 0.5), (1.6, -1.8))
+    with pytest.raises(ParameterError, match="outside") as caught:
+        shortest_route(Costmap.from_occupancy(grid), (9.0, 0.2), (0.7, 0.2))
+    assert caught.value.hint == "the map lies within x 0 .. 1, y 0 .. 0.5"

@@ -10,7 +10,16 @@ from hypothesis import strategies as st
 
 import oracles
 from drawn import cells, grid_from_text
-from mapdeal import Costmap, OccupancyGrid, ParameterError, descend, potential
+from mapdeal import (
+    Costmap,
+    OccupancyGrid,
+    ParameterError,
+    descend,
+    esdf,
+    exponential_cost,
+    potential,
+    read_map,
+)
 
 ORIGIN = (1.5, -2.0, 0.4)
 
@@ -151,6 +160,10 @@ def test_what_does_not_go_together_is_refused():
     with pytest.raises(ParameterError, match="closed") as caught:
         descend(_costmap(grid), potential(grid, goal=inside), wall)
     assert caught.value.place == "start"
+    with pytest.raises(ParameterError, match="PotentialField"):
+        descend(_costmap(grid), esdf(grid), inside)
+    with pytest.raises(ParameterError, match="exponential_cost"):
+        descend(grid, potential(grid, goal=inside), inside)
     with pytest.raises(ParameterError, match="same cells"):
         elsewhere = OccupancyGrid(grid.occupancy, 0.25)
         descend(_costmap(elsewhere), potential(grid, goal=inside), inside)
@@ -184,3 +197,11 @@ def test_the_clearance_is_the_least_distance_to_the_centre_of_an_obstacle(seed, 
     centres = grid.frame.xy_from_rowcol(np.argwhere(occupancy == 100))
     nearest = [math.dist(a, b) for a in route.points_xy.tolist() for b in centres.tolist()]
     assert route.min_clearance == pytest.approx(min(nearest, default=math.inf))
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_before_closed_cells_the_way_slides_on_to_the_goal(real_maps):
+    grid = read_map(next(real_maps.rglob("depot.yaml")))
+    costs = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
+    field = potential(grid, goal=(29.875, 14.725), attractive_gain=300.0)
+    assert descend(exponential_cost(grid, **costs), field, (0.675, 0.475)).reached

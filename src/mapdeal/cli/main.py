@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
@@ -36,6 +37,8 @@ _FLAGS = (
     "inflate-unknown", "inflate-around-unknown", "robot-16-gon", "trinary-costmap", "track-unknown",
 )  # fmt: skip
 _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
+
+_NUMBER = re.compile(r"-?\d+(\.\d*)?\)?")
 
 _INTERRUPTED, _INTERNAL = 130, 70
 
@@ -182,7 +185,11 @@ def _usage_error(error: Any) -> ParameterError:
     message = message[:1].lower() + message[1:] if not message.startswith("'") else message
     context = getattr(error, "ctx", None)
     path = getattr(context, "command_path", None) or "mapdeal"
-    return ParameterError(message, hint=f"{path} --help tells what is allowed")
+    hint = f"{path} --help tells what is allowed"
+    is_astray = message.startswith(("got unexpected extra", "no such option"))
+    if is_astray and any(map(_NUMBER.fullmatch, message.replace("(", " ").split())):
+        hint = "points and sizes are written X,Y, without a space"
+    return ParameterError(message, hint=hint)
 
 
 def _joined_flags(words: list[str]) -> list[str]:

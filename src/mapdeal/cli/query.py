@@ -89,7 +89,7 @@ def query(
                 break
     terminal.detail(f"{count} points, {outside} of them outside of the map")
     if bad:
-        terminal.warn(f"{_name_of(points)}: {bad} of {count} lines hold no point")
+        terminal.warn(f"{_name_of(points)}: {bad} of {count} hold no finite point")
     if strict and outside:
         rule = f"{outside} of {count} points are not inside of the map"
         raise FindingError(rule, source=source)
@@ -98,7 +98,9 @@ def query(
 def _of_options(at: list[str]) -> PointLines:
     numbers = [opt.pair(text, "--at") for text in at]
     points = np.array(numbers, dtype=np.float64).reshape(-1, 2)
-    return PointLines(points, [0] * len(at), {})
+    finite = np.isfinite(points).all(axis=1)
+    errors = {k: f"must be finite, got {at[k]}" for k in np.flatnonzero(~finite).tolist()}
+    return PointLines(points, [0] * len(at), errors)
 
 
 def _asked(first: PointLines, path: Path | None) -> Iterator[PointLines]:

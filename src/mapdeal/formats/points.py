@@ -29,9 +29,9 @@ class PointLines:
     points_xy : numpy.ndarray of float64, shape (N, 2)
         A point for each line; nan where the line holds none.
     lines : list of int
-        The number of each line, from 1 on.
+        The number of each line, from 1 on; 0 of points that come from elsewhere.
     errors : dict of int to str
-        By index, what is wrong with a line that holds no point.
+        By index, what is wrong with a line that holds no finite point.
     """
 
     points_xy: NDArray[np.float64]
@@ -107,8 +107,12 @@ def _parsed(lines: list[bytes], first: int) -> PointLines:
         try:
             points.append(_point_of(text))
         except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
-            errors[len(points)] = f"must be x,y, got {shown(text)}" if text else "empty line"
+            form = '{"x": x, "y": y} or [x, y]' if text[:1] in ("{", "[") else "two numbers x,y"
+            errors[len(points)] = f"must be {form}, got {shown(text)}" if text else "empty line"
             points.append((math.nan, math.nan))
+        else:
+            if not all(map(math.isfinite, points[-1])):
+                errors[len(points) - 1] = f"must be finite, got {shown(text)}"
         kept.append(first + index)
     return PointLines(np.array(points, dtype=np.float64).reshape(-1, 2), kept, errors)
 
@@ -122,8 +126,9 @@ def _parsed_at_once(lines: list[bytes]) -> NDArray[np.float64] | None:
         numbers = np.loadtxt(io.BytesIO(text), delimiter=",", comments=None, ndmin=2)
     except ValueError:
         return None
-    # it passes over empty lines
-    return numbers if numbers.shape == (len(lines), 2) else None
+    # it passes over empty lines, and 1e999 is infinite
+    is_plain = numbers.shape == (len(lines), 2) and np.isfinite(numbers).all()
+    return numbers if is_plain else None
 
 
 def _is_header(text: str) -> bool:

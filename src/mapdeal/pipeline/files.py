@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from mapdeal.errors import MapdealError, ParameterError, one_line
+from mapdeal.errors import MapdealError, MapdealWarning, ParameterError, one_line
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import Source, read_source
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.transaction import Transaction
+from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.route import Route
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.products import write_picture
@@ -76,6 +78,13 @@ def add_picture(
     """Write the picture that was asked for, if one was."""
     if options.image is not None:
         write_picture(transaction, options.image, grid, one_line(title), route=route)
+
+
+def warn_of_potential(grid: Grid, path: Path) -> None:
+    """Warn that of a potential field only the map is used, if it is one."""
+    if isinstance(grid, PotentialField):
+        text = f"{path}: is a potential field; its map is used, its goal and gains are not"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
 
 
 @contextmanager

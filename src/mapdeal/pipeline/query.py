@@ -17,7 +17,7 @@ from mapdeal.formats.points import PointLines
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.files import FileOptions, errors_named, read_input
+from mapdeal.pipeline.files import FileOptions, errors_named, read_input, warn_of_potential
 from mapdeal.stages.esdf import esdf
 
 _NULL = "null"
@@ -48,8 +48,10 @@ def field_to_ask(
     source = read_input(path, options)
     if isinstance(source.grid, DistanceField):
         for name in parameters:
-            raise ParameterError("the field is made already", source=path, place=name)
+            option = f"--{name.replace('_', '-')}"
+            raise ParameterError("is for maps: this field is made already", source=option)
         return source.grid
+    warn_of_potential(source.grid, path)
     with use_threads(options.threads), errors_named(path):
         return esdf(as_occupancy(source.grid), **parameters)  # type: ignore[arg-type]
 
@@ -94,7 +96,9 @@ def _nothing_at(x: str, y: str, asked: PointLines, index: int) -> str:
     nothing = ", ".join(f'"{key}": {_NULL}' for key in keys)
     error = ""
     if index in asked.errors:
-        error = f', "line": {asked.lines[index]}, "error": {json.dumps(asked.errors[index])}'
+        error = f', "error": {json.dumps(asked.errors[index])}'
+        if asked.lines[index]:
+            error = f', "line": {asked.lines[index]}{error}'
     return f'{{"x": {x}, "y": {y}, "inside": false, {nothing}{error}}}'
 
 

@@ -18,7 +18,14 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.route import Method, Route
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.lookup import histogram
-from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of, read_input
+from mapdeal.pipeline.files import (
+    FileOptions,
+    add_picture,
+    errors_named,
+    outputs_of,
+    read_input,
+    warn_of_potential,
+)
 from mapdeal.pipeline.recipe import Recipe, load_recipe
 from mapdeal.planning.astar import shortest_route
 from mapdeal.planning.descent import descend
@@ -102,10 +109,12 @@ def check_reached(route: Route, path: Path) -> None:
     goal = f"{route.goal[0]:.10g}, {route.goal[1]:.10g}"
     if route.local_minimum is None:
         rule = f"no route leads to {goal}"
-        raise FindingError(rule, source=path, hint="its picture (--image) shows what is closed")
+        hint = "lethal, inscribed and unknown cells are closed; --image shows them, "
+        hint += "--through-unknown opens the unknown ones"
+        raise FindingError(rule, source=path, hint=hint)
     x, y = (round(value, 3) + 0.0 for value in route.local_minimum)
     rule = f"stopped at {x:.10g}, {y:.10g}, in a local minimum of the potential over open cells"
-    hint = "try a larger --attractive-gain, --through-unknown, or --method astar"
+    hint = "every potential may have some; --method astar finds its way around them"
     raise FindingError(rule, source=path, hint=hint)
 
 
@@ -121,6 +130,7 @@ def _costs_of(source: Source, path: Path, footprint: Footprint | None) -> Costma
         if source.metadata is not None and source.metadata.mode == "raw" and between:
             text = f"{path}: {between} cells of 1..99 are no obstacles; costs are read from an npz"
             warnings.warn(text, MapdealWarning, stacklevel=2)
+    warn_of_potential(grid, path)
     for step in _recipe_for(footprint).steps:
         if not (step.name == "esdf" and isinstance(grid, DistanceField)):
             grid = step.apply(grid, path)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.route import Route
@@ -43,8 +42,8 @@ def shortest_route(
     Returns
     -------
     Route
-        Its points are the start, the centres of cells, and the goal. If there is no way it is
-        not `reached` and has no points.
+        Its points are the start, centres of cells, and the goal. If there is no way it is not
+        `reached` and has no points.
 
     Raises
     ------
@@ -80,17 +79,11 @@ def shortest_route(
     if found is None:
         empty = np.empty((0, 2))
         return Route("astar", False, start_xy, goal_xy, empty, math.nan, math.nan, math.nan)
-    centres = costmap.frame.xy_from_rowcol(found[0])
-    between = _without_ends(centres, start_xy, goal_xy, costmap)
+    places = found[0] + 0.5
+    (start, goal), _ = costmap.frame.bounded_continuous_rowcol_from_xy([start_xy, goal_xy])
+    # no hooks: the centres of the first and the last cell are left out where the way is clear
+    begin = int(len(places) < 2 or terrain.is_clear(start, places[1]))
+    end = len(places) - int(len(places) < 2 or terrain.is_clear(places[-2], goal))
+    between = costmap.frame.xy_from_continuous_rowcol(places[begin : max(begin, end)])
     points = np.vstack([[start_xy], between, [goal_xy]])
     return Route("astar", True, start_xy, goal_xy, points, *terrain.measured(points))
-
-
-def _without_ends(
-    centres: NDArray[np.float64], start_xy: Point, goal_xy: Point, costmap: Costmap
-) -> NDArray[np.float64]:
-    """Return the centres that are not start and goal themselves."""
-    slack = 1e-9 * costmap.resolution
-    begin = int(math.dist(centres[0], start_xy) <= slack)
-    end = len(centres) - int(math.dist(centres[-1], goal_xy) <= slack)
-    return centres[begin:end]

@@ -79,13 +79,16 @@ def descend(
     >>> route.reached, round(route.length, 6)
     (True, 1.45)
     """
+    if not isinstance(potential, PotentialField):
+        rule = "takes a PotentialField; potential makes one of a map"
+        raise ParameterError(rule, source="descend", got=type(potential).__name__)
     if potential.goal is None:
         raise ParameterError("the potential has no goal to descend to")
-    if potential.frame != costmap.frame:
-        raise ParameterError("potential and costmap must have the same cells")
     terrain = Terrain.of(
         costmap, cost_travel_multiplier=cost_travel_multiplier, through_unknown=through_unknown
     )
+    if potential.frame != costmap.frame:
+        raise ParameterError("potential and costmap must have the same cells")
     terrain.open_cell_of(start_xy, "start")
     terrain.open_cell_of(potential.goal, "goal")
     frame = costmap.frame

@@ -83,6 +83,9 @@ class Terrain:
         ``getTraversalCost`` of Nav2's Smac 2D planner for the multiplier and its default. NavFn
         gives unknown cells the highest cost that is open, too.
         """
+        if not isinstance(costmap, Costmap):
+            rule = "takes a Costmap; exponential_cost makes one of a map"
+            raise ParameterError(rule, source="route", got=type(costmap).__name__)
         factors = {"cost_travel_multiplier": cost_travel_multiplier, "field_weight": field_weight}
         for name, value in factors.items():
             if not 0 <= value <= _LARGEST_FACTOR:
@@ -139,9 +142,12 @@ class Terrain:
             If it lies outside of the map or is closed; the error calls the point `name`.
         """
         frame = self.costmap.frame
+        if np.shape(point) != (2,):
+            raise ParameterError("must be two numbers x, y", place=name, got=point)
         cells, inside = frame.bounded_rowcol_from_xy([point])
         if not inside[0]:
-            raise ParameterError("lies outside of the map", place=name, got=point)
+            rule = "lies outside of the map"
+            raise ParameterError(rule, place=name, got=point, hint=self._extent())
         cell: Cell = (int(cells[0, 0]), int(cells[0, 1]))
         if not self.is_open(cell):
             cost = int(self.costmap.cost[cell])
@@ -186,6 +192,14 @@ class Terrain:
         rows, cols = (slice(a, b) for a, b in zip(first, cell + reach + 1, strict=True))
         centres = np.argwhere(self.field.occupancy[rows, cols] == OCCUPIED) + first + 0.5
         return float(np.hypot(*(centres - place).T).min(initial=math.inf))
+
+    def _extent(self) -> str:
+        """Return where the map lies, as a hint."""
+        height, width = self.costmap.shape
+        corners = [[0, 0], [0, width], [height, 0], [height, width]]
+        corners_xy = self.costmap.frame.xy_from_continuous_rowcol(corners).round(6) + 0.0
+        (x, y), (right, top) = corners_xy.min(axis=0).tolist(), corners_xy.max(axis=0).tolist()
+        return f"the map lies within x {x:.10g} .. {right:.10g}, y {y:.10g} .. {top:.10g}"
 
     def _nearest_open(self, cell: Cell) -> str:
         """Return where the nearest open cell is, as a hint."""

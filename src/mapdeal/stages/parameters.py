@@ -13,6 +13,7 @@ import math
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from os import PathLike
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 from typing import get_type_hints as hints_of
 
@@ -128,6 +129,8 @@ def stage(function: Callable[P, R]) -> Callable[P, R]:
         if args and isinstance(args[0], np.ndarray):
             rule = "takes a grid: OccupancyGrid(array, resolution, origin)"
             raise ParameterError(rule, source=function.__name__)
+        if args and isinstance(args[0], (str, PathLike)):
+            raise ParameterError("takes a grid: read_map(path)", source=function.__name__)
         return function(*args, **accepted)
 
     return checked
