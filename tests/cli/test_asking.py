@@ -84,6 +84,20 @@ def test_query_states_go_by_the_field_s_own_threshold(command, tmp_path):
     assert (free["state"], occupied["state"]) == ("free", "occupied")
 
 
+def test_several_points_may_follow_one_option(command, room, tmp_path):
+    one, two, three = "1.6,-1.9", "-1.7,-1.8", "2e0,-1.5"
+    once = command("query", room, "--at", one, two, three, "--strict")
+    assert once == command("query", "--at", one, "--at", two, "--at", three, "--strict", room)
+    assert once[0] == 1
+    assert once[1].count("\n") == 3
+    words = ["edit", "polygon", room, "--value", 100]
+    corners = ["1.5,-2", "1.9,-2", "1.9,-1.6"]
+    assert command(*words, "-o", tmp_path / "a.npz", "--point", *corners)[0] == 0
+    repeated = [word for corner in corners for word in ("--point", corner)]
+    assert command(*words, "-o", tmp_path / "b.npz", *repeated)[0] == 0
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
 @pytest.mark.parametrize("words", [["query", "{}", "--at", "1.6", "-1.9"],
                                    ["route", "{}", "--from", "1", "2", "--to", "3,4"]])  # fmt: skip
 def test_points_with_a_space_are_told_how_to_write_them(command, room, words):

@@ -37,7 +37,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 Points = Annotated[
     list[str] | None,
-    typer.Option("--point", metavar="X,Y", help="A point, metres; repeat it for each."),
+    typer.Option("--point", metavar="X,Y", help="A point, metres; more may follow."),
 ]
 Value = Annotated[
     int | None,

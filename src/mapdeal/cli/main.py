@@ -38,6 +38,8 @@ _FLAGS = (
 )  # fmt: skip
 _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 
+_OF_POINTS = {"query": "--at", "edit": "--point"}
+_PAIR = re.compile(r"[-+0-9.eE]+,[-+0-9.eE]+")
 _NUMBER = re.compile(r"-?\d+(\.\d*)?\)?")
 
 _INTERRUPTED, _INTERNAL = 130, 70
@@ -142,6 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = typer.main.get_command(app)
     try:
         words = _joined_flags(list(sys.argv[1:] if arguments is None else arguments))
+        words = _spread_points(words)
         code = command.main(args=words or ["--help"], prog_name="mapdeal", standalone_mode=False)
         terminal.finish()
     except MapdealError as error:
@@ -190,6 +193,21 @@ def _usage_error(error: Any) -> ParameterError:
     if is_astray and any(map(_NUMBER.fullmatch, message.replace("(", " ").split())):
         hint = "points and sizes are written X,Y, without a space"
     return ParameterError(message, hint=hint)
+
+
+def _spread_points(words: list[str]) -> list[str]:
+    """Let an option that is repeated for each point be given once: ``--at 1,2 3,4``."""
+    option = _OF_POINTS.get(words[0]) if words else None
+    spread: list[str] = []
+    follows = False
+    for index, word in enumerate(words):
+        is_value = index > 0 and words[index - 1] == option
+        if follows and not is_value and _PAIR.fullmatch(word):
+            spread.append(option or "")
+        else:
+            follows = is_value or (option is not None and word == option)
+        spread.append(word)
+    return spread
 
 
 def _joined_flags(words: list[str]) -> list[str]:

@@ -31,7 +31,7 @@ def query(
     ],
     at: Annotated[
         list[str] | None,
-        typer.Option("--at", metavar="X,Y", help="A point, metres; repeat it for each."),
+        typer.Option("--at", metavar="X,Y", help="A point, metres; more may follow."),
     ] = None,
     points: Annotated[
         Path | None,
@@ -112,4 +112,6 @@ def _asked(first: PointLines, path: Path | None) -> Iterator[PointLines]:
 
 
 def _name_of(path: Path | None) -> Path | str:
-    return "standard input" if path is None or path == _STDIN else path
+    if path is None:
+        return "--at"
+    return "standard input" if path == _STDIN else path
