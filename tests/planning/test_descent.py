@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import oracles
 from drawn import cells, grid_from_text
 from mapdeal import (
     Costmap,
+    FindingError,
     OccupancyGrid,
     ParameterError,
     descend,
@@ -20,6 +22,8 @@ from mapdeal import (
     potential,
     read_map,
 )
+from mapdeal.pipeline.route import check_reached
+from mapdeal.planning import descent
 
 ORIGIN = (1.5, -2.0, 0.4)
 
@@ -205,3 +209,16 @@ def test_before_closed_cells_the_way_slides_on_to_the_goal(real_maps):
     costs = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
     field = potential(grid, goal=(29.875, 14.725), attractive_gain=300.0)
     assert descend(exponential_cost(grid, **costs), field, (0.675, 0.475)).reached
+
+
+def test_a_way_without_end_is_given_up(monkeypatch):
+    monkeypatch.setattr(descent, "_STEPS_PER_CELL_OF_SIDE", 2)
+    grid = OccupancyGrid(np.zeros((40, 60), np.int8), 0.25, ORIGIN)
+    field = potential(grid, goal=_xy(grid, 35.5, 55.5))
+    route = descend(_costmap(grid), field, _xy(grid, 1.5, 1.5))
+    assert route.reached
+    monkeypatch.setattr(descent, "_STEPS_PER_CELL_OF_SIDE", 0.5)
+    route = descend(_costmap(grid), field, _xy(grid, 1.5, 1.5))
+    assert (route.reached, route.local_minimum, len(route.points_xy)) == (False, None, 51)
+    with pytest.raises(FindingError, match="gave up"):
+        check_reached(route, Path("m.yaml"))

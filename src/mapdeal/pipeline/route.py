@@ -107,6 +107,8 @@ def check_reached(route: Route, path: Path) -> None:
     if route.reached:
         return
     goal = f"{route.goal[0]:.10g}, {route.goal[1]:.10g}"
+    if route.local_minimum is None and len(route.points_xy):
+        raise FindingError(f"gave up after {route.length:.4g} m on the way to {goal}", source=path)
     if route.local_minimum is None:
         rule = f"no route leads to {goal}"
         hint = "lethal, inscribed and unknown cells are closed; --image shows them, "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from mapdeal.planning.terrain import Cell, Place, Point, Terrain
 
 _STEPS = (0.5, 0.25, 0.125)
 """In cells, the longest first; a shorter one is tried where the longer one does not lead down."""
+
+Ending = Literal["arrived", "minimum", "tired"]
 
 _OFF = (-1e-6, 1e-6)
 """In cells: more than what rounding moves a place by."""
@@ -51,7 +54,8 @@ def descend(
     Returns
     -------
     Route
-        If it has not `reached` the goal, it ends in its `local_minimum`.
+        If it has not `reached` the goal, it ends in its `local_minimum`; if it has none, it was
+        longer than ten times both sides of the map, and was given up.
 
     Raises
     ------
@@ -94,32 +98,33 @@ def descend(
     frame = costmap.frame
     start, goal = frame.continuous_rowcol_from_xy([start_xy, potential.goal]).tolist()
     slope = _Slope(potential.downhill_surface(), terrain)
-    places, arrived = _followed(slope, tuple(start), tuple(goal))
+    places, ending = _followed(slope, tuple(start), tuple(goal))
     points = frame.xy_from_continuous_rowcol(places)
     points[0] = start_xy
     minimum = None
-    if arrived:
+    if ending == "arrived":
         points = np.vstack([points, [potential.goal]])
-    else:
+    elif ending == "minimum":
         minimum = (float(points[-1, 0]), float(points[-1, 1]))
     measured = terrain.measured(points)
+    reached = ending == "arrived"
     return Route(
-        "descent", arrived, start_xy, potential.goal, points, *measured, local_minimum=minimum
+        "descent", reached, start_xy, potential.goal, points, *measured, local_minimum=minimum
     )
 
 
-def _followed(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], bool]:
-    """Return the places on the way down, and whether the last one is at the goal."""
+def _followed(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], Ending]:
+    """Return the places on the way down, and how it ended."""
     places = [start]
     most = _STEPS_PER_CELL_OF_SIDE * sum(slope.shape)
     while len(places) <= most:
         if slope.leads_to(places[-1], goal):
-            return places, True
+            return places, "arrived"
         following = slope.step_down(places[-1])
         if following is None:
-            return places, False
+            return places, "minimum"
         places.append(following)
-    return places, False
+    return places, "tired"
 
 
 class _Slope:
