@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FindingError, MapdealWarning, ParameterError
-from mapdeal.grid.coordinates import FARTHEST, cells_at, cells_to_cover
+from mapdeal.grid.coordinates import FARTHEST, Point, cells_at, cells_to_cover
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Framed, ValueGrid
-from mapdeal.grid.outline import Point
 
 _MOST_CELLS = 1_000_000_000
 

@@ -72,14 +72,12 @@ def _write_entry(
             checksum = zlib.crc32(part, checksum)
             yield part
 
-    if array.dtype == np.float64 and array.ndim > 1:
-        with archive.open(info, "w", force_zip64=True) as entry:
-            for part in parts():
-                entry.write(part)
-        return
+    is_noise = array.dtype == np.float64 and array.ndim > 1
     with archive.open(info, "w", force_zip64=True) as entry:
-        for block in deflated(parts()):
+        for block in parts() if is_noise else deflated(parts()):
             entry.write(block)
+    if is_noise:
+        return
     info.compress_type = zipfile.ZIP_DEFLATED
     info.file_size = len(header.getvalue()) + array.nbytes
     info.CRC = checksum

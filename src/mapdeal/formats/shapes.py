@@ -9,7 +9,7 @@ from pathlib import Path
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.geojson import read_geojson
 from mapdeal.formats.yaml_text import Entry, read_mapping
-from mapdeal.grid.outline import Point
+from mapdeal.grid.coordinates import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 
 _KEYS = {

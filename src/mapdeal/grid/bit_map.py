@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import Origin
+from mapdeal.grid.coordinates import Origin, Point
 from mapdeal.grid.framed import Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.outline import Point
 from mapdeal.grid.shapes import Circle, Line
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, Overlay
 from mapdeal.kernels.lookup import histogram

@@ -15,6 +15,7 @@ CELL_TOLERANCE = 1e-9
 division one part in 1e16 short or long; the tolerance keeps them on their cell."""
 
 Origin = tuple[float, float, float]
+Point = tuple[float, float]
 
 # Far beyond any robot; inside of them no product of lengths and cells overflows.
 _SMALLEST_CELL, _LARGEST_CELL = 1e-6, 1e6
@@ -51,6 +52,18 @@ def check_origin(origin: Sequence[float]) -> Origin:
         rule = f"origin must be three numbers x, y, yaw within {FARTHEST:g}"
         raise ParameterError(rule, got=tuple(origin))
     return values[0], values[1], values[2]
+
+
+def check_point(point: Sequence[float], name: str) -> Point:
+    """Return `point` as two finite floats x, y; an error calls it `name`."""
+    try:
+        x, y = (float(value) for value in point)
+    except (TypeError, ValueError):
+        raise ParameterError("must be two numbers x, y", place=name, got=point) from None
+    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):  # refuses nan too
+        rule = f"must be two numbers x, y within {FARTHEST:g} m"
+        raise ParameterError(rule, place=name, got=(x, y))
+    return x, y
 
 
 def cells_at(

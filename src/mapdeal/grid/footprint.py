@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.grid.coordinates import Point
 from mapdeal.grid.outline import (
-    Point,
     check_simple,
     checked_corners,
     contains_centre,

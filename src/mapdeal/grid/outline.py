@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-
-Point = tuple[float, float]
+from mapdeal.grid.coordinates import Point
 
 
 def checked_corners(

@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import FARTHEST, Origin
+from mapdeal.grid.coordinates import Origin, Point, check_point
 from mapdeal.grid.framed import Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import OCCUPIED
-
-Point = tuple[float, float]
 
 _TOP_OF_NORMALISED = 10.0
 
@@ -75,11 +73,7 @@ class PotentialField(Framed):
             rule = f"must be above 0, at most {LARGEST_REPULSION:g}"
             raise ParameterError(rule, place="repulsive_cap", got=self.repulsive_cap)
         if self.goal is not None:
-            goal = tuple(float(value) for value in self.goal)
-            if len(goal) != 2 or not all(abs(value) <= FARTHEST for value in goal):
-                rule = f"must be two numbers x, y within {FARTHEST:g} m"
-                raise ParameterError(rule, place="goal", got=self.goal)
-            object.__setattr__(self, "goal", goal)
+            object.__setattr__(self, "goal", check_point(self.goal, "goal"))
         self._freeze(repulsive=repulsive, occupancy=as_occupancy_layer(self.occupancy))
 
     @property

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import FARTHEST
+from mapdeal.grid.coordinates import FARTHEST, Point
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.outline import Point, area_of, check_simple, checked_corners, is_number
+from mapdeal.grid.outline import area_of, check_simple, checked_corners, is_number
 from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, edges_through, line_spans
 from mapdeal.kernels.discs import capsule_spans
 from mapdeal.kernels.polygons import polygon_spans

@@ -32,9 +32,6 @@ from mapdeal.planning.descent import descend
 from mapdeal.stages.potential import potential
 
 _RECIPE = "nav2"
-_REACH = 0.7
-_BEYOND_THE_ROBOT = 0.48
-"""Metres: what the recipe's costs reach, and that less its inscribed radius."""
 
 
 @dataclass(frozen=True)
@@ -143,11 +140,13 @@ def _costs_of(source: Source, path: Path, footprint: Footprint | None) -> Costma
 
 def _recipe_for(footprint: Footprint | None) -> Recipe:
     """Return the recipe, for a large robot with as much room for its costs as for its own."""
+    recipe = load_recipe(_RECIPE)
     if footprint is None:
-        return load_recipe(_RECIPE)
-    reach = max(_REACH, footprint.inscribed_radius + _BEYOND_THE_ROBOT)
-    reach = max(reach, footprint.circumscribed_radius)
-    setting = f"cost.inflation_radius={reach!r}"
+        return recipe
+    cost = recipe.steps[-1].parameters
+    beyond = cost["inflation_radius"] - cost["inscribed_radius"]
+    reach = max(footprint.inscribed_radius + beyond, footprint.circumscribed_radius)
+    setting = f"cost.inflation_radius={max(cost['inflation_radius'], reach)!r}"
     return load_recipe(_RECIPE, footprint=footprint, settings=[setting])
 
 

@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
+from mapdeal.grid.coordinates import Point
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.route import Route
 from mapdeal.kernels.shortest_paths import cheapest_path
-from mapdeal.planning.terrain import Point, Terrain
+from mapdeal.planning.terrain import Terrain
 
 
 def shortest_route(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.coordinates import Point, check_point
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import (
@@ -29,7 +30,6 @@ _SLACK = 1e-3
 """In cells: distances of the field are float32."""
 
 Cell = tuple[int, int]
-Point = tuple[float, float]
 Place = tuple[float, float]
 
 
@@ -142,9 +142,7 @@ class Terrain:
             If it lies outside of the map or is closed; the error calls the point `name`.
         """
         frame = self.costmap.frame
-        if np.shape(point) != (2,):
-            raise ParameterError("must be two numbers x, y", place=name, got=point)
-        cells, inside = frame.bounded_rowcol_from_xy([point])
+        cells, inside = frame.bounded_rowcol_from_xy([check_point(point, name)])
         if not inside[0]:
             rule = "lies outside of the map"
             raise ParameterError(rule, place=name, got=point, hint=self._extent())

@@ -38,8 +38,6 @@ AT_LEAST_0 = Bound("at least 0", lambda value: value >= 0)
 ABOVE_0 = Bound("above 0", lambda value: value > 0)
 PERCENT = Bound("between 0 and 100", lambda value: 0 <= value <= 100)
 STRENGTH = Bound("between 1e-6 and 1e6", lambda value: 1e-6 <= value <= 1e6)
-GAIN = Bound("between 0 and 1e9", lambda value: 0 <= value <= 1e9)
-CAP = Bound("above 0, at most 1e15", lambda value: 0 < value <= 1e15)
 LETHAL = Bound("between 1 and 100", lambda value: 1 <= value <= 100)
 
 

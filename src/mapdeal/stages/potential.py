@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 
 from mapdeal.errors import MapdealWarning, ParameterError
-from mapdeal.grid.coordinates import FARTHEST
-from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.coordinates import check_point
+from mapdeal.grid.potential import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
 from mapdeal.kernels.inverse_distance import sum_of_inverse_distances
 from mapdeal.stages.obstacle_source import (
     ObstacleSource,
@@ -17,7 +17,10 @@ from mapdeal.stages.obstacle_source import (
     obstacles_of,
     occupancy_with_obstacles,
 )
-from mapdeal.stages.parameters import CAP, GAIN, LETHAL, stage
+from mapdeal.stages.parameters import LETHAL, Bound, stage
+
+GAIN = Bound(f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN)
+CAP = Bound(f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION)
 
 LEAST_DISTANCE = 0.001
 """Metres up to which a term is left out, of a cell's distance to itself above all."""
@@ -107,10 +110,7 @@ def potential(
 def _check_goal(
     source: ObstacleSource, obstacles: np.ndarray, goal: tuple[float, float]
 ) -> None:  # fmt: skip
-    if not all(abs(value) <= FARTHEST for value in goal):
-        rule = f"must be two numbers x, y within {FARTHEST:g} m"
-        raise ParameterError(rule, place="goal", got=goal)
-    cells, inside = source.frame.bounded_rowcol_from_xy([goal])
+    cells, inside = source.frame.bounded_rowcol_from_xy([check_point(goal, "goal")])
     if not inside[0]:
         text = f"potential: the goal {goal[0]:.10g}, {goal[1]:.10g} lies outside of the map"
         warnings.warn(text, MapdealWarning, stacklevel=4)
