@@ -16,7 +16,9 @@ import numpy as np
 import mapdeal
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.overlay import Overlay
 from mapdeal.render.potential import potential_image
+from mapdeal.render.route import RouteOverlay
 from mapdeal.stages.exponential_cost import cost_table
 
 mpl.use("Agg")  # draws without a display
@@ -231,11 +233,11 @@ def draw_office() -> None:
     costs = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
     costmap = mapdeal.exponential_cost(office, **costs)
     route = mapdeal.shortest_route(costmap, (-7.5, 2.5), goal)
-    _picture("office_route.png", costmap, "office: route, astar", route=route)
+    _picture("office_route.png", costmap, "office: route, astar", overlay=RouteOverlay(route))
     attraction = mapdeal.potential(office, goal=goal, attractive_gain=50.0)
     _picture("office_potential.png", attraction, "office: potential field")
     trapped = mapdeal.descend(costmap, attraction, (-7.5, 2.5))
-    _picture("office_descent.png", costmap, "office: route, descent", route=trapped)
+    _picture("office_descent.png", costmap, "office: route, descent", overlay=RouteOverlay(trapped))
     _picture("office_mask.png", masked, "office: cost, inscribed 0.22 m, with a keepout mask")
 
 
@@ -245,12 +247,12 @@ def _picture(
     title: str,
     *,
     side: int = LONG_SIDE,
-    route: mapdeal.Route | None = None,
+    overlay: Overlay | None = None,
 ) -> None:
     draw = {
-        mapdeal.OccupancyGrid: occupancy_image,
-        mapdeal.DistanceField: field_image,
-        mapdeal.Costmap: partial(cost_image, route=route),
+        mapdeal.OccupancyGrid: partial(occupancy_image, overlay=overlay),
+        mapdeal.DistanceField: partial(field_image, overlay=overlay),
+        mapdeal.Costmap: partial(cost_image, overlay=overlay),
         mapdeal.PotentialField: potential_image,
     }[type(grid)]
     image = draw(grid, title=title, image_max=side)

@@ -11,7 +11,7 @@ import mapdeal
 
 PACKAGE = Path(mapdeal.__file__).parent
 
-MIDDLE = {"stages", "editing", "planning", "formats", "render"}
+MIDDLE = {"stages", "editing", "planning", "mapping", "formats", "render"}
 ALLOWED = {
     "errors": set(),
     "version": set(),
@@ -20,6 +20,7 @@ ALLOWED = {
     "stages": {"errors", "grid", "kernels"},
     "editing": {"errors", "grid", "kernels"},
     "planning": {"errors", "grid", "kernels"},
+    "mapping": {"errors", "grid", "kernels"},
     "formats": {"errors", "grid", "kernels"},
     "render": {"errors", "grid", "kernels"},
     "pipeline": {"errors", "version", "grid", "kernels", *MIDDLE},

@@ -186,10 +186,10 @@ BAD_WINDOWS = [
     ("P9-zero", ["window", "--at", "1.5,-2", "--size", "1,0"], "size"),
     ("P9-negative", ["window", "--at", "1.5,-2", "--size", "-1,1"], "size"),
     ("P9-overflow", ["window", "--at", "1.5,-2", "--size", "1e7,1e7"], "size"),
-    ("P9-far-overflow", ["window", "--corner", "1e300,0", "--size", "1,1"], "point"),
+    ("P9-far-overflow", ["window", "--corner", "1e300,0", "--size", "1,1"], "corner"),
     ("P9-no-size", ["window", "--at", "1.5,-2"], "--size"),
-    ("P10-nan", ["shift", "--origin", "nan,0"], "point"),
-    ("P10-inf", ["shift", "--origin", "0,inf"], "point"),
+    ("P10-nan", ["shift", "--origin", "nan,0"], "origin"),
+    ("P10-inf", ["shift", "--origin", "0,inf"], "origin"),
     ("P10-default-off-the-scale", ["shift", "--origin", "0,0", "--default", "255"], "default"),
     ("P10-words", ["shift", "--origin", "here"], "--origin"),
 ]

@@ -35,6 +35,7 @@ from mapdeal.render.colours import (
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster, inner_outline
+from mapdeal.render.route import RouteOverlay
 
 BLACK, RVIZ_UNKNOWN = (0, 0, 0), (112, 137, 134)
 
@@ -252,7 +253,7 @@ def test_a_route_is_drawn_where_it_leads():
     costmap = Costmap(np.zeros((10, 20), np.uint8), 0.5, (3.0, -1.0, 0.4))
     ends = costmap.frame.xy_from_rowcol([[2, 2], [2, 17]])
     route = shortest_route(costmap, tuple(ends[0]), tuple(ends[1]))
-    pixels = rgb(cost_image(costmap, title="t", route=route))
+    pixels = rgb(cost_image(costmap, title="t", overlay=RouteOverlay(route)))
     plain = rgb(cost_image(costmap, title="t"))
     assert not count(plain, ROUTE)
     drawn = np.argwhere(np.all(pixels == ROUTE, axis=2))
@@ -268,4 +269,4 @@ def test_the_place_of_a_local_minimum_is_marked():
     costmap = Costmap(np.zeros((10, 20), np.uint8), 0.5)
     stopped = Route("descent", False, (1.0, 1.0), (9.0, 4.0), [[1.0, 1.0], [5.0, 2.0]], 4.1, 4.1,
                     1.0, local_minimum=(5.0, 2.0))  # fmt: skip
-    assert count(rgb(cost_image(costmap, title="t", route=stopped)), MINIMUM) > 50
+    assert count(rgb(cost_image(costmap, title="t", overlay=RouteOverlay(stopped))), MINIMUM) > 50

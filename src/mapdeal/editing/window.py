@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FindingError, MapdealWarning, ParameterError
-from mapdeal.grid.coordinates import FARTHEST, Point, cells_at, cells_to_cover
+from mapdeal.grid.coordinates import Point, check_point
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Framed, ValueGrid
-
-_MOST_CELLS = 1_000_000_000
+from mapdeal.grid.region import Region, region_of
 
 G = TypeVar("G", bound=Framed)
 V = TypeVar("V", bound=ValueGrid)
@@ -75,12 +73,9 @@ def window(
     >>> part.occupancy.tolist(), part.origin
     ([[4, 5], [-1, -1]], (1.5, 2.5, 0.0))
     """
-    row, col, height, width = _region(grid.frame, size_xy, corner_xy, center_xy)
-    if height * width > _MOST_CELLS:
-        rule = f"a window must not have more than {_MOST_CELLS} cells"
-        raise ParameterError(rule, place="size", got=(width, height))
+    region = region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
     fill = None if default is None else _default_of(grid, default)
-    return _copied(grid, row, col, height, width, fill=fill, what="window")
+    return _copied(grid, region, fill=fill, what="window")
 
 
 def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
@@ -120,8 +115,9 @@ def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
     ([[3, 0, 0]], (0.2, 2.0, 0.0))
     """
     fill = None if default is None else _default_of(grid, default)
-    row, col = grid.frame.unbounded_rowcol_from_xy([_pair(origin_xy, "origin")])[0].tolist()
-    return _copied(grid, row, col, *grid.shape, fill=fill, what="origin")
+    region = region_of(grid.frame, grid.frame.size_xy, corner_xy=check_point(origin_xy, "origin"))
+    region = region._replace(height=grid.shape[0], width=grid.shape[1])
+    return _copied(grid, region, fill=fill, what="origin")
 
 
 def reset_region(
@@ -171,11 +167,11 @@ def reset_region(
     [[0, 100, 0], [0, 100, 0]]
     """
     number = grid.unknown_value if value is None else grid.accept_value(value)
-    row, col, height, width = _region(grid.frame, size_xy, corner_xy, center_xy)
-    rows, cols = _overlap(row, height, grid.shape[0]), _overlap(col, width, grid.shape[1])
+    region = region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
+    rows, cols = region.shared_with(grid.shape)
     values = grid.values.copy()
     values[rows, cols] = number
-    if (rows.stop - rows.start, cols.stop - cols.start) != (height, width):
+    if (rows.stop - rows.start, cols.stop - cols.start) != region[2:]:
         if strict:
             rule = "reaches beyond the map; nothing was changed"
             raise FindingError(rule, place="region")
@@ -199,67 +195,24 @@ def _default_of(grid: Framed, value: int) -> int:
     return grid.accept_value(value, "default")
 
 
-def _region(
-    frame: Frame, size_xy: Point, corner_xy: Point | None, center_xy: Point | None
-) -> tuple[int, int, int, int]:
-    """Return first row, first column, rows and columns of a region in metres."""
-    size_x, size_y = _pair(size_xy, "size")
-    corner_xy, center_xy = (
-        None if point is None else _pair(point, name)
-        for point, name in ((corner_xy, "corner"), (center_xy, "center"))
-    )
-    if not (0 < size_x <= FARTHEST and 0 < size_y <= FARTHEST):  # refuses nan too
-        rule = f"must be two numbers of metres above 0 and within {FARTHEST:g}"
-        raise ParameterError(rule, place="size", got=(size_x, size_y))
-    if corner_xy is not None and center_xy is None:
-        row, col = frame.unbounded_rowcol_from_xy([corner_xy])[0].tolist()
-    elif center_xy is not None and corner_xy is None:
-        middle = frame.continuous_rowcol_from_xy([center_xy])[0]
-        half = np.array([size_y, size_x]) / frame.resolution / 2
-        row, col = cells_at(middle - half, frame.tolerance_at([center_xy])[0]).tolist()
-    else:
-        raise ParameterError("either a corner or a center must be given", place="region")
-    height, width = (cells_to_cover(size, frame.resolution) for size in (size_y, size_x))
-    return row, col, max(height, 1), max(width, 1)
-
-
-def _pair(values: Point, name: str) -> Point:
-    try:
-        x, y = (float(value) for value in values)
-    except (TypeError, ValueError):
-        rule = "must be a pair of numbers"
-        raise ParameterError(rule, place=name, got=values) from None
-    return x, y
-
-
-def _copied(
-    grid: G, row: int, col: int, height: int, width: int, *, fill: int | None, what: str
-) -> G:  # fmt: skip
-    rows, cols = _overlap(row, height, grid.shape[0]), _overlap(col, width, grid.shape[1])
-    origin = grid.frame.window(row, col, height, width).origin
+def _copied(grid: G, region: Region, *, fill: int | None, what: str) -> G:
+    rows, cols = region.shared_with(grid.shape)
+    frame = region.frame_in(grid.frame)
     shared = (rows.stop - rows.start, cols.stop - cols.start)
     if isinstance(grid, DistanceField):
-        if shared != (height, width):
+        if shared != frame.shape:
             rule = "a window of a distance field must lie inside of it"
             raise ParameterError(rule, place="window", hint="take the window of the map, then esdf")
         distance, occupancy = grid.distance[rows, cols], grid.occupancy[rows, cols]
-        return replace(grid, origin=origin, distance=distance, occupancy=occupancy)
+        return replace(grid, origin=frame.origin, distance=distance, occupancy=occupancy)
     if not isinstance(grid, ValueGrid):
         raise ParameterError("takes a map, a costmap or a distance field", source="window")
     if 0 in shared:
         text = "lies outside of the map, no cell is kept"
         warnings.warn(f"{what}: {text}", MapdealWarning, stacklevel=3)
     values: NDArray[np.generic] = np.full(
-        (height, width), grid.unknown_value if fill is None else fill, dtype=grid.values.dtype
+        frame.shape, grid.unknown_value if fill is None else fill, dtype=grid.values.dtype
     )
-    to_rows = slice(rows.start - row, rows.stop - row)
-    to_cols = slice(cols.start - col, cols.stop - col)
     if 0 not in shared:
-        values[to_rows, to_cols] = grid.values[rows, cols]
-    return grid.with_values(values, origin)
-
-
-def _overlap(first: int, count: int, size: int) -> slice:
-    """Return the part of `first` .. `first` + `count` that lies in 0 .. `size`, perhaps empty."""
-    start = min(max(first, 0), size)
-    return slice(start, max(start, min(first + count, size)))
+        values[region.place_of(rows, cols)] = grid.values[rows, cols]
+    return grid.with_values(values, frame.origin)

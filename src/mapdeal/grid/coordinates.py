@@ -66,6 +66,17 @@ def check_point(point: Sequence[float], name: str) -> Point:
     return x, y
 
 
+def turned(vectors_xy: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """Return vectors, shape (N, 2), turned anticlockwise by an angle, radians."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    # not a product of matrices, whose rounding depends on how many vectors there are
+    x, y = vectors_xy[:, 0], vectors_xy[:, 1]
+    result = np.empty_like(vectors_xy)
+    result[:, 0] = x * cos - y * sin
+    result[:, 1] = x * sin + y * cos
+    return result
+
+
 def cells_at(
     places_rowcol: ArrayLike, tolerance: ArrayLike = CELL_TOLERANCE
 ) -> NDArray[np.int64]:  # fmt: skip

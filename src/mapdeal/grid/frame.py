@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import CELL_TOLERANCE, FARTHEST, Origin, cells_at
+from mapdeal.grid.coordinates import CELL_TOLERANCE, FARTHEST, Origin, cells_at, turned
 
 _ROUNDING = 4 * float(np.finfo(np.float64).eps)
 """Of a coordinate: what storing it, subtracting the origin and turning leave uncertain."""
@@ -45,15 +45,6 @@ class Frame:
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         return self.height, self.width
-
-    def _turn(self, vectors_xy: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-        cos, sin = math.cos(angle), math.sin(angle)
-        # not a product of matrices, whose rounding depends on how many vectors there are
-        x, y = vectors_xy[:, 0], vectors_xy[:, 1]
-        turned = np.empty_like(vectors_xy)
-        turned[:, 0] = x * cos - y * sin
-        turned[:, 1] = x * sin + y * cos
-        return turned
 
     @property
     def size_xy(self) -> tuple[float, float]:
@@ -105,7 +96,7 @@ class Frame:
             first = points[int(np.argmin(near.all(axis=1)))]
             raise ParameterError(rule, place="point", got=tuple(first.tolist()))
         x, y, yaw = self.origin
-        cells_xy = self._turn(points - np.array([x, y]), -yaw) / self.resolution
+        cells_xy = turned(points - np.array([x, y]), -yaw) / self.resolution
         return cells_xy[:, ::-1]
 
     def tolerance_at(self, points_xy: ArrayLike) -> NDArray[np.float64]:
@@ -327,11 +318,11 @@ class Frame:
         array([[0., 3.]])
         """
         vectors = np.asarray(vectors_rowcol, dtype=np.float64).reshape(-1, 2)
-        return self._turn(vectors[:, ::-1], self.origin[2])
+        return turned(vectors[:, ::-1], self.origin[2])
 
     def _xy_from_cells(self, cells_xy: NDArray[np.float64]) -> NDArray[np.float64]:
         x, y, yaw = self.origin
-        points: NDArray[np.float64] = self._turn(cells_xy * self.resolution, yaw) + np.array([x, y])
+        points: NDArray[np.float64] = turned(cells_xy * self.resolution, yaw) + np.array([x, y])
         return points
 
     def holds(self, cell: tuple[int, int]) -> bool:

@@ -1,10 +1,10 @@
 # cython: language_level=3, binding=False, embedsignature=False
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled kernels, without the GIL: distance transforms in bands of rows, table look-ups,
-interpolation, and the search for paths.
+interpolation, the search for paths, and LZF.
 
-The modules distance.py, lookup.py, bilinear.py and shortest_paths.py are their face to the rest;
-the algorithms are in the headers.
+The modules distance.py, lookup.py, bilinear.py, shortest_paths.py and lzf.py are their face to the
+rest; the algorithms are in the headers.
 """
 
 from cpython.exc cimport PyErr_CheckSignals
@@ -54,6 +54,9 @@ cdef extern from "bilinear.h" nogil:
         const float *values, int64_t height, int64_t width,
         const double *places, int64_t count, double *between, double *slopes,
     )
+
+cdef extern from "lzf.h" nogil:
+    int lzf_expanded(const uint8_t *data, int64_t length, uint8_t *expanded, int64_t size)
 
 cdef extern from "search.h" nogil:
     enum:
@@ -314,6 +317,16 @@ def interpolate(
             &values[0, 0], values.shape[0], values.shape[1], &places[0, 0], count,
             &between[0], &slopes[0, 0],
         )
+
+
+def lzf_expand(const uint8_t[::1] data, uint8_t[::1] expanded):
+    """Fill `expanded` with what LZF data expand to; return whether they do, exactly."""
+    cdef int done
+    cdef const uint8_t *start = &data[0] if data.shape[0] else NULL
+    cdef uint8_t *target = &expanded[0] if expanded.shape[0] else NULL
+    with nogil:
+        done = lzf_expanded(start, data.shape[0], target, expanded.shape[0])
+    return bool(done)
 
 
 def cheapest_path(const double[:, ::1] weights, start, goal, double least):

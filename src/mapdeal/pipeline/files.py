@@ -14,9 +14,9 @@ from mapdeal.formats.maps import Source, read_source
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.potential import PotentialField
-from mapdeal.grid.route import Route
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.products import write_picture
+from mapdeal.render.overlay import Overlay
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ def add_picture(
     options: FileOptions,
     grid: Grid,
     title: str,
-    route: Route | None = None,
+    overlay: Overlay | None = None,
 ) -> None:
     """Write the picture that was asked for, if one was."""
     if options.image is not None:
-        write_picture(transaction, options.image, grid, one_line(title), route=route)
+        write_picture(transaction, options.image, grid, one_line(title), overlay=overlay)
 
 
 def warn_of_potential(grid: Grid, path: Path) -> None:

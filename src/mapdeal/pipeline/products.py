@@ -13,10 +13,10 @@ from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.potential import PotentialField
-from mapdeal.grid.route import Route
 from mapdeal.pipeline.stage_list import Step
 from mapdeal.render.canvas import Image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.overlay import Overlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.stages.esdf import field_view
@@ -48,6 +48,7 @@ def write_products(
     stem: str,
     images: bool = True,
     image_max: int = DEFAULT_IMAGE_MAX,
+    overlay: Overlay | None = None,
 ) -> None:
     """Write all files of a step's result, those of `paths_of`."""
     base = folder / _NAMES[step.name]
@@ -60,7 +61,8 @@ def write_products(
         write_pair(transaction, pair, grid)
     if images:
         title = one_line(f"{stem}: {title_of(step)}")
-        write_picture(transaction, base.with_suffix(".png"), grid, title, image_max=image_max)
+        path = base.with_suffix(".png")
+        write_picture(transaction, path, grid, title, image_max=image_max, overlay=overlay)
 
 
 def write_picture(
@@ -70,21 +72,18 @@ def write_picture(
     title: str,
     *,
     image_max: int = DEFAULT_IMAGE_MAX,
-    route: Route | None = None,
+    overlay: Overlay | None = None,
 ) -> None:
-    """Write the picture of a grid; it is drawn in the thread that writes it.
-
-    Of a costmap it may show a route.
-    """
+    """Write the picture of a grid; it is drawn in the thread that writes it."""
 
     def draw() -> Image:
         if isinstance(grid, DistanceField):
-            return field_image(grid, title=title, image_max=image_max)
+            return field_image(grid, title=title, image_max=image_max, overlay=overlay)
         if isinstance(grid, Costmap):
-            return cost_image(grid, title=title, image_max=image_max, route=route)
+            return cost_image(grid, title=title, image_max=image_max, overlay=overlay)
         if isinstance(grid, PotentialField):
             return potential_image(grid, title=title, image_max=image_max)
-        return occupancy_image(grid, title=title, image_max=image_max)
+        return occupancy_image(grid, title=title, image_max=image_max, overlay=overlay)
 
     def write(file: object) -> None:
         image = draw()

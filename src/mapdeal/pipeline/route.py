@@ -29,6 +29,7 @@ from mapdeal.pipeline.files import (
 from mapdeal.pipeline.recipe import Recipe, load_recipe
 from mapdeal.planning.astar import shortest_route
 from mapdeal.planning.descent import descend
+from mapdeal.render.route import RouteOverlay
 from mapdeal.stages.potential import potential
 
 _RECIPE = "nav2"
@@ -95,7 +96,8 @@ def route_file(
         text = route_json(route)
         if output is not None:
             transaction.write_bytes(output, f"{text}\n".encode())
-        add_picture(transaction, options, costmap, f"{path.stem}: route, {method}", route)
+        title = f"{path.stem}: route, {method}"
+        add_picture(transaction, options, costmap, title, RouteOverlay(route))
     return RouteReport(route, text)
 
 

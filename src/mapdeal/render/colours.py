@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Colours = NDArray[np.uint8]
+Colour = tuple[int, int, int]
 
 # Occupancy, by RViz's colour scheme "map".
 RVIZ_FREE = (255, 255, 255)
@@ -26,6 +27,7 @@ GOAL = (225, 30, 60)
 START = (20, 170, 70)
 MINIMUM = (255, 120, 0)
 ROUTE = (0, 100, 255)
+ROBOT = (0, 175, 60)
 
 _COST_ANCHORS = [(255, 247, 188), (254, 196, 79), (236, 112, 20), (190, 30, 70), (92, 12, 92)]
 _POTENTIAL_ANCHORS = [

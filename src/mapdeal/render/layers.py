@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.route import Route
 from mapdeal.grid.values import (
     INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
@@ -31,19 +31,23 @@ from mapdeal.render.canvas import (
     sheet,
     swatches_in,
 )
+from mapdeal.render.overlay import Overlay
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
-from mapdeal.render.route import ROUTE_COLOURS, draw_route, route_text
 
 _FREE_LEVELS, _OBSTACLE_LEVELS, _COST_LEVELS = 70, 49, 200
 _FIELD_LEVELS = _FREE_LEVELS + _OBSTACLE_LEVELS
 
 
 def occupancy_image(
-    grid: OccupancyGrid, *, title: str, image_max: int = DEFAULT_IMAGE_MAX
+    grid: OccupancyGrid,
+    *,
+    title: str,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    overlay: Overlay | None = None,
 ) -> Image:
     """Return a map in the greys of RViz's scheme "map".
 
-    Where cells share a pixel the most occupied one shows.
+    Where cells share a pixel the most occupied one shows. An overlay is drawn over all.
     """
     raster = Raster.fitting(grid.shape, image_max)
     values = raster.largest(grid.occupancy)
@@ -58,26 +62,30 @@ def occupancy_image(
     if histogram(values)[1:OCCUPIED].any():
         ticks = [(value / OCCUPIED, str(value)) for value in (0, 25, 50, 75, OCCUPIED)]
         bar = ColourBar(range(OCCUPIED + 1), ticks, "occupancy")
-    return sheet(
+    return _on_sheet(
         raster.enlarged(pixels),
-        palette.astype(np.uint8),
+        palette,
+        grid.frame,
+        raster,
         title=title,
-        subtitle=frame_text(grid.frame),
-        metres_per_pixel=raster.metres_per_pixel(grid.resolution),
-        corner_xy=corner_of(grid.frame),
         bar=bar,
         swatches=swatches_in(pixels, swatches),
+        overlay=overlay,
     )
 
 
 def field_image(
-    field: DistanceField, *, title: str, image_max: int = DEFAULT_IMAGE_MAX
-) -> Image:  # fmt: skip
+    field: DistanceField,
+    *,
+    title: str,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    overlay: Overlay | None = None,
+) -> Image:
     """Return a distance field in a diverging scale, obstacles red, free space blue.
 
     The outermost obstacle cells, where the field of convention seed is 0, are drawn black.
     Unknown cells are faded. Where cells share a pixel the smallest distance shows. Each side
-    of the scale ends at its largest distance of a known cell.
+    of the scale ends at its largest distance of a known cell. An overlay is drawn over all.
     """
     raster = Raster.fitting(field.shape, image_max)
     far, deep = _range_of(field)
@@ -98,15 +106,16 @@ def field_image(
     if faded_index is not None and bar is not None:
         swatches.append(Swatch(faded_index, "unknown: faded"))
     strength = "" if field.strength == 1.0 else f", strength {field.strength:g}"
-    return sheet(
+    return _on_sheet(
         pixels,
-        np.vstack([known_side, faded, [colours.LINE]]).astype(np.uint8),
+        np.vstack([known_side, faded, [colours.LINE]]),
+        field.frame,
+        raster,
         title=title,
-        subtitle=f"{frame_text(field.frame)}; convention {field.convention}{strength}",
-        metres_per_pixel=raster.metres_per_pixel(field.resolution),
-        corner_xy=corner_of(field.frame),
+        more=f"convention {field.convention}{strength}",
         bar=bar,
         swatches=swatches,
+        overlay=overlay,
     )
 
 
@@ -150,17 +159,17 @@ def cost_image(
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
-    route: Route | None = None,
+    overlay: Overlay | None = None,
 ) -> Image:
     """Return a costmap in an even scale; lethal, inscribed, unknown and free stand apart.
 
     Where cells share a pixel the highest cost shows. If the circumscribed cost is known, a
-    line bounds the cells of that cost and more. A route is drawn over all.
+    line bounds the cells of that cost and more. An overlay is drawn over all.
     """
     raster = Raster.fitting(costmap.shape, image_max)
     on_byte_scale = costmap.scale == "costmap2d"
     top = INSCRIBED_INFLATED_OBSTACLE - 1 if on_byte_scale else OCCUPIED - 1
-    free, inscribed, lethal, unknown, contour, first_of_route = (_COST_LEVELS + k for k in range(6))
+    free, inscribed, lethal, unknown, contour = (_COST_LEVELS + k for k in range(5))
     by_value = np.full(256, lethal, dtype=np.uint8)
     by_value[0] = free
     by_value[1 : top + 1] = (np.arange(top) * _COST_LEVELS) // top
@@ -176,7 +185,6 @@ def cost_image(
         colours.cost_scale(_COST_LEVELS),
         [colours.RVIZ_FREE, colours.INSCRIBED, colours.LETHAL, colours.RVIZ_UNKNOWN,
          colours.CONTOUR],
-        *([ROUTE_COLOURS] if route is not None else []),
     ])  # fmt: skip
     swatches = [Swatch(lethal, f"lethal {LETHAL_OBSTACLE if on_byte_scale else OCCUPIED}")]
     if on_byte_scale:
@@ -191,21 +199,45 @@ def cost_image(
         label = f"circumscribed {costmap.circumscribed_cost}"
         swatches.append(Swatch(contour, label))
     ticks = [(value / top, f"{value:g}") for value in (1, *_round_values(top, 5), top)]
-    shown = swatches_in(pixels, swatches)
-    subtitle = frame_text(costmap.frame)
-    if route is not None:
-        pixels = np.array(pixels)  # they may be the costs themselves
-        shown += draw_route(pixels, route, costmap.frame, raster, first_of_route)
-        subtitle += f"; {route_text(route)}"
+    return _on_sheet(
+        pixels,
+        palette,
+        costmap.frame,
+        raster,
+        title=title,
+        bar=ColourBar(range(_COST_LEVELS), ticks, "cost"),
+        swatches=swatches_in(pixels, swatches),
+        overlay=overlay,
+    )
+
+
+def _on_sheet(
+    pixels: NDArray[np.uint8],
+    palette: NDArray[np.integer],
+    frame: Frame,
+    raster: Raster,
+    *,
+    title: str,
+    more: str | None = None,
+    bar: ColourBar | None,
+    swatches: list[Swatch],
+    overlay: Overlay | None,
+) -> Image:
+    texts = [frame_text(frame), *([more] if more else [])]
+    if overlay is not None:
+        pixels = np.array(pixels)  # they may be the layer itself
+        swatches = swatches + overlay.draw(pixels, frame, raster, len(palette))
+        palette = np.vstack([palette, overlay.colours])
+        texts.append(overlay.text)
     return sheet(
         pixels,
         palette.astype(np.uint8),
         title=title,
-        subtitle=subtitle,
-        metres_per_pixel=raster.metres_per_pixel(costmap.resolution),
-        corner_xy=corner_of(costmap.frame),
-        bar=ColourBar(range(_COST_LEVELS), ticks, "cost"),
-        swatches=shown,
+        subtitle="; ".join(texts),
+        metres_per_pixel=raster.metres_per_pixel(frame.resolution),
+        corner_xy=corner_of(frame),
+        bar=bar,
+        swatches=swatches,
     )
 
 

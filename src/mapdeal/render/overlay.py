@@ -4,10 +4,50 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from mapdeal.grid.frame import Frame
+from mapdeal.render.canvas import Swatch
+from mapdeal.render.colours import Colour
+from mapdeal.render.raster import Raster
+
+
+class Overlay(Protocol):
+    """Something that is drawn over the picture of a layer."""
+
+    @property
+    def colours(self) -> list[Colour]:
+        """What a palette needs for it, one after the other."""
+
+    @property
+    def text(self) -> str:
+        """What there is to know of it, for a subtitle."""
+
+    def draw(
+        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
+    ) -> list[Swatch]:
+        """Draw on the pixels of a map, in place; return the legend.
+
+        Parameters
+        ----------
+        pixels : numpy.ndarray of uint8, shape (H, W)
+            Palette indices, row 0 in the south.
+        frame : Frame
+            The map's geometry.
+        raster : Raster
+            How its cells became pixels.
+        first_index : int
+            Where `colours` begin in the palette.
+        """
+
+
+def place_of(points_xy: ArrayLike, frame: Frame, raster: Raster) -> NDArray[np.float64]:
+    """Return the pixel coordinates (column, row) of points in the map frame."""
+    places = frame.continuous_rowcol_from_xy(points_xy)[:, ::-1]
+    return places * (raster.enlarge / raster.reduce)
 
 
 class Brush:
@@ -37,6 +77,20 @@ class Brush:
         self._draw.line([tuple(tail), tuple(neck)], fill=index, width=thickness)
         wings = (tip, neck + across * 0.22, neck - across * 0.22)
         self._draw.polygon([tuple(corner) for corner in wings], fill=index)
+
+    def dart(
+        self, centre: NDArray[np.float64], direction: NDArray[np.float64], index: int, *,
+        length: float,
+    ) -> None:  # fmt: skip
+        """Draw an arrowhead around a point, along a unit vector."""
+        along, across = direction * length, np.array([-direction[1], direction[0]]) * length
+        corners = (
+            centre + along * 0.6,
+            centre - along * 0.4 + across * 0.35,
+            centre - along * 0.2,
+            centre - along * 0.4 - across * 0.35,
+        )
+        self._draw.polygon([tuple(corner) for corner in corners], fill=index)
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,60 +12,52 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.route import Route
 from mapdeal.render import colours
 from mapdeal.render.canvas import Swatch
-from mapdeal.render.overlay import brush_on
+from mapdeal.render.colours import Colour
+from mapdeal.render.overlay import brush_on, place_of
 from mapdeal.render.raster import Raster
 
-ROUTE_COLOURS = [colours.ROUTE, colours.START, colours.GOAL, colours.MINIMUM]
-"""What a palette needs for a route, one after the other."""
 
+@dataclass(frozen=True)
+class RouteOverlay:
+    """A route with its ends, and the local minimum that it may have stopped in."""
 
-def draw_route(
-    pixels: NDArray[np.uint8], route: Route, frame: Frame, raster: Raster, first_index: int
-) -> list[Swatch]:
-    """Draw a route on the pixels of a map, in place; return its legend.
+    route: Route
 
-    Parameters
-    ----------
-    pixels : numpy.ndarray of uint8, shape (H, W)
-        Palette indices, row 0 in the south.
-    route : Route
-        The route, in the map frame.
-    frame : Frame
-        The map's geometry.
-    raster : Raster
-        How its cells became pixels.
-    first_index : int
-        Where `ROUTE_COLOURS` begin in the palette.
-    """
-    line, start, goal, minimum = (first_index + k for k in range(len(ROUTE_COLOURS)))
-    scale = raster.enlarge / raster.reduce
-    side = max(pixels.shape)
-    radius = max(4.0, side / 110)
+    @property
+    def colours(self) -> list[Colour]:
+        """Of the line, the start, the goal and the minimum."""
+        return [colours.ROUTE, colours.START, colours.GOAL, colours.MINIMUM]
 
-    def place_of(points: object) -> NDArray[np.float64]:
-        return frame.continuous_rowcol_from_xy(points)[:, ::-1] * scale  # type: ignore[arg-type]
+    @property
+    def text(self) -> str:
+        """The route's length and clearance."""
+        route = self.route
+        if not len(route.points_xy):
+            return "no route"
+        text = f"{route.length:.4g} m"
+        if math.isfinite(route.min_clearance):
+            text += f", clearance {route.min_clearance:.3g} m"
+        return text if route.reached else f"stopped after {text}"
 
-    swatches = []
-    with brush_on(pixels) as brush:
-        if len(route.points_xy):
-            brush.polyline(
-                place_of(route.points_xy), line, thickness=max(3, round(side / 250))
-            )  # fmt: skip
-            swatches.append(Swatch(line, "route"))
-        brush.dot(place_of([route.goal])[0], goal, radius=radius)
-        brush.dot(place_of([route.start])[0], start, radius=radius)
-        swatches += [Swatch(start, "start"), Swatch(goal, "goal")]
-        if route.local_minimum is not None:
-            brush.dot(place_of([route.local_minimum])[0], minimum, radius=radius)
-            swatches.append(Swatch(minimum, "local minimum"))
-    return swatches
-
-
-def route_text(route: Route) -> str:
-    """Return what there is to know of a route, for a subtitle."""
-    if not len(route.points_xy):
-        return "no route"
-    text = f"{route.length:.4g} m"
-    if math.isfinite(route.min_clearance):
-        text += f", clearance {route.min_clearance:.3g} m"
-    return text if route.reached else f"stopped after {text}"
+    def draw(
+        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
+    ) -> list[Swatch]:
+        """Draw the route; see `Overlay`."""
+        route = self.route
+        line, start, goal, minimum = (first_index + k for k in range(4))
+        side = max(pixels.shape)
+        radius = max(4.0, side / 110)
+        swatches = []
+        with brush_on(pixels) as brush:
+            if len(route.points_xy):
+                path = place_of(route.points_xy, frame, raster)
+                brush.polyline(path, line, thickness=max(3, round(side / 250)))
+                swatches.append(Swatch(line, "route"))
+            ends = [(route.goal, goal), (route.start, start)]
+            swatches += [Swatch(start, "start"), Swatch(goal, "goal")]
+            if route.local_minimum is not None:
+                ends.append((route.local_minimum, minimum))
+                swatches.append(Swatch(minimum, "local minimum"))
+            for point, index in ends:
+                brush.dot(place_of([point], frame, raster)[0], index, radius=radius)
+        return swatches

@@ -1,0 +1,126 @@
+"""What the headers of clouds have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+
+LONGEST_HEADER = 1 << 20
+MOST_POINTS = 1 << 40
+
+_BYTES_TOGETHER = 1 << 22
+LONGEST_RECORD = 1 << 16
+"""Bytes of a point, at most."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """How the numbers of a point lie in a file.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the columns, in the order of the file.
+    types : tuple of numpy.dtype
+        Of the columns.
+    counts : tuple of int
+        How many numbers each column has.
+    """
+
+    names: tuple[str, ...]
+    types: tuple[np.dtype[Any], ...]
+    counts: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Bytes of a point."""
+        return sum(t.itemsize * n for t, n in zip(self.types, self.counts, strict=True))
+
+    def axes(self, path: Path, place: str) -> tuple[int, ...]:
+        """Return the columns of x, y and, if there is one, z.
+
+        Raises
+        ------
+        MalformedInputError
+            If x or y is missing, or an axis has not exactly one number.
+        """
+        found = [self.names.index(name) for name in ("x", "y", "z") if name in self.names]
+        if not {"x", "y"} <= set(self.names):
+            rule = "must name x and y"
+            raise MalformedInputError(rule, source=path, place=place, got=" ".join(self.names))
+        for column in found:
+            if self.counts[column] != 1:
+                rule = f"{self.names[column]} must be one number"
+                raise MalformedInputError(rule, source=path, place=place, got=self.counts[column])
+        return tuple(found)
+
+    def offset(self, column: int) -> int:
+        """Return the bytes of a point before a column."""
+        before = zip(self.types[:column], self.counts[:column], strict=True)
+        return sum(t.itemsize * n for t, n in before)
+
+    def place_in_row(self, column: int) -> int:
+        """Return how many numbers of a line come before a column's."""
+        return sum(self.counts[:column])
+
+
+def binary_points(
+    file: BinaryIO, record: Record, axes: tuple[int, ...], count: int, path: Path
+) -> Iterator[NDArray[np.float64]]:
+    """Yield the points of binary records, some at a time, from where a file stands.
+
+    Raises
+    ------
+    MalformedInputError
+        If the file ends before them.
+    """
+    layout = np.dtype(
+        {
+            "names": [str(k) for k in range(len(axes))],
+            "formats": [record.types[column] for column in axes],
+            "offsets": [record.offset(column) for column in axes],
+            "itemsize": record.size,
+        }
+    )
+    together = max(1, _BYTES_TOGETHER // record.size)
+    done = 0
+    while done < count:
+        want = min(together, count - done)
+        data = file.read(want * record.size)
+        if len(data) < want * record.size:
+            found = done + len(data) // record.size
+            raise MalformedInputError(f"ends after {found} of {count} points", source=path)
+        rows = np.frombuffer(data, dtype=layout)
+        points = np.empty((want, len(axes)))
+        for k in range(len(axes)):
+            points[:, k] = rows[str(k)]
+        yield points
+        done += want
+
+
+def header_lines(file: BinaryIO, path: Path) -> Iterator[tuple[int, str]]:
+    """Yield number and text of lines until told to stop, as long as they look like a header."""
+    read, number = 0, 0
+    while True:
+        line = file.readline(4096)
+        number += 1
+        read += len(line)
+        if not line or not line.endswith(b"\n") or read > LONGEST_HEADER:
+            rule = "the header does not end"
+            raise MalformedInputError(rule, source=path, place=f"line {number}")
+        yield number, line.decode("latin-1").strip()
+
+
+def whole_number(text: str, path: Path, place: str, *, most: int = MOST_POINTS) -> int:
+    """Return a number of a header, at least 0."""
+    if not (text.isascii() and text.isdigit() and int(text[:20]) <= most and len(text) <= 20):
+        rule = f"must be a whole number from 0 to {most}"
+        raise MalformedInputError(rule, source=path, place=place, got=text)
+    return int(text)

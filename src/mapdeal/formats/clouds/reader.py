@@ -1,0 +1,95 @@
+"""Reading a point cloud by its file's name."""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.clouds.arrays import npy_points, npz_points
+from mapdeal.formats.clouds.pcd import pcd_points
+from mapdeal.formats.clouds.ply import ply_points
+from mapdeal.formats.clouds.text import text_points
+from mapdeal.formats.source import status_of
+
+Points = NDArray[np.float64]
+
+_IN_A_FILE: dict[str, Callable[[BinaryIO, Path], Iterator[Points]]] = {
+    ".pcd": pcd_points,
+    ".ply": ply_points,
+    ".xyz": text_points,
+    ".txt": text_points,
+    ".csv": text_points,
+    ".asc": text_points,
+}
+_BY_NAME: dict[str, Callable[[Path], Iterator[Points]]] = {".npy": npy_points, ".npz": npz_points}
+
+CLOUD_SUFFIXES = (*_IN_A_FILE, *_BY_NAME)
+"""What the names of clouds end in."""
+
+
+def cloud_chunks(path: Path) -> Iterator[Points]:
+    """Yield the points of a cloud, some at a time.
+
+    Parameters
+    ----------
+    path : Path
+        A file that ends in one of `CLOUD_SUFFIXES`.
+
+    Yields
+    ------
+    numpy.ndarray of float64, shape (N, 2) or (N, 3)
+        x, y and, if the file has it, z; numbers that are not finite as they are.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        If it is malformed, or of another kind.
+    """
+    if not stat.S_ISREG(status_of(path).st_mode):
+        raise FileAccessError("cannot be read: it is no regular file", source=path)
+    suffix = path.suffix.lower()
+    if suffix not in CLOUD_SUFFIXES:
+        rule = f"a cloud must end in {', '.join(CLOUD_SUFFIXES)}"
+        raise MalformedInputError(rule, source=path, got=path.suffix)
+    try:
+        if suffix in _BY_NAME:
+            yield from _BY_NAME[suffix](path)
+        else:
+            with path.open("rb") as file:
+                yield from _IN_A_FILE[suffix](file, path)
+    except OSError as error:
+        rule = f"cannot be read: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None
+
+
+def read_cloud(path: Path | str) -> Points:
+    """Read a point cloud.
+
+    Parameters
+    ----------
+    path : path or str
+        PCD (ascii, binary, binary_compressed), PLY (ascii, binary of either byte order), text
+        (``.xyz``, ``.txt``, ``.csv``, ``.asc``), ``.npy``, or ``.npz``.
+
+    Returns
+    -------
+    numpy.ndarray of float64, shape (N, 2) or (N, 3)
+        x, y and, if the file has it, z, metres; numbers that are not finite as they are.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        If it is malformed, or of another kind.
+    """
+    chunks = list(cloud_chunks(Path(path)))
+    return np.concatenate(chunks) if chunks else np.empty((0, 3))

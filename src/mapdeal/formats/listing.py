@@ -1,0 +1,73 @@
+"""Which files are meant by names of files, folders and patterns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from glob import glob, has_magic
+from pathlib import Path
+
+from mapdeal.errors import FileAccessError
+from mapdeal.formats.source import exists
+
+
+def list_files(names: Iterable[str], suffixes: Sequence[str]) -> list[Path]:
+    """Return the files that names stand for, each once.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Each a file; a folder, for all files directly in it that end in one of the suffixes; or
+        a pattern of ``*``, ``?``, ``[...]``, and ``**`` for folders below, for all such files
+        that match it.
+    suffixes : sequence of str
+        Endings, in small letters.
+
+    Returns
+    -------
+    list of Path
+        In the order of the names; those of a folder or pattern sorted, numbers by their value,
+        so that ``9.pcd`` comes before ``10.pcd``.
+
+    Raises
+    ------
+    FileAccessError
+        If a folder or pattern holds none, or a folder cannot be read.
+    """
+    found: dict[Path, None] = {}
+    for name in names:
+        found.update(dict.fromkeys(_files_of(name, suffixes)))
+    return list(found)
+
+
+def _files_of(name: str, suffixes: Sequence[str]) -> list[Path]:
+    path = Path(name)
+    is_there = exists(path)
+    if is_there and path.is_dir():
+        try:
+            inside = list(path.iterdir())
+        except OSError as error:
+            rule = f"cannot be read: {error.strerror or error}"
+            raise FileAccessError(rule, source=path) from None
+        rule = f"the folder holds no file that ends in {', '.join(suffixes)}"
+    elif has_magic(name) and not is_there:
+        inside = [Path(match) for match in glob(name, recursive=True)]
+        rule = f"matches no file that ends in {', '.join(suffixes)}"
+    else:
+        return [path]
+    files = [one for one in inside if one.suffix.lower() in suffixes and one.is_file()]
+    if not files:
+        raise FileAccessError(rule, source=name)
+    return sorted(files, key=lambda one: natural_key(str(one)))
+
+
+def natural_key(text: str) -> tuple[list[str | int], str]:
+    """Return what to sort names by, so that their numbers are in order.
+
+    Examples
+    --------
+    >>> sorted(["scan10.pcd", "scan9.pcd", "map.pcd"], key=natural_key)
+    ['map.pcd', 'scan9.pcd', 'scan10.pcd']
+    """
+    parts = re.split(r"([0-9]+)", text)  # words and numbers take turns
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)], text

@@ -1,0 +1,222 @@
+"""The entries of npz files, read without trusting them.
+
+Every array's type, shape and size is checked before memory is taken for it, and nothing is ever
+unpickled.
+"""
+
+from __future__ import annotations
+
+import warnings
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib import format as npy_format
+from numpy.typing import NDArray
+
+from mapdeal.errors import FileAccessError, MalformedInputError
+
+_LARGEST_SMALL_ARRAY = 4096
+_LARGEST_SMALL_NUMBER = 1 << 31
+_MOST_COLUMNS = 1 << 16
+_CHUNK = 1 << 24
+
+
+class _Entry(NamedTuple):
+    """An array of which only the header is read, and the file that its data come from."""
+
+    file: Any
+    shape: tuple[int, ...]
+    is_fortran: bool
+    dtype: np.dtype[Any]
+
+    @property
+    def elements(self) -> int:
+        return int(np.prod([int(n) for n in self.shape], dtype=object))
+
+
+class NpzReader:
+    """The entries of an npz file, each checked before its memory is taken.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    max_cells : int
+        Elements that a layer may have.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        If it is not an npz file; of the methods: if an entry is missing, damaged or of another
+        kind.
+    """
+
+    def __init__(self, path: Path, max_cells: int) -> None:
+        self._path = path
+        self._max_cells = max_cells
+        try:
+            if not path.is_file():
+                rule = "cannot be read: no such file" if not path.exists() else "no regular file"
+                raise FileAccessError(rule, source=path)
+            self._zip = zipfile.ZipFile(path)
+        except (zipfile.BadZipFile, NotImplementedError, ValueError):
+            raise MalformedInputError("is not an npz file", source=path) from None
+        except OSError as error:
+            rule = f"cannot be read: {error.strerror}"
+            raise FileAccessError(rule, source=path) from None
+
+    def __enter__(self) -> NpzReader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._zip.close()
+
+    def names(self) -> set[str]:
+        """Return the names of the arrays."""
+        return {name.removesuffix(".npy") for name in self._zip.namelist()}
+
+    def layer(self, name: str, dtype: type[np.generic]) -> NDArray[Any]:
+        """Return an array of two axes with values of that type."""
+        array = self._read(name, np.dtype(dtype), None, self._max_cells)
+        if array.ndim != 2:
+            raise self._error(name, f"must have two axes, has {array.ndim}")
+        return array
+
+    def small(self, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> NDArray[Any]:
+        """Return an array of that type and shape."""
+        return self._read(name, np.dtype(dtype), shape, _LARGEST_SMALL_ARRAY)
+
+    def number(self, name: str) -> float:
+        """Return a single number."""
+        value = self._read(name, None, (), _LARGEST_SMALL_ARRAY)
+        if value.dtype.kind not in "iuf":
+            raise self._error(name, f"must be a number, is {value.dtype}")
+        return float(value)
+
+    def whole_number(self, name: str) -> int:
+        """Return a single whole number."""
+        value = self.number(name)
+        if value % 1 or abs(value) > _LARGEST_SMALL_NUMBER:  # nan and inf leave a rest of nan
+            raise self._error(name, f"must be a whole number, is {value:g}")
+        return int(value)
+
+    def text(self, name: str, choices: tuple[str, ...] | None) -> str:
+        """Return a single text, one of the choices if there are any."""
+        value = self._read(name, None, (), _LARGEST_SMALL_ARRAY)
+        if value.dtype.kind != "U":
+            raise self._error(name, f"must be text, is {value.dtype}")
+        text = str(value)
+        if choices is not None and text not in choices:
+            raise self._error(name, f"must be one of {', '.join(choices)}")
+        return text
+
+    def rows(self, name: str, columns: int) -> Iterator[NDArray[np.float64]]:
+        """Yield the first `columns` numbers of each row of a table, many rows at a time.
+
+        Rows that have fewer are yielded whole; at least two numbers make a row. A table that is
+        stored column by column is held in memory.
+        """
+        with self._opened(name) as entry:
+            if entry.dtype.kind not in "iuf" or len(entry.shape) != 2 or entry.shape[1] < 2:
+                found = f"{entry.dtype} of shape {entry.shape}"
+                raise self._error(name, f"must be numbers of shape (N, 2) or wider, is {found}")
+            height, width = entry.shape
+            if width > _MOST_COLUMNS:
+                raise self._error(name, f"{width} columns, above the limit of {_MOST_COLUMNS}")
+            if entry.is_fortran:
+                if entry.elements > self._max_cells:
+                    rule = f"{entry.elements} elements, column by column, above the limit of"
+                    raise self._error(name, f"{rule} {self._max_cells}")
+                table = np.empty((width, height), dtype=entry.dtype)
+                _read_into(entry.file, table)
+                yield table[:columns].T.astype(np.float64)
+                return
+            together = max(1, _CHUNK // (width * entry.dtype.itemsize))
+            for first in range(0, height, together):
+                part = np.empty((min(together, height - first), width), dtype=entry.dtype)
+                _fill(entry.file, part)
+                yield part[:, :columns].astype(np.float64)
+            entry.file.read(1)  # so that the checksum is verified
+
+    def _error(self, name: str, rule: str, *, hint: str | None = None) -> MalformedInputError:
+        return MalformedInputError(rule, source=self._path, place=name, hint=hint)
+
+    def _read(
+        self,
+        name: str,
+        dtype: np.dtype[Any] | None,
+        shape: tuple[int, ...] | None,
+        most_elements: int,
+    ) -> NDArray[Any]:
+        with self._opened(name) as entry:
+            if dtype is not None and entry.dtype != dtype:
+                raise self._error(name, f"must be {dtype}, is {entry.dtype}")
+            if shape is not None and entry.shape != shape:
+                raise self._error(name, f"must have shape {shape}, has {entry.shape}")
+            if entry.elements > most_elements:
+                rule = f"{entry.elements} elements, above the limit of {most_elements}"
+                raise self._error(name, rule)
+            if dtype is None and entry.elements * entry.dtype.itemsize > _LARGEST_SMALL_ARRAY:
+                raise self._error(name, f"must be a single value, is {entry.dtype}")
+            array = np.empty(entry.elements, dtype=entry.dtype)
+            _read_into(entry.file, array)
+            return array.reshape(entry.shape, order="F" if entry.is_fortran else "C")
+
+    @contextmanager
+    def _opened(self, name: str) -> Iterator[_Entry]:
+        """Give an entry behind its header; damage that is met in the block is told as such."""
+        try:
+            info = self._zip.getinfo(f"{name}.npy")
+        except KeyError:
+            raise self._error(name, "missing key") from None
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise self._error(name, "compressed in a way that npz files are not")
+        from tokenize import TokenError  # of use to few, and slow to import
+
+        try:
+            with self._zip.open(info) as file:
+                version = npy_format.read_magic(file)
+                read_header = {
+                    (1, 0): npy_format.read_array_header_1_0,
+                    (2, 0): npy_format.read_array_header_2_0,
+                }.get(version)
+                if read_header is None:
+                    raise self._error(name, f"array format {version} is not supported")
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+                    entry = _Entry(file, *read_header(file))
+                if entry.dtype.hasobject:
+                    raise self._error(name, "holds Python objects, which are never loaded")
+                # The header's word is only taken as far as the archive has bytes for it.
+                if entry.elements * entry.dtype.itemsize + file.tell() != info.file_size:
+                    raise self._error(name, "the array's size does not fit its data")
+                yield entry
+        # What reading a damaged header or entry leads to, in numpy and in zipfile.
+        except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError,
+                RuntimeError, OSError, SyntaxError, TokenError, LookupError,
+                TypeError) as error:  # fmt: skip
+            raise self._error(name, f"damaged: {error}") from None
+
+
+def _read_into(file: Any, array: NDArray[Any]) -> None:
+    """Fill `array` from a file, and read to the end so that the checksum is verified."""
+    _fill(file, array)
+    file.read(1)
+
+
+def _fill(file: Any, array: NDArray[Any]) -> None:
+    view = memoryview(array.reshape(-1).view(np.uint8).data) if array.size else memoryview(b"")
+    done = 0
+    while done < len(view):
+        chunk = file.read(min(_CHUNK, len(view) - done))
+        if not chunk:
+            raise EOFError("the data end early")
+        view[done : done + len(chunk)] = chunk
+        done += len(chunk)

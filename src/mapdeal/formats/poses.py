@@ -1,0 +1,113 @@
+"""Files of poses: x y yaw, or TUM's t x y z qx qy qz qw, a line each."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, shown
+from mapdeal.formats.source import status_of
+from mapdeal.formats.text_rows import delimiter_of, first_line, read_rows
+from mapdeal.grid.coordinates import FARTHEST
+
+_PLANAR, _TUM = 3, 8
+_UNIT = 1e-3
+"""How far from 1 the length of a quaternion may be: files hold rounded numbers."""
+
+_LEVEL = math.radians(10)
+"""How far a robot may lean before its heading says too little."""
+
+Poses = NDArray[np.float64]
+
+
+def read_poses(path: Path) -> Poses:
+    """Return the poses in a file.
+
+    Parameters
+    ----------
+    path : Path
+        Text with a pose a line: ``x y yaw`` in metres and radians, or, as the benchmark tools
+        of TUM have it, ``t x y z qx qy qz qw``. Numbers are separated by white space, commas or
+        semicolons; lines that begin with # are skipped.
+
+    Returns
+    -------
+    numpy.ndarray of float64, shape (N, 3)
+        x, y and yaw; of a quaternion the heading of its x axis in the plane.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        If a line has another number of numbers, one is not finite, or a quaternion is zero.
+
+    Warns
+    -----
+    MapdealWarning
+        If a quaternion is not of length 1, a pose leans by more than 10 degrees, or a yaw is
+        more than a turn.
+    """
+    status_of(path)
+    try:
+        with path.open("rb") as file:
+            number, start, line = first_line(file)
+            delimiter = delimiter_of(line)
+            width = len(line.split(delimiter))
+            if line and width not in (_PLANAR, _TUM):
+                rule = "must be x y yaw, or t x y z qx qy qz qw"
+                raise MalformedInputError(
+                    rule, source=path, place=f"line {number}", got=shown(line)
+                )
+            file.seek(start)
+            parts = list(
+                read_rows(
+                    file,
+                    range(width),
+                    path=path,
+                    first_line=number,
+                    delimiter=delimiter,
+                    width=width,
+                )
+            )
+    except OSError as error:
+        rule = f"cannot be read: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None
+    if not parts:
+        raise MalformedInputError("holds no poses", source=path)
+    rows = np.concatenate(parts)
+    good = (np.abs(rows) <= FARTHEST).all(axis=1)  # refuses nan too
+    if not good.all():
+        first = int(np.argmin(good))
+        rule = f"must be finite numbers within {FARTHEST:g}"
+        raise MalformedInputError(
+            rule, source=path, place=f"pose {first + 1}", got=rows[first].tolist()
+        )
+    if width == _PLANAR:
+        _warn_of(np.abs(rows[:, 2]) > 2 * math.pi, "a yaw of more than a turn: degrees?", path)
+        return rows
+    return np.column_stack([rows[:, 1:3], _headings(rows[:, 4:], path)])
+
+
+def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+    lengths = np.linalg.norm(quaternions, axis=1)
+    if not lengths.all():
+        place = f"pose {int(np.argmin(lengths)) + 1}"
+        raise MalformedInputError("the quaternion is zero", source=path, place=place)
+    _warn_of(np.abs(lengths - 1) > _UNIT, "a quaternion that is not of length 1", path)
+    x, y, z, w = (quaternions / lengths[:, np.newaxis]).T
+    upright = 1 - 2 * (x * x + y * y)  # the cosine of the angle between both z axes
+    _warn_of(upright < math.cos(_LEVEL), "a robot that leans by more than 10 degrees", path)
+    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def _warn_of(which: NDArray[np.bool_], what: str, path: Path) -> None:
+    count = int(np.count_nonzero(which))
+    if count:
+        first = int(np.argmax(which)) + 1
+        text = f"{path}: {count} of {len(which)} poses, first pose {first}, have {what}"
+        warnings.warn(text, MapdealWarning, stacklevel=4)

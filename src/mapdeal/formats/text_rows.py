@@ -1,0 +1,165 @@
+"""Rows of numbers in text, many lines at a time."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError, shown
+
+LONGEST_LINE = 1 << 16
+_MARK = b"\xef\xbb\xbf"
+_LINES_TOGETHER = 1 << 16
+
+
+def read_rows(
+    file: BinaryIO,
+    columns: Sequence[int],
+    *,
+    path: Path,
+    first_line: int,
+    delimiter: str | None = None,
+    most: int | None = None,
+    width: int | None = None,
+) -> Iterator[NDArray[np.float64]]:
+    """Yield columns of a table, some rows at a time.
+
+    Parameters
+    ----------
+    file : binary file
+        Read from where it stands, by lines; empty ones and those that begin with # are skipped.
+    columns : sequence of int
+        The columns to keep, in this order.
+    path : Path
+        The file's name, for errors.
+    first_line : int
+        The number of the next line, for errors.
+    delimiter : str, optional
+        What is between numbers; white space if not given.
+    most : int, optional
+        Rows after which to stop; what follows them is not touched.
+    width : int, optional
+        Numbers that every line must have.
+
+    Raises
+    ------
+    MalformedInputError
+        If a line is not made of numbers, or too short or long; names its number.
+    """
+    left = most
+    while left is None or left > 0:
+        together = _LINES_TOGETHER if left is None else min(left, _LINES_TOGETHER)
+        lines = list(islice(_lines(file, path, first_line), together))
+        if not lines:
+            return
+        numbered = [
+            (number, line)
+            for number, line in enumerate(lines, start=first_line)
+            if line.strip() and not line.lstrip().startswith(b"#")
+        ]
+        first_line += len(lines)
+        if left is not None:
+            left -= len(numbered)
+        if numbered:
+            yield _numbers_of(numbered, columns, path, delimiter, width)
+
+
+def first_line(file: BinaryIO) -> tuple[int, int, str]:
+    """Return number, place in the file and text of the first line that is no comment.
+
+    The text is empty if there is none.
+    """
+    number = 0
+    start = file.tell()
+    while raw := file.readline(LONGEST_LINE):
+        number += 1
+        if number == 1 and raw.startswith(_MARK):
+            start, raw = start + len(_MARK), raw.removeprefix(_MARK)
+        line = raw.decode("latin-1").strip()
+        if line and not line.startswith("#"):
+            return number, start, line
+        start = file.tell()
+    return number, start, ""
+
+
+def delimiter_of(line: str) -> str | None:
+    """Return what separates the numbers of a line: a comma, a semicolon, or white space (None)."""
+    return next((mark for mark in (",", ";") if mark in line), None)
+
+
+def is_number(word: str | bytes) -> bool:
+    """Return whether a word is a number, as other languages write them, too."""
+    text = word.decode("latin-1") if isinstance(word, bytes) else word
+    if not text.isascii() or "_" in text:  # which Python reads as digits, too
+        return False
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _lines(file: BinaryIO, path: Path, number: int) -> Iterator[bytes]:
+    while line := file.readline(LONGEST_LINE + 1):
+        if len(line) > LONGEST_LINE:
+            rule = f"must not be longer than {LONGEST_LINE} bytes"
+            raise MalformedInputError(rule, source=path, place=f"line {number}")
+        yield line
+        number += 1
+
+
+def _numbers_of(
+    numbered: list[tuple[int, bytes]],
+    columns: Sequence[int],
+    path: Path,
+    delimiter: str | None,
+    width: int | None,
+) -> NDArray[np.float64]:
+    """Return the numbers of lines: all at once, or, if that fails, one error for one line."""
+    text = io.BytesIO(b"\n".join(line.rstrip() for _, line in numbered))
+    kept = columns if width is None else None
+    try:
+        numbers = np.loadtxt(text, delimiter=delimiter, usecols=kept, comments=None, ndmin=2)
+    except ValueError:
+        for number, line in numbered:
+            _check_line(line, columns, path, number, delimiter, width)
+        raise _no_table(numbered, path) from None
+    if len(numbers) != len(numbered):  # numpy takes a carriage return alone for a line's end
+        raise _no_table(numbered, path)
+    if width is None:
+        return numbers
+    if numbers.shape[1] != width:
+        _check_line(numbered[0][1], columns, path, numbered[0][0], delimiter, width)
+    return numbers[:, list(columns)]
+
+
+def _no_table(numbered: list[tuple[int, bytes]], path: Path) -> MalformedInputError:
+    place = f"lines {numbered[0][0]} to {numbered[-1][0]}"
+    return MalformedInputError("are no table of numbers", source=path, place=place)
+
+
+def _check_line(
+    line: bytes,
+    columns: Sequence[int],
+    path: Path,
+    number: int,
+    delimiter: str | None,
+    width: int | None,
+) -> None:
+    words = line.split(None if delimiter is None else delimiter.encode())
+    needed = max(columns) + 1 if width is None else width
+    place = f"line {number}"
+    if len(words) < needed or (width is not None and len(words) != width):
+        rule = f"must have {needed} numbers" + (" or more" if width is None else "")
+        got = shown(line.decode("latin-1").strip())
+        raise MalformedInputError(rule, source=path, place=place, got=got)
+    for column in columns if width is None else range(width):
+        if not is_number(words[column]):
+            got = words[column].decode("latin-1").strip()
+            raise MalformedInputError("must be a number", source=path, place=place, got=got)

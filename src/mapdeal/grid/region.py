@@ -1,0 +1,106 @@
+"""Regions of a grid that are given in metres."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.coordinates import Point, cells_at, cells_to_cover, check_point
+from mapdeal.grid.frame import Frame
+
+MOST_CELLS = 1_000_000_000
+"""Of a window that is made."""
+
+
+class Region(NamedTuple):
+    """A rectangle of cells, inside of a grid or not: its first cell and its size."""
+
+    row: int
+    col: int
+    height: int
+    width: int
+
+    def shared_with(self, shape: tuple[int, int]) -> tuple[slice, slice]:
+        """Return the rows and columns of a grid that lie in the region; they may be none.
+
+        Examples
+        --------
+        >>> Region(-1, 2, 3, 9).shared_with((5, 4))
+        (slice(0, 2, None), slice(2, 4, None))
+        """
+        rows = _overlap(self.row, self.height, shape[0])
+        return rows, _overlap(self.col, self.width, shape[1])
+
+    def place_of(self, rows: slice, cols: slice) -> tuple[slice, slice]:
+        """Return where rows and columns of the grid lie in an array of the region's size."""
+        return (
+            slice(rows.start - self.row, rows.stop - self.row),
+            slice(cols.start - self.col, cols.stop - self.col),
+        )
+
+    def frame_in(self, frame: Frame) -> Frame:
+        """Return the region's own frame.
+
+        Raises
+        ------
+        ParameterError
+            If it has more than `MOST_CELLS` cells.
+        """
+        if self.height * self.width > MOST_CELLS:
+            rule = f"a window must not have more than {MOST_CELLS} cells"
+            raise ParameterError(rule, place="size", got=(self.width, self.height))
+        return frame.window(self.row, self.col, self.height, self.width)
+
+
+def region_of(
+    frame: Frame,
+    size_xy: Point,
+    *,
+    corner_xy: Point | None = None,
+    center_xy: Point | None = None,
+) -> Region:
+    """Return the cells of a region in metres.
+
+    Parameters
+    ----------
+    frame : Frame
+        Whose cells.
+    size_xy : tuple of float
+        Extent along the columns and along the rows, metres; covered by whole cells.
+    corner_xy : tuple of float, optional
+        Lower left corner in the map frame, metres; the region begins with the cell that holds it.
+    center_xy : tuple of float, optional
+        The middle instead of the corner: the corner is half the size from it.
+
+    Raises
+    ------
+    ParameterError
+        If not exactly one of corner and center is given, a number is not finite, or the size is
+        not above 0.
+    """
+    size_x, size_y = check_point(size_xy, "size")
+    corner_xy, center_xy = (
+        None if point is None else check_point(point, name)
+        for point, name in ((corner_xy, "corner"), (center_xy, "center"))
+    )
+    if not (size_x > 0 and size_y > 0):
+        rule = "must be two numbers of metres above 0"
+        raise ParameterError(rule, place="size", got=(size_x, size_y))
+    if corner_xy is not None and center_xy is None:
+        row, col = frame.unbounded_rowcol_from_xy([corner_xy])[0].tolist()
+    elif center_xy is not None and corner_xy is None:
+        middle = frame.continuous_rowcol_from_xy([center_xy])[0]
+        half = np.array([size_y, size_x]) / frame.resolution / 2
+        row, col = cells_at(middle - half, frame.tolerance_at([center_xy])[0]).tolist()
+    else:
+        raise ParameterError("either a corner or a center must be given", place="region")
+    height, width = (cells_to_cover(size, frame.resolution) for size in (size_y, size_x))
+    return Region(row, col, max(height, 1), max(width, 1))
+
+
+def _overlap(first: int, count: int, size: int) -> slice:
+    """Return the part of `first` .. `first` + `count` that lies in 0 .. `size`, perhaps empty."""
+    start = min(max(first, 0), size)
+    return slice(start, max(start, min(first + count, size)))

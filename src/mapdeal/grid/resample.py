@@ -1,0 +1,143 @@
+"""Obstacles of one grid in the cells of another, none lost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.region import Region
+from mapdeal.kernels.threads import for_rows
+
+_TOUCHING = 1e-6
+"""In cells. Cells that overlap by less only touch: their borders are the same on paper."""
+
+_TOGETHER = 1 << 16
+
+Mask = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
+    """Return which cells of a frame overlap an obstacle of a grid with another frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        The cells to be told of.
+    obstacles : numpy.ndarray of bool, shape (H, W)
+        The obstacle cells of the other grid.
+    source : Frame
+        Where that grid lies; resolution, corner and yaw may be any.
+
+    Returns
+    -------
+    numpy.ndarray of bool, shape of `frame`
+        Where a cell and an obstacle share an area, however small: every point of an obstacle
+        lies in a cell that is set, so that no wall is lost and no gap opens in one. A cell that
+        is set may reach beyond its obstacle by less than a cell. Where both lattices are the
+        same this is a copy.
+
+    Examples
+    --------
+    >>> wall = np.array([[False, True, False]])
+    >>> obstacles_in(Frame(1, 7, 0.5), wall, Frame(1, 3, 1.0)).tolist()
+    [[False, False, True, True, False, False, False]]
+    >>> obstacles_in(Frame(1, 3, 1.0), wall, Frame(1, 3, 1.0, (0.25, 0.0, 0.0))).tolist()
+    [[False, True, True]]
+    """
+    found = np.zeros(frame.shape, dtype=np.bool_)
+    region = _same_lattice(frame, source)
+    if region is not None:
+        rows, cols = region.shared_with(source.shape)
+        if rows.start < rows.stop and cols.start < cols.stop:
+            found[region.place_of(rows, cols)] = obstacles[rows, cols]
+        return found
+    rows, cols = _shadow(frame, source)
+    if source.resolution >= frame.resolution:
+        _look_up(found, frame, obstacles, source, rows, cols)
+    else:
+        _mark(found, frame, obstacles, source, rows, cols)
+    return found
+
+
+def _same_lattice(frame: Frame, source: Frame) -> Region | None:
+    """Return the frame's cells as cells of the source, if the borders of both are the same."""
+    turned = math.remainder(frame.origin[2] - source.origin[2], 2 * math.pi)
+    if frame.resolution != source.resolution or abs(turned) * max(frame.shape) > _TOUCHING:
+        return None
+    corner = source.continuous_rowcol_from_xy([frame.origin[:2]])[0]
+    row, col = np.rint(corner)
+    if np.abs(corner - (row, col)).max() > max(
+        _TOUCHING, source.tolerance_at([frame.origin[:2]])[0, 0]
+    ):
+        return None
+    return Region(int(row), int(col), *frame.shape)
+
+
+def _shadow(frame: Frame, source: Frame) -> tuple[slice, slice]:
+    """Return rows and columns of `source`, outside of which nothing overlaps the frame."""
+    corners = [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
+    places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
+    first = np.clip(np.floor(places.min(axis=0)) - 1, 0, source.shape).astype(int)
+    last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, source.shape).astype(int)
+    return slice(first[0], last[0]), slice(first[1], last[1])
+
+
+def _look_up(
+    found: Mask, frame: Frame, obstacles: Mask, source: Frame, rows: slice, cols: slice
+) -> None:
+    """Set the cells, each at most as large as those of the source, that overlap an obstacle."""
+    if not obstacles[rows, cols].any():
+        return
+
+    def look(part: slice) -> None:
+        numbers = np.arange(part.start, part.stop)
+        cells = np.stack(np.meshgrid(numbers, np.arange(frame.width), indexing="ij"), axis=-1)
+        hit = np.zeros(cells.shape[0] * cells.shape[1], dtype=np.bool_)
+        for which, row, col in _overlapping(cells.reshape(-1, 2), frame, source):
+            hit[which] |= obstacles[row, col]
+        found[part] = hit.reshape(-1, frame.width)
+
+    for_rows(look, frame.shape)
+
+
+def _mark(
+    found: Mask, frame: Frame, obstacles: Mask, source: Frame, rows: slice, cols: slice
+) -> None:
+    """Set the cells that obstacles, all smaller than a cell, overlap."""
+    marked = np.argwhere(obstacles[rows, cols]) + np.array([rows.start, cols.start])
+    for first in range(0, len(marked), _TOGETHER):
+        for _, row, col in _overlapping(marked[first : first + _TOGETHER], source, frame):
+            found[row, col] = True
+
+
+def _overlapping(
+    cells: Indices, small: Frame, large: Frame
+) -> Iterator[tuple[Indices, Indices, Indices]]:
+    """Yield pairs that overlap: index of a small cell, row and column of a large one.
+
+    Two squares overlap unless a line along a side of one of them parts them.
+    """
+    centres = large.continuous_rowcol_from_xy(small.xy_from_rowcol(cells))
+    base = np.floor(centres).astype(np.int64)
+    half = small.resolution / large.resolution / 2
+    turn = small.origin[2] - large.origin[2]
+    cos, sin = math.cos(turn), math.sin(turn)
+    wide = abs(cos) + abs(sin)
+    # In cells of the large grid, of which a small cell, even turned, reaches the next at most.
+    along, across = 0.5 + half * wide - _TOUCHING, half + 0.5 * wide - _TOUCHING
+    for step in product((-1, 0, 1), repeat=2):
+        row, col = (base + step).T
+        y, x = (base + step + 0.5 - centres).T
+        overlap = (np.abs(x) < along) & (np.abs(y) < along)
+        overlap &= np.abs(x * cos + y * sin) < across
+        overlap &= np.abs(y * cos - x * sin) < across
+        overlap &= (row >= 0) & (row < large.height) & (col >= 0) & (col < large.width)
+        which = np.flatnonzero(overlap)
+        yield which, row[which], col[which]

@@ -1,0 +1,1 @@
+"""Maps from sensor data: functions from arrays to grids."""

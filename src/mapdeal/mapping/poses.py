@@ -1,0 +1,100 @@
+"""Where a robot stands and looks, and the angles that it sees."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.grid.coordinates import FARTHEST
+
+Pose = tuple[float, float, float]
+
+_TURN = 2 * math.pi
+_BINS = 1 << 14
+
+
+def wrapped(angle: float) -> float:
+    """Return an angle as one of -pi < angle <= pi.
+
+    Examples
+    --------
+    >>> wrapped(-math.pi) == math.pi, round(wrapped(7.0), 6)
+    (True, 0.716815)
+    """
+    inside = math.remainder(angle, _TURN)
+    return math.pi if inside <= -math.pi else inside
+
+
+def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
+    """Return a pose as x, y (metres) and a yaw of -pi < yaw <= pi; errors call it `name`.
+
+    Raises
+    ------
+    ParameterError
+        If it is not three finite numbers.
+
+    Warns
+    -----
+    MapdealWarning
+        If the yaw is more than a turn: it may be in degrees.
+    """
+    try:
+        x, y, yaw = (float(value) for value in pose)
+    except (TypeError, ValueError):
+        rule = "must be three numbers x, y, yaw"
+        raise ParameterError(rule, place=name, got=pose) from None
+    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(yaw) <= FARTHEST):  # nan too
+        rule = f"must be three numbers x, y, yaw within {FARTHEST:g}"
+        raise ParameterError(rule, place=name, got=(x, y, yaw))
+    if abs(yaw) > _TURN:
+        text = f"{name}: a yaw of {yaw:.6g} rad is more than a turn; is it in degrees?"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
+    return x, y, wrapped(yaw)
+
+
+class CoveredAngles:
+    """The smallest arc that holds all of many angles: it leaves out the largest gap.
+
+    Kept are the first and the last angle of each of 16,384 bins, so that memory is bounded
+    whatever is added. The arc is exact as soon as the gap is longer than a bin, 0.0004 rad.
+
+    Examples
+    --------
+    >>> covered = CoveredAngles()
+    >>> covered.add(np.array([3.0, -3.0, 3.1]))
+    >>> [round(angle, 6) for angle in covered.arc()]
+    [3.0, 3.283185]
+    """
+
+    def __init__(self) -> None:
+        self._first = np.full(_BINS, np.inf)
+        self._last = np.full(_BINS, -np.inf)
+
+    def add(self, angles: NDArray[np.float64]) -> None:
+        """Add angles, radians, each at most some turns from 0."""
+        angles = angles - _TURN * np.ceil((angles - math.pi) / _TURN)  # (-pi, pi]
+        bins = ((angles + math.pi) * (_BINS / _TURN)).astype(np.int64)
+        np.clip(bins, 0, _BINS - 1, out=bins)
+        np.minimum.at(self._first, bins, angles)
+        np.maximum.at(self._last, bins, angles)
+
+    def arc(self) -> tuple[float, float] | None:
+        """Return the arc's ends, -pi < first <= pi and first <= last < first + 2 pi.
+
+        None if nothing was added.
+        """
+        used = self._last >= self._first
+        first, last = self._first[used], self._last[used]
+        if not len(first):
+            return None
+        # The gap before each bin; of equal ones that across pi comes first.
+        gaps = first - np.roll(last, 1)
+        gaps[0] += _TURN
+        start = int(np.argmax(gaps))
+        end = float(last[start - 1]) + (_TURN if start else 0.0)
+        return float(first[start]), end

@@ -1,0 +1,44 @@
+"""A robot over the picture of a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Frame, xy_ahead
+from mapdeal.render import colours
+from mapdeal.render.canvas import Swatch
+from mapdeal.render.colours import Colour
+from mapdeal.render.overlay import brush_on, place_of
+from mapdeal.render.raster import Raster
+
+
+@dataclass(frozen=True)
+class PoseOverlay:
+    """An arrowhead where a robot stands, along its heading."""
+
+    pose: tuple[float, float, float]
+
+    @property
+    def colours(self) -> list[Colour]:
+        """Of the arrowhead."""
+        return [colours.ROBOT]
+
+    @property
+    def text(self) -> str:
+        """The pose."""
+        x, y, yaw = self.pose
+        return f"robot at {x:.6g}, {y:.6g}, yaw {yaw:.4g}"
+
+    def draw(
+        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
+    ) -> list[Swatch]:
+        """Draw the arrowhead; see `Overlay`."""
+        ahead = xy_ahead(self.pose, frame.resolution)
+        centre, tip = place_of([self.pose[:2], ahead], frame, raster)
+        direction = (tip - centre) / np.hypot(*(tip - centre))
+        with brush_on(pixels) as brush:
+            brush.dart(centre, direction, first_index, length=max(10.0, max(pixels.shape) / 25))
+        return [Swatch(first_index, "robot")]
