@@ -1,10 +1,13 @@
 """mapdeal: batch processing of robot map files without ROS.
 
-Read and write: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_shapes`.
+Read and write: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_shapes`,
+`read_cloud`, `read_poses`.
 Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField`, `BitMap`, each with its
 `Frame`.
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
 `ring_cost`, `potential`; a robot's `Footprint`; `apply_keepout_mask`.
+Maps from sensors: `local_map`, and `LocalMapper` with `LocalOptions` for clouds that come in
+parts, which gives a `LocalMap`.
 Questions: `DistanceField.query`, which gives `FieldSamples`; `shortest_route` and `descend`, which
 give a `Route`.
 Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
@@ -32,7 +35,9 @@ if TYPE_CHECKING:
         ParameterError,
     )
     from mapdeal.formats.bit_maps import read_bit_map, write_bit_map
+    from mapdeal.formats.clouds.reader import read_cloud
     from mapdeal.formats.maps import read_map, write_map
+    from mapdeal.formats.poses import read_poses
     from mapdeal.formats.shapes import read_shapes
     from mapdeal.grid.bit_map import BitMap
     from mapdeal.grid.costmap import Costmap
@@ -43,6 +48,7 @@ if TYPE_CHECKING:
     from mapdeal.grid.potential import PotentialField
     from mapdeal.grid.route import Route
     from mapdeal.grid.shapes import Circle, Line, Polygon
+    from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, local_map
     from mapdeal.planning.astar import shortest_route
     from mapdeal.planning.descent import descend
     from mapdeal.stages.active import active_region
@@ -65,6 +71,9 @@ _HOMES = {
     "Footprint": "mapdeal.grid.footprint",
     "Frame": "mapdeal.grid.frame",
     "Line": "mapdeal.grid.shapes",
+    "LocalMap": "mapdeal.mapping.local_map",
+    "LocalMapper": "mapdeal.mapping.local_map",
+    "LocalOptions": "mapdeal.mapping.local_map",
     "MalformedInputError": "mapdeal.errors",
     "MapdealError": "mapdeal.errors",
     "MapdealWarning": "mapdeal.errors",
@@ -82,9 +91,12 @@ _HOMES = {
     "exponential_cost": "mapdeal.stages.exponential_cost",
     "field_view": "mapdeal.stages.esdf",
     "inflate": "mapdeal.stages.inflate",
+    "local_map": "mapdeal.mapping.local_map",
     "potential": "mapdeal.stages.potential",
     "read_bit_map": "mapdeal.formats.bit_maps",
+    "read_cloud": "mapdeal.formats.clouds.reader",
     "read_map": "mapdeal.formats.maps",
+    "read_poses": "mapdeal.formats.poses",
     "read_shapes": "mapdeal.formats.shapes",
     "reset_region": "mapdeal.editing.window",
     "ring_cost": "mapdeal.stages.ring_cost",
@@ -108,6 +120,9 @@ __all__ = [
     "Footprint",
     "Frame",
     "Line",
+    "LocalMap",
+    "LocalMapper",
+    "LocalOptions",
     "MalformedInputError",
     "MapdealError",
     "MapdealWarning",
@@ -126,9 +141,12 @@ __all__ = [
     "exponential_cost",
     "field_view",
     "inflate",
+    "local_map",
     "potential",
     "read_bit_map",
+    "read_cloud",
     "read_map",
+    "read_poses",
     "read_shapes",
     "reset_region",
     "ring_cost",

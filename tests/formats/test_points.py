@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError
-from mapdeal.formats.points import chunks_of, read_points
+from mapdeal.formats.points import read_points
+from mapdeal.formats.source import chunks_of
 
 TEXT = (
     b'x, y\n1,2\n# why\n\n1,2,3\r\n[0.5, -1]\n{"y": 4, "x": 3, "name": "a"}\n-1e-3, .5\nnan,inf\n'

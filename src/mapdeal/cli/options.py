@@ -96,6 +96,8 @@ FootprintPadding = Annotated[
 ]
 
 
+_COUNTS = {2: "two", 3: "three"}
+
 Size = Annotated[
     str, typer.Option(metavar="WX,WY", help="Metres along the columns and along the rows.")
 ]
@@ -169,15 +171,22 @@ def robot_shape(
 
 def pair(text: str, name: str) -> tuple[float, float]:
     """Return the two numbers of an option written ``X,Y``."""
-    parts = text.split(",")
+    x, y = numbers(text, 2, "X,Y", name)
+    return x, y
+
+
+def numbers(text: str, count: int, form: str, name: str) -> list[float]:
+    """Return the numbers of an option that is written like `form`."""
     try:
         if not text.isascii() or "_" in text:  # which Python reads as digits, too
             raise ValueError
-        x, y = (float(part) for part in parts)
+        values = [float(part) for part in text.split(",")]
+        if len(values) != count:
+            raise ValueError
     except ValueError:
-        rule = "must be two numbers X,Y"
+        rule = f"must be {_COUNTS[count]} numbers {form}"
         raise ParameterError(rule, source=name, got=text) from None
-    return x, y
+    return values
 
 
 def region(size: str, at: str | None, corner: str | None) -> dict[str, Any]:

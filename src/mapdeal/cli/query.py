@@ -12,7 +12,8 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.errors import FindingError, ParameterError
-from mapdeal.formats.points import PointLines, chunks_of, read_points
+from mapdeal.formats.points import PointLines, read_points
+from mapdeal.formats.source import chunks_of
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.query import answers_of, field_to_ask

@@ -10,7 +10,7 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError
-from mapdeal.pipeline.batch import folders_of, run_all
+from mapdeal.pipeline.batch import SUMMARY, folders_of, run_all
 from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
 from mapdeal.pipeline.run import RunOptions, RunReport, run_map
@@ -89,7 +89,8 @@ def run(
         run_one(sources[0], folders[0])
         return
     jobs = list(zip(sources, folders, strict=True))
-    results = run_all(jobs, output, run_one, terminal.error)
+    with terminal.few_warnings(f"{output / SUMMARY} has them all") as warn:
+        results = run_all(jobs, output, run_one, terminal.error, warn)
     failed = sum(isinstance(result, MapdealError) for result in results)
     unchanged = sum(isinstance(r, RunReport) and r.status == "unchanged" for r in results)
     done = len(results) - failed - unchanged

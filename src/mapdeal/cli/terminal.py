@@ -7,14 +7,17 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TextIO
 
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, ParameterError, one_line
 
 _CHUNK = 1 << 18
+_FEW = 10
 
 _stdout_problem: str | None = None
 _stdout_dropped = False
+_bar_is_shown = False
 _quiet = False
 _verbose = False
 
@@ -66,6 +69,22 @@ def warn(text: str) -> None:
         _say(f"warning: {one_line(text)}")
 
 
+@contextmanager
+def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
+    """Give what prints warnings: the first few, and in the end how many more there were."""
+    count = 0
+
+    def show(text: str) -> None:
+        nonlocal count
+        count += 1
+        if count <= _FEW:
+            warn(text)
+
+    yield show
+    if count > _FEW:
+        warn(f"{count - _FEW} more warnings; {hint}")
+
+
 def summary(lines: Iterable[str]) -> None:
     """Print what was done, unless quiet."""
     if not _quiet:
@@ -77,6 +96,23 @@ def detail(text: str) -> None:
     """Print what only a verbose command says."""
     if _verbose:
         _say(one_line(text))
+
+
+@contextmanager
+def progress(length: int) -> Iterator[Callable[[], object]]:
+    """Show a bar of `length` steps where stderr is a terminal; give what takes one step."""
+    if _quiet or not sys.stderr.isatty():
+        yield lambda: None
+        return
+    import typer
+
+    global _bar_is_shown
+    with typer.progressbar(length=length, file=sys.stderr, show_pos=True) as bar:
+        _bar_is_shown = True
+        try:
+            yield lambda: bar.update(1)
+        finally:
+            _bar_is_shown = False
 
 
 def error(problem: MapdealError) -> None:
@@ -148,4 +184,5 @@ def _drop_stdout() -> None:
 def _say(text: str) -> None:
     # What nobody can read on stderr must not change what is done, nor the exit code.
     with contextlib.suppress(OSError):
-        print(text, file=sys.stderr)  # noqa: T201
+        clear = "\r\x1b[K" if _bar_is_shown else ""  # it is drawn again with the next step
+        print(f"{clear}{text}", file=sys.stderr)  # noqa: T201

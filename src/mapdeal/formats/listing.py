@@ -51,7 +51,7 @@ def _files_of(name: str, suffixes: Sequence[str]) -> list[Path]:
             raise FileAccessError(rule, source=path) from None
         rule = f"the folder holds no file that ends in {', '.join(suffixes)}"
     elif has_magic(name) and not is_there:
-        inside = [Path(match) for match in glob(name, recursive=True)]
+        inside = [Path(match) for match in glob(name, recursive=True)]  # noqa: PTH207 - of any root
         rule = f"matches no file that ends in {', '.join(suffixes)}"
     else:
         return [path]

@@ -13,10 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError, shown
-from mapdeal.formats.source import status_of
+from mapdeal.errors import MalformedInputError, shown
 
-_CHUNK = 1 << 18
 _LONGEST_LINE = 1 << 16
 
 
@@ -37,24 +35,6 @@ class PointLines:
     points_xy: NDArray[np.float64]
     lines: list[int]
     errors: dict[int, str]
-
-
-def chunks_of(path: Path) -> Iterator[bytes]:
-    """Yield the contents of a file bit by bit; it may be a pipe.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    """
-    status_of(path)
-    try:
-        with path.open("rb", buffering=0) as file:
-            while chunk := file.read(_CHUNK):
-                yield chunk
-    except OSError as error:
-        rule = f"cannot be read: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
 
 
 def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[PointLines]:

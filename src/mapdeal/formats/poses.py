@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import warnings
 from pathlib import Path
@@ -9,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, shown
-from mapdeal.formats.source import status_of
+from mapdeal.errors import MalformedInputError, MapdealWarning, shown
+from mapdeal.formats.source import chunks_of
 from mapdeal.formats.text_rows import delimiter_of, first_line, read_rows
 from mapdeal.grid.coordinates import FARTHEST
 
@@ -52,31 +53,18 @@ def read_poses(path: Path) -> Poses:
         If a quaternion is not of length 1, a pose leans by more than 10 degrees, or a yaw is
         more than a turn.
     """
-    status_of(path)
-    try:
-        with path.open("rb") as file:
-            number, start, line = first_line(file)
-            delimiter = delimiter_of(line)
-            width = len(line.split(delimiter))
-            if line and width not in (_PLANAR, _TUM):
-                rule = "must be x y yaw, or t x y z qx qy qz qw"
-                raise MalformedInputError(
-                    rule, source=path, place=f"line {number}", got=shown(line)
-                )
-            file.seek(start)
-            parts = list(
-                read_rows(
-                    file,
-                    range(width),
-                    path=path,
-                    first_line=number,
-                    delimiter=delimiter,
-                    width=width,
-                )
-            )
-    except OSError as error:
-        rule = f"cannot be read: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
+    file = io.BytesIO(b"".join(chunks_of(path)))  # it may be a pipe
+    number, start, line = first_line(file)
+    delimiter = delimiter_of(line)
+    width = len(line.split(delimiter))
+    if line and width not in (_PLANAR, _TUM):
+        rule = "must be x y yaw, or t x y z qx qy qz qw"
+        raise MalformedInputError(rule, source=path, place=f"line {number}", got=shown(line))
+    file.seek(start)
+    columns = range(width)
+    parts = list(
+        read_rows(file, columns, path=path, first_line=number, delimiter=delimiter, width=width)
+    )
     if not parts:
         raise MalformedInputError("holds no poses", source=path)
     rows = np.concatenate(parts)
@@ -102,7 +90,8 @@ def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float6
     x, y, z, w = (quaternions / lengths[:, np.newaxis]).T
     upright = 1 - 2 * (x * x + y * y)  # the cosine of the angle between both z axes
     _warn_of(upright < math.cos(_LEVEL), "a robot that leans by more than 10 degrees", path)
-    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    yaw: NDArray[np.float64] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return yaw
 
 
 def _warn_of(which: NDArray[np.bool_], what: str, path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError
@@ -13,6 +13,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 _GIBIBYTE = 1 << 30
 LARGEST_FILE = 16 * _GIBIBYTE
 _HEAD = 1 << 20
+_CHUNK = 1 << 18
 
 
 def exists(path: Path) -> bool:
@@ -72,6 +73,24 @@ def read_file(
     if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
         raise FileAccessError("changed while it was read", source=path)
     return data
+
+
+def chunks_of(path: Path) -> Iterator[bytes]:
+    """Yield the contents of a file bit by bit; it may be a pipe.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    """
+    status_of(path)
+    try:
+        with path.open("rb", buffering=0) as file:
+            while chunk := file.read(_CHUNK):
+                yield chunk
+    except OSError as error:
+        rule = f"cannot be read: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None
 
 
 def holds(path: Path, sha256: str) -> bool:

@@ -228,6 +228,11 @@ class LocalMapper:
         self._counts = np.zeros(6, dtype=np.int64)
         self._angles = CoveredAngles()
 
+    @property
+    def pose(self) -> Pose:
+        """The robot's x, y (metres) and yaw, -pi < yaw <= pi."""
+        return self._pose
+
     def add(self, points: ArrayLike) -> None:
         """Mark the cells of points, shape (N, 2) or (N, 3 or more).
 

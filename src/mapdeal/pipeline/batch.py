@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MapdealError, ParameterError
+from mapdeal.errors import MapdealError, MapdealWarning, ParameterError, one_line
 from mapdeal.formats.json_text import json_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.pipeline.run import RunReport
@@ -46,42 +48,76 @@ def run_all(
     output: Path,
     run_one: Callable[[Path, Path], RunReport],
     on_error: Callable[[MapdealError], None],
+    on_warning: Callable[[str], None],
+    *,
+    what: str = "map",
 ) -> list[RunReport | MapdealError]:
     """Run every job, none stopped by another's failure, and write ``summary.json``.
 
     Parameters
     ----------
     jobs : sequence of (Path, Path)
-        Map and output folder of each.
+        Input and output folder of each.
     output : Path
         Where the summary goes.
     run_one : callable
         Runs one job.
     on_error : callable
         Told of each failure when it happens.
+    on_warning : callable
+        Told of each job's warnings when it is done; the summary has them, too.
+    what : str
+        What the summary calls the input of a job.
     """
     results: list[RunReport | MapdealError] = []
+    entries: list[dict[str, Any]] = []
     for path, folder in jobs:
-        try:
-            results.append(run_one(path, folder))
-        except MapdealError as error:
-            on_error(error)
-            results.append(error)
-        except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
-            text = f"internal error: {type(problem).__name__}: {problem}"
-            internal = MapdealError(text, source=path, hint="this is a bug in mapdeal")
-            on_error(internal)
-            results.append(internal)
-    document = json_of({"maps": [_entry(job, r) for job, r in zip(jobs, results, strict=True)]})
+        with _recorded_warnings() as texts:
+            result = _outcome(path, folder, run_one)
+        for text in texts:
+            on_warning(text)
+        if isinstance(result, MapdealError):
+            on_error(result)
+        results.append(result)
+        entry = {what: path.name, "folder": folder.name, **_entry(result)}
+        entries.append({**entry, "warnings": texts} if texts else entry)
     summary = output / SUMMARY
     with Transaction([summary], force=True) as transaction:
-        transaction.write_bytes(summary, document)
+        transaction.write_bytes(summary, json_of({"maps": entries}))
     return results
 
 
-def _entry(job: tuple[Path, Path], result: RunReport | MapdealError) -> dict[str, Any]:
-    path, folder = job
-    entry: dict[str, Any] = {"map": path.name, "folder": folder.name}
+def _outcome(
+    path: Path, folder: Path, run_one: Callable[[Path, Path], RunReport]
+) -> RunReport | MapdealError:
+    try:
+        return run_one(path, folder)
+    except MapdealError as error:
+        return error
+    except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
+        text = f"internal error: {type(problem).__name__}: {problem}"
+        return MapdealError(text, source=path, hint="this is a bug in mapdeal")
+
+
+@contextmanager
+def _recorded_warnings() -> Iterator[list[str]]:
+    """Fill a list with the texts of mapdeal's warnings in the block; others go on as they are."""
+    texts: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", MapdealWarning)
+        show = warnings.showwarning
+
+        def record(message: Warning | str, category: type[Warning], *rest: Any) -> None:
+            if issubclass(category, MapdealWarning):
+                texts.append(one_line(str(message)))
+            else:
+                show(message, category, *rest)
+
+        warnings.showwarning = record  # type: ignore[assignment]
+        yield texts
+
+
+def _entry(result: RunReport | MapdealError) -> dict[str, Any]:
     if isinstance(result, MapdealError):
-        return {**entry, "status": "failed", "exit_code": result.exit_code, "error": str(result)}
-    return {**entry, "status": result.status, "figures": result.figures}
+        return {"status": "failed", "exit_code": result.exit_code, "error": str(result)}
+    return {"status": result.status, "figures": result.figures}

@@ -22,6 +22,7 @@ from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.stages.esdf import field_view
 
 _NAMES = {
+    "local": "local",
     "active": "active",
     "inflate": "inflated",
     "esdf": "esdf",
@@ -95,6 +96,8 @@ def write_picture(
 def title_of(step: Step) -> str:
     """Return what a step has done, as a picture's title says it."""
     parameters = step.parameters
+    if step.name == "local":
+        return "local map"
     if step.name == "active":
         return "active region"
     if step.name == "inflate":

@@ -16,7 +16,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.stage_list import STAGES, Step, step
 from mapdeal.stages.parameters import unknown_name
 
-BUILT_IN = ("default", "nav2", "seed-real", "seed-sim")
+BUILT_IN = ("default", "nav2", "local", "seed-real", "seed-sim")
 
 Draft = list[tuple[str, dict[str, object]]]
 

@@ -1,0 +1,210 @@
+"""``mapdeal local``: local maps from point clouds."""
+
+from __future__ import annotations
+
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from mapdeal.cli import options as opt
+from mapdeal.cli import terminal
+from mapdeal.errors import BatchError, MapdealError, ParameterError
+from mapdeal.mapping.local_map import LocalOptions
+from mapdeal.mapping.poses import check_pose
+from mapdeal.pipeline.batch import SUMMARY, run_all
+from mapdeal.pipeline.figures import Figures, summary_of
+from mapdeal.pipeline.folder import Pictures
+from mapdeal.pipeline.local import (
+    LOCAL_RECIPE,
+    LocalSettings,
+    local_from_cloud,
+    only_cloud,
+    read_global_map,
+    sequence_of,
+)
+from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
+from mapdeal.pipeline.run import RunReport
+from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+
+class FrameName(StrEnum):
+    """What the coordinates of a cloud are."""
+
+    robot = "robot"
+    map = "map"
+
+
+def _limit(help_text: str) -> Any:
+    return typer.Option(metavar="M", help=help_text)
+
+
+@app.command()
+def local(
+    clouds: Annotated[
+        list[str],
+        typer.Option(
+            "--cloud",
+            metavar="FILE",
+            help="A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz. With --poses also "
+            "several, a folder, or a quoted pattern.",
+        ),
+    ],
+    output: Annotated[
+        Path, opt.output_argument("DIR", "Where the maps go; those of a sequence to DIR/0000, ...")
+    ],
+    pose: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,YAW", help="Where the robot stands, metres and radians."),
+    ] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A pose for each cloud, a line each: x y yaw, or TUM's."),
+    ] = None,
+    frame: Annotated[
+        FrameName,
+        typer.Option(help="What the points' coordinates are: the robot's, or the map's already."),
+    ] = FrameName.robot,
+    offset: Annotated[
+        str, typer.Option(metavar="DX,DY", help="Taken off the points' map coordinates.")
+    ] = "0,0",
+    size: Annotated[
+        str, typer.Option(metavar="WX,WY", help="Metres along x and y, the robot in the middle.")
+    ] = "20,20",
+    resolution: Annotated[float, typer.Option(metavar="R", help="Metres per cell.")] = 0.05,
+    global_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", metavar="GLOBAL", help="A map whose obstacles in the window are taken over."
+        ),
+    ] = None,
+    min_height: Annotated[float | None, _limit("Drop points whose z is less.")] = None,
+    max_height: Annotated[float | None, _limit("Drop points whose z is more.")] = None,
+    min_range: Annotated[float | None, _limit("Drop points nearer to the robot.")] = None,
+    max_range: Annotated[float | None, _limit("Drop points farther from the robot.")] = None,
+    require_points: Annotated[
+        bool,
+        typer.Option("--require-points", help="Fail (3) if no point of a cloud marks a cell."),
+    ] = False,
+    recipe: Annotated[
+        str, typer.Option(metavar="NAME|FILE", help=f"One of {', '.join(BUILT_IN)}, or a file.")
+    ] = LOCAL_RECIPE,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="Change a parameter."),
+    ] = None,
+    footprint: opt.FootprintText = None,
+    robot_radius: opt.RobotRadius = None,
+    footprint_padding: opt.FootprintPadding = 0.0,
+    robot_16_gon: opt.Robot16Gon = False,
+    image_max: Annotated[
+        int,
+        typer.Option(
+            metavar="PIXELS", min=0, help="Longest side of pictures; 0 for a pixel per cell."
+        ),
+    ] = DEFAULT_IMAGE_MAX,
+    no_images: Annotated[bool, typer.Option("--no-images", help="Write no pictures.")] = False,
+    dialect: opt.Dialect = opt.DialectName.nav2,
+    max_cells: opt.MaxCells = None,
+    force: opt.Force = False,
+    threads: opt.Threads = None,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Make maps around a robot from point clouds.
+
+    Cells with a point are occupied, others free. Then come the stages of the recipe: inflation,
+    field, rings of costs. A sequence, given by --poses, gets a numbered folder for each cloud;
+    one whose manifest shows that nothing has changed is skipped.
+    """
+    opt.start(quiet=quiet, verbose=verbose)
+    if (pose is None) == (poses is None):
+        raise ParameterError("either --pose or --poses must be given", source="--pose")
+    shape = opt.robot_shape(footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon)
+    common = LocalSettings(
+        LocalOptions(
+            frame.value,
+            opt.pair(offset, "--offset"),
+            opt.pair(size, "--size"),
+            resolution,
+            min_height,
+            max_height,
+            min_range,
+            max_range,
+        ),
+        load_recipe(recipe, footprint=shape, settings=settings or []),
+        Pictures(not no_images, image_max),
+        None
+        if global_map is None
+        else read_global_map(global_map, dialect=dialect.value, max_cells=max_cells),
+        require_points,
+        force,
+        threads,
+    )
+    for one in common.recipe.steps:
+        terminal.detail(opt.described(one.name, one.described()[one.name]))
+    if poses is None:
+        place = check_pose(opt.numbers(pose or "", 3, "X,Y,YAW", "--pose"), "--pose")
+        cloud = only_cloud(clouds)
+        terminal.summary(_lines(cloud, local_from_cloud(cloud, place, output, common)))
+    else:
+        _run_sequence(clouds, poses, output, common)
+
+
+def _run_sequence(
+    clouds: list[str], poses_file: Path, output: Path, common: LocalSettings
+) -> None:  # fmt: skip
+    sequence = sequence_of(clouds, poses_file, output)
+    poses = {job.folder: job.pose for job in sequence}
+    started = time.perf_counter()
+    with (
+        terminal.progress(len(sequence)) as advance,
+        terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,
+    ):
+
+        def run_one(cloud: Path, folder: Path) -> RunReport:
+            try:
+                report = local_from_cloud(cloud, poses[folder], folder, common, skip=True)
+            finally:
+                advance()
+            terminal.detail(_lines(cloud, report)[0])
+            return report
+
+        jobs = [(job.cloud, job.folder) for job in sequence]
+        results = run_all(jobs, output, run_one, terminal.error, warn, what="cloud")
+    failed = sum(isinstance(result, MapdealError) for result in results)
+    unchanged = sum(isinstance(r, RunReport) and r.status == "unchanged" for r in results)
+    done = len(results) - failed - unchanged
+    rate = len(results) / (time.perf_counter() - started)
+    text = f"{output}: {done} done, {unchanged} unchanged, {failed} failed"
+    terminal.summary([f"{text}, {rate:.3g} maps a second"])
+    if failed:
+        raise BatchError(f"{failed} of {len(results)} clouds failed")
+
+
+def _lines(cloud: Path, report: RunReport) -> list[str]:
+    local = report.figures["local"]
+    head = f"{cloud} -> {report.folder}: "
+    if report.status == "unchanged":
+        return [f"{head}unchanged"]
+    lines = [f"{head}{_summary_of(local)}"]
+    for stage, figures in report.figures.items():
+        size = f"{figures['width']} x {figures['height']}"
+        lines.append(f"  {stage:<8} {size} cells, {summary_of(figures)}")
+    return lines
+
+
+def _summary_of(local: Figures) -> str:
+    dropped = local["points"] - local["marking"] - local["outside"]
+    text = f"{local['marking']} of {local['points']} points in the window"
+    if dropped:
+        text += f", {dropped} dropped"
+    if local["from_map"]:
+        text += f", {local['from_map']} cells from the map"
+    if local["angle_min"] is not None:
+        text += f", angles {local['angle_min']:.4g} .. {local['angle_max']:.4g}"
+    return f"{text}, rear heading {local['rear_heading']:.4g}"

@@ -1,0 +1,237 @@
+"""Local maps from files of point clouds, through a recipe, into folders."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES, cloud_chunks
+from mapdeal.formats.listing import list_files
+from mapdeal.formats.map_yaml import Dialect
+from mapdeal.formats.maps import as_occupancy, read_source
+from mapdeal.formats.poses import read_poses
+from mapdeal.formats.source import sha256_of
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.threads import use_threads
+from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions
+from mapdeal.mapping.poses import Pose
+from mapdeal.pipeline.figures import Figures
+from mapdeal.pipeline.files import errors_named
+from mapdeal.pipeline.folder import OutputFolder, Pictures, Product
+from mapdeal.pipeline.recipe import Recipe
+from mapdeal.pipeline.run import RunReport, products_of
+from mapdeal.pipeline.stage_list import Step
+from mapdeal.render.pose import PoseOverlay
+
+LOCAL_RECIPE = "local"
+_DIGITS = 4
+
+
+@dataclass(frozen=True)
+class GlobalMap:
+    """A map whose obstacles local maps take over, and the files it came from."""
+
+    grid: OccupancyGrid
+    files: tuple[Path, ...]
+    sums: dict[str, str]
+    dialect: Dialect
+
+
+@dataclass(frozen=True)
+class LocalSettings:
+    """What all local maps of a command have in common.
+
+    Parameters
+    ----------
+    options : LocalOptions
+        How they are made of clouds.
+    recipe : Recipe
+        What is made of them.
+    pictures : Pictures
+        Which pictures there are.
+    global_map : GlobalMap, optional
+        Whose obstacles are taken over.
+    require_points : bool
+        Whether a cloud without a point in the window is an error.
+    force : bool
+        Whether outputs that exist are replaced.
+    threads : int, optional
+        Threads to compute and write with; all processors if not given.
+    """
+
+    options: LocalOptions
+    recipe: Recipe
+    pictures: Pictures
+    global_map: GlobalMap | None = None
+    require_points: bool = False
+    force: bool = False
+    threads: int | None = None
+
+
+def read_global_map(path: Path, *, dialect: Dialect, max_cells: int | None) -> GlobalMap:
+    """Return the map in a file, as `LocalSettings` takes it."""
+    source = read_source(path, dialect=dialect, max_cells=max_cells)
+    sums = {file.name: sha256_of(file) for file in source.files}
+    return GlobalMap(as_occupancy(source.grid, str(path)), source.files, sums, dialect)
+
+
+def local_from_cloud(
+    cloud: Path, pose: Sequence[float], folder: Path, settings: LocalSettings, *, skip: bool = False
+) -> RunReport:
+    """Make a local map of a cloud, apply the recipe and write everything into a folder.
+
+    Parameters
+    ----------
+    cloud : Path
+        The cloud.
+    pose : sequence of float
+        x, y (metres) and yaw (radians) of the robot in the map frame.
+    folder : Path
+        Where outputs go; it is made if missing. They appear together, the manifest last.
+    settings : LocalSettings
+        The rest.
+    skip : bool
+        Whether nothing is done if the manifest shows that the folder holds all this already.
+
+    Raises
+    ------
+    MapdealError
+        If the cloud cannot be read or processed, or outputs exist; nothing is changed then.
+
+    Warns
+    -----
+    MapdealWarning
+        If no point marks a cell.
+    """
+    mapper = LocalMapper(pose, settings.options, _grid_of(settings.global_map))
+    known = settings.global_map
+    parameters = {"pose": mapper.pose, **asdict(settings.options)}
+    first = Step("local", {**parameters, "require_points": settings.require_points}, {})
+    target = OutputFolder(
+        folder,
+        (first, *settings.recipe.steps),
+        {cloud.name: sha256_of(cloud), **(known.sums if known is not None else {})},
+        {**({"dialect": known.dialect} if known is not None else {}), **asdict(settings.pictures)},
+        settings.pictures,
+    )
+    figures = target.unchanged_figures() if skip and not settings.force else None
+    if figures is not None:
+        return RunReport(folder, "unchanged", figures)
+    with use_threads(settings.threads):
+        figures = target.fill(
+            _products(first, cloud, mapper, settings),
+            stem=cloud.stem,
+            files=(cloud, *(known.files if known is not None else ())),
+            force=settings.force,
+            overlay=PoseOverlay(mapper.pose),
+        )
+    return RunReport(folder, "done", figures)
+
+
+def _grid_of(known: GlobalMap | None) -> OccupancyGrid | None:
+    return None if known is None else known.grid
+
+
+def _products(
+    first: Step, cloud: Path, mapper: LocalMapper, settings: LocalSettings
+) -> Iterator[Product]:
+    with errors_named(cloud):
+        for points in cloud_chunks(cloud):
+            mapper.add(points)
+    made = mapper.result()
+    _check_points(made, cloud, required=settings.require_points)
+    yield Product(first, made.grid, _figures_of(made))
+    yield from products_of(settings.recipe, made.grid, cloud)
+
+
+def _check_points(made: LocalMap, cloud: Path, *, required: bool) -> None:
+    counts = made.counts
+    (cell,) = made.grid.frame.unbounded_rowcol_from_xy([made.pose[:2]])
+    if made.grid.occupied()[tuple(cell)]:
+        text = "the robot stands in an obstacle; --min-range drops points of the robot itself"
+        warnings.warn(f"{cloud}: {text}", MapdealWarning, stacklevel=2)
+    if counts.marking:
+        if counts.not_finite:
+            text = f"{cloud}: {counts.not_finite} of {counts.points} points are not finite, dropped"
+            warnings.warn(text, MapdealWarning, stacklevel=2)
+        return
+    named = {
+        "are not finite": counts.not_finite,
+        "are beyond the height limits": counts.beyond_height,
+        "are beyond the range limits": counts.beyond_range,
+        "lie outside of the window": counts.outside,
+    }
+    parts = [f"{count} {what}" for what, count in named.items() if count]
+    why = f"of {counts.points} points {', '.join(parts)}" if parts else "it holds no points"
+    if required:
+        raise MalformedInputError(f"no point marks a cell: {why}", source=cloud)
+    warnings.warn(f"{cloud}: no point marks a cell: {why}", MapdealWarning, stacklevel=2)
+
+
+def _figures_of(made: LocalMap) -> Figures:
+    first, last = made.angles or (None, None)
+    return {
+        "pose": list(made.pose),
+        **asdict(made.counts),
+        "from_map": made.from_map,
+        "angle_min": first,
+        "angle_max": last,
+        "rear_heading": made.rear_heading,
+    }
+
+
+@dataclass(frozen=True)
+class CloudJob:
+    """A cloud of a sequence: its file, where the robot stood, and where its map goes."""
+
+    cloud: Path
+    pose: Pose
+    folder: Path
+
+
+def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[CloudJob]:
+    """Return the jobs of a sequence: its clouds in order, a pose and a numbered folder for each.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Files, folders and patterns.
+    poses_file : Path
+        A pose a line, in the order of the clouds.
+    output : Path
+        Where the folders go: ``0000``, ``0001``, ...
+
+    Raises
+    ------
+    MapdealError
+        If a name stands for nothing, the poses cannot be read, or there is not one for each.
+    """
+    clouds = list_files(names, CLOUD_SUFFIXES)
+    poses = read_poses(poses_file)
+    if len(poses) != len(clouds):
+        rule = f"must have a pose for each of {len(clouds)} clouds"
+        raise MalformedInputError(rule, source=poses_file, got=len(poses))
+    digits = max(_DIGITS, len(str(len(clouds) - 1)))
+    return [
+        CloudJob(cloud, (x, y, yaw), output / f"{k:0{digits}}")
+        for k, (cloud, (x, y, yaw)) in enumerate(zip(clouds, poses.tolist(), strict=True))
+    ]
+
+
+def only_cloud(names: Sequence[str]) -> Path:
+    """Return the one cloud that names stand for.
+
+    Raises
+    ------
+    ParameterError
+        If there are more: each then needs a pose.
+    """
+    clouds = list_files(names, CLOUD_SUFFIXES)
+    if len(clouds) > 1:
+        rule = f"is for one cloud, there are {len(clouds)}"
+        hint = "--poses FILE takes a pose for each"
+        raise ParameterError(rule, source="--pose", hint=hint)
+    return clouds[0]

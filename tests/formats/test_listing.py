@@ -1,0 +1,43 @@
+import pytest
+
+from mapdeal import FileAccessError
+from mapdeal.formats.listing import list_files
+
+SUFFIXES = (".pcd", ".ply")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("s10.pcd", "s9.pcd", "s9.PLY", "notes.txt", "b/1.pcd", "b/c/2.pcd", "odd[1].pcd"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    (tmp_path / "d.pcd").mkdir()
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        (["s10.pcd", "s9.pcd", "s10.pcd"], ["s10.pcd", "s9.pcd"]),
+        (["."], ["odd[1].pcd", "s9.PLY", "s9.pcd", "s10.pcd"]),
+        (["s*"], ["s9.PLY", "s9.pcd", "s10.pcd"]),
+        (["**/*.pcd"], ["b/1.pcd", "b/c/2.pcd", "odd[1].pcd", "s9.pcd", "s10.pcd"]),
+        (["b", "s9.pcd"], ["b/1.pcd", "s9.pcd"]),
+        (["odd[1].pcd"], ["odd[1].pcd"]),
+        (["notes.txt", "missing.pcd"], ["notes.txt", "missing.pcd"]),
+    ],
+)
+def test_files_folders_and_patterns(folder, names, found):
+    assert [str(path) for path in list_files(names, SUFFIXES)] == found
+
+
+@pytest.mark.parametrize("name", ["d.pcd", "*.txt", "q*"])
+def test_a_folder_or_pattern_without_such_files(folder, name):
+    with pytest.raises(FileAccessError, match="no file"):
+        list_files([name], SUFFIXES)
+
+
+def test_an_absolute_pattern(folder):
+    assert list_files([f"{folder}/b/?.pcd"], SUFFIXES) == [folder / "b" / "1.pcd"]

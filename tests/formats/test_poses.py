@@ -1,0 +1,75 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, read_poses
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text):
+        path = tmp_path / "poses.txt"
+        path.write_text(text)
+        return read_poses(path)
+
+    return read_text
+
+
+@pytest.mark.parametrize("separator", [" ", ",", " ; ", "\t"])
+def test_x_y_and_yaw(read, separator):
+    lines = [["1", "-2.5", "0.25"], ["1e1", "0", "-3"]]
+    text = "# x y yaw\n\n" + "".join(separator.join(line) + "\n" for line in lines)
+    assert read(text).tolist() == [[1.0, -2.5, 0.25], [10.0, 0.0, -3.0]]
+
+
+@given(yaw=st.floats(-math.pi, math.pi), x=st.floats(-9, 9), y=st.floats(-9, 9))
+def test_tum_s_quaternions_about_the_vertical(tmp_path_factory, yaw, x, y):
+    path = tmp_path_factory.mktemp("poses") / "p.txt"
+    path.write_text(f"16.5 {x!r} {y!r} 3 0 0 {math.sin(yaw / 2)!r} {math.cos(yaw / 2)!r}\n")
+    (pose,) = read_poses(path)
+    assert pose[:2].tolist() == [x, y]
+    assert math.cos(pose[2] - yaw) > 1 - 1e-12
+
+
+def test_the_heading_of_a_robot_that_leans(read):
+    """Turned by 0.3 about the vertical, then by 0.1 about its own y axis."""
+    (a, b), (c, d) = ((math.sin(v / 2), math.cos(v / 2)) for v in (0.3, 0.1))
+    (pose,) = read(f"0 1 2 3 {-a * c} {b * c} {a * d} {b * d}\n")
+    np.testing.assert_allclose(pose, [1.0, 2.0, 0.3], atol=1e-15)
+
+
+def test_what_is_odd_is_warned_of_once(read):
+    with pytest.warns(MapdealWarning, match="2 of 3 poses, first pose 2.*degrees"):
+        read("0 0 0\n0 0 90\n0 0 180\n")
+    with pytest.warns(MapdealWarning, match="not of length 1"):
+        (pose,) = read("0 1 2 3 0 0 2 2\n")
+    assert pose.tolist() == [1.0, 2.0, pytest.approx(math.pi / 2)]
+    with pytest.warns(MapdealWarning, match="leans"):
+        read("0 1 2 3 0.2 0 0 0.9797958971132712\n")
+
+
+BAD = [
+    ("S7-nan", "1 2 3\n1 nan 3\n", "pose 2"),
+    ("S7-inf", "1 2 inf\n", "pose 1"),
+    ("S7-huge", "1 1e300 0\n", "pose 1"),
+    ("S7-zero-quaternion", "0 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 0\n", "pose 2"),
+    ("columns", "1 2\n", "line 1"),
+    ("fewer", "# a\n1 2 3\n1 2\n", "line 3"),
+    ("words", "1 2 3\n1 two 3\n", "line 2"),
+    ("names", "x y yaw\n1 2 3\n", "line 1"),
+    ("empty", "# none\n", "no poses"),
+]
+
+
+@pytest.mark.parametrize(("text", "told"), [pytest.param(*case, id=name) for name, *case in BAD])
+def test_poses_that_are_wrong_are_refused(read, text, told):
+    with pytest.raises(MalformedInputError, match=told):
+        read(text)
+
+
+def test_poses_that_are_not_there(tmp_path):
+    with pytest.raises(FileAccessError):
+        read_poses(tmp_path / "missing")

@@ -1,0 +1,289 @@
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mapdeal import LocalMapper, LocalOptions, MapdealWarning, OccupancyGrid, ParameterError
+from mapdeal import local_map as make
+from mapdeal.mapping.poses import CoveredAngles, wrapped
+
+
+def cells(grid):
+    """The obstacle cells as (column, row)."""
+    return sorted((int(col), int(row)) for row, col in np.argwhere(grid.occupied()))
+
+
+def test_points_of_the_robot_are_turned_and_moved():
+    """A robot at (-1, 2) that looks north: ahead is +y, left is -x."""
+    pose = (-1.0, 2.0, math.pi / 2)
+    points = [[0.5, 0.0, 9.0], [0.0, 0.7, 0.0], [-0.6, -1.1, 0.0]]
+    grid = make(points, pose, size=(3.0, 2.0), resolution=0.1)
+    assert grid.shape == (20, 30)
+    assert grid.origin == (-2.5, 1.0, 0.0)
+    # in the map: (-1, 2.5), (-1.7, 2), (0.1, 1.4)
+    assert cells(grid) == sorted([(15, 15), (8, 10), (26, 4)])
+    assert set(np.unique(grid.occupancy)) == {0, 100}
+
+
+def test_points_of_the_map_lose_the_offset_alone():
+    points = [[3.25, -1.05], [-0.01, 0.0]]
+    grid = make(points, (1.0, -1.0, 2.0), frame="map", offset=(2.0, 0.5), size=(4.0, 3.0),
+                resolution=0.5)  # fmt: skip
+    assert grid.origin == (-1.0, -2.5, 0.0)
+    assert cells(grid) == [(4, 1)]  # (1.25, -1.55); the other, (-2.01, -0.5), is outside
+
+
+def test_the_offset_is_taken_off_in_the_robot_s_frame_too():
+    grid = make([[1.0, 0.0]], (0.0, 0.0, math.pi), offset=(0.5, -0.25), size=(4, 2), resolution=0.5)
+    assert cells(grid) == [(1, 2)]  # (-1.5, 0.25)
+
+
+def test_points_on_borders_belong_to_the_cell_above():
+    """Lower edges of the window are in it, upper ones are not; -0.01 is not in cell 0."""
+    points = [[-1.0, -0.5], [-0.9, -0.5], [0.0, 0.0], [0.3, 0.1], [1.0, 0.0], [0.0, 0.5],
+              [-1.01, 0.0], [-1.0000001, 0.0], [0.9999999, 0.4999999]]  # fmt: skip
+    grid = make(points, (0.0, 0.0, 0.0), size=(2.0, 1.0), resolution=0.1)
+    assert cells(grid) == sorted([(0, 0), (1, 0), (10, 5), (13, 6), (19, 9)])
+
+
+@pytest.mark.parametrize("frame", ["robot", "map"])
+def test_every_multiple_of_the_resolution_is_its_own_cell(frame):
+    """0.05 k, as sums and products of floats: none falls one cell short."""
+    steps = np.arange(-40, 40)
+    along = np.column_stack([steps * 0.05, np.zeros(80)])
+    grid = make(along, (0.0, 0.0, 0.0), frame=frame, size=(4, 1))
+    assert cells(grid) == [(k, 10) for k in range(80)]
+    shifted = along + (0.35 if frame == "robot" else 0.1)
+    pose = (-0.35, -0.35, 0.0) if frame == "robot" else (0.1, 0.1, 0.0)
+    grid = make(shifted, pose, frame=frame, size=(4, 1))
+    assert len(cells(grid)) == (80 if frame == "map" else 73)
+
+
+@pytest.mark.parametrize(
+    ("pose", "size", "resolution", "origin", "shape"),
+    [
+        ((0.02, -0.02, 0), (1, 2), 0.1, (-0.5, -1.1, 0), (20, 10)),
+        ((-0.52, 0.58, 1), (0.95, 0.5), 0.1, (-1.0, 0.3, 0), (5, 10)),
+        ((1e6, -5e6, 0), (20, 20), 0.05, (999990, -5000010, 0), (400, 400)),
+        ((0.3, 0.3, 0), (0.01, 0.01), 0.1, (0.2, 0.2, 0), (1, 1)),
+    ],
+)
+def test_the_window_lies_on_the_lattice_of_the_resolution(pose, size, resolution, origin, shape):
+    grid = make(np.empty((0, 2)), pose, size=size, resolution=resolution)
+    assert (grid.origin, grid.shape) == (origin, shape)
+    assert not grid.occupied().any()
+
+
+def test_the_window_lies_on_the_lattice_of_the_global_map():
+    known = OccupancyGrid(np.zeros((4, 5), np.int8), 0.1, (0.03, -0.06, 0.0))
+    grid = make(np.empty((0, 2)), (0.5, 0.5, 0), size=(0.6, 0.4), resolution=0.1, global_map=known)
+    assert grid.origin == (0.13, 0.24, 0.0)
+    fine = make(np.empty((0, 2)), (0.5, 0.5, 0), size=(0.6, 0.4), resolution=0.05, global_map=known)
+    assert fine.origin == (0.18, 0.29, 0.0)
+
+
+def test_obstacles_of_the_global_map_are_taken_over():
+    values = np.zeros((4, 5), np.int8)
+    values[1, 2], values[3, 4], values[0, 0], values[2, 2] = 100, 100, 100, 99
+    values[2, 0] = -1
+    known = OccupancyGrid(values, 0.1, (0.03, -0.06, 0.0))
+    mapper = LocalMapper((0.35, 0.2, 0.0), LocalOptions(size=(0.6, 0.4), resolution=0.1), known)
+    mapper.add([[0.0, 0.1], [9.0, 0.0]])
+    made = mapper.result()
+    assert made.grid.origin == (0.03, -0.06, 0.0)
+    assert cells(made.grid) == sorted([(2, 1), (4, 3), (0, 0), (3, 3)])
+    assert (made.from_map, made.counts.marking, made.counts.outside) == (3, 1, 1)
+
+
+def test_a_turned_global_map_of_another_resolution_loses_no_obstacle():
+    rng = np.random.default_rng(3)
+    known = OccupancyGrid((rng.random((30, 40)) < 0.1).astype(np.int8) * 100, 0.13, (-2, 1, 0.6))
+    pose = tuple(known.frame.xy_from_rowcol([[15, 20]])[0])
+    grid = make(np.empty((0, 2)), (*pose, 0.0), size=(8, 8), resolution=0.05, global_map=known)
+    places = np.argwhere(known.occupied())[:, np.newaxis] + rng.random((1, 50, 2))
+    points = known.frame.xy_from_continuous_rowcol(places.reshape(-1, 2))
+    hit, inside = grid.frame.bounded_rowcol_from_xy(points)
+    assert inside.all()
+    assert grid.occupied()[tuple(hit.T)].all()
+    # and what is set lies within a cell of an obstacle
+    row_col = known.frame.continuous_rowcol_from_xy(
+        grid.frame.xy_from_rowcol(np.argwhere(grid.occupied()))
+    )
+    centres = np.argwhere(known.occupied()) + 0.5
+    off = np.abs(row_col[:, np.newaxis] - centres).max(axis=2).min(axis=1)
+    assert off.max() < 0.5 + 0.05 / 0.13
+
+
+LIMITS = {"min_height": -0.5, "max_height": 1.0, "min_range": 0.5, "max_range": 3.0}
+CLOUD = [
+    ([1.0, 0.0, 0.0], "marking"),
+    ([1.0, 0.1, -0.5], "marking"),
+    ([1.0, 0.2, 1.0], "marking"),
+    ([0.0, -0.5, 0.0], "marking"),
+    ([3.0, 0.0, 0.0], "outside"),
+    ([0.0, 0.49, 0.0], "beyond_range"),
+    ([3.01, 0.0, 0.0], "beyond_range"),
+    ([1e300, 1e300, 0.0], "beyond_range"),
+    ([1.0, 0.0, 1.001], "beyond_height"),
+    ([1.0, 0.0, -0.51], "beyond_height"),
+    ([9.0, 0.0, 9.0], "beyond_height"),
+    ([math.nan, 0.0, 0.0], "not_finite"),
+    ([0.0, math.inf, 0.0], "not_finite"),
+    ([1.0, 1.0, math.nan], "not_finite"),
+]
+
+
+@pytest.mark.parametrize("frame", ["robot", "map"])
+def test_each_point_is_counted_once(frame):
+    points = np.array([point for point, _ in CLOUD])
+    pose = (0.0, 0.0, 0.0)
+    if frame == "map":
+        pose = (7.0, -3.0, 2.0)
+        points[:, :2] += pose[:2]
+    mapper = LocalMapper(pose, LocalOptions(frame, size=(4, 4), **LIMITS))
+    mapper.add(points[:5])
+    mapper.add(points[5:])
+    counts = mapper.result().counts
+    assert counts.points == len(CLOUD)
+    for name in ("marking", "outside", "beyond_range", "beyond_height", "not_finite"):
+        assert getattr(counts, name) == sum(what == name for _, what in CLOUD), name
+
+
+COORDINATES = st.one_of(
+    st.floats(-3, 3), st.integers(-60, 60).map(lambda k: k * 0.05), st.just(math.nan)
+)
+
+
+@settings(deadline=None)
+@given(
+    points=st.lists(st.tuples(COORDINATES, COORDINATES), max_size=12),
+    pose=st.tuples(COORDINATES, COORDINATES).filter(lambda p: not any(map(math.isnan, p))),
+    quarter=st.integers(-2, 2),
+    frame=st.sampled_from(["robot", "map"]),
+    resolution=st.sampled_from(["0.05", "0.1", "0.25"]),
+    size=st.tuples(st.integers(1, 50), st.integers(1, 50)),
+)
+def test_cells_are_those_of_exact_arithmetic(points, pose, quarter, frame, resolution, size):
+    """Quarter turns are exact in fractions; points within a rounding of a border are left out."""
+    step = Fraction(resolution)
+    width, height = (Fraction(k, 20) for k in size)
+    corner = [
+        math.floor((Fraction(p) - length / 2) / step + Fraction(1, 10**9))
+        for p, length in zip(pose, (width, height), strict=True)
+    ]
+    columns, rows = (math.ceil(length / step - Fraction(1, 10**9)) for length in (width, height))
+    expected = set()
+    kept = []
+    cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter % 4]
+    for x, y in points:
+        kept.append((x, y))
+        if math.isnan(x) or math.isnan(y):
+            continue
+        a, b = Fraction(x), Fraction(y)
+        if frame == "robot":
+            a, b = cos * a - sin * b + Fraction(pose[0]), sin * a + cos * b + Fraction(pose[1])
+        places = [c / step - first for c, first in zip((a, b), corner, strict=True)]
+        away = min(abs(p + Fraction(1, 10**9) - round(p)) for p in places)
+        if away < Fraction(1, 10**11):  # half way between two cells, by the tolerance itself
+            kept.pop()
+            continue
+        col, row = (math.floor(p + Fraction(1, 10**9)) for p in places)
+        if 0 <= col < columns and 0 <= row < rows:
+            expected.add((col, row))
+    grid = make(
+        np.array(kept).reshape(-1, 2), (*pose, quarter * math.pi / 2), frame=frame,
+        size=tuple(k / 20 for k in size), resolution=float(step),
+    )  # fmt: skip
+    assert grid.shape == (rows, columns)
+    assert grid.origin[:2] == tuple(float(k * step) for k in corner)
+    assert set(cells(grid)) == expected
+
+
+ANGLES = st.lists(st.floats(-20, 20), min_size=1, max_size=9)
+
+
+@given(angles=ANGLES)
+def test_the_arc_leaves_out_the_largest_gap(angles):
+    covered = CoveredAngles()
+    for angle in angles:
+        covered.add(np.array([angle]))
+    first, last = covered.arc()
+    assert -math.pi < first <= math.pi
+    assert first <= last < first + 2 * math.pi
+    turn = 2 * math.pi
+    ordered = sorted(math.remainder(angle, turn) for angle in angles)
+    gaps = [b - a for a, b in zip(ordered, [*ordered[1:], ordered[0] + turn], strict=True)]
+    assert turn - (last - first) == pytest.approx(max(gaps), abs=1e-12)
+    for angle in angles:
+        assert (angle - first + 1e-12) % turn <= last - first + 2e-12
+
+
+def test_angles_across_pi_and_below_zero():
+    def angles_of(points, **options):
+        mapper = LocalMapper((1.0, 2.0, -2.0), LocalOptions(**options))
+        mapper.add(np.array(points, dtype=float))
+        return mapper.result().angles
+
+    def at(angle, r=2.0):
+        return [r * math.cos(angle), r * math.sin(angle)]
+
+    assert angles_of([at(3.0), at(-3.1), at(3.1)]) == pytest.approx((3.0, 2 * math.pi - 3.1))
+    assert angles_of([at(-2.0), at(-0.5)]) == pytest.approx((-2.0, -0.5))
+    assert angles_of([at(0.7)]) == pytest.approx((0.7, 0.7))
+    assert angles_of([[0.0, 0.0]]) is None
+    assert angles_of(np.empty((0, 3))) is None
+    # of points in the map, the angles are the robot's, too: ahead is -2 there
+    ahead = [1.0 + math.cos(-1.8), 2.0 + math.sin(-1.8)]
+    assert angles_of([ahead], frame="map") == pytest.approx((0.2, 0.2))
+    # points that do not count are not seen
+    assert angles_of([at(0.1), at(1.0, 9)], max_range=5.0) == pytest.approx((0.1, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("yaw", "rear"),
+    [(0.0, math.pi), (math.pi, 0.0), (-math.pi, 0.0), (1.0, 1.0 - math.pi), (-1.0, math.pi - 1.0),
+     (5.0, 5.0 - math.pi)],
+)  # fmt: skip
+def test_the_rear_heading(yaw, rear):
+    assert LocalMapper((0, 0, yaw), LocalOptions()).result().rear_heading == pytest.approx(rear)
+
+
+def test_a_yaw_of_more_than_a_turn_may_be_in_degrees():
+    with pytest.warns(MapdealWarning, match="degrees"):
+        mapper = LocalMapper((0, 0, 90.0), LocalOptions())
+    assert mapper.pose[2] == pytest.approx(wrapped(90.0))
+
+
+BAD = [
+    ({"frame": "odom"}, "frame"),
+    ({"offset": (1.0, math.nan)}, "offset"),
+    ({"size": (0.0, 1.0)}, "size"),
+    ({"size": (1.0, math.inf)}, "size"),
+    ({"size": (1e6, 1e6)}, "size"),
+    ({"resolution": 0.0}, "resolution"),
+    ({"min_range": -1.0}, "min_range"),
+    ({"max_range": math.nan}, "max_range"),
+    ({"min_height": 2.0, "max_height": 1.0}, "min_height"),
+    ({"max_height": 1.0}, "heights"),
+]
+
+
+@pytest.mark.parametrize(("options", "told"), BAD)
+def test_options_that_cannot_be_are_refused(options, told):
+    with pytest.raises(ParameterError, match=told):
+        make([[1.0, 2.0]], (0.0, 0.0, 0.0), **options)
+
+
+@pytest.mark.parametrize("pose", [(0, 0), (0, 0, math.nan), (math.inf, 0, 0), (1e13, 0, 0), "abc"])
+def test_a_pose_that_cannot_be_is_refused(pose):
+    with pytest.raises(ParameterError, match="pose"):
+        make([[1.0, 2.0]], pose)
+
+
+@pytest.mark.parametrize("points", [[1.0, 2.0], [[1.0]], np.zeros((2, 2, 2))])
+def test_points_of_another_shape_are_refused(points):
+    with pytest.raises(ParameterError, match="points"):
+        make(points, (0.0, 0.0, 0.0))
