@@ -17,6 +17,7 @@ import mapdeal
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.overlay import Overlay
+from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.route import RouteOverlay
 from mapdeal.stages.exponential_cost import cost_table
@@ -238,7 +239,20 @@ def draw_office() -> None:
     _picture("office_potential.png", attraction, "office: potential field")
     trapped = mapdeal.descend(costmap, attraction, (-7.5, 2.5))
     _picture("office_descent.png", costmap, "office: route, descent", overlay=RouteOverlay(trapped))
+    _local_pictures(office)
     _picture("office_mask.png", masked, "office: cost, inscribed 0.22 m, with a keepout mask")
+
+
+def _local_pictures(office: mapdeal.OccupancyGrid) -> None:
+    pose = (-1.0, 0.35, 0.3)
+    points = mapdeal.read_cloud(MAPS.parent / "clouds" / "corridor2.pcd")
+    limits = {"min_height": 0.1, "max_height": 1.8}
+    local = mapdeal.local_map(points, pose, size=(12, 8), global_map=office, **limits)
+    inflated = mapdeal.inflate(local, radius=0.22)
+    robot = PoseOverlay(pose)
+    _picture("local_map.png", local, "corridor2: local map", overlay=robot)
+    costs = mapdeal.ring_cost(inflated)
+    _picture("local_cost.png", costs, "corridor2: cost, rings 90, 70, 50", overlay=robot)
 
 
 def _picture(

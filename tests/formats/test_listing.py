@@ -39,5 +39,10 @@ def test_a_folder_or_pattern_without_such_files(folder, name):
         list_files([name], SUFFIXES)
 
 
+def test_endings_that_a_folder_does_not_stand_for(folder):
+    found = list_files([".", "s*.PLY"], (".pcd", ".ply", ".txt"), not_in_folders=(".ply", ".txt"))
+    assert [str(path) for path in found] == ["odd[1].pcd", "s9.pcd", "s10.pcd", "s9.PLY"]
+
+
 def test_an_absolute_pattern(folder):
     assert list_files([f"{folder}/b/?.pcd"], SUFFIXES) == [folder / "b" / "1.pcd"]

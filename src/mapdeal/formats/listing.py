@@ -11,7 +11,9 @@ from mapdeal.errors import FileAccessError
 from mapdeal.formats.source import exists
 
 
-def list_files(names: Iterable[str], suffixes: Sequence[str]) -> list[Path]:
+def list_files(
+    names: Iterable[str], suffixes: Sequence[str], *, not_in_folders: Sequence[str] = ()
+) -> list[Path]:
     """Return the files that names stand for, each once.
 
     Parameters
@@ -22,6 +24,8 @@ def list_files(names: Iterable[str], suffixes: Sequence[str]) -> list[Path]:
         that match it.
     suffixes : sequence of str
         Endings, in small letters.
+    not_in_folders : sequence of str
+        Those of them that a folder's name alone does not stand for.
 
     Returns
     -------
@@ -36,14 +40,15 @@ def list_files(names: Iterable[str], suffixes: Sequence[str]) -> list[Path]:
     """
     found: dict[Path, None] = {}
     for name in names:
-        found.update(dict.fromkeys(_files_of(name, suffixes)))
+        found.update(dict.fromkeys(_files_of(name, suffixes, not_in_folders)))
     return list(found)
 
 
-def _files_of(name: str, suffixes: Sequence[str]) -> list[Path]:
+def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str]) -> list[Path]:
     path = Path(name)
     is_there = exists(path)
     if is_there and path.is_dir():
+        suffixes = [suffix for suffix in suffixes if suffix not in not_in_folders]
         try:
             inside = list(path.iterdir())
         except OSError as error:

@@ -93,6 +93,11 @@ def chunks_of(path: Path) -> Iterator[bytes]:
         raise FileAccessError(rule, source=path) from None
 
 
+def is_same_file(one: Path, other: Path) -> bool:
+    """Return whether two names are of one file that there is."""
+    return exists(one) and exists(other) and one.samefile(other)
+
+
 def holds(path: Path, sha256: str) -> bool:
     """Return whether `path` is a file with exactly the contents of that checksum."""
     return exists(path) and path.is_file() and sha256_of(path) == sha256

@@ -13,7 +13,7 @@ from mapdeal.formats.listing import list_files
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import as_occupancy, read_source
 from mapdeal.formats.poses import read_poses
-from mapdeal.formats.source import sha256_of
+from mapdeal.formats.source import is_same_file, sha256_of
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions
@@ -209,7 +209,7 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Cl
     MapdealError
         If a name stands for nothing, the poses cannot be read, or there is not one for each.
     """
-    clouds = list_files(names, CLOUD_SUFFIXES)
+    clouds = [cloud for cloud in _clouds_of(names) if not is_same_file(cloud, poses_file)]
     poses = read_poses(poses_file)
     if len(poses) != len(clouds):
         rule = f"must have a pose for each of {len(clouds)} clouds"
@@ -221,6 +221,11 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Cl
     ]
 
 
+def _clouds_of(names: Sequence[str]) -> list[Path]:
+    # beside clouds there often lie texts that are none, such as their poses
+    return list_files(names, CLOUD_SUFFIXES, not_in_folders=(".txt",))
+
+
 def only_cloud(names: Sequence[str]) -> Path:
     """Return the one cloud that names stand for.
 
@@ -229,7 +234,7 @@ def only_cloud(names: Sequence[str]) -> Path:
     ParameterError
         If there are more: each then needs a pose.
     """
-    clouds = list_files(names, CLOUD_SUFFIXES)
+    clouds = _clouds_of(names)
     if len(clouds) > 1:
         rule = f"is for one cloud, there are {len(clouds)}"
         hint = "--poses FILE takes a pose for each"
