@@ -69,8 +69,9 @@ class MapdealError(Exception):
 
     def __str__(self) -> str:
         """Return ``SOURCE: PLACE: rule, got VALUE`` on one line, control characters escaped."""
-        parts = [str(part) for part in (self.source, self.place) if part is not None]
-        text = ": ".join([*parts, self.rule])
+        parts = [] if self.source is None else [str(self.source)]
+        parts += [_short(part) for part in (self.place, self.rule) if part is not None]
+        text = ": ".join(parts)
         if self._got is not _MISSING:
             text += f", got {shown(self._got)}"
         return one_line(text)
@@ -112,6 +113,11 @@ class BatchError(MapdealError):
     """A batch that finished although some of its inputs failed."""
 
     exit_code = 5
+
+
+def _short(text: str, limit: int = 400) -> str:
+    """Return a text that may quote a file, cut where nobody reads on."""
+    return text if len(text) <= limit else f"{text[:limit]}..."
 
 
 def one_line(text: str) -> str:

@@ -40,6 +40,8 @@ REFUSED = [
     ("setting", GOOD, [*POSE, "--set", "inflate.radius=-1"], 2, ["inflate.radius"]),
     ("map-missing", GOOD, [*POSE, "--map", "none.yaml"], 4, ["none.yaml"]),
     ("map-broken", GOOD, [*POSE, "--map", "c.xyz"], 3, ["c.xyz"]),
+    ("no-name", GOOD, [*POSE, "--cloud", ""], 2, ["empty"]),
+    ("several-words", GOOD, [*POSE, "d.xyz"], 2, ["d.xyz"]),
     ("output-is-a-file", GOOD, [*POSE, "-o", "m.yaml"], 4, ["m.yaml"]),
 ]
 
@@ -68,6 +70,24 @@ def test_poses_that_cannot_be_are_refused_before_any_work(folder, refused, poses
         (folder / name).write_text(GOOD)
     (folder / "p.txt").write_text(poses)
     refused([*LOCAL, "--cloud", "d.xyz", "--poses", "p.txt"], 3, "p.txt", told)
+
+
+def test_a_sequence_does_not_write_over_what_it_reads(folder, refused):
+    (folder / "out" / "0001").mkdir(parents=True)
+    (folder / "out" / "summary.json").write_text("0 0 0\n0 0 0\n")
+    (folder / "p.txt").write_text("0 0 0\n0 0 0\n")
+    for name in ("c.xyz", "d.xyz", "out/0001/e.xyz"):
+        (folder / name).write_text(GOOD)
+    words = [*LOCAL, "--force", "--poses"]
+    refused([*words, "out/summary.json", "--cloud", "d.xyz"], 4, "out/summary.json", "outputs")
+    refused([*words, "p.txt", "--cloud", "out/0001/e.xyz"], 4, "out/0001/e.xyz", "outputs")
+
+
+def test_a_pipe_is_no_cloud(folder, refused):
+    import os
+
+    os.mkfifo(folder / "f.xyz")
+    refused(["local", "--cloud", "f.xyz", "-o", "out", *POSE], 4, "f.xyz", "regular")
 
 
 def test_several_clouds_need_poses(folder, refused):
@@ -108,8 +128,9 @@ def test_without_points_the_map_is_empty_and_that_is_warned_of(folder, accepted,
 
 def test_points_that_are_not_finite_are_dropped_with_their_count_s3(folder, accepted):
     (folder / "c.xyz").write_text("nan 0 0\n1 1 1\n0 -inf 0\n")
-    _, warned = accepted(*LOCAL, *POSE)
-    assert warned == ["warning: c.xyz: 2 of 3 points are not finite, dropped"]
+    out, warned = accepted(*LOCAL, *POSE)
+    assert not warned
+    assert "1 of 3 points in the window (dropped: 2 not finite)" in out
     assert read_map(folder / "out" / "local.yaml").occupied().sum() == 1
 
 

@@ -49,10 +49,10 @@ def contents(folder):
 
 def test_local_writes_a_map_and_what_is_made_of_it(command, cloud, points):
     code, out, err = command("local", "--cloud", cloud, "--pose", POSE, *OPTIONS, "-o", "o",
-                             "--min-range", "0.3")  # fmt: skip
+                             "--min-range", "0.5")  # fmt: skip
     assert (code, err) == (0, "")
     assert sorted(contents(cloud.parent / "o")) == sorted(NAMES)
-    local = made_of(points, min_range=0.3)
+    local = made_of(points, min_range=0.5)
     inflated = inflate(local, radius=0.3)
     found = read_map("o/local.yaml")
     assert np.array_equal(found.occupancy, local.occupancy)
@@ -123,6 +123,31 @@ def test_a_global_map_is_joined(command, cloud, points):
     assert set(manifest["inputs"]) == {"scan.pcd", "known.yaml", "known.pgm"}
 
 
+def test_a_global_map_elsewhere_is_warned_of(command, cloud):
+    write_map("known.yaml", grid_from_text("#..#\n....", 0.1, (8.0, 0.5, 0.3)))
+    code, out, err = command("local", "--cloud", cloud, "--pose", POSE, *OPTIONS, "--map",
+                             "known.yaml", "-o", "o", "--min-range", "0.5")  # fmt: skip
+    told = "the map does not reach into the window around -1.5, 0.7"
+    assert (code, err) == (0, f"warning: known.yaml: {told}\n")
+    assert "0 cells from the map" in out
+
+
+@pytest.mark.parametrize("size", ["6,6", "0.04,0.04"])
+def test_a_window_of_one_cell_need_not_hold_the_robot(command, cloud, size):
+    code, _, _ = command("local", "--cloud", cloud, "--pose", "0,0,0", "--size", size, "-o", "o",
+                         "--resolution", size.split(",")[0], "--no-images")  # fmt: skip
+    assert code == 0
+
+
+def test_lower_values_of_the_map_count_where_the_recipe_says_so(command, cloud, points):
+    known = grid_from_text("#...", 0.1, (-2.0, 0.5, 0.0)).with_values(np.array([[80, 0, 0, 0]]))
+    write_map("known.npz", known)
+    words = ["--map", "known.npz", "-o", "o", "--set", "inflate.lethal_threshold=70"]
+    code, out, _ = command("local", "--cloud", cloud, "--pose", POSE, *OPTIONS, *words)
+    assert code == 0
+    assert "1 cells from the map" in out
+
+
 def test_parameters_and_the_robot_s_shape_reach_the_stages(command, cloud, points):
     code, _, _ = command("local", "--cloud", cloud, "--pose", POSE, *OPTIONS, "-o", "o",
                          "--robot-radius", "0.12", "--set", "cost.values=80,40")  # fmt: skip
@@ -136,7 +161,7 @@ def test_parameters_and_the_robot_s_shape_reach_the_stages(command, cloud, point
 def test_the_robot_s_own_points_are_warned_of(command, cloud):
     (cloud.parent / "own.xyz").write_text("0 0 0\n1 0 0\n")
     _, _, err = command("local", "--cloud", "own.xyz", "--pose", "0,0,0", "-o", "a", "--no-images")
-    assert err.startswith("warning: own.xyz: the robot stands in an obstacle")
+    assert err.startswith("warning: own.xyz: the robot's own cell is an obstacle once inflated")
     assert len(err.splitlines()) == 1
     _, _, err = command("local", "--cloud", "own.xyz", "--pose", "0,0,0", "-o", "b", "--no-images",
                         "--min-range", "0.1")  # fmt: skip
@@ -205,6 +230,16 @@ def test_a_bad_cloud_does_not_stop_the_others(command, sequence):
     assert not sequence.parent.joinpath("o", "0004").exists()
     summary = json.loads(sequence.parent.joinpath("o", "summary.json").read_text())["maps"]
     assert (summary[4]["status"], summary[4]["exit_code"]) == ("failed", 3)
+
+
+def test_a_longer_sequence_before_is_warned_of(command, sequence):
+    words = ["local", "--poses", "poses.txt", *OPTIONS, "-o", "o", "--no-images", "--force"]
+    assert command(*words, "--cloud", sequence)[0] == 0
+    (sequence.parent / "poses.txt").write_text("0 0 0\n")
+    _, _, err = command(*words, "--cloud", "scans/3.csv")
+    assert err.splitlines()[-1] == (
+        "warning: 11 folders are not of this sequence, such as o/0001"
+    )  # fmt: skip
 
 
 def test_many_warnings_of_a_sequence_are_counted(command, sequence):

@@ -61,6 +61,10 @@ def test_more_points_than_are_read_together(read):
     np.testing.assert_array_equal(read("c.pcd", head + points.tobytes()), points)
 
 
+def test_a_compressed_cloud_without_points_may_have_no_sizes(read):
+    assert read("c.pcd", pcd_header(XYZ, 0, "binary_compressed")).size == 0
+
+
 def test_lines_end_as_on_windows_and_comments_are_passed_over(read):
     text = pcd(XYZ, [[[1.5], [2.5], [3.5]]], "ascii").replace(b"\n", b"\r\n")
     text = text.replace(b"DATA ascii\r\n", b"DATA ascii\r\n# the first\r\n\r\n")
@@ -136,6 +140,7 @@ TEXTS = [
     ("semicolons", b"1;2;3\n-4;50;0.6"),
     ("names", b'"y","x",label,"z"\n2,1,9,3\n50,-4,9,0.6\n'),
     ("names-of-cloudcompare", b"//X Y Z R G B\n1 2 3 0 0 0\n-4 50 0.6 0 0 0\n"),
+    ("names-behind-slashes", b"// X Y Z I\n1 2 3 9\n-4 50 0.6 9\n"),
     ("comments", b"\xef\xbb\xbf# a\n\n# b\r\n1 2 3\r\n#\n-4 50 0.6\r\n"),
     ("more-columns", b"1 2 3 99 x\n-4 50 0.6\n"),
 ]
@@ -229,6 +234,20 @@ def deflated_rows(shape):
     return file.getvalue()
 
 
+def by_columns(shape):
+    """An npz of a table of zeros that is stored column by column, in few bytes."""
+    file = io.BytesIO()
+    header = {"descr": "|u1", "fortran_order": True, "shape": shape}
+    with (
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.npy", "w") as entry,
+    ):
+        np.lib.format.write_array_header_1_0(entry, header)
+        for _ in range(shape[1]):
+            entry.write(bytes(shape[0]))
+    return file.getvalue()
+
+
 BAD = [
     ("S1-nothing.pcd", b"", "header"),
     ("S2-no-x.pcd", head(FIELDS="a y z") + bytes(12), "FIELDS"),
@@ -310,6 +329,7 @@ BAD = [
     ("S16-flat.npz", saved(np.savez, points=np.arange(6.0)), "(6,)"),
     ("S16-claims-rows.npz", deflated_rows((10**12, 3)), "size"),
     ("S16-claims-columns.npz", deflated_rows((3, 10**12)), "size"),
+    ("S16-bomb.npz", by_columns((40_000_000, 3)), "column by column"),
     ("S16-wide.npz", saved(np.savez, np.zeros((1, 70_000), "u1")), "70000 columns"),
     ("kind.las", b"LASF", ".las"),
     ("none", b"1 2 3\n", ".pcd"),

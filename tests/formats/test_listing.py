@@ -20,13 +20,13 @@ def folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("names", "found"),
     [
-        (["s10.pcd", "s9.pcd", "s10.pcd"], ["s10.pcd", "s9.pcd"]),
+        (["s10.pcd", "s9.pcd", "s10.pcd"], ["s10.pcd", "s9.pcd", "s10.pcd"]),
         (["."], ["odd[1].pcd", "s9.PLY", "s9.pcd", "s10.pcd"]),
         (["s*"], ["s9.PLY", "s9.pcd", "s10.pcd"]),
         (["**/*.pcd"], ["b/1.pcd", "b/c/2.pcd", "odd[1].pcd", "s9.pcd", "s10.pcd"]),
         (["b", "s9.pcd"], ["b/1.pcd", "s9.pcd"]),
         (["odd[1].pcd"], ["odd[1].pcd"]),
-        (["notes.txt", "missing.pcd"], ["notes.txt", "missing.pcd"]),
+        (["notes.txt", "b"], ["notes.txt", "b/1.pcd"]),
     ],
 )
 def test_files_folders_and_patterns(folder, names, found):
@@ -42,6 +42,19 @@ def test_a_folder_or_pattern_without_such_files(folder, name):
 def test_endings_that_a_folder_does_not_stand_for(folder):
     found = list_files([".", "s*.PLY"], (".pcd", ".ply", ".txt"), not_in_folders=(".ply", ".txt"))
     assert [str(path) for path in found] == ["odd[1].pcd", "s9.pcd", "s10.pcd", "s9.PLY"]
+
+
+@pytest.mark.parametrize("name", ["missing.pcd", "missing", "no/such.pcd"])
+def test_what_is_not_there(folder, name):
+    with pytest.raises(FileAccessError, match=r"no such file"):
+        list_files([name], SUFFIXES)
+
+
+def test_a_name_sorts_before_longer_ones(folder):
+    for name in ("depth.pcd", "depth2.pcd"):
+        (folder / "b" / "c" / name).touch()
+    found = [path.name for path in list_files(["b/c"], SUFFIXES)]
+    assert found == ["2.pcd", "depth.pcd", "depth2.pcd"]
 
 
 def test_an_absolute_pattern(folder):

@@ -21,14 +21,16 @@ def read(tmp_path):
 @pytest.mark.parametrize("separator", [" ", ",", " ; ", "\t"])
 def test_x_y_and_yaw(read, separator):
     lines = [["1", "-2.5", "0.25"], ["1e1", "0", "-3"]]
-    text = "# x y yaw\n\n" + "".join(separator.join(line) + "\n" for line in lines)
+    rows = [["x", "y", "yaw"], *lines]
+    text = "# a comment\n\n" + "".join(separator.join(row) + "\n" for row in rows)
     assert read(text).tolist() == [[1.0, -2.5, 0.25], [10.0, 0.0, -3.0]]
 
 
 @given(yaw=st.floats(-math.pi, math.pi), x=st.floats(-9, 9), y=st.floats(-9, 9))
 def test_tum_s_quaternions_about_the_vertical(tmp_path_factory, yaw, x, y):
     path = tmp_path_factory.mktemp("poses") / "p.txt"
-    path.write_text(f"16.5 {x!r} {y!r} 3 0 0 {math.sin(yaw / 2)!r} {math.cos(yaw / 2)!r}\n")
+    quaternion = f"0 0 {math.sin(yaw / 2)!r} {math.cos(yaw / 2)!r}"
+    path.write_text(f"1700000000123456789 {x!r} {y!r} 3 {quaternion}\n")
     (pose,) = read_poses(path)
     assert pose[:2].tolist() == [x, y]
     assert math.cos(pose[2] - yaw) > 1 - 1e-12
@@ -42,8 +44,12 @@ def test_the_heading_of_a_robot_that_leans(read):
 
 
 def test_what_is_odd_is_warned_of_once(read):
-    with pytest.warns(MapdealWarning, match="2 of 3 poses, first pose 2.*degrees"):
-        read("0 0 0\n0 0 90\n0 0 180\n")
+    with pytest.warns(MapdealWarning, match="2 of 3 poses, the first of them pose 2.*degrees"):
+        poses = read("0 0 0\n0 0 90\n0 0 -180\n")
+    assert np.cos(poses[:, 2] - [0, 90, -180]) == pytest.approx(1.0)
+    assert np.abs(poses[:, 2]).max() <= math.pi
+    with pytest.warns(MapdealWarning, match="time"):
+        read("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n")
     with pytest.warns(MapdealWarning, match="not of length 1"):
         (pose,) = read("0 1 2 3 0 0 2 2\n")
     assert pose.tolist() == [1.0, 2.0, pytest.approx(math.pi / 2)]
@@ -59,7 +65,7 @@ BAD = [
     ("columns", "1 2\n", "line 1"),
     ("fewer", "# a\n1 2 3\n1 2\n", "line 3"),
     ("words", "1 2 3\n1 two 3\n", "line 2"),
-    ("names", "x y yaw\n1 2 3\n", "line 1"),
+    ("names-and-a-number", "x y 1\n1 2 3\n", "line 1"),
     ("empty", "# none\n", "no poses"),
 ]
 

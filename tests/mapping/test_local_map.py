@@ -117,6 +117,24 @@ def test_a_turned_global_map_of_another_resolution_loses_no_obstacle():
     assert off.max() < 0.5 + 0.05 / 0.13
 
 
+@pytest.mark.parametrize("yaw", [2 * math.pi, -4 * math.pi, 1e-17])
+def test_a_whole_turn_is_no_turn(yaw):
+    known = OccupancyGrid((np.indices((40, 40))[0] % 9 == 0) * 100, 0.1, (-2.03, -2.03, 0.0))
+    turned = OccupancyGrid(known.occupancy, 0.1, (-2.03, -2.03, yaw))
+    grids = [make(np.empty((0, 2)), (0, 0, 0), size=(2, 2), resolution=0.1, global_map=one)
+             for one in (known, turned)]  # fmt: skip
+    assert grids[0].origin == grids[1].origin
+    assert np.array_equal(grids[0].occupancy, grids[1].occupancy)
+
+
+def test_the_threshold_of_obstacles_of_the_global_map():
+    known = OccupancyGrid([[80, 79, 100, -1]], 0.5, (-1.0, 0.0, 0.0))
+    for threshold, expected in ((100, [(2, 0)]), (80, [(0, 0), (2, 0)])):
+        grid = make(np.empty((0, 2)), (0.0, 0.25, 0.0), size=(2, 0.5), resolution=0.5,
+                    global_map=known, lethal_threshold=threshold)  # fmt: skip
+        assert cells(grid) == expected
+
+
 LIMITS = {"min_height": -0.5, "max_height": 1.0, "min_range": 0.5, "max_range": 3.0}
 CLOUD = [
     ([1.0, 0.0, 0.0], "marking"),
@@ -219,6 +237,12 @@ def test_the_arc_leaves_out_the_largest_gap(angles):
     assert turn - (last - first) == pytest.approx(max(gaps), abs=1e-12)
     for angle in angles:
         assert (angle - first + 1e-12) % turn <= last - first + 2e-12
+
+
+def test_an_angle_that_rounding_moves_across_pi():
+    covered = CoveredAngles()
+    covered.add(np.array([np.nextafter(-math.pi, 0)]))
+    assert covered.arc() == (math.pi, math.pi)
 
 
 def test_angles_across_pi_and_below_zero():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from enum import StrEnum
 from pathlib import Path
@@ -22,12 +23,16 @@ from mapdeal.pipeline.local import (
     LocalSettings,
     local_from_cloud,
     only_cloud,
+    other_folders,
     read_global_map,
     sequence_of,
 )
 from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
 from mapdeal.pipeline.run import RunReport
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+
+_ALL_AROUND = 2 * math.pi - 0.1
+"""Radians: with gaps as short as this there is no direction that a cloud does not cover."""
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -50,8 +55,8 @@ def local(
         typer.Option(
             "--cloud",
             metavar="FILE",
-            help="A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz. With --poses also "
-            "several, a folder, or a quoted pattern.",
+            help="A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz. With --poses it can be "
+            "repeated, or a folder, or a quoted pattern.",
         ),
     ],
     output: Annotated[
@@ -122,8 +127,10 @@ def local(
     one whose manifest shows that nothing has changed is skipped.
     """
     opt.start(quiet=quiet, verbose=verbose)
-    if (pose is None) == (poses is None):
-        raise ParameterError("either --pose or --poses must be given", source="--pose")
+    if pose is None and poses is None:
+        raise ParameterError("--pose or --poses must be given", source="--pose")
+    if pose is not None and poses is not None:
+        raise ParameterError("cannot be given together with --poses", source="--pose")
     shape = opt.robot_shape(footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon)
     common = LocalSettings(
         LocalOptions(
@@ -179,9 +186,13 @@ def _run_sequence(
     failed = sum(isinstance(result, MapdealError) for result in results)
     unchanged = sum(isinstance(r, RunReport) and r.status == "unchanged" for r in results)
     done = len(results) - failed - unchanged
-    rate = len(results) / (time.perf_counter() - started)
     text = f"{output}: {done} done, {unchanged} unchanged, {failed} failed"
-    terminal.summary([f"{text}, {rate:.3g} maps a second"])
+    if done == len(results):
+        text += f", {done / (time.perf_counter() - started):.3g} maps a second"
+    others = other_folders(sequence, output)
+    if others:
+        terminal.warn(f"{len(others)} folders are not of this sequence, such as {others[0]}")
+    terminal.summary([text])
     if failed:
         raise BatchError(f"{failed} of {len(results)} clouds failed")
 
@@ -199,12 +210,19 @@ def _lines(cloud: Path, report: RunReport) -> list[str]:
 
 
 def _summary_of(local: Figures) -> str:
-    dropped = local["points"] - local["marking"] - local["outside"]
     text = f"{local['marking']} of {local['points']} points in the window"
-    if dropped:
-        text += f", {dropped} dropped"
-    if local["from_map"]:
+    dropped = {
+        "not finite": local["not_finite"],
+        "by height": local["beyond_height"],
+        "by range": local["beyond_range"],
+    }
+    parts = [f"{count} {why}" for why, count in dropped.items() if count]
+    if parts:
+        text += f" (dropped: {', '.join(parts)})"
+    if "from_map" in local:
         text += f", {local['from_map']} cells from the map"
     if local["angle_min"] is not None:
-        text += f", angles {local['angle_min']:.4g} .. {local['angle_max']:.4g}"
-    return f"{text}, rear heading {local['rear_heading']:.4g}"
+        around = local["angle_max"] - local["angle_min"] > _ALL_AROUND
+        ends = f"from {local['angle_min']:.4g} to {local['angle_max']:.4g} rad of its heading"
+        text += f", seen {'all around' if around else ends}"
+    return f"{text}, rear heading {local['rear_heading']:.4g} rad"

@@ -190,7 +190,9 @@ def _usage_error(error: Any) -> ParameterError:
     path = getattr(context, "command_path", None) or "mapdeal"
     hint = f"{path} --help tells what is allowed"
     is_astray = message.startswith(("got unexpected extra", "no such option"))
-    if is_astray and any(map(_NUMBER.fullmatch, message.replace("(", " ").split())):
+    if path.endswith(" local") and ("--cloud" in message or message.startswith("got unexp")):
+        hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"
+    elif is_astray and any(map(_NUMBER.fullmatch, message.replace("(", " ").split())):
         hint = "points and sizes are written X,Y, without a space"
     return ParameterError(message, hint=hint)
 

@@ -7,14 +7,14 @@ from collections.abc import Iterable, Sequence
 from glob import glob, has_magic
 from pathlib import Path
 
-from mapdeal.errors import FileAccessError
+from mapdeal.errors import FileAccessError, ParameterError
 from mapdeal.formats.source import exists
 
 
 def list_files(
     names: Iterable[str], suffixes: Sequence[str], *, not_in_folders: Sequence[str] = ()
 ) -> list[Path]:
-    """Return the files that names stand for, each once.
+    """Return the files that names stand for.
 
     Parameters
     ----------
@@ -35,16 +35,17 @@ def list_files(
 
     Raises
     ------
+    ParameterError
+        If a name is empty.
     FileAccessError
-        If a folder or pattern holds none, or a folder cannot be read.
+        If there is nothing of a name, a folder or pattern holds none, or a folder cannot be read.
     """
-    found: dict[Path, None] = {}
-    for name in names:
-        found.update(dict.fromkeys(_files_of(name, suffixes, not_in_folders)))
-    return list(found)
+    return [path for name in names for path in _files_of(name, suffixes, not_in_folders)]
 
 
 def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str]) -> list[Path]:
+    if not name:
+        raise ParameterError("the name of a file must not be empty")
     path = Path(name)
     is_there = exists(path)
     if is_there and path.is_dir():
@@ -59,11 +60,21 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
         inside = [Path(match) for match in glob(name, recursive=True)]  # noqa: PTH207 - of any root
         rule = f"matches no file that ends in {', '.join(suffixes)}"
     else:
+        if not is_there:
+            raise FileAccessError("cannot be read: no such file or folder", source=name)
         return [path]
     files = [one for one in inside if one.suffix.lower() in suffixes and one.is_file()]
     if not files:
         raise FileAccessError(rule, source=name)
-    return sorted(files, key=lambda one: natural_key(str(one)))
+    return sorted(files, key=lambda one: (natural_key(str(one.with_suffix(""))), one.suffix))
+
+
+def numbered_folders(folder: Path) -> list[Path]:
+    """Return the folders in a folder, if there is one, whose names are numbers, in order."""
+    if not folder.is_dir():
+        return []
+    numbered = [one for one in folder.iterdir() if one.name.isdecimal() and one.is_dir()]
+    return sorted(numbered, key=lambda one: natural_key(one.name))
 
 
 def natural_key(text: str) -> tuple[list[str | int], str]:

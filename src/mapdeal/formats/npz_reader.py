@@ -23,6 +23,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 _LARGEST_SMALL_ARRAY = 4096
 _LARGEST_SMALL_NUMBER = 1 << 31
 _MOST_COLUMNS = 1 << 16
+_MOST_ROWS_BY_COLUMNS = 1 << 25
 _CHUNK = 1 << 24
 
 
@@ -131,12 +132,18 @@ class NpzReader:
             if width > _MOST_COLUMNS:
                 raise self._error(name, f"{width} columns, above the limit of {_MOST_COLUMNS}")
             if entry.is_fortran:
-                if entry.elements > self._max_cells:
-                    rule = f"{entry.elements} elements, column by column, above the limit of"
-                    raise self._error(name, f"{rule} {self._max_cells}")
-                table = np.empty((width, height), dtype=entry.dtype)
-                _read_into(entry.file, table)
-                yield table[:columns].T.astype(np.float64)
+                if height > _MOST_ROWS_BY_COLUMNS:
+                    rule = f"{height} rows, stored column by column, above the limit of"
+                    hint = "row by row (C order) any number can be read"
+                    raise self._error(name, f"{rule} {_MOST_ROWS_BY_COLUMNS}", hint=hint)
+                table = np.empty((min(columns, width), height))
+                for column in table:
+                    part = np.empty(height, dtype=entry.dtype)
+                    _fill(entry.file, part)
+                    column[:] = part
+                while entry.file.read(_CHUNK):  # so that the checksum is verified
+                    pass
+                yield table.T
                 return
             together = max(1, _CHUNK // (width * entry.dtype.itemsize))
             for first in range(0, height, together):

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealWarning, shown
+from mapdeal.errors import MalformedInputError, MapdealWarning
 from mapdeal.formats.source import chunks_of
-from mapdeal.formats.text_rows import delimiter_of, first_line, read_rows
+from mapdeal.formats.text_rows import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.coordinates import FARTHEST
 
 _PLANAR, _TUM = 3, 8
@@ -21,6 +21,8 @@ _UNIT = 1e-3
 
 _LEVEL = math.radians(10)
 """How far a robot may lean before its heading says too little."""
+
+_LEANS = "a robot that leans by more than 10 degrees; does w come last?"
 
 Poses = NDArray[np.float64]
 
@@ -33,12 +35,12 @@ def read_poses(path: Path) -> Poses:
     path : Path
         Text with a pose a line: ``x y yaw`` in metres and radians, or, as the benchmark tools
         of TUM have it, ``t x y z qx qy qz qw``. Numbers are separated by white space, commas or
-        semicolons; lines that begin with # are skipped.
+        semicolons; lines that begin with # are skipped, and a first line of names.
 
     Returns
     -------
     numpy.ndarray of float64, shape (N, 3)
-        x, y and yaw; of a quaternion the heading of its x axis in the plane.
+        x, y and yaw; of a quaternion the heading of its x axis in the plane. Times are not used.
 
     Raises
     ------
@@ -50,8 +52,8 @@ def read_poses(path: Path) -> Poses:
     Warns
     -----
     MapdealWarning
-        If a quaternion is not of length 1, a pose leans by more than 10 degrees, or a yaw is
-        more than a turn.
+        If a quaternion is not of length 1, a pose leans by more than 10 degrees, a yaw is more
+        than a turn, or times do not increase.
     """
     file = io.BytesIO(b"".join(chunks_of(path)))  # it may be a pipe
     number, start, line = first_line(file)
@@ -59,8 +61,11 @@ def read_poses(path: Path) -> Poses:
     width = len(line.split(delimiter))
     if line and width not in (_PLANAR, _TUM):
         rule = "must be x y yaw, or t x y z qx qy qz qw"
-        raise MalformedInputError(rule, source=path, place=f"line {number}", got=shown(line))
-    file.seek(start)
+        raise MalformedInputError(rule, source=path, place=f"line {number}", got=line)
+    if line and not any(map(is_number, line.split(delimiter))):
+        number += 1  # the names of the columns
+    else:
+        file.seek(start)
     columns = range(width)
     parts = list(
         read_rows(file, columns, path=path, first_line=number, delimiter=delimiter, width=width)
@@ -68,7 +73,8 @@ def read_poses(path: Path) -> Poses:
     if not parts:
         raise MalformedInputError("holds no poses", source=path)
     rows = np.concatenate(parts)
-    good = (np.abs(rows) <= FARTHEST).all(axis=1)  # refuses nan too
+    used = rows if width == _PLANAR else rows[:, 1:]  # times may be in nanoseconds
+    good = (np.abs(used) <= FARTHEST).all(axis=1)  # refuses nan too
     if not good.all():
         first = int(np.argmin(good))
         rule = f"must be finite numbers within {FARTHEST:g}"
@@ -76,9 +82,13 @@ def read_poses(path: Path) -> Poses:
             rule, source=path, place=f"pose {first + 1}", got=rows[first].tolist()
         )
     if width == _PLANAR:
-        _warn_of(np.abs(rows[:, 2]) > 2 * math.pi, "a yaw of more than a turn: degrees?", path)
-        return rows
-    return np.column_stack([rows[:, 1:3], _headings(rows[:, 4:], path)])
+        odd = np.abs(rows[:, 2]) > 2 * math.pi
+        _warn_of(odd, "a yaw of more than a turn; is it in degrees?", path)
+        turns = np.where(odd, np.round(rows[:, 2] / (2 * math.pi)), 0.0)
+        return np.column_stack([rows[:, :2], rows[:, 2] - turns * 2 * math.pi])
+    headings = _headings(rows[:, 4:], path)
+    _warn_of(np.diff(rows[:, 0], prepend=-np.inf) <= 0, "a time that is not after the last", path)
+    return np.column_stack([rows[:, 1:3], headings])
 
 
 def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
@@ -89,7 +99,7 @@ def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float6
     _warn_of(np.abs(lengths - 1) > _UNIT, "a quaternion that is not of length 1", path)
     x, y, z, w = (quaternions / lengths[:, np.newaxis]).T
     upright = 1 - 2 * (x * x + y * y)  # the cosine of the angle between both z axes
-    _warn_of(upright < math.cos(_LEVEL), "a robot that leans by more than 10 degrees", path)
+    _warn_of(upright < math.cos(_LEVEL), _LEANS, path)
     yaw: NDArray[np.float64] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return yaw
 
@@ -98,5 +108,5 @@ def _warn_of(which: NDArray[np.bool_], what: str, path: Path) -> None:
     count = int(np.count_nonzero(which))
     if count:
         first = int(np.argmax(which)) + 1
-        text = f"{path}: {count} of {len(which)} poses, first pose {first}, have {what}"
+        text = f"{path}: {count} of {len(which)} poses, the first of them pose {first}, have {what}"
         warnings.warn(text, MapdealWarning, stacklevel=4)

@@ -126,8 +126,10 @@ def sha256_of(path: Path) -> str:
     Raises
     ------
     FileAccessError
-        If it cannot be read.
+        If it cannot be read, or is no regular file.
     """
+    if not stat.S_ISREG(status_of(path).st_mode):  # a pipe would block
+        raise FileAccessError("cannot be read: it is no regular file", source=path)
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -11,7 +11,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, shown
+from mapdeal.errors import MalformedInputError
 
 LONGEST_LINE = 1 << 16
 _MARK = b"\xef\xbb\xbf"
@@ -157,7 +157,7 @@ def _check_line(
     place = f"line {number}"
     if len(words) < needed or (width is not None and len(words) != width):
         rule = f"must have {needed} numbers" + (" or more" if width is None else "")
-        got = shown(line.decode("latin-1").strip())
+        got = line.decode("latin-1").strip()
         raise MalformedInputError(rule, source=path, place=place, got=got)
     for column in columns if width is None else range(width):
         if not is_number(words[column]):

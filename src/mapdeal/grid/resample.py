@@ -66,10 +66,36 @@ def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
     return found
 
 
+def is_turned(frame: Frame, yaw: float = 0.0) -> bool:
+    """Return whether a grid's axes differ from a yaw by so much that its cells show it."""
+    turn = math.remainder(frame.origin[2] - yaw, 2 * math.pi)
+    return abs(turn) * max(frame.shape) > _TOUCHING
+
+
+def frames_overlap(one: Frame, other: Frame) -> bool:
+    """Return whether two grids share an area: no line along a side of one parts them.
+
+    Examples
+    --------
+    >>> frames_overlap(Frame(2, 2, 1.0), Frame(2, 2, 1.0, (2.2, 1.0, 0.8)))
+    True
+    >>> frames_overlap(Frame(2, 2, 1.0), Frame(2, 2, 1.0, (2.2, 1.9, 0.8)))
+    False
+    """
+    for frame, source in ((one, other), (other, one)):
+        places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(_corners(frame)))
+        if (places.max(axis=0) <= 0).any() or (places.min(axis=0) >= source.shape).any():
+            return False
+    return True
+
+
+def _corners(frame: Frame) -> list[list[int]]:
+    return [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
+
+
 def _same_lattice(frame: Frame, source: Frame) -> Region | None:
     """Return the frame's cells as cells of the source, if the borders of both are the same."""
-    turned = math.remainder(frame.origin[2] - source.origin[2], 2 * math.pi)
-    if frame.resolution != source.resolution or abs(turned) * max(frame.shape) > _TOUCHING:
+    if frame.resolution != source.resolution or is_turned(source, frame.origin[2]):
         return None
     corner = source.continuous_rowcol_from_xy([frame.origin[:2]])[0]
     row, col = np.rint(corner)
@@ -82,8 +108,7 @@ def _same_lattice(frame: Frame, source: Frame) -> Region | None:
 
 def _shadow(frame: Frame, source: Frame) -> tuple[slice, slice]:
     """Return rows and columns of `source`, outside of which nothing overlaps the frame."""
-    corners = [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
-    places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
+    places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(_corners(frame)))
     first = np.clip(np.floor(places.min(axis=0)) - 1, 0, source.shape).astype(int)
     last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, source.shape).astype(int)
     return slice(first[0], last[0]), slice(first[1], last[1])

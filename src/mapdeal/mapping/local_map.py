@@ -15,8 +15,8 @@ from mapdeal.grid.coordinates import check_point, check_resolution, turned
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.region import region_of
-from mapdeal.grid.resample import obstacles_in
-from mapdeal.grid.values import OCCUPIED
+from mapdeal.grid.resample import is_turned, obstacles_in
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
 from mapdeal.mapping.poses import CoveredAngles, Pose, check_pose, wrapped
 
 CloudFrame = Literal["robot", "map"]
@@ -149,6 +149,7 @@ def local_map(
     pose: Sequence[float],
     *,
     global_map: OccupancyGrid | None = None,
+    lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
     **options: Any,
 ) -> OccupancyGrid:
     """Return a map of a robot's surroundings from a point cloud.
@@ -161,7 +162,9 @@ def local_map(
     pose : sequence of float
         x, y (metres) and yaw (radians) of the robot in the map frame: the middle of the map.
     global_map : OccupancyGrid, optional
-        A map whose obstacles, cells of 100, are taken over where they overlap a cell.
+        A map whose obstacles are taken over where they overlap a cell.
+    lethal_threshold : int
+        Occupancy from which a cell of it is an obstacle, 1..100.
     **options
         The fields of `LocalOptions`.
 
@@ -189,7 +192,9 @@ def local_map(
     >>> grid.occupancy.tolist(), grid.origin  # the point lies at -1.1, 2.3
     ([[0, 0], [100, 0]], (-1.5, 1.5, 0.0))
     """
-    mapper = LocalMapper(pose, LocalOptions(**options), global_map)
+    mapper = LocalMapper(
+        pose, LocalOptions(**options), global_map, lethal_threshold=lethal_threshold
+    )
     mapper.add(points)
     return mapper.result().grid
 
@@ -205,6 +210,8 @@ class LocalMapper:
         The rest.
     global_map : OccupancyGrid, optional
         A map whose obstacles are taken over.
+    lethal_threshold : int
+        Occupancy from which a cell of it is an obstacle, 1..100.
 
     Raises
     ------
@@ -213,13 +220,19 @@ class LocalMapper:
     """
 
     def __init__(
-        self, pose: Sequence[float], options: LocalOptions, global_map: OccupancyGrid | None = None
+        self,
+        pose: Sequence[float],
+        options: LocalOptions,
+        global_map: OccupancyGrid | None = None,
+        *,
+        lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
     ) -> None:
         self._pose = check_pose(pose)
         self._options = options
         self._global_map = global_map
+        self._lethal_threshold = lethal_threshold
         corner = (0.0, 0.0)
-        if global_map is not None and global_map.origin[2] == 0.0:
+        if global_map is not None and not is_turned(global_map.frame):
             corner = global_map.origin[:2]
         lattice = Frame(1, 1, options.resolution, (*corner, 0.0))
         region = region_of(lattice, options.size, center_xy=self._pose[:2])
@@ -272,7 +285,8 @@ class LocalMapper:
         from_map = 0
         if self._global_map is not None:
             known = self._global_map
-            obstacles = obstacles_in(self._frame, known.occupied(), known.frame)
+            lethal = known.occupied(self._lethal_threshold)
+            obstacles = obstacles_in(self._frame, lethal, known.frame)
             from_map = int(np.count_nonzero(obstacles))
             occupied = occupied | obstacles
         values = occupied.astype(np.int8) * np.int8(OCCUPIED)

@@ -77,7 +77,8 @@ class CoveredAngles:
 
     def add(self, angles: NDArray[np.float64]) -> None:
         """Add angles, radians, each at most some turns from 0."""
-        angles = angles - _TURN * np.ceil((angles - math.pi) / _TURN)  # (-pi, pi]
+        angles = angles - _TURN * np.ceil((angles - math.pi) / _TURN)
+        angles = np.minimum(angles, math.pi)  # rounding may have passed it
         bins = ((angles + math.pi) * (_BINS / _TURN)).astype(np.int64)
         np.clip(bins, 0, _BINS - 1, out=bins)
         np.minimum.at(self._first, bins, angles)

@@ -121,9 +121,11 @@ class OutputFolder:
         """
         old = read_json(self.path / MANIFEST)
         hint = "--force replaces it"
-        if isinstance(old, dict):
+        if isinstance(old, dict) and self.unchanged_figures() is None:
             hint += "; the run in this folder had other inputs, parameters, or its files were"
             hint += " changed"
+        elif isinstance(old, dict):
+            hint += "; this folder holds the same already"
         figures: dict[str, Figures] = {}
         with Transaction(
             self._outputs(), inputs=tuple(files), force=force, hint=hint

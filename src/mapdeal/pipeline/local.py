@@ -7,14 +7,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES, cloud_chunks
-from mapdeal.formats.listing import list_files
+from mapdeal.formats.listing import list_files, numbered_folders
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import as_occupancy, read_source
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.source import is_same_file, sha256_of
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.resample import frames_overlap
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions
 from mapdeal.mapping.poses import Pose
@@ -106,8 +108,13 @@ def local_from_cloud(
     MapdealWarning
         If no point marks a cell.
     """
-    mapper = LocalMapper(pose, settings.options, _grid_of(settings.global_map))
     known = settings.global_map
+    mapper = LocalMapper(
+        pose,
+        settings.options,
+        None if known is None else known.grid,
+        lethal_threshold=_threshold_of(settings.recipe),
+    )
     parameters = {"pose": mapper.pose, **asdict(settings.options)}
     first = Step("local", {**parameters, "require_points": settings.require_points}, {})
     target = OutputFolder(
@@ -131,8 +138,10 @@ def local_from_cloud(
     return RunReport(folder, "done", figures)
 
 
-def _grid_of(known: GlobalMap | None) -> OccupancyGrid | None:
-    return None if known is None else known.grid
+def _threshold_of(recipe: Recipe) -> int:
+    """Return what the first stage that looks for obstacles takes for one."""
+    given = (step.parameters.get("lethal_threshold") for step in recipe.steps)
+    return next((int(value) for value in given if value is not None), DEFAULT_LETHAL_THRESHOLD)
 
 
 def _products(
@@ -143,20 +152,22 @@ def _products(
             mapper.add(points)
     made = mapper.result()
     _check_points(made, cloud, required=settings.require_points)
-    yield Product(first, made.grid, _figures_of(made))
-    yield from products_of(settings.recipe, made.grid, cloud)
+    known = settings.global_map
+    if known is not None and not frames_overlap(made.grid.frame, known.grid.frame):
+        x, y = made.pose[:2]
+        text = f"{known.files[0]}: the map does not reach into the window around {x:.10g}, {y:.10g}"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
+    yield Product(first, made.grid, _figures_of(made, has_map=known is not None))
+    for product in products_of(settings.recipe, made.grid, cloud):
+        if product.step.name == "inflate" and isinstance(product.grid, OccupancyGrid):
+            _check_robot(product.grid, made, cloud)
+        yield product
 
 
 def _check_points(made: LocalMap, cloud: Path, *, required: bool) -> None:
+    """Raise, or warn, if no point marks a cell."""
     counts = made.counts
-    (cell,) = made.grid.frame.unbounded_rowcol_from_xy([made.pose[:2]])
-    if made.grid.occupied()[tuple(cell)]:
-        text = "the robot stands in an obstacle; --min-range drops points of the robot itself"
-        warnings.warn(f"{cloud}: {text}", MapdealWarning, stacklevel=2)
     if counts.marking:
-        if counts.not_finite:
-            text = f"{cloud}: {counts.not_finite} of {counts.points} points are not finite, dropped"
-            warnings.warn(text, MapdealWarning, stacklevel=2)
         return
     named = {
         "are not finite": counts.not_finite,
@@ -171,12 +182,23 @@ def _check_points(made: LocalMap, cloud: Path, *, required: bool) -> None:
     warnings.warn(f"{cloud}: no point marks a cell: {why}", MapdealWarning, stacklevel=2)
 
 
-def _figures_of(made: LocalMap) -> Figures:
+def _check_robot(inflated: OccupancyGrid, made: LocalMap, cloud: Path) -> None:
+    """Warn if the robot's own cell is an obstacle: all of its routes are closed then."""
+    (cell,), (inside,) = inflated.frame.bounded_rowcol_from_xy([made.pose[:2]])
+    if not inside or not inflated.occupied()[tuple(cell)]:
+        return
+    text = "the robot's own cell is an obstacle once inflated"
+    if made.counts.marking:
+        text += "; --min-range drops points of the robot itself"
+    warnings.warn(f"{cloud}: {text}", MapdealWarning, stacklevel=2)
+
+
+def _figures_of(made: LocalMap, *, has_map: bool) -> Figures:
     first, last = made.angles or (None, None)
     return {
         "pose": list(made.pose),
         **asdict(made.counts),
-        "from_map": made.from_map,
+        **({"from_map": made.from_map} if has_map else {}),
         "angle_min": first,
         "angle_max": last,
         "rear_heading": made.rear_heading,
@@ -190,6 +212,12 @@ class CloudJob:
     cloud: Path
     pose: Pose
     folder: Path
+
+
+def other_folders(sequence: Sequence[CloudJob], output: Path) -> list[Path]:
+    """Return numbered folders in `output` that are not of a sequence: of a longer one before."""
+    used = {job.folder for job in sequence}
+    return [folder for folder in numbered_folders(output) if folder not in used]
 
 
 def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[CloudJob]:
@@ -215,10 +243,16 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Cl
         rule = f"must have a pose for each of {len(clouds)} clouds"
         raise MalformedInputError(rule, source=poses_file, got=len(poses))
     digits = max(_DIGITS, len(str(len(clouds) - 1)))
-    return [
+    jobs = [
         CloudJob(cloud, (x, y, yaw), output / f"{k:0{digits}}")
         for k, (cloud, (x, y, yaw)) in enumerate(zip(clouds, poses.tolist(), strict=True))
     ]
+    places = {output.resolve(), *(job.folder.resolve() for job in jobs)}
+    for path in (poses_file, *clouds):
+        if path.resolve().parent in places:
+            rule = "lies where outputs go; they need a folder of their own"
+            raise FileAccessError(rule, source=path)
+    return jobs
 
 
 def _clouds_of(names: Sequence[str]) -> list[Path]:

@@ -30,7 +30,7 @@ class PoseOverlay:
     def text(self) -> str:
         """The pose."""
         x, y, yaw = self.pose
-        return f"robot at {x:.6g}, {y:.6g}, yaw {yaw:.4g}"
+        return f"robot at {x:.10g}, {y:.10g}, yaw {yaw:.4g}"
 
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int

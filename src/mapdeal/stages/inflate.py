@@ -57,7 +57,7 @@ def inflate(
     Warns
     -----
     MapdealWarning
-        If the radius is shorter than half a cell, or every cell ends up occupied.
+        If a disc is smaller than a cell, or every cell ends up occupied.
 
     Examples
     --------
@@ -67,9 +67,6 @@ def inflate(
     """
     if footprint is not None:
         radius = footprint.circumscribed_radius
-    if 0 < radius < grid.resolution / 2:
-        text = f"inflate: radius {radius:g} m is below half a cell and has no effect"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
     occupied = grid.occupied(lethal_threshold)
     if kernel == "square":
         extent = max(grid.shape) * grid.resolution
@@ -77,6 +74,9 @@ def inflate(
     else:
         diagonal = math.hypot(*grid.shape)
         limit = largest_square_within(min(radius, diagonal * grid.resolution), grid.resolution)
+        if radius > 0 and limit == 0:
+            text = f"inflate: radius {radius:g} m is below a cell of {grid.resolution:g} m and has"
+            warnings.warn(f"{text} no effect", MapdealWarning, stacklevel=2)
         grown = within_distance(occupied, limit)
     if not inflate_unknown:
         grown &= ~grid.unknown() | occupied

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError
+from mapdeal.errors import MalformedInputError, MapdealWarning
 from mapdeal.formats.npz_reader import NpzReader
 
 _POINTS_TOGETHER = 1 << 18
 _MOST_ELEMENTS = 1 << 31
+_MOST_LIKELY = 16
 _KEY = "points"
 
 
@@ -54,6 +55,9 @@ def _columns_of(table: NDArray[Any], path: Path) -> list[NDArray[Any]]:
         if {"x", "y"} <= set(names) and all(_is_column(column) for column in columns):
             return columns
     elif table.dtype.kind in "iuf" and table.ndim == 2 and table.shape[1] >= 2:
+        if table.shape[0] in (2, 3) and table.shape[1] > _MOST_LIKELY:
+            text = f"{path}: {table.shape[0]} points of {table.shape[1]} numbers each;"
+            warnings.warn(f"{text} is the array transposed?", MapdealWarning, stacklevel=2)
         return [table[:, k] for k in range(min(3, table.shape[1]))]
     rule = "must be numbers of shape (N, 2) or wider, or records with x and y"
     raise MalformedInputError(rule, source=path, got=f"{table.dtype} of shape {table.shape}")

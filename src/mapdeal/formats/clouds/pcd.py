@@ -144,6 +144,8 @@ def _compressed_points(
     """Return points whose columns were stored one after the other, and compressed."""
     record, count = header.record, header.points
     sizes = file.read(8)
+    if not sizes and count == 0:
+        return np.empty((0, len(axes)))
     if len(sizes) < 8:
         raise MalformedInputError("ends before its data", source=path, place="DATA")
     compressed, expanded = struct.unpack("<II", sizes)

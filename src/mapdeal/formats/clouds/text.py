@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, shown
+from mapdeal.errors import MalformedInputError
 from mapdeal.formats.text_rows import delimiter_of, first_line, is_number, read_rows
 
 
@@ -23,11 +23,12 @@ def text_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
     if not line:
         return
     delimiter = delimiter_of(line)
-    words = [word.strip().strip('"') for word in line.split(delimiter)]
+    # CloudCompare puts two slashes before its names
+    words = [word.strip().strip('"') for word in line.removeprefix("//").split(delimiter)]
     if is_number(words[0]):
         if len(words) < 2:
             rule = "must have 2 numbers or more"
-            raise MalformedInputError(rule, source=path, place=f"line {number}", got=shown(line))
+            raise MalformedInputError(rule, source=path, place=f"line {number}", got=line)
         columns = list(range(min(3, len(words))))
         file.seek(start)
     else:
@@ -37,8 +38,8 @@ def text_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
 
 
 def _columns_of(words: list[str], line: str, path: Path, number: int) -> list[int]:
-    names = [word.lower().removeprefix("//") for word in words]
+    names = [word.lower() for word in words]
     if not {"x", "y"} <= set(names):
         rule = "must be numbers, or names with x and y among them"
-        raise MalformedInputError(rule, source=path, place=f"line {number}", got=shown(line))
+        raise MalformedInputError(rule, source=path, place=f"line {number}", got=line)
     return [names.index(name) for name in ("x", "y", "z") if name in names]
