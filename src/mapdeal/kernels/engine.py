@@ -41,9 +41,12 @@ def engine_name() -> Engine:
 
 
 def compiled_module() -> ModuleType | None:
-    """Return the compiled module, or None where it was not built or cannot be loaded."""
+    """Return the compiled module, or None where it, or that of rays, is not or does not load."""
     try:
-        from mapdeal.kernels import _compiled  # type: ignore[attr-defined,unused-ignore]
+        from mapdeal.kernels import (  # type: ignore[attr-defined,unused-ignore]
+            _compiled,
+            _rays,  # noqa: F401 - whoever asks for the one may import the other
+        )
     except ImportError:
         return None
     module: ModuleType = _compiled

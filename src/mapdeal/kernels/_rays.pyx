@@ -1,0 +1,104 @@
+# cython: language_level=3, binding=False, embedsignature=False
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Compiled rays, without the GIL: what beams leave in the rows `bottom` .. `top` - 1 of a grid.
+
+The module rays.py is their face to the rest; the algorithms are in rays.h.
+"""
+
+from libc.stdint cimport int32_t, int64_t, uint8_t
+
+cdef extern from "rays.h" nogil:
+    ctypedef struct Part:
+        int64_t bottom, top, width
+    ctypedef struct Odds:
+        int32_t on_miss, on_hit, lowest, highest
+    void count_in(
+        const Part *part, const int64_t *starts, const int64_t *ends, const uint8_t *is_hit,
+        int64_t beams, int32_t *hits, int32_t *misses,
+    )
+    void weigh_in(
+        const Part *part, const int64_t *starts, const int64_t *ends, const uint8_t *is_hit,
+        int64_t beams, const Odds *odds, int32_t *values, uint8_t *seen,
+    )
+    void measure_in(
+        const Part *part, const int64_t *starts, const int64_t *ends, const double *sensors,
+        const double *ranges, int64_t beams, double truncation, int64_t *sums, int32_t *weights,
+    )
+
+
+cdef int _check_beams(
+    const int64_t[:, ::1] starts, const int64_t[:, ::1] ends, Py_ssize_t others
+) except -1:
+    if starts.shape[1] != 2 or ends.shape[1] != 2:
+        raise ValueError("cells have two columns")
+    if not starts.shape[0] == ends.shape[0] == others:
+        raise ValueError("the arrays are not of one number of beams")
+    return 0
+
+
+cdef int _set_part(
+    Part *part, int64_t bottom, int64_t top, const int32_t[:, ::1] cells, shape
+) except -1:
+    if not 0 <= bottom <= top <= cells.shape[0]:
+        raise IndexError("no such rows")
+    if shape != (cells.shape[0], cells.shape[1]) or cells.shape[1] == 0:
+        raise ValueError("the layers are not of one shape, or empty")
+    part.bottom, part.top, part.width = bottom, top, cells.shape[1]
+    return 0
+
+
+def count(
+    const int64_t[:, ::1] starts, const int64_t[:, ::1] ends, const uint8_t[::1] is_hit,
+    int32_t[:, ::1] hits, int32_t[:, ::1] misses, int64_t bottom, int64_t top,
+):
+    """Count in each cell the beams that end in it with a hit, and those that pass it."""
+    cdef Part part
+    _check_beams(starts, ends, is_hit.shape[0])
+    _set_part(&part, bottom, top, hits, (misses.shape[0], misses.shape[1]))
+    if starts.shape[0] == 0:
+        return
+    with nogil:
+        count_in(
+            &part, &starts[0, 0], &ends[0, 0], &is_hit[0], starts.shape[0], &hits[0, 0],
+            &misses[0, 0],
+        )
+
+
+def weigh(
+    const int64_t[:, ::1] starts, const int64_t[:, ::1] ends, const uint8_t[::1] is_hit,
+    int32_t on_miss, int32_t on_hit, int32_t lowest, int32_t highest,
+    int32_t[:, ::1] values, uint8_t[:, ::1] seen, int64_t bottom, int64_t top,
+):
+    """Add to each cell's value what each beam says of it, and clamp, beam by beam."""
+    cdef Part part
+    cdef Odds odds
+    _check_beams(starts, ends, is_hit.shape[0])
+    _set_part(&part, bottom, top, values, (seen.shape[0], seen.shape[1]))
+    odds.on_miss, odds.on_hit, odds.lowest, odds.highest = on_miss, on_hit, lowest, highest
+    if starts.shape[0] == 0:
+        return
+    with nogil:
+        weigh_in(
+            &part, &starts[0, 0], &ends[0, 0], &is_hit[0], starts.shape[0], &odds, &values[0, 0],
+            &seen[0, 0],
+        )
+
+
+def measure(
+    const int64_t[:, ::1] starts, const int64_t[:, ::1] ends, const double[:, ::1] sensors,
+    const double[::1] ranges, double truncation,
+    int64_t[:, ::1] sums, int32_t[:, ::1] weights, int64_t bottom, int64_t top,
+):
+    """Add to each cell its signed distance along each beam, and count the beams."""
+    cdef Part part
+    _check_beams(starts, ends, ranges.shape[0])
+    if sensors.shape[0] != starts.shape[0] or sensors.shape[1] != 2:
+        raise ValueError("there must be a sensor for each beam")
+    _set_part(&part, bottom, top, weights, (sums.shape[0], sums.shape[1]))
+    if starts.shape[0] == 0:
+        return
+    with nogil:
+        measure_in(
+            &part, &starts[0, 0], &ends[0, 0], &sensors[0, 0], &ranges[0], starts.shape[0],
+            truncation, &sums[0, 0], &weights[0, 0],
+        )

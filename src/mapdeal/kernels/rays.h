@@ -1,0 +1,159 @@
+/* Rays from cell to cell, and what they leave in the cells that they pass. rays.py has the rules.
+
+   A line has n + 1 cells, n the larger difference of its ends. After i steps the other coordinate
+   has moved (n / 2 + i * minor) / n times: costmap_2d's line. */
+
+#include <math.h>
+#include <stdint.h>
+
+typedef struct {
+    int64_t first, last;        /* the steps within the part; none if last < first */
+    int64_t at;                 /* the cell of the first step, as an index */
+    int64_t step, turn;         /* what is added to it with each step, and with each move */
+    int64_t error, minor, n;
+} Line;
+
+typedef struct {
+    int64_t bottom, top, width; /* rows bottom .. top - 1 of a grid */
+} Part;
+
+static int64_t least_of(int64_t a, int64_t b) { return a < b ? a : b; }
+static int64_t most_of(int64_t a, int64_t b) { return a > b ? a : b; }
+
+/* a / b rounded up, for b > 0 */
+static int64_t ceiling(int64_t a, int64_t b) { return a > 0 ? (a + b - 1) / b : -(-a / b); }
+
+/* Steps i for which start + sign * i lies in low .. high. */
+static void within(int64_t start, int64_t sign, int64_t low, int64_t high,
+                   int64_t *first, int64_t *last)
+{
+    *first = sign > 0 ? low - start : start - high;
+    *last = sign > 0 ? high - start : start - low;
+}
+
+/* The part of a line from start to end, in steps 0 .. last, that lies in a part of a grid. */
+static Line line_in(const Part *part, const int64_t *start, const int64_t *end, int with_end)
+{
+    Line line = {0, -1, 0, 0, 0, 0, 0, 1};
+    const int64_t high_row = part->top - 1, high_col = part->width - 1;
+    if (most_of(start[0], end[0]) < part->bottom || least_of(start[0], end[0]) > high_row ||
+        most_of(start[1], end[1]) < 0 || least_of(start[1], end[1]) > high_col)
+        return line;
+    const int64_t down = end[0] < start[0] ? -1 : 1, left = end[1] < start[1] ? -1 : 1;
+    const int64_t across = (end[0] - start[0]) * down, along = (end[1] - start[1]) * left;
+    const int by_rows = across >= along;
+    const int64_t n = most_of(by_rows ? across : along, 1), minor = by_rows ? along : across;
+    int64_t first, last, few, many;
+    line.last = (by_rows ? across : along) - !with_end;
+    if (by_rows) {
+        within(start[0], down, part->bottom, high_row, &first, &last);
+        within(start[1], left, 0, high_col, &few, &many);
+    } else {
+        within(start[1], left, 0, high_col, &first, &last);
+        within(start[0], down, part->bottom, high_row, &few, &many);
+    }
+    line.first = most_of(first, 0);
+    line.last = least_of(line.last, last);
+    if (minor == 0) {
+        if (few > 0 || many < 0) line.last = -1;
+    } else {
+        line.first = most_of(line.first, ceiling(few * n - n / 2, minor));
+        line.last = least_of(line.last, ceiling((many + 1) * n - n / 2, minor) - 1);
+    }
+    if (line.last < line.first) return line;
+    const int64_t sum = n / 2 + line.first * minor, moved = sum / n;
+    const int64_t row = start[0] + down * (by_rows ? line.first : moved);
+    const int64_t col = start[1] + left * (by_rows ? moved : line.first);
+    line.at = row * part->width + col;
+    line.step = by_rows ? down * part->width : left;
+    line.turn = by_rows ? left : down * part->width;
+    line.error = sum - moved * n;
+    line.minor = minor;
+    line.n = n;
+    return line;
+}
+
+static int holds(const Part *part, const int64_t *cell)
+{
+    return cell[0] >= part->bottom && cell[0] < part->top && cell[1] >= 0 && cell[1] < part->width;
+}
+
+/* Go to the next cell: one step, and a move if it is due. */
+#define NEXT(line, at, error)                                        \
+    do {                                                             \
+        (error) += (line).minor;                                     \
+        const int64_t due = -(int64_t)((error) >= (line).n);         \
+        (error) -= due & (line).n;                                   \
+        (at) += (line).step + (due & (line).turn);                   \
+    } while (0)
+
+static void count_in(const Part *part, const int64_t *starts, const int64_t *ends,
+                     const uint8_t *is_hit, int64_t beams, int32_t *hits, int32_t *misses)
+{
+    for (int64_t k = 0; k < beams; k++) {
+        const int64_t *start = starts + 2 * k, *end = ends + 2 * k;
+        const Line line = line_in(part, start, end, 0);
+        int64_t at = line.at, error = line.error;
+        for (int64_t i = line.first; i <= line.last; i++) {
+            misses[at]++;
+            NEXT(line, at, error);
+        }
+        if (is_hit[k] && holds(part, end)) hits[end[0] * part->width + end[1]]++;
+    }
+}
+
+typedef struct {
+    int32_t on_miss, on_hit, lowest, highest;
+} Odds;
+
+static int32_t clamped(const Odds *odds, int32_t value)
+{
+    value = value < odds->lowest ? odds->lowest : value;
+    return value > odds->highest ? odds->highest : value;
+}
+
+static void weigh_in(const Part *part, const int64_t *starts, const int64_t *ends,
+                     const uint8_t *is_hit, int64_t beams, const Odds *odds, int32_t *values,
+                     uint8_t *seen)
+{
+    for (int64_t k = 0; k < beams; k++) {
+        const int64_t *start = starts + 2 * k, *end = ends + 2 * k;
+        const Line line = line_in(part, start, end, 0);
+        int64_t at = line.at, error = line.error;
+        for (int64_t i = line.first; i <= line.last; i++) {
+            values[at] = clamped(odds, values[at] + odds->on_miss);
+            seen[at] = 1;
+            NEXT(line, at, error);
+        }
+        if (is_hit[k] && holds(part, end)) {
+            at = end[0] * part->width + end[1];
+            values[at] = clamped(odds, values[at] + odds->on_hit);
+            seen[at] = 1;
+        }
+    }
+}
+
+#define DISTANCE_UNIT 1048576.0 /* what a signed distance of one truncation is */
+
+static void measure_in(const Part *part, const int64_t *starts, const int64_t *ends,
+                       const double *sensors, const double *ranges, int64_t beams,
+                       double truncation, int64_t *sums, int32_t *weights)
+{
+    for (int64_t k = 0; k < beams; k++) {
+        const int64_t *start = starts + 2 * k, *end = ends + 2 * k;
+        const Line line = line_in(part, start, end, 1);
+        int64_t at = line.at, error = line.error;
+        for (int64_t i = line.first; i <= line.last; i++) {
+            const double y = (double)(at / part->width) + 0.5 - sensors[2 * k];
+            const double x = (double)(at % part->width) + 0.5 - sensors[2 * k + 1];
+            const double distance = (ranges[k] - sqrt(y * y + x * x)) / truncation;
+            if (distance >= -1.0) {
+                const double most = distance > 1.0 ? 1.0 : distance;
+                sums[at] += (int64_t)(most * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)) -
+                            (int64_t)DISTANCE_UNIT;
+                weights[at]++;
+            }
+            NEXT(line, at, error);
+        }
+    }
+}

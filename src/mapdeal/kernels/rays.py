@@ -1,0 +1,161 @@
+"""Rays from a sensor's cell to another, and the evidence that they leave on their way.
+
+A ray passes the cells of costmap_2d's line between both ends (`mapdeal.kernels.bresenham`), the
+first included, the last not: that is where it hits, or where it stops. Ends may lie outside of the
+grid; what lies inside is then the same as it would be on a larger one.
+
+Work is shared out by rows: each thread follows all rays, but only through its own rows, so that
+beams come to every cell in their order, and nothing depends on the number of threads.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels import ray_twin
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.threads import in_parallel, thread_count
+
+Cells = NDArray[np.int64]
+Counts = NDArray[np.int32]
+
+DISTANCE_UNIT = ray_twin.DISTANCE_UNIT
+"""What `measure_rays` adds for a distance of one truncation: sums of whole numbers are exact."""
+
+_PARTS_PER_THREAD = 2
+"""Each part of the rows costs another look at every beam."""
+
+
+class Odds(NamedTuple):
+    """What beams add to a cell's value, and between what it is kept."""
+
+    on_miss: int
+    on_hit: int
+    lowest: int
+    highest: int
+
+
+def count_rays(
+    starts: Cells, ends: Cells, is_hit: NDArray[np.bool_], hits: Counts, misses: Counts
+) -> None:
+    """Count, in place, the rays that hit each cell, and those that pass it.
+
+    Parameters
+    ----------
+    starts, ends : numpy.ndarray of int64, shape (N, 2)
+        Row and column of the first and last cell of each ray, at most 2^30 from the grid.
+    is_hit : numpy.ndarray of bool, shape (N,)
+        Whether the last cell is hit.
+    hits, misses : numpy.ndarray of int32, shape (H, W)
+        The counts.
+
+    Examples
+    --------
+    >>> hits, misses = np.zeros((2, 2, 4), dtype=np.int32)
+    >>> count_rays(np.array([[0, 0]]), np.array([[1, 3]]), np.array([True]), hits, misses)
+    >>> misses.tolist(), hits.tolist()
+    ([[1, 1, 0, 0], [0, 0, 1, 0]], [[0, 0, 0, 0], [0, 0, 0, 1]])
+    """
+    starts, ends = _contiguous(starts, ends)
+    if engine_name() != "compiled":
+        ray_twin.count_rays(starts, ends, is_hit, hits, misses)
+        return
+    from mapdeal.kernels import _rays
+
+    def work(bottom: int, top: int) -> None:
+        _rays.count(starts, ends, is_hit.view(np.uint8), hits, misses, bottom, top)
+
+    _by_rows(work, hits.shape[0])
+
+
+def weigh_rays(
+    starts: Cells,
+    ends: Cells,
+    is_hit: NDArray[np.bool_],
+    odds: Odds,
+    values: Counts,
+    seen: NDArray[np.bool_],
+) -> None:
+    """Add to cells, in place, what each ray says of them, clamping after each.
+
+    Parameters
+    ----------
+    starts, ends, is_hit
+        As for `count_rays`; one ray after the other.
+    odds : Odds
+        What is added, and the bounds, at most 2^30.
+    values : numpy.ndarray of int32, shape (H, W)
+        The values, within the bounds.
+    seen : numpy.ndarray of bool, shape (H, W)
+        Becomes True where anything is added.
+    """
+    starts, ends = _contiguous(starts, ends)
+    if engine_name() != "compiled":
+        ray_twin.weigh_rays(starts, ends, is_hit, odds, values, seen)
+        return
+    from mapdeal.kernels import _rays
+
+    def work(bottom: int, top: int) -> None:
+        _rays.weigh(
+            starts, ends, is_hit.view(np.uint8), *odds, values, seen.view(np.uint8), bottom, top
+        )
+
+    _by_rows(work, values.shape[0])
+
+
+def measure_rays(
+    starts: Cells,
+    ends: Cells,
+    sensors_rowcol: NDArray[np.float64],
+    ranges: NDArray[np.float64],
+    truncation: float,
+    sums: NDArray[np.int64],
+    weights: Counts,
+) -> None:
+    """Add to cells, in place, their signed distances to what rays hit.
+
+    Parameters
+    ----------
+    starts, ends : numpy.ndarray of int64, shape (N, 2)
+        As for `count_rays`; here the last cell counts, too.
+    sensors_rowcol : numpy.ndarray of float64, shape (N, 2)
+        Continuous row and column of each ray's sensor.
+    ranges : numpy.ndarray of float64, shape (N,)
+        The distance to what it hits, in cells; inf if it hits nothing.
+    truncation : float
+        In cells. Distances beyond it count as it, behind what is hit not at all.
+    sums : numpy.ndarray of int64, shape (H, W)
+        Sums of range minus distance from the sensor to the cell's centre, as share of the
+        truncation, in `DISTANCE_UNIT`.
+    weights : numpy.ndarray of int32, shape (H, W)
+        How many were added.
+    """
+    starts, ends = _contiguous(starts, ends)
+    sensors_rowcol = np.ascontiguousarray(sensors_rowcol)
+    ranges = np.ascontiguousarray(ranges)
+    if engine_name() != "compiled":
+        ray_twin.measure_rays(starts, ends, sensors_rowcol, ranges, truncation, sums, weights)
+        return
+    from mapdeal.kernels import _rays
+
+    def work(bottom: int, top: int) -> None:
+        _rays.measure(starts, ends, sensors_rowcol, ranges, truncation, sums, weights, bottom, top)
+
+    _by_rows(work, sums.shape[0])
+
+
+def _contiguous(starts: Cells, ends: Cells) -> tuple[Cells, Cells]:
+    return np.ascontiguousarray(starts), np.ascontiguousarray(ends)
+
+
+def _by_rows(work: object, height: int) -> None:
+    parts = min(height, 1 if thread_count() == 1 else _PARTS_PER_THREAD * thread_count())
+
+    def some(first: int, end: int) -> None:
+        for k in range(first, end):
+            work(height * k // parts, height * (k + 1) // parts)  # type: ignore[operator]
+
+    in_parallel(some, parts)

@@ -1,0 +1,253 @@
+"""Maps from laser scans with known poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.grid.coordinates import Point, cells_to_cover, check_point, check_resolution
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.region import Region
+from mapdeal.mapping.beams import BeamCounts, BeamLimits, Scans, beams_of
+from mapdeal.mapping.counting import Counting
+from mapdeal.mapping.evidence import Evidence, Layers
+from mapdeal.mapping.log_odds import LogOdds
+from mapdeal.mapping.tsdf import Tsdf
+
+Method = Literal["log-odds", "counting", "tsdf"]
+
+METHODS: dict[str, Callable[..., Evidence]] = {
+    "log-odds": LogOdds,
+    "counting": Counting,
+    "tsdf": Tsdf,
+}
+MARGIN = 2
+"""Cells that a grid which sizes itself has around everything that beams reach."""
+
+
+class Extent:
+    """The box around what beams reach: sensors, hits, and the ends of what is cleared.
+
+    Parameters
+    ----------
+    limits : BeamLimits
+        Which beams count.
+    beyond : float
+        Metres that hits have an effect behind themselves.
+    """
+
+    def __init__(self, limits: BeamLimits, beyond: float = 0.0) -> None:
+        self._limits = limits
+        self._beyond = beyond
+        self._least = np.full(2, np.inf)
+        self._most = np.full(2, -np.inf)
+
+    def add(self, scans: Scans) -> None:
+        """Grow the box around the beams of scans that say something."""
+        for part in scans.parts():
+            beams = beams_of(part, self._limits)
+            if not len(beams.ranges):
+                continue
+            for points in (beams.sensors_xy, beams.ends_xy(self._beyond)):
+                self._least = np.minimum(self._least, points.min(axis=0))
+                self._most = np.maximum(self._most, points.max(axis=0))
+
+    def frame(self, resolution: float) -> Frame:
+        """Return a grid around the box, on the lattice of the resolution, with a margin.
+
+        Raises
+        ------
+        ParameterError
+            If it would have too many cells.
+        MalformedInputError
+            If no beam says anything.
+        """
+        if not np.isfinite(self._least).all():
+            raise MalformedInputError("no beam hits anything: there is nothing to make a map of")
+        lattice = Frame(1, 1, check_resolution(resolution))
+        first, last = (
+            lattice.unbounded_rowcol_from_xy([corner])[0] for corner in (self._least, self._most)
+        )
+        height, width = (last - first + 1 + 2 * MARGIN).tolist()
+        row, col = (first - MARGIN).tolist()
+        return Region(row, col, height, width).frame_in(lattice)
+
+
+def frame_of(size: Point, origin: Point, resolution: float) -> Frame:
+    """Return the grid of a size in metres with a given corner.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not allowed, or there would be too many cells.
+    """
+    x, y = check_point(origin, "origin")
+    width, height = check_point(size, "size")
+    if not (width > 0 and height > 0):
+        rule = "must be two numbers of metres above 0"
+        raise ParameterError(rule, place="size", got=(width, height))
+    checked = check_resolution(resolution)
+    rows, cols = (max(1, cells_to_cover(length, checked)) for length in (height, width))
+    return Region(0, 0, rows, cols).frame_in(Frame(1, 1, checked, (x, y, 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltMap:
+    """A map made of scans.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    layers : dict of str to numpy.ndarray
+        The evidence: ``log_odds``; or ``hits`` and ``misses``; or ``tsdf``, ``weight`` and
+        ``surface``.
+    counts : BeamCounts
+        How many beams there were of each kind.
+    """
+
+    grid: OccupancyGrid
+    layers: Layers
+    counts: BeamCounts
+
+
+class MapBuilder:
+    """Makes a map of scans that come some at a time, in their order.
+
+    Parameters
+    ----------
+    frame : Frame
+        The cells.
+    method : {'log-odds', 'counting', 'tsdf'}
+        How evidence becomes a map.
+    limits : BeamLimits
+        Which ranges are hits.
+    **parameters
+        Those of the method: of `LogOdds`, `Counting` or `Tsdf`.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such method, or a parameter is not the method's or not allowed.
+    """
+
+    def __init__(
+        self,
+        frame: Frame,
+        method: Method = "log-odds",
+        limits: BeamLimits | None = None,
+        **parameters: Any,
+    ) -> None:
+        if method not in METHODS:
+            rule = f"must be one of {', '.join(get_args(Method))}"
+            raise ParameterError(rule, place="method", got=method)
+        known = METHODS[method].__init__.__kwdefaults__ or {}
+        for name in parameters:
+            if name not in known:
+                rule = f"is not a parameter of method {method}"
+                raise ParameterError(rule, place=name)
+        self._evidence = METHODS[method](frame, **parameters)
+        self._limits = limits or BeamLimits()
+        self._counts = BeamCounts()
+
+    def add(self, scans: Scans) -> None:
+        """Add what scans have seen."""
+        for part in scans.parts():
+            beams = beams_of(part, self._limits)
+            self._evidence.add(beams)
+            self._counts += beams.counts
+
+    def result(self) -> BuiltMap:
+        """Return the map of all scans so far."""
+        return BuiltMap(self._evidence.grid(), self._evidence.layers(), self._counts)
+
+
+def reach_behind(method: str, resolution: float, truncation: float = 2.0) -> float:
+    """Return how far behind hits a method has an effect, metres."""
+    return truncation * resolution if method == "tsdf" else 0.0
+
+
+def build_map(
+    poses: ArrayLike,
+    angles: ArrayLike,
+    ranges: ArrayLike,
+    *,
+    method: Method = "log-odds",
+    resolution: float = 0.05,
+    size: Point | None = None,
+    origin: Point | None = None,
+    range_min: float = 0.0,
+    range_max: float = 30.0,
+    clear_max: float = 0.0,
+    **parameters: Any,
+) -> BuiltMap:
+    """Make a map of laser scans with known poses.
+
+    Parameters
+    ----------
+    poses : array_like of float, shape (N, 3)
+        x, y (metres) and yaw (radians) of the sensor in the map frame.
+    angles : array_like of float, shape (M,)
+        Of the beams, radians from the sensor's heading, anticlockwise.
+    ranges : array_like of float, shape (N, M)
+        Metres; inf for a beam that returns nothing, nan for one that means nothing.
+    method : {'log-odds', 'counting', 'tsdf'}
+        How evidence becomes a map: `LogOdds`, `Counting` or `Tsdf`.
+    resolution : float
+        Side of a cell, metres.
+    size, origin : tuple of float, optional
+        Width and height, and the corner of cell (0, 0), metres; both or none. Without them the
+        grid holds all that beams reach.
+    range_min, range_max, clear_max : float
+        As of `BeamLimits`.
+    **parameters
+        Those of the method.
+
+    Returns
+    -------
+    BuiltMap
+        The map, the evidence, and the counts of the beams.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter or an array is not allowed.
+    MalformedInputError
+        If the grid is to size itself, and no beam hits anything.
+
+    Notes
+    -----
+    A beam passes the cells of costmap_2d's line from the sensor's cell, which is one of them, to
+    that of its end, which is not: a cell is never hit and passed by the same beam. Beams that leave
+    the grid count inside of it.
+
+    References
+    ----------
+    Design document 004.
+
+    Examples
+    --------
+    >>> built = build_map([[0.0, 0.0, 0.0]], [0.0, 0.5], [[1.0, 1.2]], resolution=0.25)
+    >>> built.grid.origin, built.counts.hits
+    ((-0.5, -0.5, 0.0), 2)
+    """
+    scans = Scans(poses, angles, ranges)  # type: ignore[arg-type]
+    limits = BeamLimits(range_min, range_max, clear_max)
+    if (size is None) != (origin is None):
+        raise ParameterError("size and origin must be given together", place="size")
+    if size is not None and origin is not None:
+        frame = frame_of(size, origin, resolution)
+    else:
+        truncation = parameters.get("truncation", 2.0)
+        extent = Extent(limits, reach_behind(method, check_resolution(resolution), truncation))
+        extent.add(scans)
+        frame = extent.frame(resolution)
+    builder = MapBuilder(frame, method, limits, **parameters)
+    builder.add(scans)
+    return builder.result()

@@ -1,0 +1,68 @@
+"""Method ``counting``: the share of beams that hit a cell among those that came to it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.rays import count_rays
+from mapdeal.mapping.beams import Beams
+from mapdeal.mapping.evidence import Evidence, Layers
+
+
+class Counting(Evidence):
+    """Counts of the beams that hit each cell, and of those that pass it.
+
+    Parameters
+    ----------
+    frame : Frame
+        The cells.
+    ratio : float
+        Share of hits above which a cell is occupied, 0 <= ratio < 1; gmapping's is 0.25.
+
+    Raises
+    ------
+    ParameterError
+        If the ratio is out of its bounds.
+
+    References
+    ----------
+    Design document 004, method 2; gmapping's ``PointAccumulator``. As there, a cell that beams
+    have reached is either occupied or free.
+
+    Examples
+    --------
+    >>> from mapdeal.mapping.beams import BeamLimits, Scans, beams_of
+    >>> evidence = Counting(Frame(1, 5, 1.0))
+    >>> evidence.add(beams_of(Scans([[0.5, 0.5, 0.0]], [0.0], [[3.0]]), BeamLimits()))
+    >>> evidence.occupancy().tolist()
+    [[0, 0, 0, 100, -1]]
+    """
+
+    def __init__(self, frame: Frame, *, ratio: float = 0.3) -> None:
+        super().__init__(frame)
+        if not 0 <= ratio < 1:  # refuses nan too
+            raise ParameterError("must be at least 0, below 1", place="ratio", got=ratio)
+        self._ratio = ratio
+        self._hits, self._misses = np.zeros((2, *frame.shape), dtype=np.int32)
+
+    def add(self, beams: Beams) -> None:
+        """Add what beams say; see `Evidence.add`."""
+        starts, ends = self.cells_of(beams)
+        count_rays(starts, ends, beams.is_hit, self._hits, self._misses)
+
+    def occupancy(self) -> NDArray[np.int8]:
+        """Return the map of the evidence so far, shape (H, W)."""
+        visits = self._hits + self._misses
+        # without a division, whose rounding could lift a share above itself
+        occupied = self._hits > self._ratio * visits
+        values = np.where(occupied, np.int8(OCCUPIED), np.int8(FREE))
+        values[visits == 0] = UNKNOWN
+        return values
+
+    def layers(self) -> Layers:
+        """Return ``hits`` and ``misses``, int32."""
+        return {"hits": self._hits, "misses": self._misses}

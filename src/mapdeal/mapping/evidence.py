@@ -1,0 +1,63 @@
+"""What the methods of making maps from beams have in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.bresenham import FARTHEST_CELL
+from mapdeal.mapping.beams import Beams
+
+Cells = NDArray[np.int64]
+Layers = dict[str, NDArray[Any]]
+
+
+class Evidence(ABC):
+    """Evidence for and against obstacles, gathered cell by cell.
+
+    Parameters
+    ----------
+    frame : Frame
+        The cells.
+    """
+
+    def __init__(self, frame: Frame) -> None:
+        self.frame = frame
+
+    @abstractmethod
+    def add(self, beams: Beams) -> None:
+        """Add what beams say, one after the other; those that leave the grid count inside of it.
+
+        Raises
+        ------
+        ParameterError
+            If a beam begins or ends more than 2^30 cells from the grid.
+        """
+
+    @abstractmethod
+    def occupancy(self) -> NDArray[np.int8]:
+        """Return the map of the evidence so far, shape (H, W): -1, 0..100."""
+
+    @abstractmethod
+    def layers(self) -> Layers:
+        """Return the evidence itself, by the names of an npz's keys."""
+
+    def grid(self) -> OccupancyGrid:
+        """Return the map of the evidence so far."""
+        return OccupancyGrid(self.occupancy(), self.frame.resolution, self.frame.origin)
+
+    def cells_of(self, beams: Beams, beyond: float = 0.0) -> tuple[Cells, Cells]:
+        """Return the cells, shape (K, 2), that beams begin and end in, inside the grid or not."""
+        starts = self.frame.unbounded_rowcol_from_xy(beams.sensors_xy)
+        ends = self.frame.unbounded_rowcol_from_xy(beams.ends_xy(beyond))
+        for cells in (starts, ends):
+            if cells.size and np.abs(cells).max() > FARTHEST_CELL:
+                rule = f"beams must lie within {FARTHEST_CELL} cells of the grid"
+                raise ParameterError(rule, place="poses")
+        return starts, ends

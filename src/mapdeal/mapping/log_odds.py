@@ -1,0 +1,103 @@
+"""Method ``log-odds``: each beam adds to the cell that it hits, and takes from those it passes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.rays import Odds, weigh_rays
+from mapdeal.mapping.beams import Beams
+from mapdeal.mapping.evidence import Evidence, Layers
+
+_UNIT = 1 << 16
+"""What an evidence of 1 is: in whole numbers sums are exact, in whatever order they are made."""
+
+_EVEN = 50
+
+
+class LogOdds(Evidence):
+    """Evidence as a number of each cell that starts at 50, half way.
+
+    Parameters
+    ----------
+    frame : Frame
+        The cells.
+    log_free : float
+        What each beam that passes a cell adds, below 0. As all numbers here rounded to
+        multiples of 2^-16.
+    log_occ : float
+        What each beam that hits it adds, above 0.
+    log_min, log_max : float
+        Bounds, kept after each addition: 0 <= log_min < 50 < log_max <= 100.
+    values : bool
+        Whether the map has the rounded numbers; else 0 below 50, 100 above, and unknown at
+        exactly 50, where there is as much for as against an obstacle. Cells that no beam has
+        reached are unknown.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its bounds.
+
+    References
+    ----------
+    Design document 004, method 1, with the cell of a hit left out of those passed.
+
+    Examples
+    --------
+    >>> from mapdeal.mapping.beams import BeamLimits, Scans, beams_of
+    >>> evidence = LogOdds(Frame(1, 5, 1.0))
+    >>> evidence.add(beams_of(Scans([[0.5, 0.5, 0.0]], [0.0], [[3.0]]), BeamLimits()))
+    >>> evidence.occupancy().tolist()
+    [[0, 0, 0, 100, -1]]
+    """
+
+    def __init__(
+        self,
+        frame: Frame,
+        *,
+        log_free: float = -1.0,
+        log_occ: float = 2.0,
+        log_min: float = 0.0,
+        log_max: float = 100.0,
+        values: bool = False,
+    ) -> None:
+        super().__init__(frame)
+        rules = {
+            "log_free": (log_free, -100 <= log_free <= -1 / _UNIT, "below 0, at least -100"),
+            "log_occ": (log_occ, 1 / _UNIT <= log_occ <= 100, "above 0, at most 100"),
+            "log_min": (log_min, 0 <= log_min < _EVEN, f"at least 0, below {_EVEN}"),
+            "log_max": (log_max, _EVEN < log_max <= 100, f"above {_EVEN}, at most 100"),
+        }
+        for name, (value, holds, rule) in rules.items():
+            if not (holds and math.isfinite(value)):
+                raise ParameterError(f"must be {rule}", place=name, got=value)
+        self._odds = Odds(*(round(v * _UNIT) for v in (log_free, log_occ, log_min, log_max)))
+        self._publish_values = values
+        self._values = np.full(frame.shape, _EVEN * _UNIT, dtype=np.int32)
+        self._seen = np.zeros(frame.shape, dtype=np.bool_)
+
+    def add(self, beams: Beams) -> None:
+        """Add what beams say; see `Evidence.add`."""
+        starts, ends = self.cells_of(beams)
+        weigh_rays(starts, ends, beams.is_hit, self._odds, self._values, self._seen)
+
+    def occupancy(self) -> NDArray[np.int8]:
+        """Return the map of the evidence so far, shape (H, W)."""
+        if self._publish_values:
+            rounded = np.rint(self._values / _UNIT).astype(np.int8)
+        else:
+            rounded = np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
+            rounded[self._values < _EVEN * _UNIT] = FREE
+            rounded[self._values > _EVEN * _UNIT] = OCCUPIED
+        rounded[~self._seen] = UNKNOWN
+        return rounded
+
+    def layers(self) -> Layers:
+        """Return ``log_odds``: the numbers, float64, nan where no beam has been."""
+        return {"log_odds": np.where(self._seen, self._values / _UNIT, np.nan)}

@@ -1,0 +1,101 @@
+"""Method ``tsdf``: a truncated signed distance field, and the surface where it changes sign."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.rays import DISTANCE_UNIT, measure_rays
+from mapdeal.mapping.beams import Beams
+from mapdeal.mapping.evidence import Evidence, Layers
+from mapdeal.mapping.zero_crossings import crossings_of, thin_surface
+
+_MOST_TRUNCATION = 1000.0
+
+
+class Tsdf(Evidence):
+    """The mean of each cell's signed distances along the beams to what they hit.
+
+    Parameters
+    ----------
+    frame : Frame
+        The cells.
+    truncation : float
+        In cells, 1 to 1000: distances beyond count as it, and beams have no effect farther
+        than that behind what they hit.
+
+    Raises
+    ------
+    ParameterError
+        If the truncation is out of its bounds.
+
+    Notes
+    -----
+    The distance is the beam's range less that from the sensor to the cell's centre: positive
+    in front of what is hit. All beams weigh the same. A cell is occupied where the field
+    changes sign between it and a neighbour in its row or column, both reached by beams, and it
+    is the one nearer to zero; such walls are thinned to one cell. Of the other cells those
+    with a positive field are free, all else is unknown.
+
+    References
+    ----------
+    Design document 004, method 3; B. Curless and M. Levoy, "A Volumetric Method for Building
+    Complex Models from Range Images", 1996.
+
+    Examples
+    --------
+    >>> from mapdeal.mapping.beams import BeamLimits, Scans, beams_of
+    >>> evidence = Tsdf(Frame(1, 7, 1.0))
+    >>> evidence.add(beams_of(Scans([[0.5, 0.5, 0.0]], [0.0], [[3.2]]), BeamLimits()))
+    >>> evidence.occupancy().tolist()
+    [[0, 0, 0, 100, -1, -1, -1]]
+    >>> evidence.layers()["surface"].round(5).tolist()
+    [[3.7, 0.5]]
+    """
+
+    def __init__(self, frame: Frame, *, truncation: float = 2.0) -> None:
+        super().__init__(frame)
+        if not 1 <= truncation <= _MOST_TRUNCATION:  # refuses nan too
+            rule = f"must be 1 to {_MOST_TRUNCATION:g} cells"
+            raise ParameterError(rule, place="truncation", got=truncation)
+        self._truncation = truncation
+        self._sums = np.zeros(frame.shape, dtype=np.int64)
+        self._weights = np.zeros(frame.shape, dtype=np.int32)
+
+    def add(self, beams: Beams) -> None:
+        """Add what beams say; see `Evidence.add`."""
+        starts, ends = self.cells_of(beams, self._truncation * self.frame.resolution)
+        sensors = self.frame.continuous_rowcol_from_xy(beams.sensors_xy)
+        ranges = np.where(beams.is_hit, beams.ranges / self.frame.resolution, np.inf)
+        measure_rays(starts, ends, sensors, ranges, self._truncation, self._sums, self._weights)
+
+    def occupancy(self) -> NDArray[np.int8]:
+        """Return the map of the evidence so far, shape (H, W)."""
+        values = np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
+        values[self._sums > 0] = FREE
+        field = self._field()
+        values[thin_surface(field, crossings_of(field))] = OCCUPIED
+        return values
+
+    def layers(self) -> Layers:
+        """Return the field, its weights, and the surface in parts of cells.
+
+        ``tsdf``: float32, shares of the truncation, -1..1, nan where no beam has been;
+        ``weight``: int32, beams of each cell; ``surface``: float64, shape (N, 2), x and y in the
+        map frame where the field, interpolated between two neighbours, is zero.
+        """
+        field = self._field()
+        places = crossings_of(field).places()
+        return {
+            "tsdf": field.astype(np.float32),
+            "weight": self._weights,
+            "surface": self.frame.xy_from_continuous_rowcol(places),
+        }
+
+    def _field(self) -> NDArray[np.float64]:
+        with np.errstate(invalid="ignore"):
+            field: NDArray[np.float64] = self._sums / (self._weights * float(DISTANCE_UNIT))
+        return field

@@ -1,0 +1,173 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from engines import needs_compiled
+from mapdeal.kernels import ray_twin
+from mapdeal.kernels.rays import DISTANCE_UNIT, Odds, count_rays, measure_rays, weigh_rays
+from mapdeal.kernels.threads import use_threads
+from oracles import line
+
+pytestmark = pytest.mark.usefixtures("each_engine")
+
+CELLS = st.tuples(st.integers(-9, 20), st.integers(-9, 20))
+FAR = st.one_of(CELLS, st.tuples(st.integers(-(2**30), 2**30), st.integers(-9, 20)))
+SHAPES = st.tuples(st.integers(1, 11), st.integers(1, 13))
+
+
+def inside(cell, shape):
+    return 0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1]
+
+
+def beams(draw_of=CELLS):
+    return st.lists(st.tuples(draw_of, draw_of, st.booleans()), max_size=25)
+
+
+def arrays(rays):
+    starts = np.array([ray[0] for ray in rays], dtype=np.int64).reshape(-1, 2)
+    ends = np.array([ray[1] for ray in rays], dtype=np.int64).reshape(-1, 2)
+    return starts, ends, np.array([ray[2] for ray in rays], dtype=bool)
+
+
+@settings(deadline=None)
+@given(shape=SHAPES, rays=beams(), threads=st.integers(1, 3))
+def test_counts_are_those_of_walking_along_each_line(shape, rays, threads):
+    hits, misses = np.zeros((2, *shape), dtype=np.int32)
+    with use_threads(threads):
+        count_rays(*arrays(rays), hits, misses)
+    expected_hits, expected_misses = np.zeros((2, *shape), dtype=int)
+    for start, end, is_hit in rays:
+        *passed, last = line(start, end)
+        assert last == end
+        for cell in passed:
+            if inside(cell, shape):
+                expected_misses[cell] += 1
+        if is_hit and inside(last, shape):
+            expected_hits[last] += 1
+    np.testing.assert_array_equal(hits, expected_hits)
+    np.testing.assert_array_equal(misses, expected_misses)
+
+
+ODDS = st.sampled_from(
+    [Odds(-1, 2, 0, 100), Odds(-3, 5, -4, 6), Odds(-7, 7, 0, 10), Odds(2, -3, 0, 9)]
+)
+
+
+@settings(deadline=None)
+@given(
+    shape=SHAPES,
+    rays=beams(),
+    odds=ODDS.map(lambda o: Odds(*o)),
+    start=st.integers(0, 6),
+    threads=st.integers(1, 3),
+)
+def test_values_are_clamped_after_each_ray(shape, rays, odds, start, threads):
+    """Few cells and tight bounds, so that the order of the rays matters."""
+    values, seen = np.full(shape, start, dtype=np.int32), np.zeros(shape, dtype=bool)
+    with use_threads(threads):
+        weigh_rays(*arrays(rays), odds, values, seen)
+    expected, observed = np.full(shape, start), np.zeros(shape, dtype=bool)
+    for first, end, is_hit in rays:
+        *passed, last = line(first, end)
+        steps = [(cell, odds.on_miss) for cell in passed] + [(last, odds.on_hit)] * is_hit
+        for cell, added in steps:
+            if inside(cell, shape):
+                expected[cell] = min(max(expected[cell] + added, odds.lowest), odds.highest)
+                observed[cell] = True
+    np.testing.assert_array_equal(values, expected)
+    np.testing.assert_array_equal(seen, observed)
+
+
+@settings(deadline=None)
+@given(
+    shape=SHAPES,
+    rays=beams(),
+    seed=st.integers(0, 999),
+    truncation=st.sampled_from([0.7, 2.0, 5.0]),
+)
+def test_distances_are_those_from_the_sensor_to_the_centres(shape, rays, seed, truncation):
+    starts, ends, is_hit = arrays(rays)
+    rng = np.random.default_rng(seed)
+    sensors = starts + rng.random((len(rays), 2))
+    ranges = np.where(is_hit, rng.uniform(0, 25, len(rays)), np.inf)
+    sums, weights = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int32)
+    measure_rays(starts, ends, sensors, ranges, truncation, sums, weights)
+    expected, counts = np.zeros(shape), np.zeros(shape, dtype=int)
+    for k, (first, end, _) in enumerate(rays):
+        for row, col in line(first, end):
+            away = math.dist((row + 0.5, col + 0.5), sensors[k])
+            share = (ranges[k] - away) / truncation
+            if inside((row, col), shape) and share >= -1:
+                expected[row, col] += min(share, 1.0)
+                counts[row, col] += 1
+    np.testing.assert_array_equal(weights, counts)
+    np.testing.assert_allclose(sums / DISTANCE_UNIT, expected, atol=1e-6 * max(1, len(rays)))
+
+
+def test_a_ray_to_the_sensor_s_own_cell_is_a_hit_alone():
+    hits, misses = np.zeros((2, 3, 3), dtype=np.int32)
+    count_rays(
+        np.array([[1, 1]] * 2), np.array([[1, 1]] * 2), np.array([True, False]), hits, misses
+    )
+    assert hits.sum() == hits[1, 1] == 1
+    assert not misses.any()
+
+
+@settings(deadline=None, max_examples=60)
+@given(shape=SHAPES, rays=beams(FAR))
+def test_rays_from_and_to_far_away_take_no_longer(shape, rays):
+    """Lines of 2^31 cells are clipped before they are walked: equal to those of the twin."""
+    starts, ends, is_hit = arrays(rays)
+    hits, misses, twin_hits, twin_misses = np.zeros((4, *shape), dtype=np.int32)
+    count_rays(starts, ends, is_hit, hits, misses)
+    ray_twin.count_rays(starts, ends, is_hit, twin_hits, twin_misses)
+    np.testing.assert_array_equal(hits, twin_hits)
+    np.testing.assert_array_equal(misses, twin_misses)
+
+
+def test_a_far_line_passes_where_its_equation_says():
+    """From (-2^29, 5) to (2^29, 7): near row 0 it has moved by half, to column 6."""
+    hits, misses = np.zeros((2, 4, 9), dtype=np.int32)
+    far = 2**29
+    count_rays(np.array([[-far, 5]]), np.array([[far, 7]]), np.array([True]), hits, misses)
+    assert np.argwhere(misses).tolist() == [[row, 6] for row in range(4)]
+
+
+@needs_compiled
+def test_many_rays_give_the_same_bytes_on_both_engines_and_any_threads(monkeypatch):
+    """More cells than the twin takes together."""
+    rng = np.random.default_rng(4)
+    count, shape = 60_000, (300, 260)
+    starts = rng.integers(-20, 320, (count, 2))
+    ends = starts + rng.integers(-150, 150, (count, 2))
+    is_hit = rng.random(count) < 0.7
+    sensors, ranges = starts + rng.random((count, 2)), np.abs(rng.normal(0, 90, count))
+    found = []
+    for engine, threads in (("compiled", 1), ("compiled", 3), ("scipy", 1)):
+        monkeypatch.setenv("MAPDEAL_KERNELS", engine)
+        hits, misses, values, weights = np.zeros((4, *shape), dtype=np.int32)
+        seen, sums = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64)
+        with use_threads(threads):
+            count_rays(starts, ends, is_hit, hits, misses)
+            weigh_rays(starts, ends, is_hit, Odds(-1, 2, -40, 50), values, seen)
+            measure_rays(starts, ends, sensors, ranges, 2.5, sums, weights)
+        found.append([layer.tobytes() for layer in (hits, misses, values, seen, sums, weights)])
+    assert found[0] == found[1] == found[2]
+    assert misses.sum() > ray_twin._CELLS_TOGETHER
+
+
+@needs_compiled
+def test_arrays_of_other_shapes_are_refused():
+    from mapdeal.kernels import _rays
+
+    cells, hit = np.zeros((2, 2), np.int64), np.zeros(2, np.uint8)
+    layer, other = np.zeros((3, 4), np.int32), np.zeros((3, 5), np.int32)
+    with pytest.raises(ValueError, match="shape"):
+        _rays.count(cells, cells, hit, layer, other, 0, 3)
+    with pytest.raises(ValueError, match="beams"):
+        _rays.count(cells, cells, hit[:1], layer, layer, 0, 3)
+    with pytest.raises(IndexError):
+        _rays.count(cells, cells, hit, layer, layer, 0, 4)
