@@ -7,7 +7,8 @@ Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField`, `BitMap`, 
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
 `ring_cost`, `potential`; a robot's `Footprint`; `apply_keepout_mask`.
 Maps from sensors: `local_map`, and `LocalMapper` with `LocalOptions` for clouds that come in
-parts, which gives a `LocalMap`.
+parts, which gives a `LocalMap`; `build_map` of laser scans, which gives a `BuiltMap`, and
+`MapBuilder` with `BeamLimits` for `Scans` that come in parts.
 Questions: `DistanceField.query`, which gives `FieldSamples`; `shortest_route` and `descend`, which
 give a `Route`.
 Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
@@ -48,6 +49,8 @@ if TYPE_CHECKING:
     from mapdeal.grid.potential import PotentialField
     from mapdeal.grid.route import Route
     from mapdeal.grid.shapes import Circle, Line, Polygon
+    from mapdeal.mapping.beams import BeamLimits, Scans
+    from mapdeal.mapping.build import BuiltMap, MapBuilder, build_map
     from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, local_map
     from mapdeal.planning.astar import shortest_route
     from mapdeal.planning.descent import descend
@@ -61,7 +64,9 @@ if TYPE_CHECKING:
     from mapdeal.stages.threshold_cost import threshold_cost
 
 _HOMES = {
+    "BeamLimits": "mapdeal.mapping.beams",
     "BitMap": "mapdeal.grid.bit_map",
+    "BuiltMap": "mapdeal.mapping.build",
     "Circle": "mapdeal.grid.shapes",
     "Costmap": "mapdeal.grid.costmap",
     "DistanceField": "mapdeal.grid.field",
@@ -75,6 +80,7 @@ _HOMES = {
     "LocalMapper": "mapdeal.mapping.local_map",
     "LocalOptions": "mapdeal.mapping.local_map",
     "MalformedInputError": "mapdeal.errors",
+    "MapBuilder": "mapdeal.mapping.build",
     "MapdealError": "mapdeal.errors",
     "MapdealWarning": "mapdeal.errors",
     "OccupancyGrid": "mapdeal.grid.occupancy",
@@ -82,9 +88,11 @@ _HOMES = {
     "Polygon": "mapdeal.grid.shapes",
     "PotentialField": "mapdeal.grid.potential",
     "Route": "mapdeal.grid.route",
+    "Scans": "mapdeal.mapping.beams",
     "active_region": "mapdeal.stages.active",
     "apply_keepout_mask": "mapdeal.stages.keepout",
     "blank": "mapdeal.editing.window",
+    "build_map": "mapdeal.mapping.build",
     "descend": "mapdeal.planning.descent",
     "draw": "mapdeal.editing.draw",
     "esdf": "mapdeal.stages.esdf",
@@ -110,7 +118,9 @@ _HOMES = {
 }
 
 __all__ = [
+    "BeamLimits",
     "BitMap",
+    "BuiltMap",
     "Circle",
     "Costmap",
     "DistanceField",
@@ -124,6 +134,7 @@ __all__ = [
     "LocalMapper",
     "LocalOptions",
     "MalformedInputError",
+    "MapBuilder",
     "MapdealError",
     "MapdealWarning",
     "OccupancyGrid",
@@ -131,10 +142,12 @@ __all__ = [
     "Polygon",
     "PotentialField",
     "Route",
+    "Scans",
     "__version__",
     "active_region",
     "apply_keepout_mask",
     "blank",
+    "build_map",
     "descend",
     "draw",
     "esdf",

@@ -30,8 +30,8 @@ _UsageError: Any = typer.BadParameter.__mro__[1]
 _ClickError: Any = typer.BadParameter.__mro__[2]
 
 COMMANDS = (
-    "run", "local", "active", "inflate", "esdf", "cost", "potential", "query", "route", "edit",
-    "window", "shift", "convert", "pack", "unpack", "info",
+    "run", "local", "build", "active", "inflate", "esdf", "cost", "potential", "query", "route",
+    "edit", "window", "shift", "convert", "pack", "unpack", "info",
 )  # fmt: skip
 _FLAGS = (
     "inflate-unknown", "inflate-around-unknown", "robot-16-gon", "trinary-costmap", "track-unknown",

@@ -118,14 +118,28 @@ class NpzReader:
             raise self._error(name, f"must be one of {', '.join(choices)}")
         return text
 
-    def rows(self, name: str, columns: int) -> Iterator[NDArray[np.float64]]:
+    def numbers(self, name: str, axes: int) -> NDArray[np.float64]:
+        """Return an array of any type of number, with so many axes."""
+        array = self._read(name, None, None, self._max_cells, small=False)
+        if array.dtype.kind not in "iuf" or array.ndim != axes:
+            found = f"{array.dtype} of shape {array.shape}"
+            raise self._error(name, f"must be numbers with {axes} axes, is {found}")
+        return array.astype(np.float64)
+
+    def rows(
+        self, name: str, columns: int, *, shape: tuple[int, int] | None = None
+    ) -> Iterator[NDArray[np.float64]]:
         """Yield the first `columns` numbers of each row of a table, many rows at a time.
 
-        Rows that have fewer are yielded whole; at least two numbers make a row. A table that is
+        Rows that have fewer are yielded whole; at least two numbers make a row. If a shape is
+        given, the table must have it. A table that is
         stored column by column is held in memory.
         """
         with self._opened(name) as entry:
-            if entry.dtype.kind not in "iuf" or len(entry.shape) != 2 or entry.shape[1] < 2:
+            if shape is not None and entry.shape != shape:
+                raise self._error(name, f"must have shape {shape}, has {entry.shape}")
+            least = 2 if shape is None else 0
+            if entry.dtype.kind not in "iuf" or len(entry.shape) != 2 or entry.shape[1] < least:
                 found = f"{entry.dtype} of shape {entry.shape}"
                 raise self._error(name, f"must be numbers of shape (N, 2) or wider, is {found}")
             height, width = entry.shape
@@ -161,6 +175,8 @@ class NpzReader:
         dtype: np.dtype[Any] | None,
         shape: tuple[int, ...] | None,
         most_elements: int,
+        *,
+        small: bool = True,
     ) -> NDArray[Any]:
         with self._opened(name) as entry:
             if dtype is not None and entry.dtype != dtype:
@@ -170,7 +186,11 @@ class NpzReader:
             if entry.elements > most_elements:
                 rule = f"{entry.elements} elements, above the limit of {most_elements}"
                 raise self._error(name, rule)
-            if dtype is None and entry.elements * entry.dtype.itemsize > _LARGEST_SMALL_ARRAY:
+            if (
+                small
+                and dtype is None
+                and entry.elements * entry.dtype.itemsize > _LARGEST_SMALL_ARRAY
+            ):
                 raise self._error(name, f"must be a single value, is {entry.dtype}")
             array = np.empty(entry.elements, dtype=entry.dtype)
             _read_into(entry.file, array)

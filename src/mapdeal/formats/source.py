@@ -93,6 +93,12 @@ def chunks_of(path: Path) -> Iterator[bytes]:
         raise FileAccessError(rule, source=path) from None
 
 
+def check_regular(path: Path) -> None:
+    """Raise FileAccessError if a file is not there or no regular one: a pipe would block."""
+    if not stat.S_ISREG(status_of(path).st_mode):
+        raise FileAccessError("cannot be read: it is no regular file", source=path)
+
+
 def is_same_file(one: Path, other: Path) -> bool:
     """Return whether two names are of one file that there is."""
     return exists(one) and exists(other) and one.samefile(other)
@@ -128,8 +134,7 @@ def sha256_of(path: Path) -> str:
     FileAccessError
         If it cannot be read, or is no regular file.
     """
-    if not stat.S_ISREG(status_of(path).st_mode):  # a pipe would block
-        raise FileAccessError("cannot be read: it is no regular file", source=path)
+    check_regular(path)
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -144,15 +144,7 @@ class MapBuilder:
         limits: BeamLimits | None = None,
         **parameters: Any,
     ) -> None:
-        if method not in METHODS:
-            rule = f"must be one of {', '.join(get_args(Method))}"
-            raise ParameterError(rule, place="method", got=method)
-        known = METHODS[method].__init__.__kwdefaults__ or {}
-        for name in parameters:
-            if name not in known:
-                rule = f"is not a parameter of method {method}"
-                raise ParameterError(rule, place=name)
-        self._evidence = METHODS[method](frame, **parameters)
+        self._evidence = _evidence(frame, method, parameters)
         self._limits = limits or BeamLimits()
         self._counts = BeamCounts()
 
@@ -168,9 +160,27 @@ class MapBuilder:
         return BuiltMap(self._evidence.grid(), self._evidence.layers(), self._counts)
 
 
-def reach_behind(method: str, resolution: float, truncation: float = 2.0) -> float:
-    """Return how far behind hits a method has an effect, metres."""
-    return truncation * resolution if method == "tsdf" else 0.0
+def _evidence(frame: Frame, method: str, parameters: Mapping[str, Any]) -> Evidence:
+    if method not in METHODS:
+        rule = f"must be one of {', '.join(get_args(Method))}"
+        raise ParameterError(rule, place="method", got=method)
+    known = METHODS[method].__init__.__kwdefaults__ or {}
+    for name in parameters:
+        if name not in known:
+            raise ParameterError(f"is not a parameter of method {method}", place=name)
+    return METHODS[method](frame, **parameters)
+
+
+def reach_behind(method: str, resolution: float, parameters: Mapping[str, Any]) -> float:
+    """Return how far behind hits a method has an effect, metres.
+
+    Raises
+    ------
+    ParameterError
+        If the resolution, the method or one of its parameters is not allowed.
+    """
+    frame = Frame(1, 1, check_resolution(resolution))
+    return _evidence(frame, method, parameters).reach_behind * frame.resolution
 
 
 def build_map(
@@ -244,8 +254,7 @@ def build_map(
     if size is not None and origin is not None:
         frame = frame_of(size, origin, resolution)
     else:
-        truncation = parameters.get("truncation", 2.0)
-        extent = Extent(limits, reach_behind(method, check_resolution(resolution), truncation))
+        extent = Extent(limits, reach_behind(method, resolution, parameters))
         extent.add(scans)
         frame = extent.frame(resolution)
     builder = MapBuilder(frame, method, limits, **parameters)

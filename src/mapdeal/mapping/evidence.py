@@ -27,6 +27,9 @@ class Evidence(ABC):
         The cells.
     """
 
+    reach_behind = 0.0
+    """How far behind hits beams have an effect, cells."""
+
     def __init__(self, frame: Frame) -> None:
         self.frame = frame
 

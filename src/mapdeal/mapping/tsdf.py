@@ -61,7 +61,7 @@ class Tsdf(Evidence):
         if not 1 <= truncation <= _MOST_TRUNCATION:  # refuses nan too
             rule = f"must be 1 to {_MOST_TRUNCATION:g} cells"
             raise ParameterError(rule, place="truncation", got=truncation)
-        self._truncation = truncation
+        self._truncation = self.reach_behind = float(truncation)
         self._sums = np.zeros(frame.shape, dtype=np.int64)
         self._weights = np.zeros(frame.shape, dtype=np.int32)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -15,7 +14,7 @@ from mapdeal.formats.clouds.arrays import npy_points, npz_points
 from mapdeal.formats.clouds.pcd import pcd_points
 from mapdeal.formats.clouds.ply import ply_points
 from mapdeal.formats.clouds.text import text_points
-from mapdeal.formats.source import status_of
+from mapdeal.formats.source import check_regular
 
 Points = NDArray[np.float64]
 
@@ -53,8 +52,7 @@ def cloud_chunks(path: Path) -> Iterator[Points]:
     MalformedInputError
         If it is malformed, or of another kind.
     """
-    if not stat.S_ISREG(status_of(path).st_mode):
-        raise FileAccessError("cannot be read: it is no regular file", source=path)
+    check_regular(path)
     suffix = path.suffix.lower()
     if suffix not in CLOUD_SUFFIXES:
         rule = f"a cloud must end in {', '.join(CLOUD_SUFFIXES)}"

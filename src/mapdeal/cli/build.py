@@ -1,0 +1,176 @@
+"""``mapdeal build``: maps from laser scans."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mapdeal.cli import options as opt
+from mapdeal.cli import terminal
+from mapdeal.cli.stage_command import file_options, say_written
+from mapdeal.errors import ParameterError
+from mapdeal.formats.scans.reader import open_log
+from mapdeal.formats.scans.source import DEFAULT_MAX_BAD, ScanSource
+from mapdeal.formats.scans.text import ScanTexts
+from mapdeal.mapping.beams import BeamLimits
+from mapdeal.pipeline.build import BuildSettings, build_file
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+
+class MethodName(StrEnum):
+    """How evidence becomes a map."""
+
+    log_odds = "log-odds"
+    counting = "counting"
+    tsdf = "tsdf"
+
+
+@app.command()
+def build(
+    output: opt.GridOutput,
+    log: Annotated[
+        Path | None,
+        typer.Argument(metavar="LOG", help="A CARMEN log (also .gz), or an .npz of scans."),
+    ] = None,
+    poses: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Text: x,y,yaw of a scan, a line each.")
+    ] = None,
+    angles: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Text: the angles of the beams, radians.")
+    ] = None,
+    ranges: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Text: the ranges of a scan, a line each."),
+    ] = None,
+    flip_y: Annotated[
+        bool,
+        typer.Option("--flip-y", help="With --poses: y of the poses points to the right."),
+    ] = False,
+    method: Annotated[
+        MethodName, typer.Option(help="How evidence becomes a map.")
+    ] = MethodName.log_odds,
+    resolution: Annotated[float, typer.Option(metavar="R", help="Metres per cell.")] = 0.05,
+    size: Annotated[
+        str | None,
+        typer.Option(metavar="WX,WY", help="Metres along x and y.  [default: what holds all]"),
+    ] = None,
+    origin: Annotated[
+        str | None, typer.Option(metavar="X,Y", help="With --size: the lower left corner.")
+    ] = None,
+    range_min: Annotated[
+        float, typer.Option(metavar="M", help="Nearer readings mean nothing.")
+    ] = 0.0,
+    range_max: Annotated[
+        float, typer.Option(metavar="M", help="From here on a reading hits nothing.")
+    ] = 30.0,
+    clear_max: Annotated[
+        float,
+        typer.Option(metavar="M", help="How far beams that hit nothing clear; 0: not at all."),
+    ] = 0.0,
+    log_free: Annotated[
+        float | None,
+        typer.Option(metavar="V", help="log-odds: for a cell that is passed.  [default: -1]"),
+    ] = None,
+    log_occ: Annotated[
+        float | None,
+        typer.Option(metavar="V", help="log-odds: for a cell that is hit.  [default: 2]"),
+    ] = None,
+    log_min: Annotated[
+        float | None, typer.Option(metavar="V", help="log-odds: least value.  [default: 0]")
+    ] = None,
+    log_max: Annotated[
+        float | None, typer.Option(metavar="V", help="log-odds: greatest value.  [default: 100]")
+    ] = None,
+    values: Annotated[
+        bool, typer.Option("--values", help="log-odds: write the values, not free and occupied.")
+    ] = False,
+    ratio: Annotated[
+        float | None,
+        typer.Option(
+            metavar="R",
+            help="counting: share of hits above which a cell is occupied.  [default: 0.3]",
+        ),
+    ] = None,
+    truncation: Annotated[
+        float | None,
+        typer.Option(metavar="CELLS", help="tsdf: distances are cut off here.  [default: 2]"),
+    ] = None,
+    layers: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.npz", help="Write the map with its evidence, too."),
+    ] = None,
+    max_bad: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, help="Lines of a log that may be wrong."),
+    ] = DEFAULT_MAX_BAD,
+    image: opt.Image = None,
+    force: opt.Force = False,
+    threads: opt.Threads = None,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Make a map from laser scans with known poses.
+
+    Cells that a beam passes become free, those that it ends in occupied; what no beam reaches
+    stays unknown. The methods are compared in docs/mapping.md.
+    """
+    opt.start(quiet=quiet, verbose=verbose)
+    own = {
+        MethodName.log_odds: opt.given(
+            log_free=log_free, log_occ=log_occ, log_min=log_min, log_max=log_max,
+            values=values or None,
+        ),
+        MethodName.counting: opt.given(ratio=ratio),
+        MethodName.tsdf: opt.given(truncation=truncation),
+    }  # fmt: skip
+    for other, given in own.items():
+        if other != method and given:
+            option = f"--{next(iter(given)).replace('_', '-')}"
+            raise ParameterError(f"is not for --method {method.value}", source=option)
+    settings = BuildSettings(
+        method.value,
+        BeamLimits(range_min, range_max, clear_max),
+        resolution,
+        None if size is None else opt.pair(size, "--size"),
+        None if origin is None else opt.pair(origin, "--origin"),
+        own[method],
+    )
+    source = _source_of(log, poses, angles, ranges, flip_y=flip_y, max_bad=max_bad)
+    passes = 2 if settings.sizes_itself else 1
+    with terminal.progress(passes * source.count) as advance:
+        figures = build_file(
+            source,
+            output,
+            settings,
+            file_options(opt.DialectName.nav2, None, force, threads, image),
+            layers=layers,
+            advance=advance,
+        )
+    say_written(output, figures, with_origin=True)
+    text = f"  {figures['scans']} scans, {figures['beams']} beams: {figures['hits']} hits, "
+    text += f"{figures['no_return']} without return, {figures['bad']} bad"
+    terminal.summary([text])
+
+
+def _source_of(
+    log: Path | None,
+    poses: Path | None,
+    angles: Path | None,
+    ranges: Path | None,
+    *,
+    flip_y: bool,
+    max_bad: int,
+) -> ScanSource:
+    if log is not None:
+        if poses or angles or ranges or flip_y:
+            rule = "cannot be given together with a LOG"
+            raise ParameterError(rule, source="--poses, --angles, --ranges, --flip-y")
+        return open_log(log, max_bad=max_bad)
+    if poses is None or angles is None or ranges is None:
+        rule = "a LOG, or all of --poses, --angles and --ranges must be given"
+        raise ParameterError(rule, source="LOG")
+    return ScanTexts(poses, angles, ranges, flip_y=flip_y)

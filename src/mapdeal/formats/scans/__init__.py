@@ -1,0 +1,1 @@
+"""Laser scans with poses: CARMEN logs, text in three files, npz; read some scans at a time."""

@@ -1,0 +1,60 @@
+"""Scans in an npz file: arrays poses (N, 3), angles (M,), ranges (N, M)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.npz_reader import NpzReader
+from mapdeal.formats.scans.source import ScanArrays, ScanSource
+from mapdeal.grid.coordinates import FARTHEST
+
+_MOST_ELEMENTS = 1 << 31
+
+
+class ScanNpz(ScanSource):
+    """The scans of an npz file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        If it is malformed, or the shapes of its arrays do not fit.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.files = (path,)
+        self._path = path
+        with NpzReader(path, _MOST_ELEMENTS) as reader:
+            self._angles = reader.numbers("angles", 1)
+            self._poses = reader.numbers("poses", 2)
+        if self._poses.shape[1] != 3:
+            rule = f"must have shape (N, 3), has {self._poses.shape}"
+            raise MalformedInputError(rule, source=path, place="poses")
+        for name, array in (("poses", self._poses), ("angles", self._angles)):
+            if not (np.abs(array) <= FARTHEST).all():  # refuses nan too
+                rule = f"must be finite and within {FARTHEST:g}"
+                raise MalformedInputError(rule, source=path, place=name)
+
+    @property
+    def count(self) -> int:
+        """How many scans there are."""
+        return len(self._poses)
+
+    def scans(self) -> Iterator[ScanArrays]:
+        """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
+        expected = (self.count, len(self._angles))
+        done = 0
+        with NpzReader(self._path, _MOST_ELEMENTS) as reader:
+            for rows in reader.rows("ranges", len(self._angles), shape=expected):
+                yield ScanArrays(self._poses[done : done + len(rows)], self._angles, rows)
+                done += len(rows)

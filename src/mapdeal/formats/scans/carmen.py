@@ -1,0 +1,275 @@
+"""CARMEN logs: lines of FLASER, ROBOTLASER1 or RAWLASER1, perhaps compressed with gzip.
+
+References
+----------
+The Carnegie Mellon Robot Navigation Toolkit, "Logger message formats": the fields of each line.
+"""
+
+from __future__ import annotations
+
+import gzip
+import math
+import warnings
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.formats.scans.source import BadLines, ScanArrays, ScanSource
+from mapdeal.formats.source import check_regular
+from mapdeal.formats.text_rows import LONGEST_LINE
+
+_SCANS_TOGETHER = 512
+_POSED = ("FLASER", "ROBOTLASER1")
+_TAGS = (*_POSED, "RAWLASER1")
+_GZIP = b"\x1f\x8b"
+_FARTHEST = 1e12
+
+_FLASER_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
+"""Degrees between the readings of a half circle, by their number; the first is at -90."""
+
+
+class _Laser(NamedTuple):
+    """The geometry of a scanner: first angle, step, number of readings."""
+
+    start: float
+    step: float
+    readings: int
+
+    def angles(self) -> list[float]:
+        return [self.start + k * self.step for k in range(self.readings)]
+
+
+class _Scan(NamedTuple):
+    laser: _Laser
+    pose: tuple[float, float, float]
+    ranges: list[float]
+    time: float
+
+
+class _BadLineError(Exception):
+    """A line that is not what its first word says."""
+
+
+class CarmenLog(ScanSource):
+    """The scans of a CARMEN log.
+
+    Parameters
+    ----------
+    path : Path
+        The log; whether it is compressed shows in its first bytes.
+    max_bad : int
+        Lines that may be wrong.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        If it has no scans, or more wrong lines than that; or RAWLASER1 lines of which more than
+        half have no ODOM line before them.
+
+    Notes
+    -----
+    FLASER lines have 180, 181, 360 or 361 readings over a half circle, and the laser's pose.
+    ROBOTLASER1 lines tell their angles and their maximum range, from which on a reading means
+    that nothing was hit. RAWLASER1 lines do, too, but have no pose: that of the last ODOM line is
+    taken. A log may have several kinds for the same scans; the one with a pose that has the most
+    lines counts. All other lines are passed over.
+    """
+
+    def __init__(self, path: Path, *, max_bad: int) -> None:
+        check_regular(path)
+        self.files = (path,)
+        self._path = path
+        self._bad = BadLines(path, max_bad)
+        self._late = self._without_pose = 0
+        self._tags = Counter(line.split(maxsplit=1)[0].decode() for _, line in self._lines(_TAGS))
+        if not self._tags:
+            rule = f"no line begins with {', '.join(_TAGS)}"
+            raise MalformedInputError(rule, source=path, hint="CARMEN logs have such lines")
+        posed = [tag for tag in _POSED if tag in self._tags]
+        self._tag = max(posed, key=self._tags.__getitem__) if posed else "RAWLASER1"
+
+    @property
+    def count(self) -> int:
+        """How many scans there are."""
+        return self._tags[self._tag]
+
+    def scans(self) -> Iterator[ScanArrays]:
+        """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
+        self._bad = BadLines(self._path, self._bad.most)
+        self._late = self._without_pose = 0
+        together: list[_Scan] = []
+        last = -math.inf
+        for scan in self._parsed():
+            self._late += scan.time <= last
+            last = scan.time
+            if together and (scan.laser != together[0].laser or len(together) == _SCANS_TOGETHER):
+                yield _arrays(together)
+                together = []
+            together.append(scan)
+        if 2 * self._without_pose > self.count:
+            rule = f"{self._without_pose} of {self.count} RAWLASER1 lines have no ODOM line before"
+            raise MalformedInputError(rule, source=self._path)
+        if together:
+            yield _arrays(together)
+
+    def warn(self) -> None:
+        """Warn of what was passed over."""
+        self._bad.warn()
+        for tag, count in self._tags.items():
+            if tag != self._tag:
+                self._say(f"{count} lines of {tag} are not used beside those of {self._tag}")
+        if self._without_pose:
+            self._say(f"{self._without_pose} scans have no ODOM line before them, dropped")
+        if self._late:
+            self._say(f"{self._late} scans are not later than those before, kept in this order")
+
+    def _say(self, text: str) -> None:
+        warnings.warn(f"{self._path}: {text}", MapdealWarning, stacklevel=3)
+
+    def _parsed(self) -> Iterator[_Scan]:
+        odometry: tuple[float, float, float] | None = None
+        parse: Callable[[list[bytes]], _Scan] = _PARSERS[self._tag]
+        needs_pose = self._tag not in _POSED
+        wanted = (self._tag, "ODOM") if needs_pose else (self._tag,)
+        for number, line in self._lines(wanted):
+            words = line.split()
+            try:
+                if words[0] == b"ODOM":
+                    odometry = _pose(words[1:4])
+                    continue
+                scan = parse(words)
+            except _BadLineError as error:
+                self._bad.add(number, str(error))
+                continue
+            if not needs_pose:
+                yield scan
+            elif odometry is not None:
+                yield scan._replace(pose=odometry)
+            else:
+                self._without_pose += 1
+
+    def _lines(self, tags: tuple[str, ...]) -> Iterator[tuple[int, bytes]]:
+        """Yield the lines that begin with one of some words, and their numbers."""
+        wanted = tuple(f"{tag} ".encode() for tag in tags)
+        with self._opened() as file:
+            number = 0
+            while line := file.readline(LONGEST_LINE + 1):
+                number += 1
+                if len(line) > LONGEST_LINE:
+                    rule = f"must not be longer than {LONGEST_LINE} bytes"
+                    place = f"line {number}"
+                    raise MalformedInputError(rule, source=self._path, place=place)
+                if line.startswith(wanted):
+                    yield number, line
+
+    @contextmanager
+    def _opened(self) -> Iterator[BinaryIO]:
+        try:
+            with self._path.open("rb") as file:
+                if file.read(2) == _GZIP:
+                    file.seek(0)
+                    with gzip.open(file) as expanded:
+                        yield expanded  # type: ignore[misc]
+                else:
+                    file.seek(0)
+                    yield file
+        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+            rule = f"the gzip data are damaged: {error}"
+            raise MalformedInputError(rule, source=self._path) from None
+        except OSError as error:
+            rule = f"cannot be read: {error.strerror or error}"
+            raise FileAccessError(rule, source=self._path) from None
+
+
+def _arrays(scans: list[_Scan]) -> ScanArrays:
+    return ScanArrays(
+        np.array([scan.pose for scan in scans]),
+        np.array(scans[0].laser.angles()),
+        np.array([scan.ranges for scan in scans]),
+    )
+
+
+def _parse_flaser(words: list[bytes]) -> _Scan:
+    count = _whole(words, 1)
+    if count not in _FLASER_STEPS:
+        raise _BadLineError(f"FLASER must have 180, 181, 360 or 361 readings, has {count}")
+    _check_length(words, count + 11)
+    step = math.radians(_FLASER_STEPS[count])
+    laser = _Laser(-math.pi / 2, step, count)
+    pose = _pose(words[2 + count : 5 + count])
+    return _Scan(laser, pose, _numbers(words[2 : 2 + count]), _time(words[8 + count]))
+
+
+def _parse_robotlaser(words: list[bytes]) -> _Scan:
+    laser, ranges, behind = _parse_laser(words)
+    _check_length(words, behind + 14)
+    return _Scan(laser, _pose(words[behind : behind + 3]), ranges, _time(words[behind + 11]))
+
+
+def _parse_rawlaser(words: list[bytes]) -> _Scan:
+    laser, ranges, behind = _parse_laser(words)
+    _check_length(words, behind + 3)
+    return _Scan(laser, (0.0, 0.0, 0.0), ranges, _time(words[behind]))
+
+
+def _parse_laser(words: list[bytes]) -> tuple[_Laser, list[float], int]:
+    """Return what both new kinds begin with, and the index of the word behind it."""
+    count = _whole(words, 8)
+    if len(words) < 10 + count:
+        raise _BadLineError(f"must have {count} readings and more, ends before")
+    start, _, step, longest = _numbers(words[2:6])
+    if not (math.isfinite(start) and math.isfinite(step)) or step == 0:
+        raise _BadLineError("start angle and resolution must be finite, and not 0")
+    ranges = _numbers(words[9 : 9 + count])
+    if longest > 0:
+        ranges = [math.inf if r >= longest else r for r in ranges]
+    return _Laser(start, step, count), ranges, 10 + count + _whole(words, 9 + count)
+
+
+_PARSERS = {
+    "FLASER": _parse_flaser,
+    "ROBOTLASER1": _parse_robotlaser,
+    "RAWLASER1": _parse_rawlaser,
+}
+
+
+def _check_length(words: list[bytes], count: int) -> None:
+    if len(words) != count:
+        raise _BadLineError(f"{words[0].decode()} must have {count} words here, has {len(words)}")
+
+
+def _whole(words: list[bytes], index: int) -> int:
+    word = words[index] if index < len(words) else b""
+    if not (word.isdigit() and len(word) < 6):
+        raise _BadLineError("the number of readings is missing or no whole number")
+    return int(word)
+
+
+def _numbers(words: list[bytes]) -> list[float]:
+    try:
+        if any(b"_" in word for word in words):  # which Python reads past
+            raise ValueError
+        return [float(word) for word in words]
+    except ValueError:
+        raise _BadLineError("a number is missing or malformed") from None
+
+
+def _pose(words: list[bytes]) -> tuple[float, float, float]:
+    numbers = _numbers(words)
+    if len(numbers) != 3 or not all(abs(value) <= _FARTHEST for value in numbers):
+        raise _BadLineError("the pose must be three finite numbers")
+    x, y, yaw = numbers
+    return x, y, yaw
+
+
+def _time(word: bytes) -> float:
+    (time,) = _numbers([word])
+    return time

@@ -1,0 +1,106 @@
+"""What every source of scans is, and the lines of it that are wrong."""
+
+from __future__ import annotations
+
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError, MapdealWarning
+
+Floats = NDArray[np.float64]
+
+DEFAULT_MAX_BAD = 10
+
+
+class ScanArrays(NamedTuple):
+    """Some scans with the same angles.
+
+    Parameters
+    ----------
+    poses : numpy.ndarray of float64, shape (N, 3)
+        x, y and yaw of the sensor.
+    angles : numpy.ndarray of float64, shape (M,)
+        Radians from its heading.
+    ranges : numpy.ndarray of float64, shape (N, M)
+        Metres.
+    """
+
+    poses: Floats
+    angles: Floats
+    ranges: Floats
+
+
+class ScanSource(ABC):
+    """Scans in files, which can be read more than once."""
+
+    files: tuple[Path, ...]
+
+    @abstractmethod
+    def scans(self) -> Iterator[ScanArrays]:
+        """Yield all scans in their order, some at a time.
+
+        Raises
+        ------
+        FileAccessError
+            If a file cannot be read.
+        MalformedInputError
+            If one is malformed.
+        """
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """How many scans there are, about: for a bar."""
+
+    def warn(self) -> None:  # noqa: B027 - most have nothing to say
+        """Warn of what was passed over, once all scans were read."""
+
+
+@dataclass
+class BadLines:
+    """Lines that are wrong, up to so many.
+
+    Parameters
+    ----------
+    path : Path
+        Their file.
+    most : int
+        How many there may be.
+    """
+
+    path: Path
+    most: int
+    count: int = 0
+    first: list[str] = field(default_factory=list)
+
+    def add(self, number: int, rule: str) -> None:
+        """Pass over a line.
+
+        Raises
+        ------
+        MalformedInputError
+            If there are more than so many; names this one.
+        """
+        self.count += 1
+        if self.count > self.most:
+            hint = "--max-bad N lets N such lines pass"
+            raise MalformedInputError(rule, source=self.path, place=f"line {number}", hint=hint)
+        if len(self.first) < _NAMED:
+            self.first.append(f"line {number}: {rule}")
+
+    def warn(self) -> None:
+        """Warn of the lines that were passed over, if there are any."""
+        if self.count:
+            more = f" (and {self.count - len(self.first)} more)" if self.count > _NAMED else ""
+            text = f"{self.path}: {self.count} bad lines passed over: {'; '.join(self.first)}{more}"
+            warnings.warn(text, MapdealWarning, stacklevel=2)
+
+
+_NAMED = 3

@@ -1,0 +1,124 @@
+"""Scans in three text files: poses, angles, ranges.
+
+References
+----------
+Design document 004; the layout of its data: comma separated, no header, a pose and the ranges of a
+scan a line, all angles on one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.poses import read_poses
+from mapdeal.formats.scans.source import ScanArrays, ScanSource
+from mapdeal.formats.source import check_regular
+from mapdeal.formats.text_rows import delimiter_of, first_line, read_rows
+from mapdeal.grid.coordinates import FARTHEST
+
+_PLANAR = 3
+
+
+class ScanTexts(ScanSource):
+    """The scans of three text files.
+
+    Parameters
+    ----------
+    poses : Path
+        x, y and yaw of each scan, a line each; or TUM's eight numbers.
+    angles : Path
+        The angles of all beams, radians, on one line or on a line each.
+    ranges : Path
+        The ranges of each scan, metres, a line each.
+    flip_y : bool
+        Whether y of the poses points to the right, while angles are anticlockwise.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read.
+    MalformedInputError
+        If one is malformed, or their numbers do not fit.
+    """
+
+    def __init__(self, poses: Path, angles: Path, ranges: Path, *, flip_y: bool = False) -> None:
+        self.files = (poses, angles, ranges)
+        for path in self.files:
+            check_regular(path)
+        self._poses = read_poses(poses)
+        if flip_y:
+            self._poses[:, 1] *= -1.0
+        self._angles = _read_angles(angles)
+
+    @property
+    def count(self) -> int:
+        """How many scans there are."""
+        return len(self._poses)
+
+    def scans(self) -> Iterator[ScanArrays]:
+        """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
+        poses, angles, path = self.files
+        done = 0
+        with _opened(path) as (file, number, delimiter, found):
+            if found not in (0, len(self._angles)):
+                rule = f"must have {len(self._angles)} numbers, one for each angle of {angles}"
+                raise MalformedInputError(rule, source=path, place=f"line {number}", got=found)
+            for rows in read_rows(
+                file,
+                range(len(self._angles)),
+                path=path,
+                first_line=number,
+                delimiter=delimiter,
+                width=len(self._angles),
+            ):
+                some = self._poses[done : done + len(rows)]
+                done += len(rows)
+                if done > self.count:
+                    rule = f"has more lines than {poses} has poses, {self.count}"
+                    raise MalformedInputError(rule, source=path)
+                yield ScanArrays(some, self._angles, rows)
+        if done < self.count:
+            rule = f"ends after {done} scans, {poses} has {self.count} poses"
+            raise MalformedInputError(rule, source=path)
+
+
+def _read_angles(path: Path) -> NDArray[np.float64]:
+    with _opened(path) as (file, number, delimiter, found):
+        rows = list(
+            read_rows(
+                file, range(found), path=path, first_line=number, delimiter=delimiter, width=found
+            )
+        )
+    if not rows:
+        raise MalformedInputError("holds no angles", source=path)
+    table = np.concatenate(rows)
+    if 1 not in table.shape:
+        rule = "must be one line of angles, or one angle a line"
+        raise MalformedInputError(rule, source=path, got=f"{len(table)} lines of {found}")
+    angles = table.reshape(-1)
+    if not (np.abs(angles) <= FARTHEST).all():  # refuses nan too
+        index = int(np.argmin(np.abs(angles) <= FARTHEST))
+        rule = "must be finite numbers"
+        raise MalformedInputError(rule, source=path, place=f"angle {index + 1}", got=angles[index])
+    return angles
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[BinaryIO, int, str | None, int]]:
+    """Give a file at its first line of numbers, that line's number, delimiter and length."""
+    try:
+        with path.open("rb") as file:
+            number, start, line = first_line(file)
+            delimiter = delimiter_of(line)
+            file.seek(start)
+            yield file, number, delimiter, len(line.split(delimiter)) if line else 0
+    except OSError as error:
+        rule = f"cannot be read: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None

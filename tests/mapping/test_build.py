@@ -1,0 +1,333 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from engines import needs_compiled
+from mapdeal import MalformedInputError, MapBuilder, ParameterError, build_map
+from mapdeal.kernels.threads import use_threads
+from mapdeal.mapping.beams import BeamLimits, Scans, beams_of
+from oracles import line
+
+RES = 0.25
+
+
+def cell_of(x, y, origin, resolution=RES):
+    return (math.floor((y - origin[1]) / resolution + 1e-9),
+            math.floor((x - origin[0]) / resolution + 1e-9))  # fmt: skip
+
+
+def walk(
+    poses, angles, ranges, origin, *, range_min=0.0, range_max=30.0, clear_max=0.0, beyond=0.0
+):
+    """Follow each beam in plain Python: cells that it passes, and the cell that it hits or None."""
+    for (x, y, yaw), row in zip(poses, ranges, strict=True):
+        for angle, r in zip(angles, row, strict=True):
+            hit = r > 0 and range_min <= r < range_max
+            if not hit and not (r >= range_max and clear_max > 0):
+                continue
+            reach = r + beyond if hit else clear_max
+            end = cell_of(
+                x + reach * math.cos(yaw + angle), y + reach * math.sin(yaw + angle), origin
+            )
+            cells = line(cell_of(x, y, origin), end)
+            yield cells, (r if hit else None), (x, y)
+
+
+@st.composite
+def runs(draw):
+    """Some scans in and around a small grid, of all kinds of readings."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    scans, beams = draw(st.integers(1, 4)), draw(st.integers(1, 7))
+    poses = np.column_stack([rng.uniform(-4, 7, (scans, 2)), rng.uniform(-7, 7, scans)])
+    angles = np.sort(rng.uniform(-3, 3, beams))
+    odd = [math.nan, math.inf, -1.0, 0.0, 40.0, 0.4, -math.inf]
+    ranges = np.where(
+        rng.random((scans, beams)) < 0.3, rng.choice(odd, (scans, beams)),
+        rng.uniform(0.1, 9, (scans, beams)),
+    )  # fmt: skip
+    return poses, angles, ranges
+
+
+GRID = {"resolution": RES, "size": (2.75, 2.0), "origin": (-0.5, 1.25)}
+SHAPE = (8, 11)
+
+
+def inside(cell):
+    return 0 <= cell[0] < SHAPE[0] and 0 <= cell[1] < SHAPE[1]
+
+
+LIMITS = st.sampled_from(
+    [{}, {"range_min": 0.5}, {"clear_max": 3.0}, {"range_max": 5.0, "clear_max": 2}]
+)
+
+
+ODDS = st.sampled_from(
+    [(-1, 2, 0, 100), (-30, 40, 10, 90), (-0.4, 0.85, 0, 100), (-50, 50, 0, 100)]
+)
+
+
+@settings(deadline=None)
+@given(run=runs(), limits=LIMITS, ratio=st.sampled_from([0.0, 0.25, 0.3, 0.5]))
+def test_counting_is_counting(run, limits, ratio):
+    built = build_map(*run, method="counting", ratio=ratio, **GRID, **limits)
+    hits, misses = np.zeros((2, *SHAPE), dtype=int)
+    for cells, r, _ in walk(*run, GRID["origin"], **limits):
+        for cell in filter(inside, cells[:-1]):
+            misses[cell] += 1
+        if r is not None and inside(cells[-1]):
+            hits[cells[-1]] += 1
+    np.testing.assert_array_equal(built.layers["hits"], hits)
+    np.testing.assert_array_equal(built.layers["misses"], misses)
+    for cell in np.ndindex(SHAPE):
+        n = hits[cell] + misses[cell]
+        expected = -1 if n == 0 else 100 if hits[cell] > ratio * n else 0
+        assert built.grid.occupancy[cell] == expected
+
+
+@settings(deadline=None)
+@given(run=runs(), limits=LIMITS, odds=ODDS)
+def test_log_odds_are_added_and_clamped_beam_by_beam(run, limits, odds):
+    names = ("log_free", "log_occ", "log_min", "log_max")
+    options = dict(zip(names, odds, strict=True))
+    built = build_map(*run, **options, **GRID, **limits)
+    as_values = build_map(*run, **options, values=True, **GRID, **limits)
+    free, occ, least, most = odds
+    values, seen = np.full(SHAPE, 50.0), np.zeros(SHAPE, bool)
+    for cells, r, _ in walk(*run, GRID["origin"], **limits):
+        added = [(cell, free) for cell in cells[:-1]] + [(cells[-1], occ)] * (r is not None)
+        for cell, change in added:
+            if inside(cell):
+                values[cell] = min(max(values[cell] + change, least), most)
+                seen[cell] = True
+    np.testing.assert_allclose(built.layers["log_odds"][seen], values[seen], atol=2e-4)
+    assert np.isnan(built.layers["log_odds"][~seen]).all()
+    exact = np.round(values, 3)
+    expected = np.where(exact < 50, 0, np.where(exact > 50, 100, -1))
+    np.testing.assert_array_equal(built.grid.occupancy, np.where(seen, expected, -1))
+    off = np.abs(as_values.grid.occupancy - np.where(seen, values, -1))
+    assert off.max() <= 0.501
+
+
+@settings(deadline=None)
+@given(run=runs(), limits=LIMITS, truncation=st.sampled_from([1.0, 2.0, 3.5]))
+def test_tsdf_is_the_mean_of_distances_along_the_beams(run, limits, truncation):
+    built = build_map(*run, method="tsdf", truncation=truncation, **GRID, **limits)
+    sums, weights = np.zeros(SHAPE), np.zeros(SHAPE, int)
+    left, bottom = GRID["origin"]
+    cut = truncation * RES
+    for cells, r, sensor in walk(*run, GRID["origin"], beyond=cut, **limits):
+        for row, col in filter(inside, cells):
+            centre = (left + (col + 0.5) * RES, bottom + (row + 0.5) * RES)
+            share = 1.0 if r is None else (r - math.dist(centre, sensor)) / cut
+            if share >= -1:
+                sums[row, col] += min(share, 1.0)
+                weights[row, col] += 1
+    np.testing.assert_array_equal(built.layers["weight"], weights)
+    field = built.layers["tsdf"]
+    seen = weights > 0
+    np.testing.assert_allclose(field[seen], sums[seen] / weights[seen], atol=2e-6)
+    assert np.isnan(field[~seen]).all()
+    _check_surface(built, sums, weights)
+
+
+def _check_surface(built, sums, weights):
+    """Walls part both signs, but where thinning has let a block be; free is what is positive."""
+    grid = built.grid.occupancy
+    wall = grid == 100
+    assert not (wall[1:, 1:] & wall[1:, :-1] & wall[:-1, 1:] & wall[:-1, :-1]).any()
+    clear = np.abs(sums) > 1e-4 * np.maximum(weights, 1)
+    np.testing.assert_array_equal((grid == 0)[clear], ((sums > 0) & ~wall)[clear])
+    assert (weights[wall] > 0).all()
+    sign = np.sign(sums) * (weights > 0)
+    changes = (sign[1:] * sign[:-1] < 0).sum() + (sign[:, 1:] * sign[:, :-1] < 0).sum()
+    zeros = ((sums == 0) & (weights > 0)).sum()
+    unclear = (~clear & (weights > 0)).sum()  # cells whose sign is a matter of rounding
+    assert abs(len(built.layers["surface"]) - int(changes) - int(zeros)) <= 4 * unclear
+
+
+def test_a_beam_that_hits_its_own_cell_is_a_hit_alone_s12():
+    built = build_map(
+        [[0.1, 0.1, 0.0]], [0.0], [[0.05]], method="counting", **GRID | {"origin": (0, 0)}
+    )
+    assert built.layers["hits"][0, 0] == 1
+    assert not built.layers["misses"].any()
+
+
+def test_each_reading_is_counted_once_s8():
+    ranges = [[1.0, 0.49, 0.5, 29.999, 30.0, math.inf, math.nan, -1.0, 0.0, -math.inf]]
+    beams = beams_of(Scans([[0, 0, 0]], np.zeros(10), ranges), BeamLimits(range_min=0.5))
+    counts = beams.counts
+    assert (counts.beams, counts.hits, counts.no_return, counts.bad) == (10, 3, 2, 5)
+    assert beams.ranges.tolist() == [1.0, 0.5, 29.999]
+    cleared = beams_of(Scans([[0, 0, 0]], np.zeros(10), ranges), BeamLimits(0.5, 30.0, 7.0))
+    assert cleared.ranges.tolist() == [1.0, 0.5, 29.999, 7.0, 7.0]
+    assert cleared.is_hit.tolist() == [True] * 3 + [False] * 2
+    assert cleared.counts == counts
+
+
+def test_what_returns_nothing_clears_only_if_asked():
+    scans = ([[0.1, 0.1, 0.0]], [0.0], [[math.inf]])
+    grid = {"resolution": 0.5, "size": (4, 0.5), "origin": (0, 0), "method": "counting"}
+    assert (build_map(*scans, **grid).grid.occupancy == -1).all()
+    assert build_map(*scans, clear_max=2.0, **grid).grid.occupancy.tolist() == [[0] * 4 + [-1] * 4]
+
+
+def test_a_beam_from_outside_through_the_grid_clears_inside_s11():
+    built = build_map([[-3.0, 0.25, 0.0]], [0.0], [[9.0]], resolution=0.5, size=(2, 0.5),
+                      origin=(0, 0), method="counting")  # fmt: skip
+    assert built.grid.occupancy.tolist() == [[0] * 4]
+    assert built.counts.hits == 1
+    tsdf = build_map([[-3.0, 0.25, 0.0]], [0.0], [[4.6]], resolution=0.5, size=(2, 0.5),
+                     origin=(0, 0), method="tsdf")  # fmt: skip
+    # the hit at 1.6, and one truncation, 1 m, behind it: beyond the grid
+    assert tsdf.layers["tsdf"][0] == pytest.approx([1.0, 0.85, 0.35, -0.15], abs=1e-5)
+    assert tsdf.grid.occupancy.tolist() == [[0, 0, 0, 100]]
+
+
+def test_the_grid_holds_all_that_beams_reach_with_a_margin_of_two_cells():
+    built = build_map([[1.1, -2.3, math.pi / 2]], [0.0, math.pi / 2], [[3.0, 2.0]], resolution=0.5)
+    # the hits are at 1.1, 0.7 and at -0.9, -2.3
+    assert built.grid.origin == (-2.0, -3.5, 0.0)
+    assert built.grid.shape == (7 + 4, 5 + 4)
+    behind = build_map([[1.1, -2.3, 0.0]], [0.0], [[1.0]], resolution=0.5, method="tsdf")
+    assert behind.grid.shape == (1 + 4, 5 + 4)  # two cells more behind the hit, to 3.1
+
+
+def test_no_hit_at_all_makes_no_map():
+    with pytest.raises(MalformedInputError, match="no beam hits"):
+        build_map([[0, 0, 0]], [0.0, 0.1], [[math.nan, 50.0]])
+
+
+def room(count=40):
+    """A run in a rectangular room with a pillar, exact ranges; and whether a point is solid."""
+    rng = np.random.default_rng(2)
+    poses = np.column_stack([rng.uniform(1, 2.4, count), rng.uniform(1, 3.5, count),
+                             rng.uniform(-3, 3, count)])  # fmt: skip
+    angles = np.radians(np.arange(-135, 135.5, 0.5))
+    ranges = np.empty((count, len(angles)))
+    for k, (x, y, yaw) in enumerate(poses):
+        c, s = np.cos(yaw + angles), np.sin(yaw + angles)
+        with np.errstate(divide="ignore"):
+            walls = np.minimum(np.where(c > 0, (6.02 - x) / c, (0.03 - x) / c),
+                               np.where(s > 0, (5.01 - y) / s, (0.02 - y) / s))  # fmt: skip
+        along = (4 - x) * c + (2.5 - y) * s
+        away = (4 - x) ** 2 + (2.5 - y) ** 2 - along**2
+        with np.errstate(invalid="ignore"):
+            pillar = np.where((away < 0.25) & (along > 0), along - np.sqrt(0.25 - away), np.inf)
+        ranges[k] = np.minimum(walls, pillar)
+    return poses, angles, ranges
+
+
+def distance_to_walls(points):
+    """Of points to the nearest surface of the room, metres, positive in the open."""
+    x, y = points.T
+    box = np.minimum(np.minimum(x - 0.03, 6.02 - x), np.minimum(y - 0.02, 5.01 - y))
+    return np.minimum(box, np.hypot(x - 4, y - 2.5) - 0.5)
+
+
+@pytest.mark.parametrize("method", ["log-odds", "counting", "tsdf"])
+def test_a_room_is_found_where_it_is(method):
+    built = build_map(*room(), method=method)
+    centres = built.grid.frame.xy_from_rowcol(np.argwhere(built.grid.occupied()))
+    assert len(centres) > 350
+    assert np.abs(distance_to_walls(centres)).max() < 0.05 * math.sqrt(2)
+    free = built.grid.frame.xy_from_rowcol(np.argwhere(built.grid.occupancy == 0))
+    assert distance_to_walls(free).min() > -0.05
+    # all of the room that is away from walls and was seen is free
+    assert len(free) > 0.8 * (6 * 5 - math.pi / 4) / 0.05**2
+
+
+def test_the_surface_of_a_tsdf_is_found_in_parts_of_cells():
+    surface = build_map(*room(), method="tsdf").layers["surface"]
+    off = np.abs(distance_to_walls(surface))
+    assert np.median(off) < 0.004  # a twelfth of a cell
+    assert np.quantile(off, 0.9) < 0.03
+
+
+@needs_compiled
+@pytest.mark.parametrize("method", ["log-odds", "counting", "tsdf"])
+def test_both_engines_and_any_threads_give_the_same_bytes(method, monkeypatch):
+    found = []
+    for engine, threads in (("compiled", 1), ("compiled", 2), ("scipy", 1)):
+        monkeypatch.setenv("MAPDEAL_KERNELS", engine)
+        with use_threads(threads):
+            built = build_map(*room(6), method=method)
+        found.append(
+            [built.grid.occupancy.tobytes(), *(v.tobytes() for v in built.layers.values())]
+        )
+    assert found[0] == found[1] == found[2]
+
+
+def test_scans_may_come_in_parts():
+    poses, angles, ranges = room(6)
+    whole = build_map(poses, angles, ranges)
+    builder = MapBuilder(whole.grid.frame)
+    for k in range(0, 6, 2):
+        builder.add(Scans(poses[k : k + 2], angles, ranges[k : k + 2]))
+    assert np.array_equal(builder.result().grid.occupancy, whole.grid.occupancy)
+    assert builder.result().counts == whole.counts
+
+
+@pytest.mark.parametrize(("method", "peer"), [("log-odds", "logodds"), ("counting", "count")])
+@pytest.mark.parametrize("run", ["0", "1"])
+def test_an_independent_implementation_agrees(real_maps, run, method, peer):
+    """Recorded maps of 440 x 440 cells, whose cell (20, 20) begins at the world's origin."""
+    with np.load(real_maps / "expected" / "peers.npz") as peers:
+        poses, angles, ranges, expected = (
+            peers[f"mapping/{run}/{name}"] for name in ("poses", "angles", "ranges", peer)
+        )
+    found = build_map(poses, angles, ranges, method=method, size=(22, 22), origin=(-1, -1))
+    both = (found.grid.occupancy >= 0) & (expected >= 0)
+    assert both.sum() > 20_000
+    assert (found.grid.occupancy == expected)[both].mean() > 0.999
+
+
+BAD = [
+    ({"method": "voting"}, "method"),
+    ({"ratio": 0.5}, "ratio"),
+    ({"method": "counting", "ratio": 1.0}, "ratio"),
+    ({"method": "counting", "ratio": math.nan}, "ratio"),
+    ({"log_free": 0.0}, "log_free"),
+    ({"log_free": 1.0}, "log_free"),
+    ({"log_occ": -1.0}, "log_occ"),
+    ({"log_occ": math.inf}, "log_occ"),
+    ({"log_min": 50.0}, "log_min"),
+    ({"log_min": 80.0, "log_max": 20.0}, "log_min"),
+    ({"log_max": 101.0}, "log_max"),
+    ({"method": "tsdf", "truncation": 0.5}, "truncation"),
+    ({"method": "tsdf", "truncation": math.nan}, "truncation"),
+    ({"range_min": -1.0}, "range_min"),
+    ({"range_max": 0.0}, "range_max"),
+    ({"range_min": 3.0, "range_max": 2.0}, "range_max"),
+    ({"clear_max": math.inf}, "clear_max"),
+    ({"resolution": 0.0}, "resolution"),
+    ({"size": (1.0, 1.0)}, "size"),
+    ({"size": (0.0, 1.0), "origin": (0, 0)}, "size"),
+    ({"size": (1e5, 1e5), "origin": (0, 0)}, "cells"),
+    ({"size": (1, 1), "origin": (1e11, 0)}, "grid"),
+]
+
+
+@pytest.mark.parametrize(("options", "told"), BAD)
+def test_parameters_that_cannot_be_are_refused(options, told):
+    with pytest.raises(ParameterError, match=told):
+        build_map([[0.0, 0.0, 0.0]], [0.0], [[1.0]], **options)
+
+
+@pytest.mark.parametrize(
+    ("poses", "angles", "ranges", "told"),
+    [
+        ([[0, 0]], [0], [[1]], "poses"),
+        ([[0, 0, math.nan]], [0], [[1]], "poses"),
+        ([[0, 0, 0]], [[0]], [[1]], "angles"),
+        ([[0, 0, 0]], [math.inf], [[1]], "angles"),
+        ([[0, 0, 0]], [0], [[1, 2]], "ranges"),
+        ([[0, 0, 0]], [0], [1], "ranges"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(poses, angles, ranges, told):
+    with pytest.raises(ParameterError, match=told):
+        build_map(poses, angles, ranges)
