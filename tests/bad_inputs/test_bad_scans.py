@@ -1,0 +1,137 @@
+"""The rows S7 to S16 of laser scans, through the command."""
+
+import io
+import math
+
+import numpy as np
+import pytest
+
+from mapdeal import read_map
+
+HALF = " ".join(["2.0"] * 180)
+GOOD = f"FLASER 180 {HALF} 1 2 0.5 0 0 0 7 host 7\n"
+BUILD = ["build", "a.log", "-o", "out.yaml"]
+
+
+def npz(**arrays):
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+REFUSED = [
+    ("no-source", None, ["build", "-o", "out.yaml"], 2, ["LOG"]),
+    ("two-sources", GOOD, [*BUILD, "--poses", "a.log"], 2, ["--poses"]),
+    ("flip-of-a-log", GOOD, [*BUILD, "--flip-y"], 2, ["--flip-y"]),
+    ("one-of-three", GOOD, ["build", "--poses", "a.log", "-o", "out.yaml"], 2, ["--angles"]),
+    ("missing", None, BUILD, 4, ["a.log"]),
+    ("S13-no-scans", "ODOM 1 2 3\n", BUILD, 3, ["a.log", "FLASER"]),
+    ("S13-truncated", GOOD + GOOD[:300], [*BUILD, "--max-bad", "0"], 3, ["a.log", "line 2"]),
+    ("S13-many", GOOD + (GOOD[:300] + "\n") * 11, BUILD, 3, ["a.log", "line 12"]),
+    ("S8-no-hit", GOOD.replace("2.0", "nan"), BUILD, 3, ["a.log", "no beam hits"]),
+    ("S8-all-far", GOOD.replace("2.0", "81.83"), BUILD, 3, ["a.log", "no beam hits"]),
+    ("S8-min-above-max", GOOD, [*BUILD, "--range-min", "5", "--range-max", "4"], 2, ["range_max"]),
+    ("S8-nan", GOOD, [*BUILD, "--range-max", "nan"], 2, ["range_max"]),
+    ("S15-log-occ", GOOD, [*BUILD, "--log-occ", "-1"], 2, ["log_occ"]),
+    ("S15-log-free", GOOD, [*BUILD, "--log-free", "0.5"], 2, ["log_free"]),
+    ("S15-min-above-max", GOOD, [*BUILD, "--log-min", "80", "--log-max", "20"], 2, ["log_min"]),
+    ("S15-nan", GOOD, [*BUILD, "--log-max", "nan"], 2, ["log_max"]),
+    ("ratio", GOOD, [*BUILD, "--method", "counting", "--ratio", "1"], 2, ["ratio"]),
+    ("truncation", GOOD, [*BUILD, "--method", "tsdf", "--truncation", "0"], 2, ["truncation"]),
+    ("method", GOOD, [*BUILD, "--method", "voting"], 2, ["--method"]),
+    ("other-method", GOOD, [*BUILD, "--ratio", "0.5"], 2, ["--ratio", "log-odds"]),
+    ("other-method-2", GOOD, [*BUILD, "--method", "tsdf", "--values"], 2, ["--values", "tsdf"]),
+    ("size-alone", GOOD, [*BUILD, "--size", "5,5"], 2, ["--size"]),
+    ("origin-alone", GOOD, [*BUILD, "--origin", "5,5"], 2, ["--origin"]),
+    ("size-0", GOOD, [*BUILD, "--size", "0,5", "--origin", "0,0"], 2, ["size"]),
+    ("size-huge", GOOD, [*BUILD, "--size", "1e5,1e5", "--origin", "0,0"], 2, ["size"]),
+    ("resolution", GOOD, [*BUILD, "--resolution", "-1"], 2, ["resolution"]),
+    ("layers", GOOD, [*BUILD, "--layers", "l.yaml"], 2, ["l.yaml"]),
+    ("output", GOOD, ["build", "a.log", "-o", "out.txt"], 2, ["out.txt"]),
+    ("output-is-the-input", GOOD, ["build", "a.log", "-o", "m.yaml"], 4, ["m.pgm"]),
+    ("layers-are-the-map", GOOD, [*BUILD[:2], "-o", "o.npz", "--layers", "o.npz"], 2, ["o.npz"]),
+]
+
+
+@pytest.mark.parametrize(
+    ("log", "words", "exit_code", "told"), [pytest.param(*c, id=n) for n, *c in REFUSED]
+)
+def test_scans_or_options_that_cannot_be_are_refused(folder, refused, log, words, exit_code, told):
+    if log is not None:
+        (folder / "a.log").write_text(log)
+    refused(words, exit_code, *told)
+
+
+ARRAYS = {"poses": np.zeros((2, 3)), "angles": np.zeros(4), "ranges": np.ones((2, 4))}
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        pytest.param({"poses": np.full((2, 3), np.nan)}, "poses", id="S7-nan"),
+        pytest.param({"ranges": np.ones((3, 4))}, "ranges", id="S10-pose-missing"),
+        pytest.param({"ranges": np.ones((2, 5))}, "ranges", id="S9-count"),
+        pytest.param({"ranges": np.array([[None] * 4] * 2)}, "objects", id="S16-objects"),
+        pytest.param({"angles": None}, "angles", id="S16-missing-key"),
+    ],
+)
+def test_an_npz_that_does_not_fit_is_refused(folder, refused, changes, told):
+    arrays = {key: value for key, value in {**ARRAYS, **changes}.items() if value is not None}
+    (folder / "a.npz").write_bytes(npz(**arrays))
+    refused(["build", "a.npz", "-o", "out.yaml"], 3, "a.npz", told)
+
+
+def test_a_truncated_last_line_is_passed_over_with_its_number_s13(folder, accepted):
+    (folder / "a.log").write_text(GOOD + GOOD[:300])
+    out, warned = accepted(*BUILD)
+    assert len(warned) == 1
+    assert "a.log: 1 bad lines passed over: line 2: " in warned[0]
+    assert "1 scans, 180 beams" in out
+
+
+def test_readings_of_every_kind_are_counted_s8(folder, accepted):
+    readings = ["0", "-1", "nan", "inf", "81.83", "30", "0.3", *["2.0"] * 173]
+    (folder / "a.log").write_text(f"FLASER 180 {' '.join(readings)} 1 2 0.5 0 0 0 7 host 7\n")
+    out, _ = accepted(*BUILD, "--range-min", "0.5")
+    assert "1 scans, 180 beams: 173 hits, 3 without return, 4 bad" in out
+
+
+def test_a_robot_outside_of_the_grid_still_clears_inside_s11(folder, accepted):
+    (folder / "a.npz").write_bytes(
+        npz(poses=np.array([[-3.0, 0.25, 0.0]]), angles=np.zeros(1), ranges=np.array([[9.0]]))
+    )
+    for method in ("log-odds", "counting", "tsdf"):
+        accepted("build", "a.npz", "-o", f"{method}.npz", "--method", method, "--size", "2,0.5",
+                 "--origin", "0,0", "--resolution", "0.5")  # fmt: skip
+        assert read_map(folder / f"{method}.npz").occupancy.tolist() == [[0, 0, 0, 0]]
+
+
+def test_a_grid_that_no_beam_reaches_is_warned_of(folder, accepted):
+    (folder / "a.log").write_text(GOOD)
+    _, warned = accepted(*BUILD, "--size", "1,1", "--origin", "50,50")
+    assert len(warned) == 1
+    assert "unknown everywhere" in warned[0]
+
+
+def test_a_beam_within_one_cell_is_a_hit_alone_s12(folder, accepted):
+    (folder / "a.npz").write_bytes(
+        npz(poses=np.array([[0.1, 0.1, 0.0]]), angles=np.zeros(1), ranges=np.array([[0.05]]))
+    )
+    accepted("build", "a.npz", "-o", "m.npz", "--resolution", "0.5", "--layers", "l.npz",
+             "--method", "counting")  # fmt: skip
+    with np.load(folder / "l.npz") as layers:
+        assert layers["hits"].sum() == 1
+        assert layers["misses"].sum() == 0
+
+
+def test_a_clockwise_scanner_sees_the_same_s9(folder, accepted):
+    angles, ranges = np.linspace(-1, 1, 9), np.linspace(1, 2, 9)
+    pose = np.array([[0.0, 0.0, math.pi / 3]])
+    (folder / "a.npz").write_bytes(npz(poses=pose, angles=angles, ranges=ranges[np.newaxis]))
+    (folder / "b.npz").write_bytes(
+        npz(poses=pose, angles=angles[::-1], ranges=ranges[np.newaxis, ::-1])
+    )
+    for name in "ab":
+        accepted("build", f"{name}.npz", "-o", f"{name}_map.npz", "--method", "counting")
+    first, second = (read_map(folder / f"{name}_map.npz").occupancy for name in "ab")
+    assert np.array_equal(first, second)
