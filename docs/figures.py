@@ -1,11 +1,12 @@
 """Draw the pictures of the documentation.
 
-Run it as ``python docs/figures.py``. Needs matplotlib (in the extra ``dev``).
-Reads examples/maps and writes docs/images.
+Run it as ``python docs/figures.py [intel-corrected.log]``. Needs matplotlib (in the extra ``dev``).
+Reads examples and writes docs/images; the pictures of the Intel lab only if its log is given.
 """
 
 from __future__ import annotations
 
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import numpy as np
 
 import mapdeal
 from mapdeal.formats.png import write_indexed_png
+from mapdeal.formats.scans.reader import open_log
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.pose import PoseOverlay
@@ -47,6 +49,8 @@ def main() -> None:
     draw_cost_curves(IMAGES / "cost_curve.png")
     draw_arena()
     draw_office()
+    for log in sys.argv[1:]:
+        draw_intel(Path(log))
 
 
 def draw_cost_curves(path: Path) -> None:
@@ -241,6 +245,17 @@ def draw_office() -> None:
     _picture("office_descent.png", costmap, "office: route, descent", overlay=RouteOverlay(trapped))
     _local_pictures(office)
     _picture("office_mask.png", masked, "office: cost, inscribed 0.22 m, with a keepout mask")
+
+
+def draw_intel(log: Path) -> None:
+    """Draw a corner of the Intel Research Lab as each method sees it."""
+    scans = [mapdeal.Scans(*arrays) for arrays in open_log(log).scans()]
+    for method in ("log-odds", "counting", "tsdf"):
+        builder = mapdeal.MapBuilder(mapdeal.Frame(725, 778, 0.05, (-20.0, -23.35, 0.0)), method)
+        for part in scans:
+            builder.add(part)
+        corner = mapdeal.window(builder.result().grid, corner_xy=(-11, -1.5), size_xy=(9.5, 8))
+        _picture(f"intel_{method}.png", corner, f"Intel Research Lab: {method}", side=600)
 
 
 def _local_pictures(office: mapdeal.OccupancyGrid) -> None:

@@ -103,6 +103,13 @@ def test_outputs_that_exist_are_refused_without_force(folder, refused, accepted)
     accepted(*LOCAL, *POSE, "--force")
 
 
+def test_the_hint_tells_whether_anything_differs(folder, refused, accepted):
+    (folder / "c.xyz").write_text(GOOD)
+    accepted(*LOCAL, *POSE)
+    refused([*LOCAL, *POSE], 4, "exists", hint="the same already")
+    refused([*LOCAL, "--pose", "0,0,1"], 4, "exists", hint="had other inputs")
+
+
 def test_an_output_that_is_the_map_is_refused_always(folder, refused, accepted):
     (folder / "c.xyz").write_text(GOOD)
     accepted(*LOCAL, *POSE)

@@ -204,6 +204,13 @@ def test_a_sequence_gets_numbered_folders_in_order(command, sequence, points):
         assert found.origin == expected.origin
 
 
+def test_the_poses_are_no_cloud_even_if_the_folder_says_so(command, sequence):
+    (sequence / "poses.csv").write_text((sequence.parent / "poses.txt").read_text())
+    code, out, _ = command("local", "--cloud", sequence, "--poses", sequence / "poses.csv",
+                           *OPTIONS, "-o", "o", "--no-images")  # fmt: skip
+    assert (code, out[:10]) == (0, "o: 12 done")
+
+
 def test_a_sequence_goes_on_where_it_stopped(command, sequence):
     words = ["local", "--cloud", "scans/*.csv", "--poses", "poses.txt", *OPTIONS, "-o", "o",
              "--no-images", "-q"]  # fmt: skip

@@ -55,6 +55,20 @@ def test_a_header_alone_is_a_cloud_without_points(read, data):
     assert read("c.pcd", pcd(XYZ, [], data)).size == 0
 
 
+def test_an_old_name_of_the_fields(read):
+    cloud = pcd(XYZ, [[[1.0], [2.0], [3.0]]], "binary").replace(b"FIELDS", b"COLUMNS")
+    assert read("c.pcd", cloud).tolist() == [[1.0, 2.0, 3.0]]
+
+
+def test_a_damaged_entry_is_seen_although_not_all_of_it_is_needed(read):
+    for order in "CF":
+        table = np.asfortranarray(TABLE) if order == "F" else TABLE
+        data = bytearray(saved(np.savez, points=table))
+        data[data.index(TABLE[5, 3].tobytes())] ^= 1
+        with pytest.raises(MalformedInputError, match="damaged"):
+            read("c.npz", bytes(data))
+
+
 def test_more_points_than_are_read_together(read):
     points = np.random.default_rng(5).normal(size=(700_000, 3)).astype("<f4")
     head = pcd_header(XYZ, len(points), "binary")
@@ -266,6 +280,7 @@ BAD = [
     ("S2-short.pcd", head(WIDTH="2", POINTS="2") + bytes(23), "1 of 2"),
     ("S2-short-text.pcd", head(WIDTH="2", POINTS="2", DATA="ascii") + b"1 2 3\n", "1 of 2"),
     ("S2-words.pcd", head(DATA="ascii") + b"1 2 here\n", "line 9"),
+    ("S2-wide.pcd", head(DATA="ascii") + b"1 2 3 4\n", "line 9"),
     ("S2-narrow.pcd", head(DATA="ascii") + b"1 2\n", "line 9"),
     ("S2-unknown-line.pcd", b"PIXELS 4\n" + head(), "line 1"),
     ("S2-twice.pcd", b"WIDTH 1\n" + head(), "WIDTH"),
@@ -305,6 +320,18 @@ BAD = [
     ("S6-no-vertex.ply", ply_head(FORMAT, "element face 0"), "vertex"),
     ("S6-no-y.ply", ply_head(FORMAT, "element vertex 0", XY[0]), "x and y"),
     ("S6-short.ply", ply_head(FORMAT, "element vertex 2", *XY) + bytes(15), "1 of 2"),
+    (
+        "S6-short-text.ply",
+        ply_head("format ascii 1.0", "element vertex 2", *XY) + b"1 2\n",
+        "1 of 2",
+    ),
+    (
+        "S6-line-after-elements.ply",
+        ply_head("format ascii 1.0", "element camera 2", "property int a", "element vertex 1", *XY)
+        + b"1\n2\n3 x\n",
+        "line 11",
+    ),
+    ("S6-long-header.ply", b"ply\n" + b"comment a\n" * 110_000 + b"end_header\n", "header"),
     ("S6-no-end.ply", b"ply\nformat ascii 1.0\n", "header"),
     ("S6-not-a-ply.ply", b"solid\n", "line 1"),
     ("words.xyz", b"1 2 3\n4 five 6\n", "line 2"),

@@ -127,6 +127,12 @@ def test_a_whole_turn_is_no_turn(yaw):
     assert np.array_equal(grids[0].occupancy, grids[1].occupancy)
 
 
+def test_a_turned_global_map_has_no_lattice_to_share():
+    known = OccupancyGrid(np.zeros((4, 5), np.int8), 0.1, (0.03, -0.06, 0.3))
+    grid = make(np.empty((0, 2)), (0.5, 0.5, 0), size=(0.6, 0.4), resolution=0.1, global_map=known)
+    assert grid.origin == (0.2, 0.3, 0.0)
+
+
 def test_the_threshold_of_obstacles_of_the_global_map():
     known = OccupancyGrid([[80, 79, 100, -1]], 0.5, (-1.0, 0.0, 0.0))
     for threshold, expected in ((100, [(2, 0)]), (80, [(0, 0), (2, 0)])):
@@ -237,6 +243,13 @@ def test_the_arc_leaves_out_the_largest_gap(angles):
     assert turn - (last - first) == pytest.approx(max(gaps), abs=1e-12)
     for angle in angles:
         assert (angle - first + 1e-12) % turn <= last - first + 2e-12
+
+
+def test_angles_within_one_bin_keep_the_first_and_the_last():
+    covered = CoveredAngles()
+    covered.add(np.array([0.00030, 0.00031, 0.00025, 0.00028]))
+    covered.add(np.array([0.00029]))
+    assert covered.arc() == pytest.approx((0.00025, 0.00031), abs=1e-12)
 
 
 def test_an_angle_that_rounding_moves_across_pi():
