@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from mapdeal.cli import options as opt
+from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError, ParameterError
 from mapdeal.mapping.local_map import LocalOptions
@@ -27,7 +28,7 @@ from mapdeal.pipeline.local import (
     read_global_map,
     sequence_of,
 )
-from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
+from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import RunReport
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
@@ -95,24 +96,14 @@ def local(
         bool,
         typer.Option("--require-points", help="Fail (3) if no point of a cloud marks a cell."),
     ] = False,
-    recipe: Annotated[
-        str, typer.Option(metavar="NAME|FILE", help=f"One of {', '.join(BUILT_IN)}, or a file.")
-    ] = LOCAL_RECIPE,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="Change a parameter."),
-    ] = None,
+    recipe: run_opt.Recipe = LOCAL_RECIPE,
+    settings: run_opt.Settings = None,
     footprint: opt.FootprintText = None,
     robot_radius: opt.RobotRadius = None,
     footprint_padding: opt.FootprintPadding = 0.0,
     robot_16_gon: opt.Robot16Gon = False,
-    image_max: Annotated[
-        int,
-        typer.Option(
-            metavar="PIXELS", min=0, help="Longest side of pictures; 0 for a pixel per cell."
-        ),
-    ] = DEFAULT_IMAGE_MAX,
-    no_images: Annotated[bool, typer.Option("--no-images", help="Write no pictures.")] = False,
+    image_max: run_opt.ImageMax = DEFAULT_IMAGE_MAX,
+    no_images: run_opt.NoImages = False,
     dialect: opt.Dialect = opt.DialectName.nav2,
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,

@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
+from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError
 from mapdeal.pipeline.batch import SUMMARY, folders_of, run_all
 from mapdeal.pipeline.figures import summary_of
-from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
+from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import RunOptions, RunReport, run_map
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
@@ -28,30 +29,20 @@ def run(
     output: Annotated[
         Path, opt.output_argument("DIR", "Where the folder of each map goes, named as the map.")
     ],
-    recipe: Annotated[
-        str, typer.Option(metavar="NAME|FILE", help=f"One of {', '.join(BUILT_IN)}, or a file.")
-    ] = "default",
+    recipe: run_opt.Recipe = "default",
     sim: Annotated[
         bool,
         typer.Option(
             "--sim", help="The map is of a simulated world: cut out its active region first."
         ),
     ] = False,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="Change a parameter."),
-    ] = None,
+    settings: run_opt.Settings = None,
     footprint: opt.FootprintText = None,
     robot_radius: opt.RobotRadius = None,
     footprint_padding: opt.FootprintPadding = 0.0,
     robot_16_gon: opt.Robot16Gon = False,
-    image_max: Annotated[
-        int,
-        typer.Option(
-            metavar="PIXELS", min=0, help="Longest side of pictures; 0 for a pixel per cell."
-        ),
-    ] = DEFAULT_IMAGE_MAX,
-    no_images: Annotated[bool, typer.Option("--no-images", help="Write no pictures.")] = False,
+    image_max: run_opt.ImageMax = DEFAULT_IMAGE_MAX,
+    no_images: run_opt.NoImages = False,
     dialect: opt.Dialect = opt.DialectName.nav2,
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,
