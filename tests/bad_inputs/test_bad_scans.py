@@ -27,7 +27,7 @@ REFUSED = [
     ("missing", None, BUILD, 4, ["a.log"]),
     ("S13-no-scans", "ODOM 1 2 3\n", BUILD, 3, ["a.log", "FLASER"]),
     ("S13-truncated", GOOD + GOOD[:300], [*BUILD, "--max-bad", "0"], 3, ["a.log", "line 2"]),
-    ("S13-many", GOOD + (GOOD[:300] + "\n") * 11, BUILD, 3, ["a.log", "line 12"]),
+    ("S13-many", GOOD + (GOOD[:300] + "\n") * 11, BUILD, 3, ["a.log", "line 2", "10 more"]),
     ("S8-no-hit", GOOD.replace("2.0", "nan"), BUILD, 3, ["a.log", "no beam hits"]),
     ("S8-all-far", GOOD.replace("2.0", "81.83"), BUILD, 3, ["a.log", "no beam hits"]),
     ("S8-min-above-max", GOOD, [*BUILD, "--range-min", "5", "--range-max", "4"], 2, ["range_max"]),
@@ -87,6 +87,23 @@ def test_a_truncated_last_line_is_passed_over_with_its_number_s13(folder, accept
     assert len(warned) == 1
     assert "a.log: 1 bad lines passed over: line 2: " in warned[0]
     assert "1 scans, 180 beams" in out
+
+
+def test_angles_in_degrees_are_warned_of_s7(folder, accepted):
+    arrays = {**ARRAYS, "angles": np.array([-90.0, 0, 90, 180])}
+    (folder / "a.npz").write_bytes(npz(**arrays))
+    for more in ([], ["--size", "5,5", "--origin", "-2,-2"]):
+        _, warned = accepted("build", "a.npz", "-o", "m.npz", "--force", *more)
+        assert len(warned) == 1
+        assert "degrees" in warned[0]
+
+
+def test_what_was_passed_over_is_told_also_if_there_is_no_map(folder, command):
+    (folder / "a.log").write_text(GOOD.replace("2.0", "50") + GOOD[:300])
+    code, _, err = command(*BUILD)
+    assert code == 3
+    assert "1 bad lines passed over: line 2" in err
+    assert "no beam hits anything: of 180 readings 180 are without return" in err
 
 
 def test_readings_of_every_kind_are_counted_s8(folder, accepted):

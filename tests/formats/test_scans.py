@@ -15,15 +15,18 @@ def flaser(ranges, pose=(1.0, -2.0, 0.5), time=7.0):
     return " ".join(str(word) for word in words)
 
 
-def robotlaser(ranges, pose=(1.0, -2.0, 0.5), *, start=-0.7, step=0.02, longest=50.0, time=7.0):
-    words = ["ROBOTLASER1", 0, start, 3.0, step, longest, 0.01, 0, len(ranges), *ranges, 2, 5, 6,
+def robotlaser(
+    ranges, pose=(1.0, -2.0, 0.5), *, start=-0.7, step=0.02, longest=50.0, time=7.0, field=None
+):
+    field = abs(step) * len(ranges) if field is None else field
+    words = ["ROBOTLASER1", 0, start, field, step, longest, 0.01, 0, len(ranges), *ranges, 2, 5, 6,
              *pose, 8.0, 8.0, 8.0, 0.1, 0.2, 0.3, 0.4, 0.0, time, "nohost", time]  # fmt: skip
     return " ".join(str(word) for word in words)
 
 
 def rawlaser(ranges, *, start=-0.7, step=0.02, longest=50.0, time=7.0):
-    words = ["RAWLASER1", 0, start, 3.0, step, longest, 0.01, 0, len(ranges), *ranges, 0, time,
-             "nohost", time]  # fmt: skip
+    words = ["RAWLASER1", 0, start, step * len(ranges), step, longest, 0.01, 0, len(ranges)]
+    words += [*ranges, 0, time, "nohost", time]
     return " ".join(str(word) for word in words)
 
 
@@ -102,8 +105,35 @@ def test_a_long_log_comes_in_parts(read):
     assert [pose[0] for part in parts for pose in part[0]] == list(range(1200))
 
 
+def test_a_scan_that_is_repeated_counts_once(read):
+    lines = [flaser(HALF, time=1), flaser(HALF, time=1), flaser(HALF, time=2)]
+    with pytest.warns(MapdealWarning, match="1 of 3 scans repeat the one before, dropped"):
+        ((poses, _, _),) = read(*lines)
+    assert len(poses) == 2
+
+
+@pytest.mark.parametrize("before", ["  ", "\t", "\ufeff", " \t "])
+def test_what_stands_before_a_tag_or_a_tab_behind_it_does_not_matter(read, before):
+    lines = [before + flaser(HALF, time=1), flaser(HALF, time=2).replace("FLASER ", "FLASER\t")]
+    ((poses, _, _),) = read(*lines)
+    assert len(poses) == 2
+
+
+def test_long_lines_that_are_no_scans_are_skipped(read):
+    ((poses, _, _),) = read(
+        "# " + "x" * 3_000_000, "OTHER " + "FLASER 180 " * 200_000, flaser(HALF)
+    )
+    assert len(poses) == 1
+
+
+def test_a_log_whose_lines_are_all_bad_names_the_first(read):
+    line = flaser(HALF).removesuffix(" 7.1")
+    with pytest.raises(MalformedInputError, match=r"line 2: .*words.*\(and 2 more bad lines\)"):
+        read("# log", *[line] * 3, max_bad=10)
+
+
 def test_times_that_do_not_grow_are_warned_of_and_kept(read):
-    with pytest.warns(MapdealWarning, match="1 scans are not later"):
+    with pytest.warns(MapdealWarning, match="1 of 3 scans are not later"):
         ((poses, _, _),) = read(*[flaser(HALF, (k, 0, 0), time=t) for k, t in enumerate((3, 2, 4))])
     assert [pose[0] for pose in poses] == [0.0, 1.0, 2.0]
 
@@ -142,6 +172,9 @@ def test_a_bad_line_is_named_and_passed_over_up_to_a_number(read, line, told):
         pytest.param(robotlaser([1.0], step=0), "resolution", id="S9-increment-0"),
         pytest.param(robotlaser([1.0], start="nan"), "start", id="S9-nan"),
         pytest.param("ROBOTLASER1 0 1 2 3 4 5 6 900 1 2", "900 readings", id="S13-cut"),
+        pytest.param(robotlaser([1.0] * 90, field=3.14), "span", id="S9-field-of-view"),
+        pytest.param(robotlaser([1.0], start=1e13), "radians", id="S7-huge-start"),
+        pytest.param(robotlaser([1.0], step=1e306), "radians", id="S7-huge-step"),
     ],
 )
 def test_bad_lines_of_the_new_kind(read, line, told):
@@ -171,6 +204,7 @@ def test_scans_without_a_pose_are_dropped_up_to_half_of_them_s10(read):
         pytest.param(gzip.compress(flaser(HALF).encode() * 50)[:200], "gzip", id="S13-gz-cut"),
         pytest.param(b"\x1f\x8bhello", "gzip", id="S13-gz-damaged"),
         pytest.param(b"FLASER " + b"1 " * 40_000 + b"\n", "line 1", id="long-line"),
+        pytest.param(gzip.compress(b"#\n" * 8_000_000), "expand", id="S16-gz-bomb"),
     ],
 )
 def test_what_is_no_log_is_refused(tmp_path, data, told):
@@ -275,6 +309,8 @@ def test_an_npz_of_scans(tmp_path, order):
         pytest.param({"ranges": np.array([[None] * 4] * 2)}, "objects", id="S16-objects"),
         pytest.param({"poses": np.full((2, 3), np.nan)}, "poses", id="S10-nan"),
         pytest.param({"angles": np.array([0, 1, 2, np.inf])}, "angles", id="inf-angle"),
+        pytest.param({"angles": np.zeros(0), "ranges": np.zeros((2, 0))}, "angles", id="no-angles"),
+        pytest.param({"poses": np.zeros((0, 3)), "ranges": np.zeros((0, 4))}, "poses", id="none"),
     ],
 )
 def test_an_npz_that_is_wrong_is_refused(tmp_path, changes, told):

@@ -196,6 +196,68 @@ def test_the_grid_holds_all_that_beams_reach_with_a_margin_of_two_cells():
     assert behind.grid.shape == (1 + 4, 5 + 4)  # two cells more behind the hit, to 3.1
 
 
+def test_beams_too_far_to_be_followed_are_outside():
+    poses = [[0.25, 0.25, 0.0], [9e10, 0.25, 0.0], [-1e11, -1e11, 0.0]]
+    for method in ("log-odds", "counting", "tsdf"):
+        built = build_map(poses, [0.0], [[1.0]] * 3, resolution=0.5, size=(2, 0.5), origin=(0, 0),
+                          method=method)  # fmt: skip
+        assert built.counts.hits == 3
+        assert built.grid.occupancy.tolist()[0][:3] == [0, 0, 100]
+
+
+def test_a_pose_far_away_makes_no_map():
+    with pytest.raises(MalformedInputError, match="too far for a map"):
+        build_map([[0, 0, 0], [1e7, 0, 0]], [0.0, 1.5], np.ones((2, 2)))
+
+
+def test_clearing_ends_at_range_max():
+    built = build_map([[0.5, 0.5, 0.0]], [0.0], [[35.0]], range_max=4.0, clear_max=80.0,
+                      resolution=1.0, size=(8, 1), origin=(0, 0))  # fmt: skip
+    assert built.grid.occupancy.tolist() == [[0] * 4 + [-1] * 4]
+
+
+def test_a_share_of_hits_that_is_the_ratio_is_not_above_it():
+    """63 of 180 is 0.35 exactly; 0.35 * 180 is 62.999999999999993."""
+    poses = np.array([[0.5, 0.5, 0.0]])
+    for hits, expected in ((63, 0), (64, 100)):
+        ranges = np.array([[1.0] * hits + [2.0] * (180 - hits)])
+        built = build_map(poses, np.zeros(180), ranges, method="counting", ratio=0.35,
+                          resolution=1.0, size=(3, 1), origin=(0, 0))  # fmt: skip
+        assert built.grid.occupancy[0, 1] == expected
+
+
+def legs(diameter, noise=0.0):
+    """Scans from all around of a room with a round leg in its middle."""
+    rng = np.random.default_rng(5)
+    around = np.linspace(0, 2 * math.pi, 24, endpoint=False)
+    poses = np.column_stack([1.3 * np.cos(around), 1.1 * np.sin(around), around + math.pi])
+    angles = np.radians(np.arange(-90, 90.5, 0.5))
+    centre, radius = np.array([0.013, 0.017]), diameter / 2
+    ranges = np.empty((len(poses), len(angles)))
+    for k, (x, y, yaw) in enumerate(poses):
+        c, s = np.cos(yaw + angles), np.sin(yaw + angles)
+        with np.errstate(divide="ignore"):
+            walls = np.minimum(np.where(c > 0, 2.02 - x, -2.03 - x) / c,
+                               np.where(s > 0, 2.01 - y, -2.04 - y) / s)  # fmt: skip
+        along = (centre[0] - x) * c + (centre[1] - y) * s
+        away = (centre[0] - x) ** 2 + (centre[1] - y) ** 2 - along**2
+        reach = along - np.sqrt(np.maximum(radius**2 - away, 0))
+        ranges[k] = np.where((away < radius**2) & (along > 0), reach, walls)
+    return poses, angles, ranges + rng.normal(0, noise, ranges.shape)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("diameter", [0.04, 0.06, 0.1])
+def test_no_method_takes_a_thin_leg_for_free_space(diameter, noise):
+    for method in ("log-odds", "counting", "tsdf"):
+        built = build_map(*legs(diameter, noise), method=method)
+        (cell,) = built.grid.frame.unbounded_rowcol_from_xy([[0.013, 0.017]])
+        row, col = cell.tolist()
+        assert built.grid.occupied()[row - 1 : row + 2, col - 1 : col + 2].any(), method
+    wall = built.grid.occupied()
+    assert not (wall[1:, 1:] & wall[1:, :-1] & wall[:-1, 1:] & wall[:-1, :-1]).any()
+
+
 def test_no_hit_at_all_makes_no_map():
     with pytest.raises(MalformedInputError, match="no beam hits"):
         build_map([[0, 0, 0]], [0.0, 0.1], [[math.nan, 50.0]])
@@ -297,6 +359,12 @@ BAD = [
     ({"log_min": 50.0}, "log_min"),
     ({"log_min": 80.0, "log_max": 20.0}, "log_min"),
     ({"log_max": 101.0}, "log_max"),
+    ({"log_max": 50.000001}, "log_max"),
+    ({"log_min": 49.999999}, "log_min"),
+    ({"log_occ": "x"}, "log_occ"),
+    ({"method": "counting", "ratio": "x"}, "ratio"),
+    ({"method": "tsdf", "truncation": None}, "truncation"),
+    ({"range_max": "x"}, "range_max"),
     ({"method": "tsdf", "truncation": 0.5}, "truncation"),
     ({"method": "tsdf", "truncation": math.nan}, "truncation"),
     ({"range_min": -1.0}, "range_min"),
@@ -307,7 +375,6 @@ BAD = [
     ({"size": (1.0, 1.0)}, "size"),
     ({"size": (0.0, 1.0), "origin": (0, 0)}, "size"),
     ({"size": (1e5, 1e5), "origin": (0, 0)}, "cells"),
-    ({"size": (1, 1), "origin": (1e11, 0)}, "grid"),
 ]
 
 
@@ -326,6 +393,8 @@ def test_parameters_that_cannot_be_are_refused(options, told):
         ([[0, 0, 0]], [math.inf], [[1]], "angles"),
         ([[0, 0, 0]], [0], [[1, 2]], "ranges"),
         ([[0, 0, 0]], [0], [1], "ranges"),
+        ([[0, 0, 0]], ["a"], [[1]], "angles"),
+        ([[0, 0, 0], [0, 0, 0]], [0, 1], [[1, 2], [3]], "ranges"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(poses, angles, ranges, told):

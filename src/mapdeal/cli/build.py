@@ -166,11 +166,12 @@ def _source_of(
     max_bad: int,
 ) -> ScanSource:
     if log is not None:
-        if poses or angles or ranges or flip_y:
-            rule = "cannot be given together with a LOG"
-            raise ParameterError(rule, source="--poses, --angles, --ranges, --flip-y")
+        texts = {"--poses": poses, "--angles": angles, "--ranges": ranges, "--flip-y": flip_y}
+        for name, value in texts.items():
+            if value:
+                raise ParameterError("cannot be given together with a LOG", source=name)
         return open_log(log, max_bad=max_bad)
     if poses is None or angles is None or ranges is None:
-        rule = "a LOG, or all of --poses, --angles and --ranges must be given"
+        rule = "must be given, or all of --poses, --angles and --ranges"
         raise ParameterError(rule, source="LOG")
     return ScanTexts(poses, angles, ranges, flip_y=flip_y)

@@ -159,7 +159,7 @@ class NpzReader:
                     pass
                 yield table.T
                 return
-            together = max(1, _CHUNK // (width * entry.dtype.itemsize))
+            together = max(1, _CHUNK // max(1, width * entry.dtype.itemsize))
             for first in range(0, height, together):
                 part = np.empty((min(together, height - first), width), dtype=entry.dtype)
                 _fill(entry.file, part)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Sequence
-from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -13,9 +12,9 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 
-LONGEST_LINE = 1 << 16
+LONGEST_LINE = 1 << 20
 _MARK = b"\xef\xbb\xbf"
-_LINES_TOGETHER = 1 << 16
+_LINES_TOGETHER, _BYTES_TOGETHER = 1 << 16, 1 << 22
 
 
 def read_rows(
@@ -55,7 +54,7 @@ def read_rows(
     left = most
     while left is None or left > 0:
         together = _LINES_TOGETHER if left is None else min(left, _LINES_TOGETHER)
-        lines = list(islice(_lines(file, path, first_line), together))
+        lines = _some_lines(file, path, first_line, together)
         if not lines:
             return
         numbered = [
@@ -105,13 +104,21 @@ def is_number(word: str | bytes) -> bool:
     return True
 
 
-def _lines(file: BinaryIO, path: Path, number: int) -> Iterator[bytes]:
-    while line := file.readline(LONGEST_LINE + 1):
+def _some_lines(file: BinaryIO, path: Path, number: int, most: int) -> list[bytes]:
+    """Return the next lines: at most so many, and not many more bytes than are read together."""
+    lines: list[bytes] = []
+    length = 0
+    while len(lines) < most and length < _BYTES_TOGETHER:
+        line = file.readline(LONGEST_LINE + 1)
+        if not line:
+            break
         if len(line) > LONGEST_LINE:
             rule = f"must not be longer than {LONGEST_LINE} bytes"
-            raise MalformedInputError(rule, source=path, place=f"line {number}")
-        yield line
-        number += 1
+            place = f"line {number + len(lines)}"
+            raise MalformedInputError(rule, source=path, place=place)
+        lines.append(line)
+        length += len(line)
+    return lines
 
 
 def _numbers_of(

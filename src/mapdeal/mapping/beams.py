@@ -13,6 +13,9 @@ from mapdeal.grid.coordinates import FARTHEST
 
 Floats = NDArray[np.float64]
 
+FARTHEST_POSE = FARTHEST / 10
+"""Metres; beams may reach farther."""
+
 _BEAMS_TOGETHER = 1 << 18
 
 
@@ -41,7 +44,7 @@ class Scans:
 
     def __post_init__(self) -> None:
         poses, angles, ranges = (
-            np.asarray(array, dtype=np.float64) for array in (self.poses, self.angles, self.ranges)
+            _floats(getattr(self, name), name) for name in ("poses", "angles", "ranges")
         )
         if poses.ndim != 2 or poses.shape[1] != 3:
             rule = "must be an array of shape (N, 3)"
@@ -52,8 +55,8 @@ class Scans:
             rule = f"must be an array of shape {(len(poses), len(angles))}"
             raise ParameterError(rule, place="ranges", got=ranges.shape)
         for name, array in (("poses", poses), ("angles", angles)):
-            if not (np.abs(array) <= FARTHEST).all():  # refuses nan too
-                raise ParameterError(f"must be finite and within {FARTHEST:g}", place=name)
+            if not (np.abs(array) <= FARTHEST_POSE).all():  # refuses nan too
+                raise ParameterError(f"must be finite and within {FARTHEST_POSE:g}", place=name)
         for name, array in (("poses", poses), ("angles", angles), ("ranges", ranges)):
             object.__setattr__(self, name, array)
 
@@ -75,7 +78,8 @@ class BeamLimits:
         A beam hits something if range_min <= range < range_max, metres. Beyond, or at inf, it
         returns nothing; all others mean nothing.
     clear_max : float
-        Metres up to which a beam that returns nothing clears its way; 0 to leave it out.
+        Metres up to which a beam that returns nothing clears its way, but not beyond range_max;
+        0 to leave it out.
 
     Raises
     ------
@@ -94,8 +98,8 @@ class BeamLimits:
 
     def __post_init__(self) -> None:
         for name in ("range_min", "range_max", "clear_max"):
-            value = getattr(self, name)
-            if not 0 <= value <= FARTHEST:  # refuses nan too
+            value = as_number(getattr(self, name), name)
+            if not 0 <= value <= FARTHEST_POSE:  # refuses nan too
                 rule = "must be a finite number, at least 0"
                 raise ParameterError(rule, place=name, got=value)
         if self.range_max <= self.range_min:
@@ -160,10 +164,35 @@ class Beams:
     is_hit: NDArray[np.bool_]
     counts: BeamCounts
 
+    def chosen(self, which: NDArray[np.bool_]) -> Beams:
+        """Return some of the beams, with the counts of all."""
+        return Beams(
+            self.sensors_xy[which],
+            self.directions_xy[which],
+            self.ranges[which],
+            self.is_hit[which],
+            self.counts,
+        )
+
     def ends_xy(self, beyond: float = 0.0) -> Floats:
         """Return where they end, shape (K, 2), hits by some metres farther."""
         reach = self.ranges + np.where(self.is_hit, beyond, 0.0)
         return self.sensors_xy + self.directions_xy * reach[:, np.newaxis]
+
+
+def as_number(value: object, name: str) -> float:
+    """Return a parameter as a float; an error calls it `name`."""
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise ParameterError("must be a number", place=name, got=value) from None
+
+
+def _floats(array: object, name: str) -> Floats:
+    try:
+        return np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ParameterError("must be an array of numbers", place=name) from None
 
 
 def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
@@ -191,7 +220,7 @@ def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
     return Beams(
         scans.poses[scan, :2],
         np.stack([np.cos(angle), np.sin(angle)], axis=1),
-        np.where(hit, ranges[used], limits.clear_max),
+        np.where(hit, ranges[used], min(limits.clear_max, limits.range_max)),
         hit,
         counts,
     )

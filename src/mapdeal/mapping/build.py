@@ -13,7 +13,7 @@ from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.coordinates import Point, cells_to_cover, check_point, check_resolution
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.region import Region
+from mapdeal.grid.region import MOST_CELLS, Region
 from mapdeal.mapping.beams import BeamCounts, BeamLimits, Scans, beams_of
 from mapdeal.mapping.counting import Counting
 from mapdeal.mapping.evidence import Evidence, Layers
@@ -47,11 +47,13 @@ class Extent:
         self._beyond = beyond
         self._least = np.full(2, np.inf)
         self._most = np.full(2, -np.inf)
+        self._counts = BeamCounts()
 
     def add(self, scans: Scans) -> None:
         """Grow the box around the beams of scans that say something."""
         for part in scans.parts():
             beams = beams_of(part, self._limits)
+            self._counts += beams.counts
             if not len(beams.ranges):
                 continue
             for points in (beams.sensors_xy, beams.ends_xy(self._beyond)):
@@ -63,18 +65,26 @@ class Extent:
 
         Raises
         ------
-        ParameterError
-            If it would have too many cells.
         MalformedInputError
-            If no beam says anything.
+            If no beam says anything, or the box has too many cells.
         """
+        checked = check_resolution(resolution)
         if not np.isfinite(self._least).all():
-            raise MalformedInputError("no beam hits anything: there is nothing to make a map of")
-        lattice = Frame(1, 1, check_resolution(resolution))
+            counts = self._counts
+            rule = f"no beam hits anything: of {counts.beams} readings {counts.no_return} are"
+            rule += f" without return, {counts.bad} bad"
+            hint = f"readings are hits below range_max, {self._limits.range_max:g} m"
+            raise MalformedInputError(rule, hint=hint)
+        lattice = Frame(1, 1, checked)
         first, last = (
             lattice.unbounded_rowcol_from_xy([corner])[0] for corner in (self._least, self._most)
         )
         height, width = (last - first + 1 + 2 * MARGIN).tolist()
+        if height * width > MOST_CELLS:
+            x, y, u, v = (*self._least, *self._most)
+            rule = f"beams reach from {x:.6g}, {y:.6g} to {u:.6g}, {v:.6g}: too far for a map"
+            hint = "a pose may be wrong; --size and --origin bound the map"
+            raise MalformedInputError(rule, hint=hint)
         row, col = (first - MARGIN).tolist()
         return Region(row, col, height, width).frame_in(lattice)
 

@@ -9,8 +9,10 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.rays import count_rays
-from mapdeal.mapping.beams import Beams
+from mapdeal.mapping.beams import Beams, as_number
 from mapdeal.mapping.evidence import Evidence, Layers
+
+_UNIT = 1_000_000
 
 
 class Counting(Evidence):
@@ -21,7 +23,8 @@ class Counting(Evidence):
     frame : Frame
         The cells.
     ratio : float
-        Share of hits above which a cell is occupied, 0 <= ratio < 1; gmapping's is 0.25.
+        Share of hits above which a cell is occupied, 0 <= ratio < 1, rounded to 6 decimals;
+        gmapping's is 0.25.
 
     Raises
     ------
@@ -44,21 +47,21 @@ class Counting(Evidence):
 
     def __init__(self, frame: Frame, *, ratio: float = 0.3) -> None:
         super().__init__(frame)
-        if not 0 <= ratio < 1:  # refuses nan too
+        if not 0 <= as_number(ratio, "ratio") < 1:  # refuses nan too
             raise ParameterError("must be at least 0, below 1", place="ratio", got=ratio)
-        self._ratio = ratio
+        self._ratio = round(ratio * _UNIT)
         self._hits, self._misses = np.zeros((2, *frame.shape), dtype=np.int32)
 
     def add(self, beams: Beams) -> None:
         """Add what beams say; see `Evidence.add`."""
-        starts, ends = self.cells_of(beams)
+        beams, starts, ends = self.cells_of(beams)
         count_rays(starts, ends, beams.is_hit, self._hits, self._misses)
 
     def occupancy(self) -> NDArray[np.int8]:
         """Return the map of the evidence so far, shape (H, W)."""
         visits = self._hits + self._misses
-        # without a division, whose rounding could lift a share above itself
-        occupied = self._hits > self._ratio * visits
+        # in whole numbers, so that no rounding lifts a share above itself
+        occupied = self._hits.astype(np.int64) * _UNIT > visits.astype(np.int64) * self._ratio
         values = np.where(occupied, np.int8(OCCUPIED), np.int8(FREE))
         values[visits == 0] = UNKNOWN
         return values

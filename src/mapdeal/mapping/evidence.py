@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.bresenham import FARTHEST_CELL
@@ -35,13 +34,7 @@ class Evidence(ABC):
 
     @abstractmethod
     def add(self, beams: Beams) -> None:
-        """Add what beams say, one after the other; those that leave the grid count inside of it.
-
-        Raises
-        ------
-        ParameterError
-            If a beam begins or ends more than 2^30 cells from the grid.
-        """
+        """Add what beams say, one after the other; those that leave the grid count inside of it."""
 
     @abstractmethod
     def occupancy(self) -> NDArray[np.int8]:
@@ -55,12 +48,16 @@ class Evidence(ABC):
         """Return the map of the evidence so far."""
         return OccupancyGrid(self.occupancy(), self.frame.resolution, self.frame.origin)
 
-    def cells_of(self, beams: Beams, beyond: float = 0.0) -> tuple[Cells, Cells]:
-        """Return the cells, shape (K, 2), that beams begin and end in, inside the grid or not."""
+    def cells_of(self, beams: Beams, beyond: float = 0.0) -> tuple[Beams, Cells, Cells]:
+        """Return beams with the cells, shape (K, 2), that they begin and end in.
+
+        Cells may lie outside of the grid; beams more than 2^30 cells away, which cannot be
+        followed in whole numbers of 64 bits and come nowhere near it, are left out.
+        """
         starts = self.frame.unbounded_rowcol_from_xy(beams.sensors_xy)
         ends = self.frame.unbounded_rowcol_from_xy(beams.ends_xy(beyond))
-        for cells in (starts, ends):
-            if cells.size and np.abs(cells).max() > FARTHEST_CELL:
-                rule = f"beams must lie within {FARTHEST_CELL} cells of the grid"
-                raise ParameterError(rule, place="poses")
-        return starts, ends
+        near = (np.abs(starts) <= FARTHEST_CELL) & (np.abs(ends) <= FARTHEST_CELL)
+        kept = near[:, 0] & near[:, 1]
+        if kept.all():
+            return beams, starts, ends
+        return beams.chosen(kept), starts[kept], ends[kept]

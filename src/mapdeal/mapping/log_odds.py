@@ -11,7 +11,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.rays import Odds, weigh_rays
-from mapdeal.mapping.beams import Beams
+from mapdeal.mapping.beams import Beams, as_number
 from mapdeal.mapping.evidence import Evidence, Layers
 
 _UNIT = 1 << 16
@@ -68,23 +68,21 @@ class LogOdds(Evidence):
         values: bool = False,
     ) -> None:
         super().__init__(frame)
-        rules = {
-            "log_free": (log_free, -100 <= log_free <= -1 / _UNIT, "below 0, at least -100"),
-            "log_occ": (log_occ, 1 / _UNIT <= log_occ <= 100, "above 0, at most 100"),
-            "log_min": (log_min, 0 <= log_min < _EVEN, f"at least 0, below {_EVEN}"),
-            "log_max": (log_max, _EVEN < log_max <= 100, f"above {_EVEN}, at most 100"),
-        }
-        for name, (value, holds, rule) in rules.items():
-            if not (holds and math.isfinite(value)):
-                raise ParameterError(f"must be {rule}", place=name, got=value)
-        self._odds = Odds(*(round(v * _UNIT) for v in (log_free, log_occ, log_min, log_max)))
+        self._odds = Odds(
+            _whole(log_free, "log_free", -100 * _UNIT, -1, "below 0, at least -100"),
+            _whole(log_occ, "log_occ", 1, 100 * _UNIT, "above 0, at most 100"),
+            _whole(log_min, "log_min", 0, _EVEN * _UNIT - 1, "at least 0, below 50"),
+            _whole(
+                log_max, "log_max", _EVEN * _UNIT + 1, 100 * _UNIT, f"above {_EVEN}, at most 100"
+            ),
+        )
         self._publish_values = values
         self._values = np.full(frame.shape, _EVEN * _UNIT, dtype=np.int32)
         self._seen = np.zeros(frame.shape, dtype=np.bool_)
 
     def add(self, beams: Beams) -> None:
         """Add what beams say; see `Evidence.add`."""
-        starts, ends = self.cells_of(beams)
+        beams, starts, ends = self.cells_of(beams)
         weigh_rays(starts, ends, beams.is_hit, self._odds, self._values, self._seen)
 
     def occupancy(self) -> NDArray[np.int8]:
@@ -101,3 +99,11 @@ class LogOdds(Evidence):
     def layers(self) -> Layers:
         """Return ``log_odds``: the numbers, float64, nan where no beam has been."""
         return {"log_odds": np.where(self._seen, self._values / _UNIT, np.nan)}
+
+
+def _whole(value: float, name: str, least: int, most: int, rule: str) -> int:
+    """Return a parameter in whole units, within bounds after rounding."""
+    number = as_number(value, name)
+    if not (math.isfinite(number) and least <= round(number * _UNIT) <= most):
+        raise ParameterError(f"must be {rule}", place=name, got=value)
+    return round(number * _UNIT)

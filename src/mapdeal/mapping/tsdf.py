@@ -8,12 +8,15 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.kernels.rays import DISTANCE_UNIT, measure_rays
-from mapdeal.mapping.beams import Beams
+from mapdeal.kernels.neighbourhood import dilate_square
+from mapdeal.kernels.rays import DISTANCE_UNIT, count_rays, measure_rays
+from mapdeal.mapping.beams import Beams, as_number
 from mapdeal.mapping.evidence import Evidence, Layers
-from mapdeal.mapping.zero_crossings import crossings_of, thin_surface
+from mapdeal.mapping.zero_crossings import crossings_of, thin_blocks, thin_surface
 
 _MOST_TRUNCATION = 1000.0
+_TENTHS_OF_THIN = 3
+"""Share of hits above which free cells are thin obstacles: that of method counting."""
 
 
 class Tsdf(Evidence):
@@ -40,6 +43,11 @@ class Tsdf(Evidence):
     is the one nearer to zero; such walls are thinned to one cell. Of the other cells those
     with a positive field are free, all else is unknown.
 
+    Of an obstacle thinner than a cell or so, seen from several sides, the field is positive
+    everywhere: each side pushes its free space through it. So cells that would be free, but
+    that more than three in ten of the beams that came to them have hit, are occupied, too, if
+    no cell of the surface is beside them.
+
     References
     ----------
     Design document 004, method 3; B. Curless and M. Levoy, "A Volumetric Method for Building
@@ -58,18 +66,20 @@ class Tsdf(Evidence):
 
     def __init__(self, frame: Frame, *, truncation: float = 2.0) -> None:
         super().__init__(frame)
-        if not 1 <= truncation <= _MOST_TRUNCATION:  # refuses nan too
+        if not 1 <= as_number(truncation, "truncation") <= _MOST_TRUNCATION:  # nan too
             rule = f"must be 1 to {_MOST_TRUNCATION:g} cells"
             raise ParameterError(rule, place="truncation", got=truncation)
         self._truncation = self.reach_behind = float(truncation)
         self._sums = np.zeros(frame.shape, dtype=np.int64)
-        self._weights = np.zeros(frame.shape, dtype=np.int32)
+        self._weights, self._hits, self._misses = np.zeros((3, *frame.shape), dtype=np.int32)
 
     def add(self, beams: Beams) -> None:
         """Add what beams say; see `Evidence.add`."""
-        starts, ends = self.cells_of(beams, self._truncation * self.frame.resolution)
-        sensors = self.frame.continuous_rowcol_from_xy(beams.sensors_xy)
-        ranges = np.where(beams.is_hit, beams.ranges / self.frame.resolution, np.inf)
+        near, starts, ends = self.cells_of(beams)
+        count_rays(starts, ends, near.is_hit, self._hits, self._misses)
+        near, starts, ends = self.cells_of(beams, self._truncation * self.frame.resolution)
+        sensors = self.frame.continuous_rowcol_from_xy(near.sensors_xy)
+        ranges = np.where(near.is_hit, near.ranges / self.frame.resolution, np.inf)
         measure_rays(starts, ends, sensors, ranges, self._truncation, self._sums, self._weights)
 
     def occupancy(self) -> NDArray[np.int8]:
@@ -77,8 +87,16 @@ class Tsdf(Evidence):
         values = np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
         values[self._sums > 0] = FREE
         field = self._field()
-        values[thin_surface(field, crossings_of(field))] = OCCUPIED
+        surface = thin_surface(field, crossings_of(field))
+        values[surface] = OCCUPIED
+        thin = (values == FREE) & self._is_often_hit() & ~dilate_square(surface, 1)
+        thin_blocks(thin, field)
+        values[thin] = OCCUPIED
         return values
+
+    def _is_often_hit(self) -> NDArray[np.bool_]:
+        visits = self._hits.astype(np.int64) + self._misses
+        return self._hits * np.int64(10) > _TENTHS_OF_THIN * visits
 
     def layers(self) -> Layers:
         """Return the field, its weights, and the surface in parts of cells.

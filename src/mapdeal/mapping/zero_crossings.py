@@ -97,11 +97,11 @@ def thin_surface(field: Field, crossings: Crossings) -> Mask:
             chosen[row, col] = False
             for other in _partners_of(crossings, row, col):
                 needed[other] += 1
-    _thin_blocks(chosen, size)
+    thin_blocks(chosen, size)
     return chosen
 
 
-def _thin_blocks(chosen: Mask, size: Field) -> None:
+def thin_blocks(chosen: Mask, size: Field) -> None:
     """Take cells out of blocks of 2 x 2, in place, that the wall is as connected without.
 
     Noise leaves such blocks where the sign changes to and fro. Those farthest from zero go first.

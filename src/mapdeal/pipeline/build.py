@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -50,7 +51,7 @@ class BuildSettings:
 
     def __post_init__(self) -> None:
         if (self.size is None) != (self.origin is None):
-            raise ParameterError("--size and --origin must be given together", source="--size")
+            raise ParameterError("must be given together", source="--size, --origin")
         # what is wrong with a parameter is said before anything is read
         reach_behind(self.method, self.resolution, self.parameters)
         if self.size is not None and self.origin is not None:
@@ -102,10 +103,12 @@ def build_file(
         raise ParameterError("layers are written as .npz", source=layers)
     outputs = [*output_paths(output), *([layers] if layers is not None else [])]
     with outputs_of(outputs, source.files, options) as transaction:
-        with errors_named(source.files[0]):
-            built = _built(source, settings, advance)
-        source.warn()
-        _check(built, source.files[0])
+        try:
+            with errors_named(source.named):
+                built = _built(source, settings, advance)
+        finally:
+            source.warn()  # what was passed over may be why there is no map
+        _check(built, source.named)
         write_grid(transaction, output, built.grid)
         if layers is not None:
             transaction.write(layers, lambda file: write_npz(file, built.grid, more=built.layers))
@@ -115,6 +118,7 @@ def build_file(
 
 
 def _built(source: ScanSource, settings: BuildSettings, advance: Advance) -> BuiltMap:
+    is_told = False
     if settings.size is not None and settings.origin is not None:
         frame = frame_of(settings.size, settings.origin, settings.resolution)
     else:
@@ -123,14 +127,20 @@ def _built(source: ScanSource, settings: BuildSettings, advance: Advance) -> Bui
         for scans in _scans(source, advance):
             extent.add(scans)
         frame = extent.frame(settings.resolution)
+        is_told = True
     builder = MapBuilder(frame, settings.method, settings.limits, **settings.parameters)
-    for scans in _scans(source, advance):
+    for scans in _scans(source, advance, is_told=is_told):
         builder.add(scans)
     return builder.result()
 
 
-def _scans(source: ScanSource, advance: Advance) -> Iterator[Scans]:
+def _scans(source: ScanSource, advance: Advance, *, is_told: bool = False) -> Iterator[Scans]:
     for arrays in source.scans():
+        if not is_told and np.abs(arrays.angles).max(initial=0.0) > 2 * math.pi:
+            is_told = True
+            largest = np.abs(arrays.angles).max()
+            text = f"{source.named}: angles of up to {largest:.6g} rad: are they in degrees?"
+            warnings.warn(text, MapdealWarning, stacklevel=2)
         yield Scans(*arrays)
         for _ in range(len(arrays.poses)):
             advance()

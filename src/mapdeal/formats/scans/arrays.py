@@ -9,8 +9,7 @@ import numpy as np
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.npz_reader import NpzReader
-from mapdeal.formats.scans.source import ScanArrays, ScanSource
-from mapdeal.grid.coordinates import FARTHEST
+from mapdeal.formats.scans.source import FARTHEST_POSE, ScanArrays, ScanSource
 
 _MOST_ELEMENTS = 1 << 31
 
@@ -41,8 +40,10 @@ class ScanNpz(ScanSource):
             rule = f"must have shape (N, 3), has {self._poses.shape}"
             raise MalformedInputError(rule, source=path, place="poses")
         for name, array in (("poses", self._poses), ("angles", self._angles)):
-            if not (np.abs(array) <= FARTHEST).all():  # refuses nan too
-                rule = f"must be finite and within {FARTHEST:g}"
+            if not array.size:
+                raise MalformedInputError("holds none", source=path, place=name)
+            if not (np.abs(array) <= FARTHEST_POSE).all():  # refuses nan too
+                rule = f"must be finite and within {FARTHEST_POSE:g}"
                 raise MalformedInputError(rule, source=path, place=name)
 
     @property

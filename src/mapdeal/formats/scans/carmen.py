@@ -20,15 +20,19 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
-from mapdeal.formats.scans.source import BadLines, ScanArrays, ScanSource
-from mapdeal.formats.source import check_regular
+from mapdeal.formats.scans.source import FARTHEST_POSE, BadLines, ScanArrays, ScanSource
+from mapdeal.formats.source import check_regular, status_of
 from mapdeal.formats.text_rows import LONGEST_LINE
 
 _SCANS_TOGETHER = 512
 _POSED = ("FLASER", "ROBOTLASER1")
 _TAGS = (*_POSED, "RAWLASER1")
 _GZIP = b"\x1f\x8b"
-_FARTHEST = 1e12
+_EXPANSION = 200
+"""How many times as long a log may be as its gzip file; 4 to 10 times is usual."""
+
+_BEFORE_TAG = b"\xef\xbb\xbf \t"
+_LARGEST_ANGLE = 100.0
 
 _FLASER_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
 """Degrees between the readings of a half circle, by their number; the first is at -90."""
@@ -88,7 +92,7 @@ class CarmenLog(ScanSource):
         self.files = (path,)
         self._path = path
         self._bad = BadLines(path, max_bad)
-        self._late = self._without_pose = 0
+        self._late = self._without_pose = self._repeated = 0
         self._tags = Counter(line.split(maxsplit=1)[0].decode() for _, line in self._lines(_TAGS))
         if not self._tags:
             rule = f"no line begins with {', '.join(_TAGS)}"
@@ -104,12 +108,17 @@ class CarmenLog(ScanSource):
     def scans(self) -> Iterator[ScanArrays]:
         """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
         self._bad = BadLines(self._path, self._bad.most)
-        self._late = self._without_pose = 0
+        self._late = self._without_pose = self._repeated = 0
         together: list[_Scan] = []
-        last = -math.inf
+        latest = -math.inf
+        before: _Scan | None = None
         for scan in self._parsed():
-            self._late += scan.time <= last
-            last = scan.time
+            if scan == before:
+                self._repeated += 1
+                continue
+            before = scan
+            self._late += scan.time <= latest
+            latest = max(latest, scan.time)
             if together and (scan.laser != together[0].laser or len(together) == _SCANS_TOGETHER):
                 yield _arrays(together)
                 together = []
@@ -119,6 +128,8 @@ class CarmenLog(ScanSource):
             raise MalformedInputError(rule, source=self._path)
         if together:
             yield _arrays(together)
+        elif self._bad.count:
+            raise self._bad.error()
 
     def warn(self) -> None:
         """Warn of what was passed over."""
@@ -128,8 +139,11 @@ class CarmenLog(ScanSource):
                 self._say(f"{count} lines of {tag} are not used beside those of {self._tag}")
         if self._without_pose:
             self._say(f"{self._without_pose} scans have no ODOM line before them, dropped")
+        if self._repeated:
+            self._say(f"{self._repeated} of {self.count} scans repeat the one before, dropped")
         if self._late:
-            self._say(f"{self._late} scans are not later than those before, kept in this order")
+            text = f"{self._late} of {self.count} scans are not later than those before"
+            self._say(f"{text}, kept in this order")
 
     def _say(self, text: str) -> None:
         warnings.warn(f"{self._path}: {text}", MapdealWarning, stacklevel=3)
@@ -158,17 +172,20 @@ class CarmenLog(ScanSource):
 
     def _lines(self, tags: tuple[str, ...]) -> Iterator[tuple[int, bytes]]:
         """Yield the lines that begin with one of some words, and their numbers."""
-        wanted = tuple(f"{tag} ".encode() for tag in tags)
+        wanted = tuple(f"{tag}{blank}".encode() for tag in tags for blank in (" ", "\t"))
+        most = _EXPANSION * status_of(self._path).st_size + LONGEST_LINE
+        number = length = 0
+        is_start = True
         with self._opened() as file:
-            number = 0
-            while line := file.readline(LONGEST_LINE + 1):
-                number += 1
-                if len(line) > LONGEST_LINE:
-                    rule = f"must not be longer than {LONGEST_LINE} bytes"
-                    place = f"line {number}"
-                    raise MalformedInputError(rule, source=self._path, place=place)
-                if line.startswith(wanted):
-                    yield number, line
+            while line := file.readline(LONGEST_LINE):
+                length += len(line)
+                if length > most:
+                    rule = f"the gzip data expand to more than {_EXPANSION} times their size"
+                    raise MalformedInputError(rule, source=self._path)
+                number += is_start
+                if is_start and line.lstrip(_BEFORE_TAG).startswith(wanted):
+                    yield number, line.lstrip(_BEFORE_TAG)
+                is_start = line.endswith(b"\n")  # else more of the same line follows
 
     @contextmanager
     def _opened(self) -> Iterator[BinaryIO]:
@@ -225,9 +242,12 @@ def _parse_laser(words: list[bytes]) -> tuple[_Laser, list[float], int]:
     count = _whole(words, 8)
     if len(words) < 10 + count:
         raise _BadLineError(f"must have {count} readings and more, ends before")
-    start, _, step, longest = _numbers(words[2:6])
-    if not (math.isfinite(start) and math.isfinite(step)) or step == 0:
-        raise _BadLineError("start angle and resolution must be finite, and not 0")
+    start, field, step, longest = _numbers(words[2:6])
+    if not (abs(start) <= _LARGEST_ANGLE and 0 < abs(step) <= _LARGEST_ANGLE):  # nan too
+        raise _BadLineError("start angle and resolution must be angles in radians, and not 0")
+    span = abs(step) * (count - 1)
+    if field > 0 and count > 1 and abs(span - field) > 1.5 * abs(step):
+        raise _BadLineError(f"{count} readings span {span:.4g} rad, not the {field:.4g} told")
     ranges = _numbers(words[9 : 9 + count])
     if longest > 0:
         ranges = [math.inf if r >= longest else r for r in ranges]
@@ -264,7 +284,7 @@ def _numbers(words: list[bytes]) -> list[float]:
 
 def _pose(words: list[bytes]) -> tuple[float, float, float]:
     numbers = _numbers(words)
-    if len(numbers) != 3 or not all(abs(value) <= _FARTHEST for value in numbers):
+    if len(numbers) != 3 or not all(abs(value) <= FARTHEST_POSE for value in numbers):
         raise _BadLineError("the pose must be three finite numbers")
     x, y, yaw = numbers
     return x, y, yaw

@@ -17,6 +17,8 @@ from mapdeal.errors import MalformedInputError, MapdealWarning
 Floats = NDArray[np.float64]
 
 DEFAULT_MAX_BAD = 10
+FARTHEST_POSE = 1e11
+"""Metres, and radians."""
 
 
 class ScanArrays(NamedTuple):
@@ -59,6 +61,11 @@ class ScanSource(ABC):
     def count(self) -> int:
         """How many scans there are, about: for a bar."""
 
+    @property
+    def named(self) -> Path:
+        """The file that errors about the scans name."""
+        return self.files[-1]
+
     def warn(self) -> None:  # noqa: B027 - most have nothing to say
         """Warn of what was passed over, once all scans were read."""
 
@@ -79,6 +86,7 @@ class BadLines:
     most: int
     count: int = 0
     first: list[str] = field(default_factory=list)
+    is_told: bool = False
 
     def add(self, number: int, rule: str) -> None:
         """Pass over a line.
@@ -86,18 +94,24 @@ class BadLines:
         Raises
         ------
         MalformedInputError
-            If there are more than so many; names this one.
+            If there are more than so many.
         """
         self.count += 1
-        if self.count > self.most:
-            hint = "--max-bad N lets N such lines pass"
-            raise MalformedInputError(rule, source=self.path, place=f"line {number}", hint=hint)
         if len(self.first) < _NAMED:
             self.first.append(f"line {number}: {rule}")
+        if self.count > self.most:
+            raise self.error()
+
+    def error(self) -> MalformedInputError:
+        """Return the error for lines that are wrong: it names the first."""
+        self.is_told = True
+        more = f" (and {self.count - 1} more bad lines)" if self.count > 1 else ""
+        hint = "--max-bad N lets N such lines pass"
+        return MalformedInputError(f"{self.first[0]}{more}", source=self.path, hint=hint)
 
     def warn(self) -> None:
-        """Warn of the lines that were passed over, if there are any."""
-        if self.count:
+        """Warn of the lines that were passed over, if there are any that no error has told of."""
+        if self.count and not self.is_told:
             more = f" (and {self.count - len(self.first)} more)" if self.count > _NAMED else ""
             text = f"{self.path}: {self.count} bad lines passed over: {'; '.join(self.first)}{more}"
             warnings.warn(text, MapdealWarning, stacklevel=2)
