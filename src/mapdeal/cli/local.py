@@ -168,7 +168,7 @@ def _run_sequence(
             try:
                 report = local_from_cloud(cloud, poses[folder], folder, common, skip=True)
             finally:
-                advance()
+                advance(1)
             terminal.detail(_lines(cloud, report)[0])
             return report
 

@@ -99,10 +99,10 @@ def detail(text: str) -> None:
 
 
 @contextmanager
-def progress(length: int) -> Iterator[Callable[[], object]]:
-    """Show a bar of `length` steps where stderr is a terminal; give what takes one step."""
+def progress(length: int) -> Iterator[Callable[[int], object]]:
+    """Show a bar of `length` steps where stderr is a terminal; give what takes some of them."""
     if _quiet or not sys.stderr.isatty():
-        yield lambda: None
+        yield lambda _: None
         return
     import typer
 
@@ -110,7 +110,7 @@ def progress(length: int) -> Iterator[Callable[[], object]]:
     with typer.progressbar(length=length, file=sys.stderr, show_pos=True) as bar:
         _bar_is_shown = True
         try:
-            yield lambda: bar.update(1)
+            yield bar.update
         finally:
             _bar_is_shown = False
 

@@ -21,7 +21,7 @@ from mapdeal.mapping.build import BuiltMap, Extent, MapBuilder, Method, frame_of
 from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of
 
-Advance = Callable[[], object]
+Advance = Callable[[int], object]
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def build_file(
     options: FileOptions,
     *,
     layers: Path | None = None,
-    advance: Advance = lambda: None,
+    advance: Advance = lambda _: None,
 ) -> Figures:
     """Make a map of scans in files, and write it, and its evidence if `layers` is given.
 
@@ -87,7 +87,7 @@ def build_file(
     layers : Path, optional
         An ``.npz`` for the map with its evidence.
     advance : callable
-        Called for each scan, once each time that scans are read.
+        Told how many scans more were read, each time that they are.
 
     Returns
     -------
@@ -142,8 +142,7 @@ def _scans(source: ScanSource, advance: Advance, *, is_told: bool = False) -> It
             text = f"{source.named}: angles of up to {largest:.6g} rad: are they in degrees?"
             warnings.warn(text, MapdealWarning, stacklevel=2)
         yield Scans(*arrays)
-        for _ in range(len(arrays.poses)):
-            advance()
+        advance(len(arrays.poses))
 
 
 def _check(built: BuiltMap, path: Path) -> None:
