@@ -302,6 +302,23 @@ def test_a_room_is_found_where_it_is(method):
     assert len(free) > 0.8 * (6 * 5 - math.pi / 4) / 0.05**2
 
 
+def test_as_much_for_as_against_an_obstacle_is_unknown():
+    """One hit of +2 and two beams that pass, of -1: 50 again, which is not never seen."""
+    scans = ([[0.5, 0.5, 0.0]], [0.0, 0.0, 0.0], [[1.0, 2.0, 2.0]])
+    grid = {"resolution": 1.0, "size": (3, 1), "origin": (0, 0)}
+    assert build_map(*scans, **grid).grid.occupancy.tolist() == [[0, -1, 100]]
+    assert build_map(*scans, **grid, values=True).grid.occupancy.tolist() == [[47, 50, 54]]
+
+
+def test_noise_does_not_make_the_walls_of_a_tsdf_thick():
+    poses, angles, ranges = room()
+    noisy = ranges + np.random.default_rng(3).normal(0, 0.03, ranges.shape)
+    cells = [build_map(poses, angles, r, method="tsdf").grid.occupied().sum()
+             for r in (ranges, noisy)]  # fmt: skip
+    assert cells[1] < 1.15 * cells[0]
+    assert build_map(poses, angles, noisy, method="counting").grid.occupied().sum() > 1.5 * cells[0]
+
+
 def test_the_surface_of_a_tsdf_is_found_in_parts_of_cells():
     surface = build_map(*room(), method="tsdf").layers["surface"]
     off = np.abs(distance_to_walls(surface))
