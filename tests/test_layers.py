@@ -23,8 +23,9 @@ ALLOWED = {
     "mapping": {"errors", "grid", "kernels"},
     "formats": {"errors", "grid", "kernels"},
     "render": {"errors", "grid", "kernels"},
-    "pipeline": {"errors", "version", "grid", "kernels", *MIDDLE},
-    "cli": {"errors", "version", "grid", "kernels", *MIDDLE, "pipeline"},
+    "checks": {"errors", "grid", "kernels", "formats"},
+    "pipeline": {"errors", "version", "grid", "kernels", *MIDDLE, "checks"},
+    "cli": {"errors", "version", "grid", "kernels", *MIDDLE, "checks", "pipeline"},
 }
 
 

@@ -23,7 +23,19 @@ _MISSING = object()
 
 
 class MapdealWarning(UserWarning):
-    """A choice that the tool had to make, or a trap in the input, that users should know of."""
+    """A choice that the tool had to make, or a trap in the input, that users should know of.
+
+    Parameters
+    ----------
+    text : str
+        What it is, in one line.
+    check : str, optional
+        The name of the check of ``mapdeal lint`` that finds it, ``area.name``.
+    """
+
+    def __init__(self, text: str, check: str | None = None) -> None:
+        super().__init__(text)
+        self.check = check
 
 
 class MapdealError(Exception):

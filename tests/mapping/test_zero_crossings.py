@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.mapping.zero_crossings import crossings_of, thin_surface
+from mapdeal.mapping.zero_crossings import crossings_of, thin_blocks, thin_surface
 
 
 @st.composite
@@ -69,6 +69,48 @@ def test_a_surface_is_made_of_the_nearer_cells_and_has_no_gap(field):
         assert found[a] or found[b] or in_block[a] or in_block[b]
     assert found.any() == nearer.any()
     assert found[field == 0].sum() >= (field == 0).sum() - in_block.sum()
+
+
+def test_a_cell_whose_partners_are_all_chosen_is_left_out():
+    """0.1 is nearer than -0.2, which is nearer than 0.3: -0.2 alone parts both sides."""
+    field = np.array([[0.1, -0.2, 0.3]])
+    assert thin_surface(field, crossings_of(field)).tolist() == [[False, True, False]]
+
+
+@given(seed=st.integers(0, 2**32 - 1), density=st.sampled_from([0.3, 0.5, 0.7, 0.9]))
+def test_thinned_blocks_are_as_connected_as_before(seed, density):
+    rng = np.random.default_rng(seed)
+    before = rng.random((8, 9)) < density
+    after = before.copy()
+    thin_blocks(after, rng.random(before.shape))
+    assert not (after & ~before).any()
+    assert components(after).max() == components(before).max()
+    # and what is open stays parted: no two rooms become one
+    rooms = [_rooms(mask) for mask in (before, after)]
+    assert rooms[0] == rooms[1]
+
+
+def _rooms(walls):
+    """Count the groups of open cells over four neighbours, the outside being one."""
+    padded = np.pad(~walls, 1, constant_values=True)
+    count, left = 0, {tuple(cell) for cell in np.argwhere(padded).tolist()}
+    while left:
+        count += 1
+        stack = [left.pop()]
+        while stack:
+            row, col = stack.pop()
+            for step in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+                other = row + step[0], col + step[1]
+                if other in left:
+                    left.remove(other)
+                    stack.append(other)
+    return count
+
+
+def test_a_block_of_four_loses_the_cells_farthest_from_zero():
+    block = np.ones((2, 2), bool)
+    thin_blocks(block, np.array([[0.1, 0.4], [0.2, 0.3]]))
+    assert block.tolist() == [[True, False], [True, True]]
 
 
 def test_a_straight_wall_is_one_cell_thick_at_any_angle():

@@ -85,7 +85,7 @@ def _decode_with_pillow(data: bytes, path: Path, limit: int) -> Picture:
             image.load()
             orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
         if orientation != 1:
-            _warn(path, "the EXIF orientation was not applied, as in ROS")
+            _warn(path, "the EXIF orientation was not applied, as in ROS", "image.orientation")
         return _picture_of(image, data, path, facts)
 
 
@@ -154,15 +154,15 @@ def _no_size_limit() -> Iterator[None]:
         Image.MAX_IMAGE_PIXELS = before
 
 
-def _warn(path: Path, text: str) -> None:
-    warnings.warn(f"{path}: {text}", MapdealWarning, stacklevel=4)
+def _warn(path: Path, text: str, check: str) -> None:
+    warnings.warn(MapdealWarning(f"{path}: {text}", check), stacklevel=4)
 
 
 def _picture_of(image: Any, data: bytes, path: Path, facts: PngFacts | None) -> Picture:
     mode = image.mode
     kind = image.format
     if kind == "JPEG":
-        _warn(path, "JPEG is lossy: greys may have moved across the thresholds")
+        _warn(path, "JPEG is lossy: greys may have moved across the thresholds", "image.lossy")
     if kind == "BMP" and data[28:30] == b"\x20\x00" and data[30:34] == b"\0\0\0\0":
         bgra = _bmp_32_bit(data, path, image.width, image.height)
         return Picture("BMP", "rgb", bgra[..., 2::-1], alpha=bgra[..., 3])
@@ -179,7 +179,7 @@ def _picture_of(image: Any, data: bytes, path: Path, facts: PngFacts | None) -> 
         samples = np.asarray(image).astype(np.uint16)
         return _with_key(Picture(kind, "grey", samples, maxval=65535), facts, path)
     if facts is not None and facts.bit_depth == 16:
-        _warn(path, "16-bit colour was reduced to 8 bits; ROS 2 reads all 16")
+        _warn(path, "16-bit colour was reduced to 8 bits; ROS 2 reads all 16", "image.depth")
     if mode == "P":
         return Picture(kind, "palette", np.asarray(image), palette=_palette(image, facts))
     if mode == "RGB":
@@ -217,7 +217,8 @@ def _with_key(picture: Picture, facts: PngFacts | None, path: Path) -> Picture:
             if key == (0, 0, 0)
             else np.zeros(picture.shape, dtype=bool)
         )
-        _warn(path, "one colour is transparent; read as ROS 2 does, where only black matches")
+        text = "one colour is transparent; read as ROS 2 does, where only black matches"
+        _warn(path, text, "image.transparent-colour")
     else:
         scale = 1 if facts.bit_depth == 16 else 255 // ((1 << facts.bit_depth) - 1)
         transparent = picture.samples == key[0] * scale

@@ -69,11 +69,11 @@ def read_pair(
         return MapPair(costmap, metadata, (path, image_path))
     if dialect == "ros1" and picture.colour == "palette":
         text = f"{image_path}: ROS 1 reads indices of the palette, not colours"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        warnings.warn(MapdealWarning(text, "image.palette"), stacklevel=2)
     # Image rows run from the north, grid rows from the south.
     occupancy = np.ascontiguousarray(DIALECTS[dialect](picture.from_the_south(), metadata))
     if metadata.mode == "raw":
-        _warn_of_lost_values(picture, image_path)
+        warn_of_lost_values(picture, image_path)
     grid = OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
     return MapPair(grid, metadata, (path, image_path))
 
@@ -124,7 +124,8 @@ def _expanded(image: str) -> str:
 
 
 def _warn_path(yaml_path: Path, text: str) -> None:
-    warnings.warn(f"{yaml_path}: image: {text}", MapdealWarning, stacklevel=3)
+    warning = MapdealWarning(f"{yaml_path}: image: {text}", "image.foreign-path")
+    warnings.warn(warning, stacklevel=3)
 
 
 def _nearest_name(path: Path) -> str | None:
@@ -152,10 +153,11 @@ def _costs_of(picture: Picture, path: Path) -> NDArray[np.uint8]:
     return picture.samples.astype(np.uint8, copy=False)
 
 
-def _warn_of_lost_values(picture: Picture, path: Path) -> None:
+def warn_of_lost_values(picture: Picture, path: Path) -> None:
+    """Warn of pixels of mode raw that hold no value of a map, if there are any."""
     if picture.colour != "grey" or picture.maxval != 255:
         return
     lost = int(np.count_nonzero((picture.samples > 100) & (picture.samples < 255)))
     if lost:
         text = f"{path}: {lost} pixels of mode raw hold 101..254, read as unknown"
-        warnings.warn(text, MapdealWarning, stacklevel=3)
+        warnings.warn(MapdealWarning(text, "image.raw-values"), stacklevel=3)

@@ -84,7 +84,8 @@ def read_metadata(path: Path, *, dialect: Dialect = "nav2") -> MapMetadata:
         rule = f"must not be larger than occupied_thresh ({occupied_thresh:g})"
         raise MalformedInputError(rule, source=path, place="free_thresh", got=free_thresh)
     if free_thresh == occupied_thresh:
-        _warn(path, "free_thresh", f"equals occupied_thresh; read as dialect {dialect} does")
+        text = f"equals occupied_thresh; read as dialect {dialect} does"
+        _warn(path, "free_thresh", text, "thresholds.equal")
     return MapMetadata(
         image=_image(entries["image"]),
         resolution=_resolution(entries["resolution"]),
@@ -117,8 +118,8 @@ def yaml_of(metadata: MapMetadata) -> bytes:
     return yaml_document(document)
 
 
-def _warn(path: Path, place: str, text: str) -> None:
-    warnings.warn(f"{path}: {place}: {text}", MapdealWarning, stacklevel=3)
+def _warn(path: Path, place: str, text: str, check: str) -> None:
+    warnings.warn(MapdealWarning(f"{path}: {place}: {text}", check), stacklevel=3)
 
 
 def _typo_hint(missing: list[str], entries: dict[str, Entry]) -> str | None:
@@ -139,14 +140,15 @@ def _warn_of_absent(path: Path, entries: dict[str, Entry]) -> None:
     defaults = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196"}
     absent = [f"{key} {value}" for key, value in defaults.items() if key not in entries]
     if absent:
-        _warn(path, "missing", f"took {', '.join(absent)}, though ROS requires the keys")
+        text = f"took {', '.join(absent)}, though ROS requires the keys"
+        _warn(path, "missing", text, "yaml.defaults")
 
 
 def _number(entry: Entry) -> float:
     value = entry.number()
     if entry.is_yaml_1_1_text:
         text = f"{entry.text()!r} is text to YAML 1.1 readers; read as {value:g}"
-        _warn(entry.source, entry.place, text)
+        _warn(entry.source, entry.place, text, "yaml.number-as-text")
     return value
 
 
@@ -194,7 +196,8 @@ def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
         legacy = [key for key in _LEGACY_MODES if key in entries]
         if not legacy:
             return "trinary"
-        _warn(path, legacy[0], "old key; its meaning is written mode: trinary, scale or raw")
+        text = "old key; its meaning is written mode: trinary, scale or raw"
+        _warn(path, legacy[0], text, "yaml.legacy-mode")
         chosen = [key for key in legacy if entries[key].text().lower() in ("true", "1")]
         return chosen[0] if chosen else "trinary"  # type: ignore[return-value]
     entry = entries["mode"]
@@ -202,7 +205,8 @@ def _mode(path: Path, entries: dict[str, Entry], dialect: Dialect) -> Mode:
     if text.lower() not in ("trinary", "scale", "raw"):
         raise entry.error("must be trinary, scale or raw")
     if dialect == "ros1" and text != text.lower():
-        _warn(path, entry.place, f"{text} is refused by ROS 1; read as {text.lower()}")
+        told = f"{text} is refused by ROS 1; read as {text.lower()}"
+        _warn(path, entry.place, told, "yaml.mode-case")
     return text.lower()  # type: ignore[return-value]
 
 

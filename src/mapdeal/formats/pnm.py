@@ -117,6 +117,26 @@ def decode_pbm(
     return _binary_rows(data, header, source).reshape(header.height, -1), header.width
 
 
+def pnm_comments(head: bytes) -> list[str]:
+    r"""Return the comments of a picture's header, given its first bytes.
+
+    Examples
+    --------
+    >>> pnm_comments(b"P5 # CREATOR: map_saver.cpp 0.100 m/pix\n2 1\n255\n#!")
+    ['CREATOR: map_saver.cpp 0.100 m/pix']
+    """
+    found: list[str] = []
+    words = 0  # type, width, height, maxval: behind them there are pixels
+    for line in head.split(b"\n"):
+        plain, mark, comment = line.partition(b"#")
+        words += len(plain.split())
+        if mark:
+            found.append(comment.decode("latin-1").strip())
+        if words >= 4:
+            break
+    return found
+
+
 def check_pnm_header(head: bytes, source: Path, *, max_cells: int) -> None:
     """Refuse a file by its first bytes alone, if its header is malformed or asks for too much."""
     header = _read_header(head, source)
@@ -220,7 +240,7 @@ def _start_of_data(data: bytes, header: _Header, expected: int, source: Path) ->
     length = len(data) - start
     if length == expected + 1:
         text = f"{source}: header: DOS line ends; the pixels are intact and were read"
-        warnings.warn(text, MapdealWarning, stacklevel=6)
+        warnings.warn(MapdealWarning(text, "image.dos-header"), stacklevel=6)
         return start + 1
     if length == expected and b"\r\n" not in header.raw:
         return start  # a lone CR, then a first pixel of value 10
@@ -236,7 +256,7 @@ def _check_length(data: bytes, start: int, expected: int, source: Path) -> None:
     if actual > expected:
         _check_trailing(data[start + expected : start + expected + 64], source)
         text = f"{source}: {actual - expected} bytes behind the picture were ignored"
-        warnings.warn(text, MapdealWarning, stacklevel=6)
+        warnings.warn(MapdealWarning(text, "image.trailing-bytes"), stacklevel=6)
 
 
 def _check_trailing(trailing: bytes, source: Path) -> None:

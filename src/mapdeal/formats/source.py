@@ -99,6 +99,23 @@ def check_regular(path: Path) -> None:
         raise FileAccessError("cannot be read: it is no regular file", source=path)
 
 
+def head_of(path: Path, length: int) -> bytes:
+    """Return the first bytes of a regular file.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    """
+    check_regular(path)
+    try:
+        with path.open("rb") as file:
+            return file.read(length)
+    except OSError as error:
+        rule = f"cannot be read: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None
+
+
 def is_same_file(one: Path, other: Path) -> bool:
     """Return whether two names are of one file that there is."""
     return exists(one) and exists(other) and one.samefile(other)

@@ -1,0 +1,180 @@
+"""What checks look at: a map's files, read once, for all readers."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.checks.finding import CHECKS, Finding
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats.image import read_image
+from mapdeal.formats.map_server import find_image, warn_of_lost_values
+from mapdeal.formats.map_yaml import Dialect, MapMetadata, read_metadata
+from mapdeal.formats.npz import read_npz
+from mapdeal.formats.picture import Picture
+from mapdeal.formats.pnm import pnm_comments
+from mapdeal.formats.source import head_of
+from mapdeal.formats.yaml_text import Entry, read_mapping
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import OCCUPIED
+
+_HEAD = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class GridFacts:
+    """The cells of a map, of whatever file.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        As dialect nav2 reads it.
+    """
+
+    grid: OccupancyGrid
+
+    @property
+    def frame(self) -> Frame:
+        """Its geometry."""
+        return self.grid.frame
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """How many cells there are of each kind."""
+        return counts_of(self.grid.occupancy)
+
+
+@dataclass(frozen=True, eq=False)
+class PairFacts:
+    """A map_server pair.
+
+    Parameters
+    ----------
+    path : Path
+        The YAML file.
+    entries : dict of str to Entry
+        Its keys.
+    metadata : MapMetadata
+        What they mean.
+    image_path : Path
+        The image.
+    picture : Picture
+        Its pixels, row 0 in the north.
+    readings : dict of str to numpy.ndarray
+        The occupancy, row 0 in the south, as each reader has it; none of a costmap.
+    comments : list of str
+        Those in the header of a PNM image.
+    """
+
+    path: Path
+    entries: dict[str, Entry]
+    metadata: MapMetadata
+    image_path: Path
+    picture: Picture
+    readings: dict[Dialect, NDArray[np.int8]] = field(default_factory=dict)
+    comments: list[str] = field(default_factory=list)
+
+    @cached_property
+    def greys(self) -> dict[int, int]:
+        """How many pixels there are of each grey, of 8-bit grey images; else empty."""
+        if self.picture.colour != "grey" or self.picture.maxval != 255:
+            return {}
+        counts = np.bincount(self.picture.samples.reshape(-1), minlength=256)
+        return {grey: int(counts[grey]) for grey in np.flatnonzero(counts).tolist()}
+
+
+def counts_of(occupancy: NDArray[np.int8]) -> dict[str, int]:
+    """Return how many cells are occupied, free, unknown and between."""
+    occupied, free = (int(np.count_nonzero(occupancy == v)) for v in (OCCUPIED, 0))
+    unknown = int(np.count_nonzero(occupancy < 0))
+    between = occupancy.size - occupied - free - unknown
+    return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
+
+
+def gather(
+    path: Path, *, max_cells: int | None = None
+) -> tuple[PairFacts | None, GridFacts | None, list[Finding]]:
+    """Return what there is to check of a file, and what was found while it was read.
+
+    Parameters
+    ----------
+    path : Path
+        A map_server YAML, or an npz.
+    max_cells : int, optional
+        Cells up to which an image is read.
+
+    Returns
+    -------
+    pair : PairFacts or None
+        Of a YAML that could be read.
+    cells : GridFacts or None
+        Of any map that could be read; None for costs.
+    findings : list of Finding
+        Warnings and errors of the readers.
+    """
+    findings: list[Finding] = []
+    pair: PairFacts | None = None
+    cells: GridFacts | None = None
+    try:
+        with _recorded(findings, path):
+            if path.suffix.lower() == ".npz":
+                grid = read_npz(path, max_cells=max_cells)
+                if not isinstance(grid, Costmap):
+                    own = grid if isinstance(grid, OccupancyGrid) else grid.grid
+                    cells = GridFacts(own)
+            else:
+                pair = _read_pair(path, max_cells)
+                if pair.readings:
+                    own = OccupancyGrid(
+                        pair.readings["nav2"], pair.metadata.resolution, pair.metadata.origin
+                    )
+                    cells = GridFacts(own)
+    except (FileAccessError, MalformedInputError) as error:
+        name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
+        text = str(error) + (f" ({error.hint})" if error.hint else "")
+        findings.append(_finding(name, path, text.removeprefix(f"{path}: ")))
+    return pair, cells, findings
+
+
+def _read_pair(path: Path, max_cells: int | None) -> PairFacts:
+    entries = read_mapping(path)
+    metadata = read_metadata(path)
+    image_path = find_image(path, metadata.image)
+    picture = read_image(image_path, max_cells=max_cells)
+    comments = pnm_comments(head_of(image_path, _HEAD)) if picture.file_format == "PNM" else []
+    readings: dict[Dialect, NDArray[np.int8]] = {}
+    if metadata.cost_scale is None:
+        if metadata.mode == "raw":
+            warn_of_lost_values(picture, image_path)
+        from_south = picture.from_the_south()
+        readings = {name: read(from_south, metadata) for name, read in DIALECTS.items()}
+    return PairFacts(path, entries, metadata, image_path, picture, readings, comments)
+
+
+@contextmanager
+def _recorded(findings: list[Finding], path: Path) -> Iterator[None]:
+    """Have mapdeal's warnings in the block become findings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MapdealWarning)
+        try:
+            yield
+        finally:
+            for one in caught:
+                name = getattr(one.message, "check", None)
+                if name is None:
+                    raise TypeError(f"a warning of the readers has no check: {one.message}")
+                findings.append(_finding(name, path, str(one.message).removeprefix(f"{path}: ")))
+
+
+def _finding(name: str, path: Path, text: str) -> Finding:
+    return Finding(name, CHECKS[name].severity, str(path), text)

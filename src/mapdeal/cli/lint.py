@@ -1,0 +1,97 @@
+"""``mapdeal lint``: what is wrong with maps."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mapdeal.checks.finding import SEVERITIES, Finding
+from mapdeal.checks.lint import lint_file
+from mapdeal.cli import options as opt
+from mapdeal.cli import terminal
+from mapdeal.errors import one_line
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+_COMMANDS = {"error": "error", "warning": "warning", "note": "notice"}
+
+
+class FormatName(StrEnum):
+    """How findings are printed."""
+
+    text = "text"
+    json = "json"
+    github = "github"
+
+
+@app.command()
+def lint(
+    sources: Annotated[
+        list[Path], typer.Argument(metavar="MAP...", help="map_server .yaml files, or .npz maps.")
+    ],
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Warnings, too, make the exit code 1.")
+    ] = False,
+    form: Annotated[
+        FormatName,
+        typer.Option("--format", help="Text, one JSON document, or annotations of a workflow."),
+    ] = FormatName.text,
+    max_cells: opt.MaxCells = None,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
+) -> None:
+    """Say what is wrong with maps, by named checks.
+
+    Errors make the exit code 1: they make a map wrong or unsafe for some reader. Warnings are
+    traps, notes are good to know. A file that cannot be read is a finding; the others go on.
+    """
+    opt.start(quiet=quiet, verbose=verbose)
+    found = {path: lint_file(path, max_cells=max_cells) for path in sources}
+    findings = [finding for path in sources for finding in found[path]]
+    counts = Counter(finding.severity for finding in findings)
+    if form == FormatName.json:
+        maps = [
+            {"file": str(path), "findings": [_listed(f) for f in found[path]]} for path in found
+        ]
+        summary = {f"{name}s": counts[name] for name in SEVERITIES}
+        terminal.result(json.dumps({"maps": maps, **summary}, indent=2))
+    else:
+        for finding in findings:
+            terminal.result(_text(finding) if form == FormatName.text else _annotation(finding))
+        told = ", ".join(f"{counts[name]} {name}{'s' * (counts[name] != 1)}" for name in SEVERITIES)
+        if form == FormatName.text:
+            terminal.summary([f"{len(found)} map{'s' * (len(found) != 1)}: {told}"])
+    if counts["error"] or (strict and counts["warning"]):
+        raise typer.Exit(1)
+
+
+def _listed(finding: Finding) -> dict[str, object]:
+    listed = asdict(finding)
+    del listed["file"]
+    return listed
+
+
+def _text(finding: Finding) -> str:
+    place = finding.file if finding.line is None else f"{finding.file}:{finding.line}"
+    return one_line(f"{place}: {finding.severity}: {finding.check}: {finding.message}")
+
+
+def _annotation(finding: Finding) -> str:
+    """Return a workflow command; GitHub shows it beside the file."""
+    place = f"file={_escaped(finding.file, more=True)}"
+    if finding.line is not None:
+        place += f",line={finding.line}"
+    title = _escaped(finding.check, more=True)
+    return f"::{_COMMANDS[finding.severity]} {place},title={title}::{_escaped(finding.message)}"
+
+
+def _escaped(text: str, *, more: bool = False) -> str:
+    for mark, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
+        text = text.replace(mark, code)
+    return text.replace(":", "%3A").replace(",", "%2C") if more else text

@@ -1,0 +1,278 @@
+"""Each check of lint on a map that it is about, and none on a good map."""
+
+import io
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mapdeal import OccupancyGrid, write_map
+from mapdeal.checks.finding import CHECKS
+from mapdeal.checks.lint import lint_file
+
+GOOD_YAML = {
+    "image": "m.pgm", "mode": "trinary", "resolution": "0.05", "origin": "[-1.5, 2.0, 0.0]",
+    "negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196",
+}  # fmt: skip
+ROOM = np.full((12, 15), 205, np.uint8)
+ROOM[1:-1, 1:-1] = 0
+ROOM[2:-2, 2:-2] = 254
+
+
+def pgm(pixels, *, comment="", maxval=255, newline=b"\n"):
+    height, width = pixels.shape
+    note = f"# {comment}".encode() + newline if comment else b""
+    sizes = b"%d %d" % (width, height) + newline + b"%d" % maxval + newline
+    return b"P5" + newline + note + sizes + pixels.tobytes()
+
+
+def png(pixels, mode=None, **options):
+    file = io.BytesIO()
+    image = pixels if isinstance(pixels, Image.Image) else Image.fromarray(pixels, mode)
+    image.save(file, "PNG", **options)
+    return file.getvalue()
+
+
+def painted(**changes):
+    """The room with some of its pixels changed: `at` rows and columns, to a value."""
+    pixels = ROOM.copy()
+    for name, value in changes.items():
+        pixels[tuple(int(part) for part in name[1:].split("_"))] = value
+    return pixels
+
+
+@pytest.fixture
+def checks(tmp_path):
+    """Lint a map; return the names of the checks that find something, and the findings."""
+
+    def run(image=None, name="m.pgm", without=(), text=None, **changes):
+        entries = {**GOOD_YAML, "image": name, **changes}
+        lines = [f"{key}: {value}" for key, value in entries.items() if key not in without]
+        (tmp_path / "m.yaml").write_text("\n".join(lines) + "\n" if text is None else text)
+        (tmp_path / name).write_bytes(pgm(ROOM) if image is None else image)
+        findings = lint_file(tmp_path / "m.yaml")
+        return [finding.check for finding in findings], findings
+
+    return run
+
+
+def test_a_good_map_has_no_finding(checks):
+    assert checks() == ([], [])
+
+
+LOSSY = io.BytesIO()
+Image.fromarray(ROOM).save(LOSSY, "JPEG", quality=100)
+TURNED = Image.fromarray(ROOM)
+EXIF = Image.Exif()
+EXIF[0x0112] = 3
+SEEN_THROUGH = np.stack([ROOM, ROOM, ROOM, np.where(ROOM == 205, 99, 255)], axis=-1).astype("u1")
+TINTED = np.stack([ROOM, ROOM, ROOM], axis=-1)
+TINTED[5, 5] = (250, 120, 0)
+PALETTE = Image.fromarray(ROOM).convert("P")
+CARTOGRAPHER = np.where(ROOM == 205, 128, ROOM).astype("u1")
+CARTOGRAPHER[0] = 128
+TWO_ROOMS = np.full((60, 130), 0, np.uint8)
+TWO_ROOMS[1:-1, 1:60] = TWO_ROOMS[1:-1, 70:-1] = 254
+LARGE = np.full((60, 60), 205, np.uint8)
+LARGE[20:32, 20:35] = ROOM
+ISLET = painted()
+ISLET[0, 0] = 254
+
+SEE_THROUGH_COLOUR = png(TINTED, transparency=(254, 254, 254))
+BARE = """resolution: 0.05
+origin: [0, 0, 0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+
+CASES = [
+    ("file.access", {"text": "image: gone.pgm\n" + BARE}),
+    ("file.malformed", {"resolution": "none"}),
+    ("yaml.defaults", {"without": ("negate",)}),
+    ("yaml.number-as-text", {"resolution": "5e-2"}),
+    ("yaml.legacy-mode", {"without": ("mode",), "trinary": "true"}),
+    ("yaml.unknown-key", {"ocupied_thresh": "0.5"}),
+    ("yaml.mode-case", {"mode": "Trinary"}),
+    ("yaml.image-unquoted", {"name": "2024-01-01"}),
+    ("yaml.resolution-noise", {"resolution": "0.05000000074505806"}),
+    ("yaml.resolution-unusual", {"resolution": "0.0005", "origin": "[0, 0, 0]"}),
+    ("yaml.origin-noise", {"origin": "[-1.5000000000000009, 2, 0]"}),
+    ("yaml.origin-yaw", {"origin": "[-1.5, 2, 0.1]"}),
+    ("yaml.origin-off-lattice", {"origin": "[-1.51, 2, 0]"}),
+    ("yaml.origin-far", {"origin": "[431200, 5411200, 0]"}),
+    ("thresholds.equal", {"free_thresh": "0.65"}),
+    ("thresholds.unknown-becomes-free", {"free_thresh": "0.25"}),
+    ("thresholds.on-grey", {"free_thresh": repr(50 / 255)}),
+    ("readers.differ", {"image": pgm(painted(_5_5=102)), "occupied_thresh": "0.6"}),
+    ("image.absolute-path", {"text": "image: /nowhere/m.pgm\n" + BARE}),
+    ("image.foreign-path", {"text": "image: /nowhere/m.pgm\n" + BARE}),
+    ("image.lossy", {"image": LOSSY.getvalue(), "name": "m.jpg"}),
+    ("image.orientation", {"image": png(TURNED, exif=EXIF), "name": "m.png"}),
+    ("image.transparent-colour", {"image": SEE_THROUGH_COLOUR, "name": "m.png"}),
+    ("image.dos-header", {"image": pgm(ROOM, newline=b"\r\n")}),
+    ("image.trailing-bytes", {"image": pgm(ROOM) + b"xyz"}),
+    ("image.raw-values", {"image": pgm(painted(_5_5=130) % 255), "mode": "raw"}),
+    ("image.ending", {"image": png(ROOM)}),
+    ("image.maxval", {"image": pgm(ROOM // 2, maxval=127)}),
+    ("image.alpha", {"image": png(SEEN_THROUGH), "name": "m.png"}),
+    ("image.colour", {"image": png(TINTED), "name": "m.png"}),
+    ("image.palette", {"image": png(PALETTE), "name": "m.png"}),
+    ("image.greys", {"image": pgm(painted(_5_5=240))}),
+    ("image.cartographer", {"image": pgm(CARTOGRAPHER)}),
+    ("image.comment-resolution", {"image": pgm(ROOM, comment="Saver 0.100 m/pix")}),
+    ("map.no-obstacle", {"image": pgm(np.where(ROOM == 0, 254, ROOM).astype("u1"))}),
+    ("map.no-free", {"image": pgm(np.where(ROOM == 254, 0, ROOM).astype("u1"))}),
+    ("map.all-unknown", {"image": pgm(np.full((4, 5), 205, np.uint8))}),
+    ("map.mostly-unknown", {"image": pgm(LARGE)}),
+    ("map.inside-out", {"negate": "1"}),
+    ("map.islands", {"image": pgm(TWO_ROOMS)}),
+    ("map.specks", {"image": pgm(ISLET)}),
+    ("map.open-border", {"image": pgm(painted(_0_5=254))}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "map_"), [pytest.param(n, m, id=n) for n, m in CASES])
+def test_a_check_finds_what_it_is_about(checks, name, map_):
+    names, findings = checks(**map_)
+    assert name in names
+    (found, *_) = [finding for finding in findings if finding.check == name]
+    assert found.severity == CHECKS[name].severity
+    assert found.message
+    assert "\n" not in found.message
+    order = ["error", "warning", "note"]
+    ranks = [order.index(finding.severity) for finding in findings]
+    assert ranks == sorted(ranks)
+
+
+def test_every_check_has_a_case():
+    covered = {name for name, _ in CASES} | {"image.depth", "image.outside-folder"}
+    assert covered == set(CHECKS)
+    assert len(CHECKS) >= 30
+    assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
+
+
+def test_the_documentation_lists_every_check():
+    page = (Path(__file__).parents[2] / "docs" / "lint.md").read_text()
+    rows = re.findall(r"^\| `([a-z]+\.[a-z-]+)` \| (\w+) \| (.+) \|$", page, re.MULTILINE)
+    listed = {name: (severity, about) for name, severity, about in rows}
+    assert listed == {one.name: (one.severity, one.about) for one in CHECKS.values()}
+
+
+def test_an_image_of_another_folder(tmp_path):
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "m.pgm").write_bytes(pgm(ROOM))
+    lines = [f"{key}: {value}" for key, value in {**GOOD_YAML, "image": "../m.pgm"}.items()]
+    (tmp_path / "maps" / "m.yaml").write_text("\n".join(lines))
+    (found,) = lint_file(tmp_path / "maps" / "m.yaml")
+    assert (found.check, found.line) == ("image.outside-folder", 1)
+
+
+def test_the_number_of_cells_and_the_line_are_told(checks):
+    _, (found, *_) = checks(free_thresh="0.25")
+    unknown = int((ROOM == 205).sum())
+    assert found.line == 7
+    assert f"nav2 {unknown}, humble {unknown}, ros1 {unknown}" in found.message
+
+
+def test_counts_of_the_readers_are_told(checks):
+    _, findings = checks(pgm(painted(_5_5=102)), occupied_thresh="0.6")
+    first, second = (f.message for f in findings if f.check == "readers.differ")
+    assert first.startswith("1 cells differ between nav2 and humble (nav2: occupied 43, free 87")
+    assert second.endswith("ros1: occupied 42, free 87, unknown 51)")
+
+
+def test_an_npz_has_its_cells_checked(tmp_path):
+    write_map(tmp_path / "m.npz", OccupancyGrid(np.zeros((3, 4), np.int8), 0.1))
+    found = [finding.check for finding in lint_file(tmp_path / "m.npz")]
+    assert found == ["map.no-obstacle", "map.open-border"]
+    (tmp_path / "bad.npz").write_bytes(b"no zip")
+    assert [f.check for f in lint_file(tmp_path / "bad.npz")] == ["file.malformed"]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A good map, one with a warning, one with an error, one that is malformed."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "m.pgm").write_bytes(pgm(ROOM))
+    for name, change in (("good", {}), ("turned", {"origin": "[0, 0, 1]"}),
+                         ("free", {"free_thresh": "0.25"}), ("bad", {"negate": "2"})):  # fmt: skip
+        lines = [f"{key}: {value}" for key, value in {**GOOD_YAML, **change}.items()]
+        (tmp_path / f"{name}.yaml").write_text("\n".join(lines))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["good.yaml"], 0),
+        (["turned.yaml"], 0),
+        (["turned.yaml", "--strict"], 1),
+        (["free.yaml"], 1),
+        (["bad.yaml", "good.yaml"], 1),
+        (["missing.yaml"], 1),
+        ([], 2),
+    ],
+)
+def test_exit_codes(command, folder, words, code):
+    assert command("lint", *words)[0] == code
+
+
+def test_text_has_a_line_a_finding_and_a_sum(command, folder):
+    code, out, err = command("lint", "bad.yaml", "turned.yaml", "good.yaml", "free.yaml")
+    lines = out.splitlines()
+    assert (code, err) == (1, "")
+    assert lines[0].startswith("bad.yaml: error: file.malformed: negate (line 5): must be 0 or 1")
+    assert lines[1].startswith("turned.yaml:4: warning: yaml.origin-yaw: yaw 1 rad")
+    assert lines[2].startswith("free.yaml:7: error: thresholds.unknown-becomes-free: ")
+    assert lines[-1].startswith("4 maps: 2 errors, 1 warning, ")
+    assert command("lint", "good.yaml", "-q")[1] == ""
+
+
+def test_json_is_one_document(command, folder):
+    code, out, _ = command("lint", "good.yaml", "turned.yaml", "--format", "json")
+    document = json.loads(out)
+    assert code == 0
+    assert [entry["file"] for entry in document["maps"]] == ["good.yaml", "turned.yaml"]
+    assert document["maps"][0]["findings"] == []
+    assert document["maps"][1]["findings"][0] == {
+        "check": "yaml.origin-yaw", "severity": "warning", "line": 4,
+        "message": "yaw 1 rad is ignored by costmap_2d and AMCL",
+    }  # fmt: skip
+    assert (document["errors"], document["warnings"], document["notes"]) == (0, 1, 0)
+
+
+def test_annotations_of_a_workflow(command, folder):
+    (folder / "a,b.yaml").write_text((folder / "turned.yaml").read_text() + "\nx%y: 1\n")
+    _, out, _ = command("lint", "a,b.yaml", "--format", "github")
+    assert (
+        "::warning file=a%2Cb.yaml,line=4,title=yaml.origin-yaw::yaw 1 rad is ignored by "
+        "costmap_2d and AMCL"
+    ) in out.splitlines()
+    assert "::x%25y is no key" in out
+    assert all(line.startswith("::") for line in out.splitlines())
+
+
+def test_real_maps_are_all_linted(command, real_maps):
+    maps = sorted(path for path in real_maps.rglob("*.yaml") if "expected" not in path.parts)
+    assert len(maps) > 35
+    code, out, _ = command("lint", *maps, "--format", "json")
+    assert code == 1
+    found = {
+        (entry["file"].rsplit("/", 1)[1], finding["check"])
+        for entry in json.loads(out)["maps"]
+        for finding in entry["findings"]
+    }
+    for name, check in [
+        ("stata_basement.yaml", "yaml.origin-yaw"),
+        ("depot.yaml", "thresholds.unknown-becomes-free"),
+        ("frieburg.yaml", "readers.differ"),
+        ("mymap.yaml", "image.absolute-path"),
+        ("map.yaml", "map.mostly-unknown"),
+        ("skirk.yaml", "map.inside-out"),
+        ("invalid_image.yaml", "file.access"),
+    ]:
+        assert (name, check) in found
