@@ -31,7 +31,7 @@ _ClickError: Any = typer.BadParameter.__mro__[2]
 
 COMMANDS = (
     "run", "local", "build", "active", "inflate", "esdf", "cost", "potential", "query", "route",
-    "edit", "window", "shift", "convert", "pack", "unpack", "info", "lint",
+    "edit", "window", "shift", "convert", "pack", "unpack", "info", "lint", "diff",
 )  # fmt: skip
 _FLAGS = (
     "inflate-unknown", "inflate-around-unknown", "robot-16-gon", "trinary-costmap", "track-unknown",

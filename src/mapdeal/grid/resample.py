@@ -66,6 +66,55 @@ def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
     return found
 
 
+def sampled(frame: Frame, values: NDArray[np.int8], source: Frame) -> tuple[NDArray[np.int8], Mask]:
+    """Return the values of a grid at the centres of another frame's cells, and where it has any.
+
+    Parameters
+    ----------
+    frame : Frame
+        Whose cells.
+    values : numpy.ndarray of int8, shape (H, W)
+        Of the grid.
+    source : Frame
+        Where the grid lies; resolution, corner and yaw may be any.
+
+    Returns
+    -------
+    values : numpy.ndarray of int8, shape of `frame`
+        0 where the grid has no cell.
+    inside : numpy.ndarray of bool, shape of `frame`
+        Where it has one.
+
+    Examples
+    --------
+    >>> values, inside = sampled(Frame(1, 3, 0.5), np.array([[7, 9]], np.int8), Frame(1, 2, 0.6))
+    >>> values.tolist(), inside.tolist()
+    ([[7, 9, 0]], [[True, True, False]])
+    """
+    found = np.zeros(frame.shape, dtype=np.int8)
+    inside = np.zeros(frame.shape, dtype=np.bool_)
+    region = _same_lattice(frame, source)
+    if region is not None:
+        rows, cols = region.shared_with(source.shape)
+        if rows.start < rows.stop and cols.start < cols.stop:
+            place = region.place_of(rows, cols)
+            found[place], inside[place] = values[rows, cols], True
+        return found, inside
+
+    def look(part: slice) -> None:
+        numbers = np.arange(part.start, part.stop)
+        cells = np.stack(np.meshgrid(numbers, np.arange(frame.width), indexing="ij"), axis=-1)
+        centres = frame.xy_from_rowcol(cells.reshape(-1, 2))
+        hit, within = source.bounded_rowcol_from_xy(centres)
+        row, col = hit.T
+        part_values = np.where(within, values[row, col], np.int8(0))
+        found[part] = part_values.reshape(-1, frame.width)
+        inside[part] = within.reshape(-1, frame.width)
+
+    for_rows(look, frame.shape)
+    return found, inside
+
+
 def is_turned(frame: Frame, yaw: float = 0.0) -> bool:
     """Return whether a grid's axes differ from a yaw by so much that its cells show it."""
     turn = math.remainder(frame.origin[2] - yaw, 2 * math.pi)

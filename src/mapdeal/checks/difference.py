@@ -1,0 +1,213 @@
+"""What differs between two maps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.region import MOST_CELLS, Region
+from mapdeal.grid.resample import sampled
+from mapdeal.grid.values import OCCUPIED
+from mapdeal.kernels.distance import within_distance
+
+STATES = ("occupied", "free", "unknown", "between")
+"""What a cell can be; between are the values 1..99."""
+
+# What a cell of the comparison shows; where cells share a pixel the largest does.
+OUTSIDE, BOTH_UNKNOWN, BOTH_FREE, CHANGED, COMMON, REMOVED, ADDED = range(7)
+
+_MOST_TOLERANCE = 1000.0
+
+
+@dataclass(frozen=True)
+class WallShift:
+    """How far the obstacles of one map are from those of the other, metres."""
+
+    largest: float
+    percentile_95: float
+    mean: float
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """What differs between two maps.
+
+    Parameters
+    ----------
+    geometry : dict
+        Those of width, height, resolution and origin that differ: both values.
+    common : int
+        Cells that both maps have.
+    confusion : numpy.ndarray of int64, shape (4, 4)
+        How many of them are each of `STATES` in the first map (rows) and the second.
+    differing : int
+        Common cells with different values.
+    beyond : int
+        Those of them that the tolerance does not explain.
+    walls : tuple of WallShift or None
+        Obstacles of the first map in the common area to the nearest of the second, and those
+        of the second to the first; None if one of the two has none.
+    frame : Frame
+        Cells of the first map's lattice around both.
+    changes : numpy.ndarray of uint8, shape of `frame`
+        What each cell shows: `OUTSIDE` of one map, ..., `ADDED`.
+    """
+
+    geometry: dict[str, tuple[Any, Any]]
+    common: int
+    confusion: NDArray[np.int64]
+    differing: int
+    beyond: int
+    walls: tuple[WallShift | None, WallShift | None]
+    frame: Frame
+    changes: NDArray[np.uint8]
+
+    @property
+    def is_equal(self) -> bool:
+        """Whether both maps are the same, within the tolerance."""
+        return not self.geometry and self.beyond == 0
+
+
+def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0.0) -> Difference:
+    """Return what differs between two maps.
+
+    Parameters
+    ----------
+    first, second : OccupancyGrid
+        The maps; size, origin, yaw and resolution may differ.
+    tolerance : float
+        Cells of the first map. A cell that is something else in the other map does not count
+        if that map has a cell of its state so near, and the other way round.
+
+    Returns
+    -------
+    Difference
+        Cells are those of the first map's lattice; of the second the value at their centre is
+        taken.
+
+    Raises
+    ------
+    ParameterError
+        If the tolerance is not 0..1000, or the maps lie so far apart that no grid holds both.
+
+    Examples
+    --------
+    >>> before = OccupancyGrid([[100, 0, 0, 0]], 0.5)
+    >>> after = OccupancyGrid([[0, 100, 0, -1]], 0.5)
+    >>> found = compare(before, after)
+    >>> found.differing, found.walls[0].largest
+    (3, 0.5)
+    >>> compare(before, after, tolerance=1).beyond  # the cell that is not known any more
+    1
+    """
+    if not 0 <= tolerance <= _MOST_TOLERANCE:  # refuses nan too
+        rule = f"must be 0 to {_MOST_TOLERANCE:g} cells"
+        raise ParameterError(rule, place="tolerance", got=tolerance)
+    frame = _frame_around(first.frame, second.frame)
+    a, in_a = sampled(frame, first.occupancy, first.frame)
+    b, in_b = sampled(frame, second.occupancy, second.frame)
+    both = in_a & in_b
+    state_a, state_b = _states(a), _states(b)
+    pairs = state_a[both].astype(np.int64) * len(STATES) + state_b[both]
+    confusion = np.bincount(pairs, minlength=len(STATES) ** 2).reshape(len(STATES), -1)
+    differs = both & (a != b)
+    beyond = differs.copy()
+    if tolerance > 0:
+        beyond &= _is_beyond(state_a, state_b, both, math.floor(tolerance**2))
+    return Difference(
+        _geometry(first, second),
+        int(np.count_nonzero(both)),
+        confusion,
+        int(np.count_nonzero(differs)),
+        int(np.count_nonzero(beyond)),
+        _wall_shifts(first, second, frame, (a == OCCUPIED) & both, (b == OCCUPIED) & both),
+        frame,
+        _changes(state_a, state_b, both),
+    )
+
+
+def _states(values: NDArray[np.int8]) -> NDArray[np.uint8]:
+    table = np.full(256, STATES.index("between"), dtype=np.uint8)
+    table[OCCUPIED] = STATES.index("occupied")
+    table[0] = STATES.index("free")
+    table[128:] = STATES.index("unknown")
+    return table[values.view(np.uint8)]
+
+
+def _frame_around(first: Frame, second: Frame) -> Frame:
+    """Return the cells of the first lattice that both maps lie in."""
+    corners = [[row, col] for row in (0, second.height) for col in (0, second.width)]
+    places = first.continuous_rowcol_from_xy(second.xy_from_continuous_rowcol(corners))
+    low = np.floor(places.min(axis=0) + 1e-6)
+    high = np.ceil(places.max(axis=0) - 1e-6)
+    low, high = np.minimum(low, 0).astype(int), np.maximum(high, first.shape).astype(int)
+    (row, col), (height, width) = low.tolist(), (high - low).tolist()
+    if height * width > MOST_CELLS:
+        rule = f"the maps lie too far apart: {width} x {height} cells hold both"
+        raise ParameterError(rule, place="origin")
+    return Region(row, col, height, width).frame_in(first)
+
+
+def _is_beyond(
+    first: NDArray[np.uint8], second: NDArray[np.uint8], both: NDArray[np.bool_], square: int
+) -> NDArray[np.bool_]:
+    """Return cells of which one of the maps has no like within a distance in the other."""
+    beyond = np.zeros(both.shape, dtype=np.bool_)
+    for state in range(len(STATES)):
+        of_first, of_second = (first == state) & both, (second == state) & both
+        for own, other in ((of_first, of_second), (of_second, of_first)):
+            if own.any():
+                beyond |= own & ~within_distance(other, square)
+    return beyond
+
+
+def _geometry(first: OccupancyGrid, second: OccupancyGrid) -> dict[str, tuple[Any, Any]]:
+    pairs = {
+        "width": (first.shape[1], second.shape[1]),
+        "height": (first.shape[0], second.shape[0]),
+        "resolution": (first.resolution, second.resolution),
+        "origin": (list(first.origin), list(second.origin)),
+    }
+    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+
+def _wall_shifts(
+    first: OccupancyGrid,
+    second: OccupancyGrid,
+    frame: Frame,
+    walls_a: NDArray[np.bool_],
+    walls_b: NDArray[np.bool_],
+) -> tuple[WallShift | None, WallShift | None]:
+    points = [grid.frame.xy_from_rowcol(np.argwhere(grid.occupied())) for grid in (first, second)]
+    common = [frame.xy_from_rowcol(np.argwhere(walls)) for walls in (walls_a, walls_b)]
+    return _shift(common[0], points[1]), _shift(common[1], points[0])
+
+
+def _shift(walls: NDArray[np.float64], others: NDArray[np.float64]) -> WallShift | None:
+    if not len(walls) or not len(others):
+        return None
+    from scipy.spatial import cKDTree
+
+    distance, _ = cKDTree(others).query(walls)
+    clean = np.where(distance < 1e-9, 0.0, distance)
+    return WallShift(float(clean.max()), float(np.percentile(clean, 95)), float(clean.mean()))
+
+
+def _changes(
+    first: NDArray[np.uint8], second: NDArray[np.uint8], both: NDArray[np.bool_]
+) -> NDArray[np.uint8]:
+    occupied, unknown = STATES.index("occupied"), STATES.index("unknown")
+    changes = np.where(first == second, np.uint8(BOTH_FREE), np.uint8(CHANGED))
+    changes[(first == unknown) & (second == unknown)] = BOTH_UNKNOWN
+    changes[(first == occupied) & (second == occupied)] = COMMON
+    changes[(first == occupied) & (second != occupied)] = REMOVED
+    changes[(first != occupied) & (second == occupied)] = ADDED
+    changes[~both] = OUTSIDE
+    return changes

@@ -1,0 +1,89 @@
+"""What differs between the maps in two files."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mapdeal.checks.difference import STATES, Difference, WallShift, compare
+from mapdeal.errors import one_line
+from mapdeal.formats.maps import Source, as_occupancy
+from mapdeal.formats.png import write_indexed_png
+from mapdeal.kernels.threads import use_threads
+from mapdeal.pipeline.files import FileOptions, errors_named, outputs_of, read_input
+from mapdeal.render.difference import difference_image
+
+_METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
+
+
+@dataclass(frozen=True)
+class DiffReport:
+    """What differs, and what their YAML files say differently."""
+
+    found: Difference
+    metadata: dict[str, tuple[Any, Any]]
+
+    def document(self) -> dict[str, Any]:
+        """Return the report as JSON can hold it."""
+        found = self.found
+        return {
+            "equal": found.is_equal,
+            "geometry": {name: list(pair) for name, pair in found.geometry.items()},
+            "metadata": {name: list(pair) for name, pair in self.metadata.items()},
+            "common_cells": found.common,
+            "differing": found.differing,
+            "beyond_tolerance": found.beyond,
+            "confusion": {
+                state: dict(zip(STATES, row, strict=True))
+                for state, row in zip(STATES, found.confusion.tolist(), strict=True)
+            },
+            "walls": {
+                "first_to_second": _listed(found.walls[0]),
+                "second_to_first": _listed(found.walls[1]),
+            },
+        }
+
+
+def diff_files(
+    first: Path, second: Path, options: FileOptions, *, tolerance: float = 0.0
+) -> DiffReport:
+    """Return what differs between the maps in two files; draw it if a picture is asked for.
+
+    Parameters
+    ----------
+    first, second : Path
+        The maps; of fields and costs the map that ROS would have.
+    options : FileOptions
+        How they are read.
+    tolerance : float
+        As of `compare`.
+    """
+    sources = [read_input(path, options) for path in (first, second)]
+    grids = [
+        as_occupancy(source.grid, str(path))
+        for source, path in zip(sources, (first, second), strict=True)
+    ]
+    files = [file for source in sources for file in source.files]
+    with outputs_of([], files, options) as transaction:
+        with use_threads(options.threads), errors_named(second):
+            found = compare(*grids, tolerance=tolerance)
+        if options.image is not None:
+            title = one_line(f"{first.stem} and {second.stem}: what differs")
+            image = difference_image(found.changes, found.frame, title=title)
+            transaction.write(
+                options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
+            )
+    return DiffReport(found, _metadata(*sources))
+
+
+def _metadata(first: Source, second: Source) -> dict[str, tuple[Any, Any]]:
+    a, b = first.metadata, second.metadata
+    if a is None or b is None:
+        return {}
+    pairs = {name: (getattr(a, name), getattr(b, name)) for name in _METADATA}
+    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+
+def _listed(shift: WallShift | None) -> dict[str, float] | None:
+    return None if shift is None else asdict(shift)

@@ -1,0 +1,53 @@
+"""The picture of what differs between two maps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Frame
+from mapdeal.render import colours
+from mapdeal.render.canvas import Image, Swatch, corner_of, frame_text, sheet, swatches_in
+from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
+
+_KINDS = (
+    ("only in one map", colours.OUTSIDE),
+    ("unknown", colours.RVIZ_UNKNOWN),
+    ("free", colours.RVIZ_FREE),
+    ("free or unknown", colours.CHANGED),
+    ("wall", colours.RVIZ_OCCUPIED),
+    ("wall removed", colours.REMOVED),
+    ("wall added", colours.ADDED),
+)
+
+
+def difference_image(
+    changes: NDArray[np.uint8], frame: Frame, *, title: str, image_max: int = DEFAULT_IMAGE_MAX
+) -> Image:
+    """Return a picture of changes.
+
+    Parameters
+    ----------
+    changes : numpy.ndarray of uint8, shape (H, W)
+        What each cell is: 0 outside of one map, 1 unknown and 2 free in both, 3 free or unknown
+        in one of them, 4 a wall in both, 5 a wall that is gone, 6 a new one. Where cells share
+        a pixel the largest shows.
+    frame : Frame
+        The cells.
+    title : str
+        What stands above.
+    image_max : int
+        Longest side in pixels; 0 for one pixel per cell.
+    """
+    raster = Raster.fitting(frame.shape, image_max)
+    pixels = raster.largest(changes)
+    swatches = [Swatch(index, name) for index, (name, _) in enumerate(_KINDS)]
+    return sheet(
+        raster.enlarged(pixels),
+        np.array([colour for _, colour in _KINDS], dtype=np.uint8),
+        title=title,
+        subtitle=frame_text(frame),
+        metres_per_pixel=raster.metres_per_pixel(frame.resolution),
+        corner_xy=corner_of(frame),
+        swatches=swatches_in(pixels, swatches[::-1]),
+    )

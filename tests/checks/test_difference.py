@@ -1,0 +1,190 @@
+"""What differs between two maps, against a comparison in plain Python."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from drawn import grid_from_text
+from mapdeal import OccupancyGrid, ParameterError, write_map
+from mapdeal.checks.difference import (
+    ADDED,
+    BOTH_FREE,
+    BOTH_UNKNOWN,
+    CHANGED,
+    COMMON,
+    OUTSIDE,
+    REMOVED,
+    STATES,
+    compare,
+)
+from strategies import occupancies
+
+RES = 0.5
+
+
+def state(value):
+    return 0 if value == 100 else 1 if value == 0 else 2 if value < 0 else 3
+
+
+@settings(deadline=None)
+@given(
+    a=occupancies(7), b=occupancies(7), shift=st.tuples(st.integers(-4, 4), st.integers(-4, 4)),
+    tolerance=st.sampled_from([0, 1, 1.5, 2.9]), yaw=st.sampled_from([0.0, 0.7]),
+)  # fmt: skip
+def test_cells_are_compared_where_both_maps_have_some(a, b, shift, tolerance, yaw):
+    """Maps on one lattice, `b` so many rows and columns away."""
+    first = OccupancyGrid(a, RES, (1.0, -2.0, yaw))
+    second = OccupancyGrid(b, RES, first.frame.window(*shift, *b.shape).origin)
+    found = compare(first, second, tolerance=tolerance)
+    cells = {
+        (r, c): (a[r, c], b[r - shift[0], c - shift[1]])
+        for r, c in np.ndindex(a.shape)
+        if 0 <= r - shift[0] < b.shape[0] and 0 <= c - shift[1] < b.shape[1]
+    }
+    confusion = np.zeros((4, 4), int)
+    for x, y in cells.values():
+        confusion[state(x), state(y)] += 1
+    np.testing.assert_array_equal(found.confusion, confusion)
+    assert found.common == len(cells)
+    assert found.differing == sum(x != y for x, y in cells.values())
+
+    def like_near(cell, own, other):
+        """Whether the other map has the state of a cell within the tolerance."""
+        wanted = state(cells[cell][own])
+        return any(
+            state(pair[other]) == wanted
+            and (place[0] - cell[0]) ** 2 + (place[1] - cell[1]) ** 2 <= tolerance**2
+            for place, pair in cells.items()
+        )
+
+    beyond = sum(
+        x != y and (tolerance == 0 or not (like_near(cell, 0, 1) and like_near(cell, 1, 0)))
+        for cell, (x, y) in cells.items()
+    )
+    assert found.beyond == beyond
+    same = a.shape == b.shape and shift == (0, 0) and beyond == 0
+    assert found.is_equal == same
+    walls = [[cell for cell, pair in cells.items() if pair[which] == 100] for which in (0, 1)]
+    others = [
+        [(r + shift[0], c + shift[1]) for r, c in np.argwhere(b == 100).tolist()],
+        np.argwhere(a == 100).tolist(),
+    ]
+    for shift_of, wall, other in zip(found.walls, walls, others, strict=True):
+        if not wall or not other:
+            assert shift_of is None
+            continue
+        distances = [min(math.dist(p, q) for q in other) * RES for p in wall]
+        assert shift_of.largest == pytest.approx(max(distances), abs=1e-9)
+        assert shift_of.mean == pytest.approx(np.mean(distances), abs=1e-9)
+        assert shift_of.percentile_95 == pytest.approx(np.percentile(distances, 95), abs=1e-9)
+
+
+def test_what_each_cell_shows():
+    first = grid_from_text("#.?#.\n#.?..", 0.1, (0.3, 0.2, 0.0))
+    second = grid_from_text("#.?.#\n#?.??", 0.1, (0.4, 0.2, 0.0))
+    changes = compare(first, second).changes
+    assert changes.shape == (2, 6)
+    # the second map lies a column farther: cells 1.. of the first are 0.. of it
+    assert changes[1].tolist() == [OUTSIDE, ADDED, CHANGED, REMOVED, BOTH_FREE, OUTSIDE]
+    assert changes[0].tolist() == [OUTSIDE, ADDED, BOTH_UNKNOWN, BOTH_FREE, CHANGED, OUTSIDE]
+    same = compare(first, first).changes
+    assert set(np.unique(same)) == {BOTH_UNKNOWN, BOTH_FREE, COMMON}
+
+
+def test_a_map_of_another_resolution_is_looked_up_at_the_centres():
+    coarse = OccupancyGrid([[100, 0, -1]], 0.4, (1.0, 2.0, 0.3))
+    fine = OccupancyGrid(np.repeat(np.repeat(coarse.occupancy, 2, 0), 2, 1), 0.2, coarse.origin)
+    for a, b, cells in ((fine, coarse, 12), (coarse, fine, 3)):
+        found = compare(a, b)
+        assert (found.common, found.differing, found.beyond) == (cells, 0, 0)
+        assert set(found.geometry) == {"width", "height", "resolution"}
+        assert not found.is_equal
+
+
+def test_maps_that_do_not_meet_have_nothing_in_common():
+    a, b = OccupancyGrid([[100]], 0.1), OccupancyGrid([[100]], 0.1, (5.0, 5.0, 0.0))
+    found = compare(a, b)
+    assert (found.common, found.walls) == (0, (None, None))
+    with pytest.raises(ParameterError, match="too far apart"):
+        compare(a, OccupancyGrid([[100]], 0.1, (1e7, 1e7, 0.0)))
+
+
+@pytest.mark.parametrize("tolerance", [-1, math.nan, 1e9])
+def test_a_tolerance_that_cannot_be(tolerance):
+    grid = OccupancyGrid([[100]], 0.1)
+    with pytest.raises(ParameterError, match="tolerance"):
+        compare(grid, grid, tolerance=tolerance)
+
+
+@pytest.fixture
+def maps(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_map("a.yaml", grid_from_text("#..?\n#...", 0.1, (0.0, 0.0, 0.0)))
+    write_map("b.yaml", grid_from_text(".#.?\n#...", 0.1, (0.0, 0.0, 0.0)))
+    write_map("moved.yaml", grid_from_text("#..?\n#...", 0.1, (0.1, 0.0, 0.0)))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["a.yaml", "a.yaml"], 0),
+        (["a.yaml", "b.yaml"], 1),
+        (["a.yaml", "b.yaml", "--tolerance", "1"], 0),
+        (["a.yaml", "moved.yaml"], 1),
+        (["a.yaml"], 2),
+        (["a.yaml", "b.yaml", "--tolerance", "-1"], 2),
+        (["a.yaml", "a.pgm"], 3),
+        (["a.yaml", "missing.yaml"], 4),
+    ],
+)
+def test_exit_codes(command, maps, words, code):
+    assert command("diff", *words)[0] == code
+
+
+def test_the_text(command, maps):
+    _, out, err = command("diff", "a.yaml", "b.yaml")
+    assert err == ""
+    assert out.splitlines() == [
+        "a.yaml, b.yaml: different",
+        "  cells     8 in both, 2 differ",
+        "              A, down; B    occupied        free     unknown",
+        "                occupied           1           1           0",
+        "                    free           1           4           0",
+        "                 unknown           0           0           1",
+        "  walls     A to B: at most 0.1 m, 95 % 0.095 m, mean 0.05 m",
+        "  walls     B to A: at most 0.1 m, 95 % 0.095 m, mean 0.05 m",
+    ]
+    _, out, _ = command("diff", "a.yaml", "moved.yaml")
+    assert "  geometry  origin [0.0, 0.0, 0.0] -> [0.1, 0.0, 0.0]" in out.splitlines()
+
+
+def test_the_json_and_metadata(command, maps):
+    text = (maps / "b.yaml").read_text().replace("free_thresh: 0.196", "free_thresh: 0.19")
+    (maps / "b.yaml").write_text(text)
+    _, out, _ = command("diff", "a.yaml", "b.yaml", "--json", "--tolerance", "1")
+    document = json.loads(out)
+    assert document["equal"] is True
+    assert document["metadata"] == {"free_thresh": [0.196, 0.19]}
+    assert (document["common_cells"], document["differing"], document["beyond_tolerance"]) == (
+        8,
+        2,
+        0,
+    )
+    assert document["confusion"]["occupied"]["free"] == 1
+    assert set(document["confusion"]) == set(STATES)
+    assert document["walls"]["first_to_second"]["largest"] == pytest.approx(0.1)
+
+
+def test_the_picture(command, maps):
+    code, _, _ = command("diff", "a.yaml", "b.yaml", "--image", "d.png")
+    assert code == 1
+    pixels = np.asarray(Image.open("d.png").convert("RGB"))
+    for colour in ((0, 120, 220), (225, 30, 60)):
+        assert np.all(pixels == colour, axis=2).sum() > 1000
+    assert command("diff", "a.yaml", "b.yaml", "--image", "d.png")[0] == 4
