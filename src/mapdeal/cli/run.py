@@ -10,9 +10,10 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
-from mapdeal.errors import BatchError, MapdealError
+from mapdeal.errors import BatchError, FindingError, MapdealError, ParameterError, one_line
 from mapdeal.pipeline.batch import SUMMARY, folders_of, run_all
 from mapdeal.pipeline.figures import summary_of
+from mapdeal.pipeline.golden import differences_from_golden, store_golden
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import RunOptions, RunReport, run_map
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
@@ -43,6 +44,15 @@ def run(
     robot_16_gon: opt.Robot16Gon = False,
     image_max: run_opt.ImageMax = DEFAULT_IMAGE_MAX,
     no_images: run_opt.NoImages = False,
+    golden: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Compare each stage with a stored run; exit 1 if any differs."
+        ),
+    ] = None,
+    update_golden: Annotated[
+        bool, typer.Option("--update-golden", help="Store the runs in --golden instead.")
+    ] = False,
     dialect: opt.Dialect = opt.DialectName.nav2,
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,
@@ -56,6 +66,8 @@ def run(
     field and costs, and a manifest. A map whose manifest shows that nothing has changed is skipped.
     """
     opt.start(quiet=quiet, verbose=verbose)
+    if update_golden and golden is None:
+        raise ParameterError("needs --golden DIR", source="--update-golden")
     shape = opt.robot_shape(footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon)
     loaded = load_recipe(recipe, sim=sim, footprint=shape, settings=settings or [])
     for one in loaded.steps:
@@ -78,6 +90,7 @@ def run(
 
     if len(sources) == 1:
         run_one(sources[0], folders[0])
+        _compare_with_golden(folders, golden, update=update_golden)
         return
     jobs = list(zip(sources, folders, strict=True))
     with terminal.few_warnings(f"{output / SUMMARY} has them all") as warn:
@@ -88,6 +101,24 @@ def run(
     terminal.summary([f"{done} done, {unchanged} unchanged, {failed} failed"])
     if failed:
         raise BatchError(f"{failed} of {len(results)} maps failed")
+    _compare_with_golden(folders, golden, update=update_golden)
+
+
+def _compare_with_golden(folders: list[Path], golden: Path | None, *, update: bool) -> None:
+    """Store the runs, or tell what differs from those that are stored."""
+    if golden is None:
+        return
+    if update:
+        stored = [store_golden(folder, golden) for folder in folders]
+        terminal.summary([f"{path}: stored" for path in stored])
+        return
+    lines = [line for folder in folders for line in differences_from_golden(folder, golden)]
+    for line in lines:
+        terminal.result(one_line(line))
+    if lines:
+        rule = f"{len(lines)} stages differ from the golden run"
+        raise FindingError(rule, source=golden, hint="--update-golden takes them over")
+    terminal.summary([f"{golden}: all stages as stored"])
 
 
 def _lines(path: Path, report: RunReport) -> list[str]:

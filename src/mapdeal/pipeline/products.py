@@ -31,6 +31,11 @@ _NAMES = {
 }
 
 
+def product_name(stage: str) -> str:
+    """Return what the files of a stage are called, without their endings."""
+    return _NAMES.get(stage, stage)
+
+
 def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
     """Return the files that a step of a run writes into `folder`, in the order of writing."""
     name = _NAMES[step.name]

@@ -1,0 +1,115 @@
+"""A run beside a stored one, to see whether anything has changed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.json_text import json_of, read_json
+from mapdeal.formats.transaction import Transaction
+from mapdeal.pipeline.figures import Figures
+from mapdeal.pipeline.folder import MANIFEST
+from mapdeal.pipeline.products import product_name
+
+_SHOWN = 3
+_PICTURE = ".png"
+
+
+def store_golden(folder: Path, golden: Path) -> Path:
+    """Copy the manifest of a run into a folder of golden runs, under the run's name.
+
+    Returns
+    -------
+    Path
+        Where it is now.
+    """
+    manifest = _manifest_of(folder)
+    target = golden / folder.name / MANIFEST
+    with Transaction([target], force=True) as transaction:
+        transaction.write_bytes(target, json_of(manifest))
+    return target
+
+
+def differences_from_golden(folder: Path, golden: Path) -> list[str]:
+    """Return what differs between a run and the golden run of its name, a line each stage.
+
+    Parameters
+    ----------
+    folder : Path
+        The run's folder.
+    golden : Path
+        A folder of golden runs: of what `store_golden` has stored, or of whole runs.
+
+    Returns
+    -------
+    list of str
+        Empty if all stages are there with the same parameters and the same bytes. Pictures do
+        not count, nor do names and sums of inputs, nor versions.
+
+    Raises
+    ------
+    FileAccessError
+        If there is no golden run of that name.
+    MalformedInputError
+        If its manifest is none.
+    """
+    stored = golden / folder.name / MANIFEST
+    if not stored.exists():
+        raise FileAccessError("no golden run", source=stored, hint="--update-golden stores it")
+    new, old = _manifest_of(folder), _manifest_of(stored.parent)
+    lines = []
+    for stage in dict.fromkeys([*old["figures"], *new["figures"]]):
+        told = _difference(stage, old, new)
+        if told is not None:
+            lines.append(f"{folder.name}: {stage}: {told}")
+    return lines
+
+
+def _manifest_of(folder: Path) -> dict[str, Any]:
+    manifest = read_json(folder / MANIFEST)
+    keys = ("figures", "outputs", "stages")
+    if not isinstance(manifest, dict) or not all(key in manifest for key in keys):
+        raise MalformedInputError("is no manifest of a run", source=folder / MANIFEST)
+    return manifest
+
+
+def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | None:
+    for one, other in ((old, "is new"), (new, "is missing")):
+        if stage not in one["figures"]:
+            return other
+    parameters = [_parameters(manifest, stage) for manifest in (old, new)]
+    changed = _changes(*parameters)
+    if changed:
+        return f"other parameters: {changed}"
+    files = [_files(manifest, stage) for manifest in (old, new)]
+    differing = [name for name in sorted({*files[0], *files[1]}) if _differs(name, *files)]
+    if not differing:
+        return None
+    told = _changes(old["figures"][stage], new["figures"][stage])
+    return f"{', '.join(differing)} differ" + (f": {told}" if told else "")
+
+
+def _parameters(manifest: dict[str, Any], stage: str) -> dict[str, Any]:
+    found: dict[str, Any] = next((s[stage] for s in manifest["stages"] if stage in s), {})
+    return found
+
+
+def _files(manifest: dict[str, Any], stage: str) -> dict[str, str]:
+    stem = product_name(stage)
+    return {
+        name: str(digest)
+        for name, digest in manifest["outputs"].items()
+        if Path(name).stem == stem and Path(name).suffix != _PICTURE
+    }
+
+
+def _differs(name: str, old: dict[str, str], new: dict[str, str]) -> bool:
+    return old.get(name) != new.get(name)
+
+
+def _changes(old: Figures, new: Figures) -> str:
+    """Return the figures that differ, the first of them."""
+    names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
+    shown = ", ".join(f"{name} {old.get(name)} -> {new.get(name)}" for name in names[:_SHOWN])
+    return shown + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
