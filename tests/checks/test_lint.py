@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mapdeal import OccupancyGrid, write_map
+from mapdeal import OccupancyGrid, read_map, write_map
 from mapdeal.checks.finding import CHECKS
 from mapdeal.checks.lint import lint_file
 
@@ -150,6 +150,7 @@ def test_a_check_finds_what_it_is_about(checks, name, map_):
 
 def test_every_check_has_a_case():
     covered = {name for name, _ in CASES} | {"image.depth", "image.outside-folder"}
+    covered |= {"run.no-manifest", "run.missing-file", "run.other-file"}
     assert covered == set(CHECKS)
     assert len(CHECKS) >= 30
     assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
@@ -191,6 +192,74 @@ def test_an_npz_has_its_cells_checked(tmp_path):
     assert found == ["map.no-obstacle", "map.open-border"]
     (tmp_path / "bad.npz").write_bytes(b"no zip")
     assert [f.check for f in lint_file(tmp_path / "bad.npz")] == ["file.malformed"]
+
+
+def test_a_folder_of_a_run_is_what_its_manifest_says(command, folder):
+    assert command("run", "good.yaml", "-o", "out", "--no-images")[0] == 0
+    assert lint_file(folder / "out" / "good") == []
+    (folder / "out" / "good" / "cost.npz").write_bytes(b"of another run")
+    (folder / "out" / "good" / "esdf.pgm").unlink()
+    found = lint_file(folder / "out" / "good")
+    assert [(f.check, f.message.split()[0]) for f in found] == [
+        ("run.missing-file", "esdf.pgm"), ("run.other-file", "cost.npz"),
+    ]  # fmt: skip
+    assert command("lint", "out/good")[0] == 1
+    assert [f.check for f in lint_file(folder)] == ["run.no-manifest"]
+
+
+def test_fix_takes_the_traps_out(command, folder):
+    code, out, err = command("lint", "free.yaml", "--fix", "-o", "new/fixed.yaml")
+    unknown = int((ROOM == 205).sum())
+    assert (code, err) == (0, "")
+    assert f"  {unknown} cells of unknown grey are not free any more" in out
+    assert lint_file(folder / "new" / "fixed.yaml") == []
+    fixed, good = read_map("new/fixed.yaml"), read_map("good.yaml")
+    assert np.array_equal(fixed.occupancy, good.occupancy)
+
+
+def test_fix_puts_a_yaw_into_the_cells_and_loses_no_obstacle(command, folder):
+    code, out, _ = command("lint", "turned.yaml", "--fix", "-o", "fixed.yaml")
+    assert code == 0
+    assert "yaw 1 rad is in the cells now" in out
+    turned, fixed = read_map("turned.yaml"), read_map("fixed.yaml")
+    assert fixed.origin[2] == 0
+    rng = np.random.default_rng(1)
+    for value in (100, 0, -1):
+        cells = np.argwhere(turned.occupancy == value)[:, np.newaxis]
+        inner = (0.5, 0.5) if value != 100 else rng.random((1, 20, 2))
+        points = turned.frame.xy_from_continuous_rowcol((cells + inner).reshape(-1, 2))
+        hit, inside = fixed.frame.bounded_rowcol_from_xy(points)
+        assert inside.all()
+        found = fixed.occupancy[tuple(hit.T)]
+        assert np.all(found == 100) if value == 100 else np.isin(found, (value, 100)).mean() > 0.9
+    assert not {f.check for f in lint_file(folder / "fixed.yaml")} & {
+        "yaml.origin-yaw", "yaml.origin-off-lattice", "image.absolute-path",
+    }  # fmt: skip
+
+
+def test_fix_takes_out_the_noise_of_rounding(command, folder):
+    text = (folder / "good.yaml").read_text().replace("0.05", "0.05000000074505806")
+    (folder / "noisy.yaml").write_text(text.replace("-1.5", "-1.5000000000000009"))
+    assert command("lint", "noisy.yaml", "--fix", "-o", "fixed.yaml")[0] == 0
+    fixed = read_map("fixed.yaml")
+    assert (fixed.resolution, fixed.origin) == (0.05, (-1.5, 2.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["good.yaml", "--fix"], 2),
+        (["good.yaml", "-o", "x.yaml"], 2),
+        (["good.yaml", "turned.yaml", "--fix", "-o", "x.yaml"], 2),
+        (["bad.yaml", "--fix", "-o", "x.yaml"], 3),
+        (["good.yaml", "--fix", "-o", "good.yaml"], 4),
+        (["good.yaml", "--fix", "-o", "turned.yaml"], 4),
+    ],
+)
+def test_fixes_that_cannot_be(command, folder, words, code):
+    before = sorted(path.name for path in folder.iterdir())
+    assert command("lint", *words)[0] == code
+    assert sorted(path.name for path in folder.iterdir()) == before
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.region import MOST_CELLS, Region
+from mapdeal.grid.region import MOST_CELLS, Region, region_around
 from mapdeal.grid.resample import sampled
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.distance import within_distance
@@ -143,12 +143,10 @@ def _states(values: NDArray[np.int8]) -> NDArray[np.uint8]:
 
 def _frame_around(first: Frame, second: Frame) -> Frame:
     """Return the cells of the first lattice that both maps lie in."""
-    corners = [[row, col] for row in (0, second.height) for col in (0, second.width)]
-    places = first.continuous_rowcol_from_xy(second.xy_from_continuous_rowcol(corners))
-    low = np.floor(places.min(axis=0) + 1e-6)
-    high = np.ceil(places.max(axis=0) - 1e-6)
-    low, high = np.minimum(low, 0).astype(int), np.maximum(high, first.shape).astype(int)
-    (row, col), (height, width) = low.tolist(), (high - low).tolist()
+    other = region_around(first, second)
+    row, col = min(other.row, 0), min(other.col, 0)
+    height = max(other.row + other.height, first.height) - row
+    width = max(other.col + other.width, first.width) - col
     if height * width > MOST_CELLS:
         rule = f"the maps lie too far apart: {width} x {height} cells hold both"
         raise ParameterError(rule, place="origin")

@@ -9,21 +9,24 @@ from typing import Any
 from mapdeal.checks import image_checks, map_checks, yaml_checks
 from mapdeal.checks.facts import GridFacts, PairFacts, gather
 from mapdeal.checks.finding import CHECKS, SEVERITIES, Check, Finding, Told
+from mapdeal.checks.run_checks import lint_run
 
 _OF_CELLS = map_checks.__name__
 _MODULES = (yaml_checks, image_checks, map_checks)  # importing them lists their checks
 
 
 def lint_file(path: Path, *, max_cells: int | None = None) -> list[Finding]:
-    """Return what all checks find in a map, the worst first.
+    """Return what all checks find in a map or a folder of outputs, the worst first.
 
     Parameters
     ----------
     path : Path
-        A map_server YAML, or an npz.
+        A map_server YAML, an npz, or a folder that a run has written.
     max_cells : int, optional
         Cells up to which an image is read.
     """
+    if path.is_dir():
+        return lint_run(path)
     pair, cells, findings = gather(path, max_cells=max_cells)
     for one in CHECKS.values():
         if one.run is None:

@@ -50,7 +50,7 @@ def image_unquoted(facts: PairFacts) -> Iterator[Told]:
 def resolution_noise(facts: PairFacts) -> Iterator[Told]:
     """Name the decimal: cells lie a little off where other maps of that resolution have them."""
     value = facts.metadata.resolution
-    plain = _without_noise(value)
+    plain = without_noise(value)
     if plain is not None:
         yield Told(
             f"{value!r} is {plain!r} stored as a 32-bit float; write {plain!r}", "resolution"
@@ -69,7 +69,7 @@ def resolution_unusual(facts: PairFacts) -> Iterator[Told]:
 def origin_noise(facts: PairFacts) -> Iterator[Told]:
     """Name the decimal of each number."""
     for name, value in zip(("x", "y", "yaw"), facts.metadata.origin, strict=True):
-        plain = _without_noise(value)
+        plain = without_noise(value)
         if plain is not None:
             yield Told(f"{name} {value!r} is {plain!r} with the noise of rounding", "origin")
 
@@ -115,7 +115,7 @@ def outside_folder(facts: PairFacts) -> Iterator[Told]:
         yield Told(f"{name} leaves the folder of the YAML file", "image")
 
 
-def _without_noise(value: float) -> float | None:
+def without_noise(value: float) -> float | None:
     """Return the decimal that a value is, but for the rounding of a 32-bit or 64-bit float."""
     plain = float(f"{value:.6g}")
     if plain != value and float(np.float32(plain)) == float(np.float32(value)):

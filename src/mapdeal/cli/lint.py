@@ -15,7 +15,9 @@ from mapdeal.checks.finding import SEVERITIES, Finding
 from mapdeal.checks.lint import lint_file
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.errors import one_line
+from mapdeal.errors import ParameterError, one_line
+from mapdeal.pipeline.files import FileOptions
+from mapdeal.pipeline.repair import repair_file
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -33,7 +35,10 @@ class FormatName(StrEnum):
 @app.command()
 def lint(
     sources: Annotated[
-        list[Path], typer.Argument(metavar="MAP...", help="map_server .yaml files, or .npz maps.")
+        list[Path],
+        typer.Argument(
+            metavar="MAP...", help="map_server .yaml files, .npz maps, or folders of runs."
+        ),
     ],
     strict: Annotated[
         bool, typer.Option("--strict", help="Warnings, too, make the exit code 1.")
@@ -42,7 +47,15 @@ def lint(
         FormatName,
         typer.Option("--format", help="Text, one JSON document, or annotations of a workflow."),
     ] = FormatName.text,
+    fix: Annotated[
+        bool, typer.Option("--fix", help="Write a map without the traps that can be taken out.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="OUT", help="With --fix: .yaml, .pgm, .png, .npz."),
+    ] = None,
     max_cells: opt.MaxCells = None,
+    force: opt.Force = False,
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
@@ -52,6 +65,9 @@ def lint(
     traps, notes are good to know. A file that cannot be read is a finding; the others go on.
     """
     opt.start(quiet=quiet, verbose=verbose)
+    if fix or output is not None:
+        _fix(sources, output, FileOptions(max_cells=max_cells, force=force), wanted=fix)
+        return
     found = {path: lint_file(path, max_cells=max_cells) for path in sources}
     findings = [finding for path in sources for finding in found[path]]
     counts = Counter(finding.severity for finding in findings)
@@ -69,6 +85,18 @@ def lint(
             terminal.summary([f"{len(found)} map{'s' * (len(found) != 1)}: {told}"])
     if counts["error"] or (strict and counts["warning"]):
         raise typer.Exit(1)
+
+
+def _fix(
+    sources: list[Path], output: Path | None, options: FileOptions, *, wanted: bool
+) -> None:  # fmt: skip
+    if not wanted or output is None:
+        missing, given = ("--fix", "-o") if not wanted else ("-o OUT", "--fix")
+        raise ParameterError(f"needs {missing}", source=given)
+    if len(sources) != 1:
+        raise ParameterError("is for one map", source="--fix", got=len(sources))
+    done = repair_file(sources[0], output, options)
+    terminal.summary([f"{sources[0]} -> {output}", *(f"  {line}" for line in done)])
 
 
 def _listed(finding: Finding) -> dict[str, object]:

@@ -14,6 +14,10 @@ MOST_CELLS = 1_000_000_000
 """Of a window that is made."""
 
 
+_TOUCHING = 1e-6
+"""In cells: borders that differ by less are the same on paper."""
+
+
 class Region(NamedTuple):
     """A rectangle of cells, inside of a grid or not: its first cell and its size."""
 
@@ -98,6 +102,21 @@ def region_of(
         raise ParameterError("either a corner or a center must be given", place="region")
     height, width = (cells_to_cover(size, frame.resolution) for size in (size_y, size_x))
     return Region(row, col, max(height, 1), max(width, 1))
+
+
+def region_around(frame: Frame, other: Frame) -> Region:
+    """Return the cells of a lattice that hold all of another grid.
+
+    Raises
+    ------
+    ParameterError
+        If it lies more than 1e12 m away.
+    """
+    corners = [[row, col] for row in (0, other.height) for col in (0, other.width)]
+    places = frame.continuous_rowcol_from_xy(other.xy_from_continuous_rowcol(corners))
+    row, col = np.floor(places.min(axis=0) + _TOUCHING).astype(int).tolist()
+    top, right = np.ceil(places.max(axis=0) - _TOUCHING).astype(int).tolist()
+    return Region(row, col, top - row, right - col)
 
 
 def _overlap(first: int, count: int, size: int) -> slice:

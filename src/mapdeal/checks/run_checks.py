@@ -1,0 +1,43 @@
+"""Checks of a folder that a run has written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mapdeal.checks.finding import CHECKS, Finding, found_in_reading
+from mapdeal.formats.json_text import read_json
+from mapdeal.formats.source import exists, holds
+
+MANIFEST = "manifest.json"
+
+found_in_reading("run.no-manifest", "error", "a folder without the manifest of a run")
+found_in_reading("run.missing-file", "error", "a file that the manifest lists is gone")
+found_in_reading(
+    "run.other-file", "error", "a file is not the manifest's: changed, or of a run that was killed"
+)
+
+
+def lint_run(folder: Path) -> list[Finding]:
+    """Return what is wrong with a folder of outputs: files that its manifest does not know."""
+    manifest = read_json(folder / MANIFEST)
+    outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
+    if not isinstance(outputs, dict):
+        text = f"has no {MANIFEST} of a run; maps are checked by their .yaml or .npz"
+        return [_finding("run.no-manifest", folder, text)]
+    return list(_of_outputs(folder, outputs))
+
+
+def _of_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:
+    for name, digest in outputs.items():
+        path = folder / Path(name).name
+        if not exists(path):
+            yield _finding("run.missing-file", folder, f"{path.name} is gone")
+        elif not holds(path, str(digest)):
+            text = f"{path.name} is not the file that the manifest tells of"
+            yield _finding("run.other-file", folder, text)
+
+
+def _finding(name: str, folder: Path, text: str) -> Finding:
+    return Finding(name, CHECKS[name].severity, str(folder), text)
