@@ -1,0 +1,124 @@
+"""Kill runs at random moments, and look at what is left.
+
+Run it as ``python tests/robustness/kill_runs.py [--kills 200]``. Each time a folder with the
+outputs of one run is written over by another run, which is killed (SIGKILL). Every file must be
+that of the old or of the new run; a set of both must be seen by ``lint`` and not be skipped by
+``run``; the next run must clean up. Prints what it saw; ends with exit code 1 if anything is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from mapdeal import OccupancyGrid, write_map
+
+OLD, NEW = ["--set", "inflate.radius=0.1"], ["--set", "inflate.radius=0.3"]
+
+
+def main() -> int:
+    """Run all kills, and print what was found."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=200)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        rng = np.random.default_rng(0)
+        occupancy = (rng.random((700, 900)) < 0.02).astype(np.int8) * 100
+        write_map(folder / "m.yaml", OccupancyGrid(occupancy, 0.05, (1.0, -2.0, 0.4)))
+        found, problems = kill_all(folder, options.kills)
+    told = ", ".join(f"{count} {what}" for what, count in sorted(found.items()))
+    print(f"{options.kills} kills left sets that are: {told}; {len(problems)} problems")
+    for problem in problems:
+        print(f"problem: {problem}")
+    return bool(problems)
+
+
+def kill_all(folder: Path, kills: int) -> tuple[Counter[str], list[str]]:
+    """Return how many sets were old, new or mixed, and what was wrong."""
+    started = time.perf_counter()
+    run(folder, "new", NEW)
+    duration = time.perf_counter() - started
+    run(folder, "old", OLD)
+    sums = {which: sums_of(folder / which / "m") for which in ("old", "new")}
+    moments = random.Random(1)
+    found: Counter[str] = Counter()
+    problems: list[str] = []
+    for kill in range(kills):
+        shutil.rmtree(folder / "out", ignore_errors=True)
+        shutil.copytree(folder / "old", folder / "out")
+        process = subprocess.Popen(
+            command(folder, "out", [*NEW, "--force"]), stdout=subprocess.DEVNULL
+        )
+        # files are renamed in a short moment at the end: half of the kills are sent around it
+        low = 0.0 if kill % 2 else 0.85
+        time.sleep(moments.uniform(low, 1.05) * duration)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        kind, told = judge(folder, sums)
+        found[kind] += 1
+        problems += [f"kill {kill}: {problem}" for problem in told]
+    return found, problems
+
+
+def judge(folder: Path, sums: dict[str, dict[str, str]]) -> tuple[str, list[str]]:
+    """Return what a set is, and what is wrong with it and with what comes after it."""
+    left = folder / "out" / "m"
+    problems = []
+    kinds = set()
+    for name, digest in sums_of(left).items():
+        if name.startswith(".mapdeal-"):
+            continue
+        matching = {which for which in ("old", "new") if sums[which].get(name) == digest}
+        if not matching:
+            problems.append(f"{name} is torn")
+        elif len(matching) == 1:
+            kinds |= matching
+    missing = set(sums["old"]) - set(sums_of(left))
+    problems += [f"{name} is gone" for name in sorted(missing)]
+    kind = "mixed" if len(kinds) == 2 else next(iter(kinds), "old")
+    seen = subprocess.run(
+        [sys.executable, "-m", "mapdeal", "lint", str(left)], capture_output=True, check=False
+    ).returncode
+    if seen != (kind == "mixed"):
+        problems.append(f"lint says {seen} of a set that is {kind}")
+    again = subprocess.run(
+        command(folder, "out", [*NEW, *(["--force"] if kind != "new" else [])]),
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if again.returncode or ("unchanged" in again.stdout) != (kind == "new"):
+        problems.append(f"the next run over a set that is {kind}: {again.stdout}{again.stderr}")
+    if sums_of(left) != sums["new"]:
+        problems.append("the next run does not leave its own files alone")
+    return kind, problems
+
+
+def run(folder: Path, out: str, words: list[str]) -> None:
+    """Run to the end."""
+    subprocess.run(command(folder, out, words), check=True, stdout=subprocess.DEVNULL)
+
+
+def command(folder: Path, out: str, words: list[str]) -> list[str]:
+    """Return the words of a run."""
+    start = [sys.executable, "-m", "mapdeal", "run", str(folder / "m.yaml")]
+    return [*start, "-o", str(folder / out), *words]
+
+
+def sums_of(folder: Path) -> dict[str, str]:
+    """Return the checksum of each file in a folder."""
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.iterdir()}
+
+
+if __name__ == "__main__":
+    sys.exit(main())
