@@ -66,7 +66,7 @@ def test_the_bytes_of_a_run_depend_on_its_input_alone(folder):
     assert found[1:] == found[:1] * 3
 
 
-def test_a_full_disk_leaves_the_old_outputs(folder):
+def test_a_full_disk_leaves_the_old_outputs_f4(folder):
     """A limit on the size of files stands for the disk: the npz files are larger."""
     subprocess.run(words(folder, folder / "out"), check=True, capture_output=True)
     before = sums(folder / "out" / "m")
@@ -85,14 +85,14 @@ def test_a_full_disk_leaves_the_old_outputs(folder):
     assert sums(folder / "out" / "m") == before
 
 
-def test_two_runs_into_one_folder_leave_whole_files_and_lint_sees_a_mixture(folder):
+def test_two_runs_into_one_folder_do_not_mix_f6(folder):
     radii = ("0.1", "0.2")
     known = []
     for radius in radii:
         more = ["--set", f"inflate.radius={radius}"]
         subprocess.run(words(folder, folder / radius, *more), check=True, capture_output=True)
         known.append(sums(folder / radius / "m"))
-    for _ in range(3):
+    for _ in range(5):
         running = [
             subprocess.Popen(
                 words(folder, folder / "out", "--force", "--set", f"inflate.radius={radius}"),
@@ -104,13 +104,12 @@ def test_two_runs_into_one_folder_leave_whole_files_and_lint_sees_a_mixture(fold
             _, stderr = process.communicate(timeout=60)
             assert process.returncode == 0, stderr
         found = sums(folder / "out" / "m")
-        assert set(found) == set(known[0])
-        assert all(digest in (known[0][name], known[1][name]) for name, digest in found.items())
-        assert (lint_file(folder / "out" / "m") == []) == (found in known)
+        assert found in known
+        assert lint_file(folder / "out" / "m") == []
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_that_cannot_be_written(folder):
+def test_a_folder_that_cannot_be_written_f2(folder):
     (folder / "locked").mkdir(mode=0o555)
     done = subprocess.run(
         words(folder, folder / "locked"), capture_output=True, text=True, check=False
@@ -118,3 +117,30 @@ def test_a_folder_that_cannot_be_written(folder):
     assert done.returncode == 4
     assert len(done.stderr.splitlines()) == 1
     assert not list((folder / "locked").iterdir())
+
+
+def test_odd_environments_change_nothing_f14_f15(folder):
+    """No HOME, another locale, a dumb terminal, a clock far away: the same bytes, and no cache."""
+    subprocess.run(words(folder, folder / "usual"), check=True, capture_output=True)
+    environment = {
+        "PATH": os.environ["PATH"], "LC_ALL": "C", "TERM": "dumb", "TZ": "Mars/Olympus",
+        "SOURCE_DATE_EPOCH": "never", "MAPDEAL_KERNELS": os.environ.get("MAPDEAL_KERNELS", ""),
+    }  # fmt: skip
+    before = sorted(path.name for path in folder.iterdir())
+    done = subprocess.run(
+        words(folder, folder / "odd"), env=environment, cwd=folder, capture_output=True, check=True
+    )
+    assert done.stderr == b""
+    assert sums(folder / "odd" / "m") == sums(folder / "usual" / "m")
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*before, "odd"])
+
+
+def test_a_replaced_file_keeps_its_permissions_f20(folder):
+    subprocess.run(words(folder, folder / "out"), check=True, capture_output=True)
+    target = folder / "out" / "m" / "cost.pgm"
+    target.chmod(0o640)
+    more = ["--force", "--set", "inflate.radius=0.2"]
+    subprocess.run(
+        words(folder, folder / "out", *more), check=True, capture_output=True, umask=0o077
+    )
+    assert target.stat().st_mode & 0o777 == 0o640

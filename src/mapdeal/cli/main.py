@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import sys
 import traceback
@@ -43,6 +44,7 @@ _PAIR = re.compile(r"[-+0-9.eE]+,[-+0-9.eE]+")
 _NUMBER = re.compile(r"-?\d+(\.\d*)?\)?")
 
 _INTERRUPTED, _INTERNAL = 130, 70
+_EPOCH = "SOURCE_DATE_EPOCH"
 
 
 class _ReaderGoneError(Exception):
@@ -141,6 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The words behind ``mapdeal``; those of the process if not given.
     """
     terminal.show_warnings()
+    _forget_odd_epoch()
     command = typer.main.get_command(app)
     try:
         words = _joined_flags(list(sys.argv[1:] if arguments is None else arguments))
@@ -170,6 +173,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return _INTERNAL
     return code if isinstance(code, int) else 0
+
+
+def _forget_odd_epoch() -> None:
+    """Drop a SOURCE_DATE_EPOCH that is no number: scipy's imports would fail on it.
+
+    No output of ours holds a time.
+    """
+    if not os.environ.get(_EPOCH, "0").isdecimal():
+        del os.environ[_EPOCH]
 
 
 def _worse_than(error: MapdealError) -> MapdealError:

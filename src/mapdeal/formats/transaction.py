@@ -7,8 +7,9 @@ import hashlib
 import io
 import os
 import stat
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from contextvars import copy_context
 from pathlib import Path
 from types import TracebackType
@@ -52,7 +53,8 @@ class Transaction:
     -----
     Each file is written under a temporary name in its own folder and renamed when the block
     ends without an error, in the order of the calls to `write`; as many at the same time as
-    `mapdeal.kernels.threads` allows. Temporary files are locked by their process, so that those
+    `mapdeal.kernels.threads` allows. The folders are locked meanwhile, so that the files of two
+    processes do not mix. Temporary files are locked by their process, so that those
     of a killed run are told from those of a live one and removed.
 
     Examples
@@ -126,9 +128,11 @@ class Transaction:
         try:
             if error is None:
                 self.checksums()
-                for _, temporary, _ in self._pending:
-                    temporary.rename()
-                for folder in dict.fromkeys(path.parent for path, _, _ in self._pending):
+                folders = dict.fromkeys(path.parent for path, _, _ in self._pending)
+                with _locked(folders):
+                    for _, temporary, _ in self._pending:
+                        temporary.rename()
+                for folder in folders:
                     _sync_folder(folder)
                 self._made_folders.clear()
         finally:
@@ -284,6 +288,22 @@ def _remove_stale(folder: Path) -> None:
         with contextlib.suppress(OSError), path.open("r+b") as file:
             fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
             path.unlink()
+
+
+@contextmanager
+def _locked(folders: Iterable[Path]) -> Iterator[None]:
+    """Keep other transactions from renaming files in folders: sets must not mix.
+
+    The locks die with their process. Where there are none, the last rename of each file wins.
+    """
+    with contextlib.ExitStack() as stack:
+        for folder in sorted(folder.resolve() for folder in folders):  # all in the same order
+            if fcntl is not None:
+                with contextlib.suppress(OSError):
+                    descriptor = os.open(folder, os.O_RDONLY)
+                    stack.callback(os.close, descriptor)
+                    fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
 
 
 def _sync_folder(folder: Path) -> None:
