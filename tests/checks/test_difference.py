@@ -20,6 +20,7 @@ from mapdeal.checks.difference import (
     OUTSIDE,
     REMOVED,
     STATES,
+    SYMMETRIES,
     compare,
 )
 from strategies import occupancies
@@ -104,6 +105,20 @@ def test_a_map_of_another_resolution_is_looked_up_at_the_centres():
         assert (found.common, found.differing, found.beyond) == (cells, 0, 0)
         assert set(found.geometry) == {"width", "height", "resolution"}
         assert not found.is_equal
+
+
+@pytest.mark.parametrize("shape", [(12, 17), (14, 14)])
+@pytest.mark.parametrize("name", [None, *SYMMETRIES])
+def test_a_map_that_was_mirrored_or_turned_is_told_g11(shape, name):
+    rng = np.random.default_rng(3)
+    first = OccupancyGrid(rng.choice([0, 100, -1], shape), 0.1)
+    if name is None:
+        assert compare(first, first).symmetry is None
+        return
+    undone = {"turned by 90 degrees": "turned by -90 degrees",
+              "turned by -90 degrees": "turned by 90 degrees"}.get(name, name)  # fmt: skip
+    second = OccupancyGrid(SYMMETRIES[name](first.occupancy), 0.1)
+    assert compare(first, second).symmetry == undone
 
 
 def test_maps_that_do_not_meet_have_nothing_in_common():

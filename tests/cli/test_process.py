@@ -86,7 +86,7 @@ def test_a_full_disk_behind_stdout_is_told_in_one_line(words, tmp_path):
 
 
 @pytest.mark.parametrize("words", ["--help", "--version", "info $MAP"])
-def test_a_reader_that_has_seen_enough_is_no_error(words, tmp_path):
+def test_a_reader_that_has_seen_enough_is_no_error_f13(words, tmp_path):
     told = shell(f"set -o pipefail; PYTHONUNBUFFERED=1 $mapdeal {words} | true", tmp_path)
     assert (told.returncode, told.stderr) == (0, "")
 

@@ -1,6 +1,6 @@
 import pytest
 
-from mapdeal import FileAccessError
+from mapdeal import FileAccessError, ParameterError
 from mapdeal.formats.listing import list_files
 
 SUFFIXES = (".pcd", ".ply")
@@ -33,10 +33,22 @@ def test_files_folders_and_patterns(folder, names, found):
     assert [str(path) for path in list_files(names, SUFFIXES)] == found
 
 
-@pytest.mark.parametrize("name", ["d.pcd", "*.txt", "q*"])
-def test_a_folder_or_pattern_without_such_files(folder, name):
-    with pytest.raises(FileAccessError, match="no file"):
+@pytest.mark.parametrize("name", ["*.txt", "q*"])
+def test_a_pattern_that_matches_nothing_f7(folder, name):
+    with pytest.raises(ParameterError, match="no file"):
         list_files([name], SUFFIXES)
+
+
+def test_a_folder_without_such_files(folder):
+    with pytest.raises(FileAccessError, match="no file"):
+        list_files(["d.pcd"], SUFFIXES)
+
+
+def test_a_folder_in_itself_does_not_go_on_for_ever_f17(folder):
+    (folder / "b" / "loop").symlink_to(folder / "b", target_is_directory=True)
+    found = list_files(["b/**/*.pcd"], SUFFIXES)
+    assert {path.name for path in found} == {"1.pcd", "2.pcd"}
+    assert len({path.resolve() for path in found}) == len(found) == 2
 
 
 def test_endings_that_a_folder_does_not_stand_for(folder):

@@ -34,7 +34,7 @@ def test_a_whole_run_is_golden_too(command, golden):
     assert command("run", "m.yaml", "-o", "new", "--golden", "out")[0] == 0
 
 
-def test_another_map_differs_in_the_stages_that_it_changes(command, golden):
+def test_another_map_differs_in_the_stages_that_it_changes_f18(command, golden):
     text = ROOM.replace(POST, EMPTY)
     write_map("m.yaml", grid_from_text(text, 0.1), force=True)
     code, out, err = command("run", "m.yaml", "-o", "new", "--golden", "gold", "--set",
@@ -73,7 +73,7 @@ def test_stages_that_are_new_or_missing(command, golden):
         (["--golden", "bad"], 3, "no manifest"),
     ],
 )
-def test_golden_runs_that_are_not_there(command, golden, words, code, told):
+def test_golden_runs_that_are_not_there_f18(command, golden, words, code, told):
     (golden / "bad" / "m").mkdir(parents=True)
     (golden / "bad" / "m" / "manifest.json").write_text("[]")
     found, _, err = command("run", "m.yaml", "-o", "new", *words)

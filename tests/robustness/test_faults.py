@@ -4,8 +4,10 @@ import hashlib
 import os
 import resource
 import shutil
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -144,3 +146,26 @@ def test_a_replaced_file_keeps_its_permissions_f20(folder):
         words(folder, folder / "out", *more), check=True, capture_output=True, umask=0o077
     )
     assert target.stat().st_mode & 0o777 == 0o640
+
+
+@pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGKILL, signal.SIGINT])
+def test_a_run_that_is_stopped_leaves_the_old_set_and_the_next_cleans_up_f5(folder, sent):
+    subprocess.run(words(folder, folder / "out"), check=True, capture_output=True)
+    left = folder / "out" / "m"
+    before = sums(left)
+    more = ["--force", "--set", "inflate.radius=0.2"]
+    process = subprocess.Popen(words(folder, folder / "out", *more), stderr=subprocess.PIPE)
+    deadline = time.monotonic() + 30
+    while not list(left.glob(".mapdeal-*")) and time.monotonic() < deadline:
+        time.sleep(0.001)
+    process.send_signal(sent)
+    _, stderr = process.communicate(timeout=60)
+    if process.returncode == 0:
+        pytest.skip("the run was faster than the signal")
+    assert process.returncode == (130 if sent == signal.SIGINT else -sent)
+    assert b"Traceback" not in stderr
+    found = {name: digest for name, digest in sums(left).items() if not name.startswith(".")}
+    assert found == before
+    subprocess.run(words(folder, folder / "out", *more), check=True, capture_output=True)
+    assert not list(left.glob(".mapdeal-*"))
+    assert lint_file(left) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,17 @@ from mapdeal.kernels.distance import within_distance
 
 STATES = ("occupied", "free", "unknown", "between")
 """What a cell can be; between are the values 1..99."""
+
+SYMMETRIES: dict[str, Callable[[NDArray[np.int8]], NDArray[np.int8]]] = {
+    "mirrored upside down": np.flipud,
+    "mirrored left to right": np.fliplr,
+    "turned by 180 degrees": lambda cells: cells[::-1, ::-1],
+    "turned by 90 degrees": np.rot90,
+    "turned by -90 degrees": lambda cells: np.rot90(cells, -1),
+    "transposed": np.transpose,
+    "transposed and turned by 180 degrees": lambda cells: cells.T[::-1, ::-1],
+}
+"""Ways in which the cells of a map are often confused."""
 
 # What a cell of the comparison shows; where cells share a pixel the largest does.
 OUTSIDE, BOTH_UNKNOWN, BOTH_FREE, CHANGED, COMMON, REMOVED, ADDED = range(7)
@@ -54,6 +66,9 @@ class Difference:
     walls : tuple of WallShift or None
         Obstacles of the first map in the common area to the nearest of the second, and those
         of the second to the first; None if one of the two has none.
+    symmetry : str, optional
+        How the second map is to be turned or mirrored to be much more like the first: one of
+        `SYMMETRIES`; None if it is best as it is.
     frame : Frame
         Cells of the first map's lattice around both.
     changes : numpy.ndarray of uint8, shape of `frame`
@@ -66,6 +81,7 @@ class Difference:
     differing: int
     beyond: int
     walls: tuple[WallShift | None, WallShift | None]
+    symmetry: str | None
     frame: Frame
     changes: NDArray[np.uint8]
 
@@ -128,6 +144,7 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
         int(np.count_nonzero(differs)),
         int(np.count_nonzero(beyond)),
         _wall_shifts(first, second, frame, (a == OCCUPIED) & both, (b == OCCUPIED) & both),
+        _better_symmetry(first.occupancy, second.occupancy),
         frame,
         _changes(state_a, state_b, both),
     )
@@ -174,6 +191,21 @@ def _geometry(first: OccupancyGrid, second: OccupancyGrid) -> dict[str, tuple[An
         "origin": (list(first.origin), list(second.origin)),
     }
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+
+def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str | None:
+    """Return what makes the second map like the first, in half of the cells that differ or more."""
+    if first.shape not in (second.shape, second.shape[::-1]):
+        return None
+    as_it_is = int((first == second).sum()) if first.shape == second.shape else 0
+    best, most = None, as_it_is + (first.size - as_it_is) // 2
+    for name, turn in SYMMETRIES.items():
+        turned = turn(second)
+        if turned.shape == first.shape:
+            agreeing = int((first == turned).sum())
+            if agreeing > most:
+                best, most = name, agreeing
+    return best
 
 
 def _wall_shifts(

@@ -63,6 +63,8 @@ def _lines(first: Path, second: Path, report: DiffReport, tolerance: float) -> l
     lines.append(told)
     if found.differing:
         lines += _matrix(found)
+    if found.symmetry is not None:
+        lines.append(f"  symmetry  B is much more like A if it is {found.symmetry}")
     for name, shift in (("A to B", found.walls[0]), ("B to A", found.walls[1])):
         lines.append(f"  walls     {name}: {_shift(shift)}")
     return lines

@@ -36,9 +36,9 @@ def list_files(
     Raises
     ------
     ParameterError
-        If a name is empty.
+        If a name is empty, or a pattern matches none.
     FileAccessError
-        If there is nothing of a name, a folder or pattern holds none, or a folder cannot be read.
+        If there is nothing of a name, a folder holds none, or a folder cannot be read.
     """
     return [path for name in names for path in _files_of(name, suffixes, not_in_folders)]
 
@@ -65,8 +65,16 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
         return [path]
     files = [one for one in inside if one.suffix.lower() in suffixes and one.is_file()]
     if not files:
-        raise FileAccessError(rule, source=name)
-    return sorted(files, key=lambda one: (natural_key(str(one.with_suffix(""))), one.suffix))
+        if is_there:
+            raise FileAccessError(rule, source=name)
+        raise ParameterError(rule, source=name)  # a pattern is a word of the user's
+    # a link to a folder above leads to each file again and again: the shortest way counts
+    nearest: dict[tuple[Path, str], Path] = {}
+    for one in sorted(files, key=lambda one: len(one.parts)):
+        nearest.setdefault((one.parent.resolve(), one.name), one)
+    return sorted(
+        nearest.values(), key=lambda one: (natural_key(str(one.with_suffix(""))), one.suffix)
+    )
 
 
 def numbered_folders(folder: Path) -> list[Path]:

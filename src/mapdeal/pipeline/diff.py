@@ -38,6 +38,7 @@ class DiffReport:
                 state: dict(zip(STATES, row, strict=True))
                 for state, row in zip(STATES, found.confusion.tolist(), strict=True)
             },
+            "symmetry": found.symmetry,
             "walls": {
                 "first_to_second": _listed(found.walls[0]),
                 "second_to_first": _listed(found.walls[1]),
