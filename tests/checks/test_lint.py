@@ -3,6 +3,8 @@
 import io
 import json
 import re
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +83,13 @@ LARGE[20:32, 20:35] = ROOM
 ISLET = painted()
 ISLET[0, 0] = 254
 
+
+def with_chunk(image, name, body):
+    """A PNG with one more chunk behind its header, which ends at byte 33."""
+    chunk = struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+    return image[:33] + chunk + image[33:]
+
+
 SEE_THROUGH_COLOUR = png(TINTED, transparency=(254, 254, 254))
 BARE = """resolution: 0.05
 origin: [0, 0, 0]
@@ -94,6 +103,7 @@ CASES = [
     ("file.malformed", {"resolution": "none"}),
     ("yaml.defaults", {"without": ("negate",)}),
     ("yaml.number-as-text", {"resolution": "5e-2"}),
+    ("yaml.nan-yaw", {"origin": "[-1.5, 2.0, -nan]"}),
     ("yaml.legacy-mode", {"without": ("mode",), "trinary": "true"}),
     ("yaml.unknown-key", {"ocupied_thresh": "0.5"}),
     ("yaml.mode-case", {"mode": "Trinary"}),
@@ -119,6 +129,7 @@ CASES = [
     ("image.ending", {"image": png(ROOM)}),
     ("image.maxval", {"image": pgm(ROOM // 2, maxval=127)}),
     ("image.alpha", {"image": png(SEEN_THROUGH), "name": "m.png"}),
+    ("image.gamma", {"image": with_chunk(png(ROOM), b"gAMA", bytes(4)), "name": "m.png"}),
     ("image.colour", {"image": png(TINTED), "name": "m.png"}),
     ("image.palette", {"image": png(PALETTE), "name": "m.png"}),
     ("image.greys", {"image": pgm(painted(_5_5=240))}),
@@ -235,6 +246,27 @@ def test_fix_puts_a_yaw_into_the_cells_and_loses_no_obstacle(command, folder):
     assert not {f.check for f in lint_file(folder / "fixed.yaml")} & {
         "yaml.origin-yaw", "yaml.origin-off-lattice", "image.absolute-path",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["gAMA", "iCCP"])
+def test_a_gamma_is_told_and_changes_no_cell(checks, tmp_path, name):
+    body = {"gAMA": (100_000).to_bytes(4), "iCCP": b"profile\0\0" + zlib.compress(bytes(128))}
+    _, (found,) = checks(with_chunk(png(ROOM), name.encode(), body[name]), "m.png")
+    told = {"gAMA": "a gamma of 1: viewers", "iCCP": "a colour profile: viewers"}
+    assert (found.check, found.message.startswith(told[name])) == ("image.gamma", True)
+    seen = read_map(tmp_path / "m.yaml").occupancy
+    assert np.array_equal(seen[::-1] == 100, ROOM == 0)
+    assert np.array_equal(seen[::-1] == 0, ROOM == 254)
+
+
+def test_fix_puts_0_for_a_yaw_that_is_no_number(command, folder):
+    text = (folder / "good.yaml").read_text().replace("0.0]", "-nan]")
+    (folder / "nan.yaml").write_text(text)
+    code, out, _ = command("lint", "nan.yaml", "--fix", "-o", "fixed.yaml")
+    assert code == 0
+    assert "yaw -nan, a fault of some map savers: must be 0" in out
+    assert read_map("fixed.yaml").origin == (-1.5, 2.0, 0.0)
+    assert np.array_equal(read_map("fixed.yaml").occupancy, read_map("good.yaml").occupancy)
 
 
 def test_fix_takes_out_the_noise_of_rounding(command, folder):

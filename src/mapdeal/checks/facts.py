@@ -148,7 +148,7 @@ def gather(
 
 def _read_pair(path: Path, max_cells: int | None) -> PairFacts:
     entries = read_mapping(path)
-    metadata = read_metadata(path)
+    metadata = read_metadata(path, mend=True)
     image_path = find_image(path, metadata.image)
     picture = read_image(image_path, max_cells=max_cells)
     comments = pnm_comments(head_of(image_path, _HEAD)) if picture.file_format == "PNM" else []

@@ -89,6 +89,7 @@ found_in_reading("yaml.defaults", "warning", "negate or a threshold is missing; 
 found_in_reading(
     "yaml.number-as-text", "warning", "a number such as 5e-2 that YAML 1.1 reads as text"
 )
+found_in_reading("yaml.nan-yaw", "error", "a yaw that is no number, which some map savers write")
 found_in_reading("yaml.legacy-mode", "warning", "the mode is written in an old way")
 found_in_reading("thresholds.equal", "warning", "free_thresh equals occupied_thresh")
 found_in_reading("image.foreign-path", "warning", "the image's path only makes sense elsewhere")

@@ -95,6 +95,14 @@ def alpha(facts: PairFacts) -> Iterator[str]:
             yield f"{count} pixels are not opaque: unknown to Nav2, grey to ROS 1"
 
 
+@check("image.gamma", "note", "a gamma or colour profile (PNG gAMA, iCCP), which is not applied")
+def gamma(facts: PairFacts) -> Iterator[str]:
+    """Tell of it: viewers may show other greys than map readers take."""
+    if facts.picture.display:
+        told = " and ".join(facts.picture.display)
+        yield f"{told}: viewers may show other greys than map readers, which ignore it, take"
+
+
 @check("image.colour", "warning", "pixels that are no grey")
 def colour(facts: PairFacts) -> Iterator[str]:
     """Count them: colour becomes grey by rules that differ between readers."""

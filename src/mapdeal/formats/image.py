@@ -13,6 +13,7 @@ import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,8 @@ def _decode_with_pillow(data: bytes, path: Path, limit: int) -> Picture:
             orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
         if orientation != 1:
             _warn(path, "the EXIF orientation was not applied, as in ROS", "image.orientation")
-        return _picture_of(image, data, path, facts)
+        picture = _picture_of(image, data, path, facts)
+        return replace(picture, display=facts.display) if facts is not None else picture
 
 
 def _open(data: bytes, path: Path, limit: int) -> Any:

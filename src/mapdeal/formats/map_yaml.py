@@ -57,8 +57,17 @@ class MapMetadata:
     extra: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
 
-def read_metadata(path: Path, *, dialect: Dialect = "nav2") -> MapMetadata:
+def read_metadata(path: Path, *, dialect: Dialect = "nav2", mend: bool = False) -> MapMetadata:
     """Return what a map's YAML file says, checked.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    dialect : {'nav2', 'humble', 'ros1'}
+        Whose reading of the keys.
+    mend : bool
+        Read a yaw that is no number, as some map savers write it, as 0, with a warning.
 
     Raises
     ------
@@ -89,7 +98,7 @@ def read_metadata(path: Path, *, dialect: Dialect = "nav2") -> MapMetadata:
     return MapMetadata(
         image=_image(entries["image"]),
         resolution=_resolution(entries["resolution"]),
-        origin=_origin(entries["origin"]),
+        origin=_origin(entries["origin"], mend),
         mode=_mode(path, entries, dialect),
         negate=_negate(entries),
         occupied_thresh=occupied_thresh,
@@ -159,11 +168,15 @@ def _resolution(entry: Entry) -> float:
         raise entry.error(error.rule) from None
 
 
-def _origin(entry: Entry) -> Origin:
+def _origin(entry: Entry, mend: bool) -> Origin:
     items = entry.items()
     if len(items) != 3:
         raise entry.error(f"must be three numbers [x, y, yaw], has {len(items)}")
     try:
+        if mend and items[2].text().lower().lstrip("+-.") == "nan":
+            text = f"yaw {items[2].text()}, a fault of some map savers: must be 0"
+            _warn(entry.source, entry.place, text, "yaml.nan-yaw")
+            return check_origin([*(_number(item) for item in items[:2]), 0.0])
         return check_origin([_number(item) for item in items])
     except ParameterError as error:
         raise entry.error(error.rule) from None

@@ -37,6 +37,8 @@ class Picture:
         Whether the opacity is a channel of its own or comes from one transparent colour.
     palette : numpy.ndarray of uint8, shape (N, 4), optional
         Red, green, blue, opacity of each index.
+    display : tuple of str
+        What the file says about showing the picture, such as a gamma. No reader applies it.
     """
 
     file_format: Literal["PNM", "PNG", "BMP", "TIFF", "JPEG"]
@@ -46,6 +48,7 @@ class Picture:
     alpha: Samples | None = None
     alpha_from: Literal["channel", "key"] = "channel"
     palette: NDArray[np.uint8] | None = None
+    display: tuple[str, ...] = ()
 
     def from_the_south(self) -> Picture:
         """Return the picture with row 0 in the south, as grids have it."""

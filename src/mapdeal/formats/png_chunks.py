@@ -31,6 +31,8 @@ class PngFacts:
         The parts of the colour type.
     transparency : bytes or None
         The tRNS chunk: opacities of a palette, or the transparent colour.
+    display : tuple of str
+        What the chunks gAMA and iCCP say about showing the picture, in words.
     """
 
     width: int
@@ -40,6 +42,7 @@ class PngFacts:
     has_palette: bool
     has_alpha: bool
     transparency: bytes | None
+    display: tuple[str, ...] = ()
 
     def key(self) -> tuple[int, ...] | None:
         """Return the transparent colour of a picture without palette, if it has one."""
@@ -59,6 +62,7 @@ def read_png_facts(data: bytes, source: Path) -> PngFacts:
     header: tuple[int, ...] | None = None
     transparency = palette = None
     pixels: list[memoryview] = []
+    display: list[str] = []
     offset = len(SIGNATURE)
     ended = False
     while offset < len(data) and not ended:
@@ -84,6 +88,10 @@ def read_png_facts(data: bytes, source: Path) -> PngFacts:
             palette = body
         elif name == b"IDAT":
             pixels.append(memoryview(data)[offset + 8 : offset + 8 + length])
+        elif name == b"gAMA" and length == 4:
+            display.append(f"a gamma of {int.from_bytes(body) / 100_000:g}")
+        elif name == b"iCCP":
+            display.append("a colour profile")
         elif name == b"acTL":
             raise MalformedInputError("animated PNG images are not supported", source=source)
         ended = name == b"IEND"
@@ -108,6 +116,7 @@ def read_png_facts(data: bytes, source: Path) -> PngFacts:
         has_palette=colour_type == _PALETTE,
         has_alpha=colour_type in (_GREY_ALPHA, _RGB_ALPHA),
         transparency=transparency,
+        display=tuple(display),
     )  # fmt: skip
 
 

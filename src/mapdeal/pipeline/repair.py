@@ -37,6 +37,7 @@ def repair_file(path: Path, output: Path, options: FileOptions) -> list[str]:
             grid, done = repaired(pair, cells)
         write_grid(transaction, output, grid)
     if pair is not None:
+        done += [found.message for found in findings if found.check == "yaml.nan-yaw"]
         done.append(f"image {outputs[0].name}, usual thresholds")
     return done
 
