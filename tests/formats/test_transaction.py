@@ -1,7 +1,9 @@
+import contextlib
 import os
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
 
@@ -123,3 +125,36 @@ def test_a_temporary_file_that_another_run_has_removed_is_made_again(tmp_path, m
     assert len(removed) == 1
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
     assert (tmp_path / "a.txt").read_text() == "kept"
+
+
+def test_a_failing_process_takes_no_folder_from_another(tmp_path):
+    """One makes folders and removes them, since it fails; the other works in the same ones."""
+    output, other = tmp_path / "out" / "good" / "file", tmp_path / "out" / "bad" / "file"
+    done = threading.Event()
+    surprises = []
+
+    def fail():
+        while not done.is_set():
+            try:
+                with Transaction([other]):
+                    raise KeyError
+            except KeyError:
+                continue
+            except Exception as error:  # noqa: BLE001 - told below
+                surprises.append(error)
+
+    thread = threading.Thread(target=fail)
+    thread.start()
+    try:
+        for _ in range(100):
+            with Transaction([output]) as transaction:
+                transaction.write_bytes(output, b"here")
+            assert output.read_bytes() == b"here"
+            output.unlink()
+            with contextlib.suppress(OSError):  # so that the two meet in making it
+                output.parent.rmdir()
+                output.parent.parent.rmdir()
+    finally:
+        done.set()
+        thread.join()
+    assert surprises == []

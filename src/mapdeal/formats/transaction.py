@@ -26,6 +26,7 @@ except ImportError:  # not POSIX: temporary files of killed runs are then not cl
 
 _PREFIX = ".mapdeal-"
 _SUFFIX = ".tmp"
+_ATTEMPTS = 100
 
 Writer = Callable[[BinaryIO], None]
 
@@ -91,8 +92,7 @@ class Transaction:
         folders = dict.fromkeys(output.parent for output in self._outputs)
         try:
             for folder in folders:
-                self._make_folder(folder)
-                _remove_stale(folder)
+                self._prepare(folder)
         except BaseException:
             self._discard()
             raise
@@ -138,7 +138,19 @@ class Transaction:
         finally:
             self._discard()
 
-    def _make_folder(self, folder: Path) -> None:
+    def _prepare(self, folder: Path) -> None:
+        """Make a folder that files can be written into, and remove what killed runs left there.
+
+        Another process that fails takes the folders away again which it has made.
+        """
+        for _ in range(_ATTEMPTS):
+            with contextlib.suppress(FileNotFoundError):
+                self._make(folder)
+                _remove_stale(folder)
+                return
+        raise FileAccessError("the folder is removed again and again", source=folder)
+
+    def _make(self, folder: Path) -> None:
         missing = []
         while not folder.exists():
             missing.append(folder)
@@ -146,6 +158,8 @@ class Transaction:
         for new in reversed(missing):
             try:
                 new.mkdir(exist_ok=True)
+            except FileNotFoundError:
+                raise
             except OSError as error:
                 rule = f"the folder cannot be made: {error.strerror}"
                 raise FileAccessError(rule, source=new) from None
@@ -274,9 +288,9 @@ def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> Non
 
 def _check_parents(output: Path) -> None:
     for parent in output.parents:
-        if parent.is_dir():
-            return
-        if parent.exists():
+        with contextlib.suppress(OSError):  # asked once: another process may be making it
+            if stat.S_ISDIR(parent.stat().st_mode):
+                return
             raise FileAccessError("is not a folder, outputs cannot go into it", source=parent)
 
 
