@@ -21,7 +21,11 @@ cdef extern from "distance_rows.h" nogil:
         SQUARES_32, SQUARES_64, METRES, BYTES
     ctypedef struct Task:
         const uint8_t *marked
-        int64_t height, width, band_rows, bands
+        int64_t height, width, whole_height, band_rows, bands
+        const uint8_t *row_before
+        const uint8_t *row_after
+        const uint32_t *down_before
+        const uint32_t *up_after
         Form form
         int both_kinds
         int64_t limit
@@ -95,6 +99,10 @@ cdef class Transform:
     cdef Task task
     cdef const uint8_t[:, ::1] marked
     cdef const uint8_t[::1] table
+    cdef const uint8_t[::1] row_before
+    cdef const uint8_t[::1] row_after
+    cdef const uint32_t[::1] down_before
+    cdef const uint32_t[::1] up_after
     cdef uint8_t[:, ::1] cells
     cdef float *metres
     cdef uint32_t *down
@@ -111,6 +119,7 @@ cdef class Transform:
         self.task.marked = &marked[0, 0]
         self.task.cells = &cells[0, 0]
         self.task.height, self.task.width = height, width
+        self.task.whole_height = height
         self.task.band_rows = min(max(_BAND_CELLS // width, _BAND_ROWS_LEAST), _BAND_ROWS_MOST)
         self.task.bands = (height + self.task.band_rows - 1) // self.task.band_rows
         self.task.limit = limit
@@ -124,6 +133,26 @@ cdef class Transform:
         free(self.down)
         free(self.up)
         free(self.metres)
+
+    def place(self, int64_t whole_height, before, after):
+        """Make the rows a part of a grid of this height.
+
+        `before` and `after` are the row next to them, of 0 and 1, and the lengths of the runs of
+        equal cells that end in it; None where there is none.
+        """
+        if not self.task.height <= whole_height <= LONGEST_SIDE:
+            raise ValueError("the whole grid must be as high as its part, and not too high")
+        self.task.whole_height = whole_height
+        if before is not None:
+            self.row_before, self.down_before = before
+            self._check_row(self.row_before.shape[0], self.down_before.shape[0])
+            self.task.row_before = &self.row_before[0]
+            self.task.down_before = &self.down_before[0]
+        if after is not None:
+            self.row_after, self.up_after = after
+            self._check_row(self.row_after.shape[0], self.up_after.shape[0])
+            self.task.row_after = &self.row_after[0]
+            self.task.up_after = &self.up_after[0]
 
     @property
     def bands(self):
@@ -205,6 +234,10 @@ cdef class Transform:
             or self.cells.shape[1] != self.task.width * size
         ):
             raise ValueError("the result has not the size of its cells")
+
+    cdef _check_row(self, Py_ssize_t cells, Py_ssize_t runs):
+        if cells != self.task.width or runs != self.task.width:
+            raise ValueError("the row beside has not the width of the grid")
 
     cdef _check_bands(self, int64_t first, int64_t end):
         if not 0 <= first <= end <= self.task.bands:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.column_runs import Beside, Mask, Runs
 from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, in_parallel, use_threads
 
@@ -52,15 +53,22 @@ def metres(
     inside_shift: float,
     clip: float,
     gain: float,
+    beside: Beside | None = None,
 ) -> NDArray[np.float32]:
     """Return signed distances."""
     distance = np.empty(marked.shape, np.float32)
     transform = _transform(
         marked, distance, _square_beyond(clip, scale, outside_shift, inside_shift)
     )
+    if beside is not None:
+        transform.place(beside.height, _beside(beside.before), _beside(beside.after))
     transform.to_metres(scale, outside_shift, inside_shift, clip, gain)
     _run(transform, distance.size)
     return distance
+
+
+def _beside(row: tuple[Mask, Runs] | None) -> tuple[NDArray[np.uint8], Runs] | None:
+    return None if row is None else (np.ascontiguousarray(row[0]).view(np.uint8), row[1])
 
 
 def _square_beyond(

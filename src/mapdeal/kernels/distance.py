@@ -12,6 +12,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.column_runs import Beside
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.squares import SquaredDistances, unreachable
 
@@ -83,6 +84,7 @@ def signed_distance(
     inside_shift: float = 0.0,
     clip: float = math.inf,
     gain: float = 1.0,
+    beside: Beside | None = None,
 ) -> NDArray[np.float32]:
     """Return each cell's signed distance to the nearest cell of the other kind.
 
@@ -98,6 +100,9 @@ def signed_distance(
         What both signs are then clipped to, above 0.
     gain : float
         Factor of the distances of free cells, applied last.
+    beside : Beside, optional
+        What lies before and after the rows, if they are a slab of a grid, as
+        `mapdeal.kernels.column_runs.joined` has it.
 
     Returns
     -------
@@ -111,13 +116,15 @@ def signed_distance(
     >>> signed_distance(np.array([[True, True, False, False]]), scale=0.5, inside_shift=0.5)
     array([[-0.5,  0. ,  0.5,  1. ]], dtype=float32)
     """
-    return _engine(occupied).metres(  # type: ignore[no-any-return]
+    height = len(occupied) if beside is None else beside.height
+    return _engine(occupied, height).metres(  # type: ignore[no-any-return]
         occupied,
         scale=scale,
         outside_shift=outside_shift,
         inside_shift=inside_shift,
         clip=clip,
         gain=gain,
+        beside=beside,
     )
 
 
@@ -182,15 +189,15 @@ def _check_limit(limit: int | None) -> None:
         raise ValueError(f"limit must be at least 0, not {limit}")
 
 
-def _engine(marked: NDArray[np.bool_]) -> ModuleType:
-    """Return the module that serves for a grid: compiled_distance or its twin."""
+def _engine(marked: NDArray[np.bool_], height: int = 0) -> ModuleType:
+    """Return the module that serves for a grid, or a part of a grid of some height."""
     if marked.dtype != np.bool_ or marked.ndim != 2:
         rule = f"a mask must be a bool array with two axes, not {marked.ndim} of {marked.dtype}"
         raise ValueError(rule)
     if engine_name() == "compiled" and marked.size > 0:
         from mapdeal.kernels import compiled_distance
 
-        if max(marked.shape) <= compiled_distance.longest_side():
+        if max(*marked.shape, height) <= compiled_distance.longest_side():
             return compiled_distance
     from mapdeal.kernels import scipy_distance
 

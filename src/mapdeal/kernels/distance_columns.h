@@ -25,10 +25,13 @@ static const int64_t UNREACHABLE = INT64_MAX;
 
 typedef enum { SQUARES_32, SQUARES_64, METRES, BYTES } Form;
 
-/* What is to be done for a grid of height x width cells. */
+/* What is to be done for a grid of height x width cells, or for some rows of a higher one. */
 typedef struct {
     const uint8_t *marked;
     int64_t height, width;
+    int64_t whole_height; /* of the grid that the rows belong to */
+    const uint8_t *row_before, *row_after;    /* the rows beside them; NULL: there is none */
+    const uint32_t *down_before, *up_after;   /* lengths of the runs that end there */
     int64_t band_rows, bands;
     Form form;
     int both_kinds;     /* whether marked cells are measured too, negative; else they are 0 */
@@ -111,7 +114,7 @@ static void join_band(const uint8_t *edge, const uint8_t *last, const uint32_t *
  * enough there to be told from every height, low enough not to overflow. */
 static uint32_t endless_height(const Task *task)
 {
-    return UINT32_MAX - (uint32_t)task->height;
+    return UINT32_MAX - (uint32_t)task->whole_height;
 }
 
 static void join_bands(const Task *task, uint32_t *down, uint32_t *up)
@@ -122,16 +125,16 @@ static void join_bands(const Task *task, uint32_t *down, uint32_t *up)
         const int64_t first = b * task->band_rows, rows = band_end(task, b) - first;
         const uint8_t *edge = task->marked + first * width;
         uint32_t *here = down + b * width;
-        join_band(edge, b ? edge - width : NULL, b ? here - width : NULL, here, (uint32_t)rows,
-                  endless, width);
+        join_band(edge, b ? edge - width : task->row_before, b ? here - width : task->down_before,
+                  here, (uint32_t)rows, endless, width);
     }
     for (int64_t b = bands - 1; b >= 0; b--) {
         const int64_t end = band_end(task, b), rows = end - b * task->band_rows;
         const uint8_t *edge = task->marked + (end - 1) * width;
         uint32_t *here = up + b * width;
         const int last = b + 1 == bands;
-        join_band(edge, last ? NULL : edge + width, last ? NULL : here + width, here,
-                  (uint32_t)rows, endless, width);
+        join_band(edge, last ? task->row_after : edge + width, last ? task->up_after : here + width,
+                  here, (uint32_t)rows, endless, width);
     }
 }
 

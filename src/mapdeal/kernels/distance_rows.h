@@ -102,7 +102,7 @@ MANY_LANES static int solve_near(const uint16_t *squares, const uint16_t *lowest
 static void solve_far(const Task *task, const Row *row, const uint8_t *marked, int64_t first,
                       int64_t end)
 {
-    const int64_t width = task->width, none = task->height; /* no height is larger */
+    const int64_t width = task->width, none = task->whole_height; /* no height is larger */
     const uint8_t kind = marked[first];
     const uint32_t *heights = row->heights;
     /* The cell before the stretch, if there is one, lies in a block that is settled: its nearest
@@ -300,8 +300,10 @@ static int solve_band(const Task *task, const uint32_t *down, const uint32_t *up
     row.lowest_outside += RINGS;
     row.lowest_inside += RINGS;
 
-    if (first == 0)
+    if (first == 0 && task->row_before == NULL)
         for (int64_t x = 0; x < width; x++) row.down[x] = endless_height(task);
+    else if (first == 0)
+        run_on(marked, task->row_before, task->down_before, row.down, width);
     else
         run_on(marked + first * width, marked + (first - 1) * width, down + (band - 1) * width,
                row.down, width);
@@ -309,8 +311,10 @@ static int solve_band(const Task *task, const uint32_t *down, const uint32_t *up
         run_on(marked + y * width, marked + (y - 1) * width, row.down + (y - 1 - first) * width,
                row.down + (y - first) * width, width);
     for (int64_t y = end - 1; y >= first; y--) {
-        if (y == height - 1)
+        if (y == height - 1 && task->row_after == NULL)
             for (int64_t x = 0; x < width; x++) row.up[x] = endless_height(task);
+        else if (y == height - 1)
+            run_on(marked + y * width, task->row_after, task->up_after, row.up, width);
         else if (y == end - 1)
             run_on(marked + y * width, marked + end * width, up + (band + 1) * width, row.up, width);
         else
