@@ -63,26 +63,39 @@ def active_region(
     ([[0, 100]], (1.5, 2.5, 0.0))
     """
     known = drop_small_groups(grid.occupancy != UNKNOWN, min_component)
-    if not known.any():
-        rule = "no active cells: every cell is unknown"
-        if min_component > 1:
-            rule = f"no active cells: no group of {min_component} known cells or more"
+    if not known.any() and min_component > 1:
+        rule = f"no active cells: no group of {min_component} known cells or more"
         raise MalformedInputError(rule)
-    # A margin of more than the map is as good as one of the map.
-    grow = cells_to_cover(min(margin, max(grid.shape) * grid.resolution), grid.resolution)
-    (top, bottom), (left, right) = (
-        _span(known.any(axis=axis), grow) for axis in (1, 0)
-    )  # fmt: skip
-    box = (slice(top, bottom), slice(left, right))
+    in_rows, in_cols = np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
+    rows, cols = box_around(in_rows, in_cols, margin, grid.resolution)
     if canvas == "full":
         occupancy = np.full(grid.shape, UNKNOWN, dtype=np.int8)
-        occupancy[box] = grid.occupancy[box]
+        occupancy[rows, cols] = grid.occupancy[rows, cols]
         return OccupancyGrid(occupancy, grid.resolution, grid.origin)
-    frame = grid.frame.window(top, left, bottom - top, right - left)
-    return OccupancyGrid(grid.occupancy[box], grid.resolution, frame.origin)
+    frame = grid.frame.window(
+        rows.start, cols.start, rows.stop - rows.start, cols.stop - cols.start
+    )
+    return OccupancyGrid(grid.occupancy[rows, cols], grid.resolution, frame.origin)
 
 
-def _span(has_known: NDArray[np.bool_] | np.bool_, grow: int) -> tuple[int, int]:
+def box_around(
+    rows: NDArray[np.bool_], cols: NDArray[np.bool_], margin: float, resolution: float
+) -> tuple[slice, slice]:
+    """Return the rows and columns of a box, given in which of them anything is known.
+
+    Raises
+    ------
+    MalformedInputError
+        If nothing is known anywhere.
+    """
+    if not rows.any():
+        raise MalformedInputError("no active cells: every cell is unknown")
+    # A margin of more than the map is as good as one of the map.
+    grow = cells_to_cover(min(margin, max(len(rows), len(cols)) * resolution), resolution)
+    return _span(rows, grow), _span(cols, grow)
+
+
+def _span(has_known: NDArray[np.bool_], grow: int) -> slice:
     """Return the half open range of the True entries, grown and clipped."""
     indices = np.flatnonzero(has_known)
-    return max(int(indices[0]) - grow, 0), min(int(indices[-1]) + 1 + grow, np.size(has_known))
+    return slice(max(int(indices[0]) - grow, 0), min(int(indices[-1]) + 1 + grow, len(has_known)))

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.large import LargeField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
@@ -78,18 +81,8 @@ def esdf(
     occupied = grid.occupied(lethal_threshold)
     if unknown == "occupied":
         occupied = occupied | grid.unknown()
-    outside_shift, inside_shift = {
-        "seed": (0.0, grid.resolution),
-        "center": (0.0, 0.0),
-        "border": (-0.5 * grid.resolution, 0.5 * grid.resolution),
-    }[convention]
     distance = signed_distance(
-        occupied,
-        scale=grid.resolution,
-        outside_shift=outside_shift,
-        inside_shift=inside_shift,
-        clip=math.inf if max_distance is None else max_distance,
-        gain=strength,
+        occupied, **measure_of(grid.resolution, convention, max_distance, strength)
     )
     return DistanceField(
         distance,
@@ -102,6 +95,24 @@ def esdf(
         lethal_threshold=lethal_threshold,
         unknown=unknown,
     )
+
+
+def measure_of(
+    resolution: float, convention: Convention, max_distance: float | None, strength: float
+) -> dict[str, Any]:
+    """Return what `mapdeal.kernels.distance.signed_distance` takes for a field's parameters."""
+    outside_shift, inside_shift = {
+        "seed": (0.0, resolution),
+        "center": (0.0, 0.0),
+        "border": (-0.5 * resolution, 0.5 * resolution),
+    }[convention]
+    return {
+        "scale": resolution,
+        "outside_shift": outside_shift,
+        "inside_shift": inside_shift,
+        "clip": math.inf if max_distance is None else max_distance,
+        "gain": strength,
+    }
 
 
 @stage
@@ -138,32 +149,77 @@ def field_view(
     [[100, 75, 50, -1]]
     """
     obstacles = field.obstacles()
-    if not obstacles.any():
-        values = np.zeros(field.shape, dtype=np.int8)
-    elif obstacles.all():
-        values = np.full(field.shape, OCCUPIED, dtype=np.int8)
-    elif view == "metric":
-
-        def metric(metres: NDArray[np.float64]) -> NDArray[np.float64]:
-            return 100 * (1 - np.minimum(metres, view_range) / view_range)
-
-        values = bytes_of_metres(field, obstacles, metric, constant_from=view_range)
-    else:
-        farthest = largest_distance_in(field, obstacles)
-        deepest = deepest_in(field, obstacles)
-        span = farthest - field.resolution + deepest
-
-        def seed(metres: NDArray[np.float64]) -> NDArray[np.float64]:
-            return 100 * (farthest - np.minimum(metres, farthest)) / span
-
-        values = bytes_of_metres(field, obstacles, seed, constant_from=farthest)
-    unknown = field.occupancy == UNKNOWN
-    set_where(values, unknown, UNKNOWN)
-    set_where(values, obstacles, OCCUPIED)
+    scale = ViewScale.of(field, obstacles, view=view, view_range=view_range)
+    values = scale.values_of(field, obstacles)
     return OccupancyGrid(values, field.resolution, field.origin)
 
 
-def reach_is_kept(field: DistanceField, reach: float) -> bool:
+@dataclass(frozen=True)
+class ViewScale:
+    """What the view of a field depends on beside the single cell.
+
+    Parameters
+    ----------
+    view : {'metric', 'seed'}
+        Which view.
+    view_range : float
+        Metres at which the metric view reaches 0.
+    shape : tuple of int
+        Rows and columns of the whole field.
+    has_obstacles, has_others : bool
+        Whether the field has any obstacle, and any cell that is none.
+    farthest, deepest : float
+        Of the seed view: the largest distance outside of obstacles, and the largest within.
+    """
+
+    view: View
+    view_range: float
+    shape: tuple[int, int]
+    has_obstacles: bool
+    has_others: bool
+    farthest: float = 0.0
+    deepest: float = 0.0
+
+    @classmethod
+    def of(
+        cls, field: DistanceField, obstacles: NDArray[np.bool_], *, view: View, view_range: float
+    ) -> ViewScale:
+        """Return the scale of a field."""
+        has_obstacles, has_others = bool(obstacles.any()), not obstacles.all()
+        farthest = deepest = 0.0
+        if view == "seed" and has_obstacles:
+            farthest = largest_distance_in(field, obstacles)
+            deepest = deepest_in(field, obstacles)
+        return cls(view, view_range, field.shape, has_obstacles, has_others, farthest, deepest)
+
+    def values_of(self, field: DistanceField, obstacles: NDArray[np.bool_]) -> NDArray[np.int8]:
+        """Return the view of a field, or of some rows of the whole one."""
+        if not self.has_obstacles:
+            values = np.zeros(field.shape, dtype=np.int8)
+        elif not self.has_others:
+            values = np.full(field.shape, OCCUPIED, dtype=np.int8)
+        else:
+            values = bytes_of_metres(
+                field,
+                obstacles,
+                self._metric if self.view == "metric" else self._seed_of(field.resolution),
+                constant_from=self.view_range if self.view == "metric" else self.farthest,
+                shape=self.shape,
+            )
+        unknown = field.occupancy == UNKNOWN
+        set_where(values, unknown, UNKNOWN)
+        set_where(values, obstacles, OCCUPIED)
+        return values
+
+    def _metric(self, metres: NDArray[np.float64]) -> NDArray[np.float64]:
+        return 100 * (1 - np.minimum(metres, self.view_range) / self.view_range)
+
+    def _seed_of(self, resolution: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+        span = self.farthest - resolution + self.deepest
+        return lambda metres: 100 * (self.farthest - np.minimum(metres, self.farthest)) / span
+
+
+def reach_is_kept(field: DistanceField | LargeField, reach: float) -> bool:
     """Return whether the field tells all distances up to `reach` metres apart.
 
     A clipped field does not know its cells at exactly the clip from those beyond it.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -14,6 +15,7 @@ from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.large import LargeField
 from mapdeal.grid.values import (
     FREE_SPACE,
     INSCRIBED_INFLATED_OBSTACLE,
@@ -98,41 +100,140 @@ def exponential_cost(
     [[254, 253, 253, 152, 92, 0]]
     """
     lethal_threshold = check_lethal_threshold(source, lethal_threshold)
-    if inscribed_radius > inflation_radius:
-        text = (
-            f"cost: inscribed_radius {inscribed_radius:g} m is larger than inflation_radius "
-            f"{inflation_radius:g} m, which cuts it off"
-        )
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+    fall_off = FallOff.of(
+        inscribed_radius,
+        inflation_radius,
+        cost_scaling_factor,
+        inflate_unknown=inflate_unknown,
+        inflate_around_unknown=inflate_around_unknown,
+        resolution=source.resolution,
+        shape=source.shape,
+    )
+    circumscribed_cost = fall_off.cost_at(circumscribed_radius)
     obstacles = obstacles_of(source, lethal_threshold)
-    cost = np.zeros(source.shape, dtype=np.uint8)
-    set_where(cost, source.occupancy == UNKNOWN, NO_INFORMATION)
-    set_where(cost, obstacles, LETHAL_OBSTACLE)
-    reach = _reach(inflation_radius, source.resolution, source.shape)
-    if reach > 0:
-        table = cost_table(
-            min(
-                reach, _last_cost_above_0(inscribed_radius, cost_scaling_factor, source.resolution)
-            ),
-            resolution=source.resolution,
-            inscribed_radius=inscribed_radius,
-            cost_scaling_factor=cost_scaling_factor,
-        )
-        seeds = cost >= LETHAL_OBSTACLE if inflate_around_unknown else obstacles
-        has_more = inflate_around_unknown and not np.array_equal(seeds, obstacles)
-        if isinstance(source, DistanceField) and not has_more:
-            spread = _spread_from_field(source, obstacles, table, reach)
+    cost = costs_before(source, obstacles)
+    if fall_off.reach > 0:
+        has_more = inflate_around_unknown and bool((cost == NO_INFORMATION).any())
+        if isinstance(source, DistanceField) and not has_more and fall_off.is_in(source):
+            fall_off.raise_from_field(cost, source, obstacles)
         else:
-            spread = bytes_by_distance(seeds, table)
-        raise_costs(cost, spread, inflate_unknown=inflate_unknown)
-    circumscribed_cost = None
-    if circumscribed_radius is not None:
-        circumscribed_cost = _circumscribed_cost(
-            circumscribed_radius, inscribed_radius, inflation_radius, cost_scaling_factor
-        )
+            fall_off.raise_around_seeds(cost, obstacles)
     return Costmap(
         cost, source.resolution, source.origin, circumscribed_cost=circumscribed_cost
     )  # fmt: skip
+
+
+def costs_before(source: ObstacleSource, obstacles: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return the costs before they spread: lethal obstacles, no information, and 0."""
+    cost = np.zeros(source.shape, dtype=np.uint8)
+    set_where(cost, source.occupancy == UNKNOWN, NO_INFORMATION)
+    set_where(cost, obstacles, LETHAL_OBSTACLE)
+    return cost
+
+
+@dataclass(frozen=True, eq=False)
+class FallOff:
+    """How costs fall off around obstacles: the parameters of `exponential_cost`, in cells.
+
+    Parameters
+    ----------
+    inscribed_radius, inflation_radius, cost_scaling_factor : float
+        As `exponential_cost` takes them.
+    inflate_unknown, inflate_around_unknown : bool
+        Likewise.
+    reach : int
+        Cells that the costs reach.
+    metres : float
+        The same in metres.
+    table : numpy.ndarray of uint8
+        The cost of each squared distance in cells, from `cost_table`.
+    """
+
+    inscribed_radius: float
+    inflation_radius: float
+    cost_scaling_factor: float
+    inflate_unknown: bool
+    inflate_around_unknown: bool
+    reach: int
+    metres: float
+    table: NDArray[np.uint8]
+
+    @classmethod
+    def of(
+        cls,
+        inscribed_radius: float,
+        inflation_radius: float,
+        cost_scaling_factor: float,
+        *,
+        inflate_unknown: bool,
+        inflate_around_unknown: bool,
+        resolution: float,
+        shape: tuple[int, int],
+    ) -> FallOff:
+        """Return the fall-off on a grid; `shape` is that of the whole grid."""
+        if inscribed_radius > inflation_radius:
+            text = (
+                f"cost: inscribed_radius {inscribed_radius:g} m is larger than inflation_radius "
+                f"{inflation_radius:g} m, which cuts it off"
+            )
+            warnings.warn(text, MapdealWarning, stacklevel=3)
+        reach = _reach(inflation_radius, resolution, shape)
+        table = cost_table(
+            min(reach, _last_cost_above_0(inscribed_radius, cost_scaling_factor, resolution)),
+            resolution=resolution,
+            inscribed_radius=inscribed_radius,
+            cost_scaling_factor=cost_scaling_factor,
+        )
+        return cls(
+            inscribed_radius, inflation_radius, cost_scaling_factor, inflate_unknown,
+            inflate_around_unknown, reach, reach * resolution, table,
+        )  # fmt: skip
+
+    @property
+    def cells(self) -> int:
+        """Cells beyond which all costs are 0."""
+        return math.isqrt(len(self.table) - 2)
+
+    def cost_at(self, circumscribed_radius: float | None) -> int | None:
+        """Return the cost at the robot's circumscribed radius, if there is one."""
+        if circumscribed_radius is None:
+            return None
+        return _circumscribed_cost(
+            circumscribed_radius,
+            self.inscribed_radius,
+            self.inflation_radius,
+            self.cost_scaling_factor,
+        )
+
+    def is_in(self, field: DistanceField | LargeField) -> bool:
+        """Return whether a field tells all distances apart that the costs depend on.
+
+        Raises
+        ------
+        ParameterError
+            If it was clipped below their reach.
+        """
+        if reach_is_kept(field, self.metres):
+            return True
+        if field.max_distance is not None and field.max_distance < self.metres * (1 - 1e-6):
+            rule = f"the field is clipped below the reach of the costs, {self.metres:g} m"
+            hint = "make the field with a larger max_distance, or none"
+            raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
+        # The clip falls on the reach: cells right there look like those beyond.
+        return False
+
+    def raise_from_field(
+        self, cost: NDArray[np.uint8], field: DistanceField, obstacles: NDArray[np.bool_]
+    ) -> None:
+        """Raise costs, in place, by the distances of a field."""
+        spread = bytes_in(field, obstacles, self.table)
+        raise_costs(cost, spread, inflate_unknown=self.inflate_unknown)
+
+    def raise_around_seeds(self, cost: NDArray[np.uint8], obstacles: NDArray[np.bool_]) -> None:
+        """Raise costs, in place, by the distances to obstacles, or to all that they spread from."""
+        seeds = cost >= LETHAL_OBSTACLE if self.inflate_around_unknown else obstacles
+        spread = bytes_by_distance(seeds, self.table)
+        raise_costs(cost, spread, inflate_unknown=self.inflate_unknown)
 
 
 def cost_table(
@@ -198,20 +299,6 @@ def _last_cost_above_0(
     decay = math.log(INSCRIBED_INFLATED_OBSTACLE - 1) / cost_scaling_factor
     cells = (inscribed_radius + decay) / resolution
     return math.ceil(min(cells, sys.maxsize // 2)) + 1
-
-
-def _spread_from_field(
-    field: DistanceField, obstacles: NDArray[np.bool_], table: NDArray[np.uint8], reach: int
-) -> NDArray[np.uint8]:
-    metres = reach * field.resolution
-    if reach_is_kept(field, metres):
-        return bytes_in(field, obstacles, table)
-    if field.max_distance is not None and field.max_distance < metres * (1 - 1e-6):
-        rule = f"the field is clipped below the reach of the costs, {metres:g} m"
-        hint = "make the field with a larger max_distance, or none"
-        raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
-    # The clip falls on the reach: cells right there look like those beyond.
-    return bytes_by_distance(obstacles, table)
 
 
 def _circumscribed_cost(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.large import LargeField
 from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
 from mapdeal.kernels.threads import for_rows
 
@@ -64,6 +65,7 @@ def bytes_of_metres(
     value_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     *,
     constant_from: float,
+    shape: tuple[int, int],
 ) -> NDArray[np.int8]:
     """Return a function's values, truncated, of each cell's distance between centres.
 
@@ -77,13 +79,15 @@ def bytes_of_metres(
         Gives values 0 .. 127 of metres; called with float64 arrays, which may hold +inf.
     constant_from : float
         Metres from which on the value no longer changes.
+    shape : tuple of int
+        Rows and columns of the whole field, which bound its distances.
 
     Returns
     -------
     numpy.ndarray of int8, shape (H, W)
     """
     furthest = furthest_kept(field)
-    cells = min(constant_from, furthest, _diagonal(field)) / field.resolution
+    cells = min(constant_from, furthest, math.hypot(*shape) * field.resolution) / field.resolution
     if cells * cells < _LARGEST_TABLE:
         squares = np.arange(math.ceil(cells * cells) + 2, dtype=np.float64)
         squares[-1] = math.inf
@@ -113,15 +117,11 @@ def deepest_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> float:
     return max(shift[field.convention] - lowest, 0.0)
 
 
-def furthest_kept(field: DistanceField) -> float:
+def furthest_kept(field: DistanceField | LargeField) -> float:
     """Return the metres between centres beyond which the field was clipped."""
     if field.max_distance is None:
         return math.inf
     return field.max_distance + (0.5 * field.resolution if field.convention == "border" else 0.0)
-
-
-def _diagonal(field: DistanceField) -> float:
-    return math.hypot(*field.shape) * field.resolution
 
 
 def _measure(field: DistanceField) -> dict[str, Any]:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import dataclass
 from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.errors import MapdealWarning
 from mapdeal.grid.coordinates import cells_to_cover
@@ -65,27 +69,68 @@ def inflate(
     >>> inflate(grid, radius=0.2).occupancy.tolist()
     [[0, 0, 100, 100, 100]]
     """
-    if footprint is not None:
-        radius = footprint.circumscribed_radius
+    growth = Growth.of(radius, footprint, kernel, lethal_threshold, inflate_unknown)
+    growth.warn_of_no_effect(grid.resolution)
     occupied = grid.occupied(lethal_threshold)
-    if kernel == "square":
-        extent = max(grid.shape) * grid.resolution
-        grown = dilate_square(occupied, cells_to_cover(min(radius, extent), grid.resolution))
-    else:
-        diagonal = math.hypot(*grid.shape)
-        limit = largest_square_within(min(radius, diagonal * grid.resolution), grid.resolution)
-        if radius > 0 and limit == 0:
-            text = f"inflate: radius {radius:g} m is below a cell of {grid.resolution:g} m and has"
-            warnings.warn(f"{text} no effect", MapdealWarning, stacklevel=2)
-        grown = within_distance(occupied, limit)
-    if not inflate_unknown:
-        grown &= ~grid.unknown() | occupied
+    grown = growth.grown(grid, occupied)
     if grown.all() and not occupied.all():
-        text = f"inflate: radius {radius:g} m leaves no cell of the map free"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        growth.warn_of_nothing_free()
     occupancy = grid.occupancy.copy()
     set_where(occupancy, grown, OCCUPIED)
     return OccupancyGrid(occupancy, grid.resolution, grid.origin)
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How obstacles grow: the parameters of `inflate`, and what they do to a mask of cells."""
+
+    radius: float
+    kernel: Literal["disc", "square"]
+    lethal_threshold: int
+    inflate_unknown: bool
+
+    @classmethod
+    def of(
+        cls,
+        radius: float,
+        footprint: Footprint | None,
+        kernel: Literal["disc", "square"],
+        lethal_threshold: int,
+        inflate_unknown: bool,
+    ) -> Growth:
+        """Return the growth that the parameters of `inflate` ask for."""
+        if footprint is not None:
+            radius = footprint.circumscribed_radius
+        return cls(radius, kernel, lethal_threshold, inflate_unknown)
+
+    def grown(self, grid: OccupancyGrid, occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return the mask of cells that are occupied once the obstacles have grown."""
+        if self.kernel == "square":
+            extent = max(grid.shape) * grid.resolution
+            reach = cells_to_cover(min(self.radius, extent), grid.resolution)
+            grown = dilate_square(occupied, reach)
+        else:
+            extent = math.hypot(*grid.shape) * grid.resolution
+            limit = largest_square_within(min(self.radius, extent), grid.resolution)
+            grown = within_distance(occupied, limit)
+        if not self.inflate_unknown:
+            grown &= ~grid.unknown() | occupied
+        return grown
+
+    def reach(self, resolution: float, longest: int) -> int:
+        """Return how many cells away an obstacle can be that matters to a cell."""
+        return cells_to_cover(min(self.radius, longest * resolution), resolution) + 1
+
+    def warn_of_no_effect(self, resolution: float) -> None:
+        """Warn if a disc holds no cell but its own."""
+        if self.kernel == "disc" and 0 < self.radius < resolution - _RADIUS_TOLERANCE:
+            text = f"inflate: radius {self.radius:g} m is below a cell of {resolution:g} m and has"
+            warnings.warn(f"{text} no effect", MapdealWarning, stacklevel=3)
+
+    def warn_of_nothing_free(self) -> None:
+        """Warn that obstacles have grown over the whole map."""
+        text = f"inflate: radius {self.radius:g} m leaves no cell of the map free"
+        warnings.warn(text, MapdealWarning, stacklevel=3)
 
 
 def largest_square_within(radius: float, resolution: float) -> int:

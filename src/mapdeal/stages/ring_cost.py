@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.kernels.neighbourhood import dilate_square
@@ -51,13 +54,26 @@ def ring_cost(
     >>> ring_cost(grid).cost.tolist()
     [[100, 90, 70, 50, 0, -1]]
     """
+    check_rings(values)
+    threshold = check_lethal_threshold(source, lethal_threshold)
+    cost = rings_around(source, values, threshold)
+    return Costmap(cost, source.resolution, source.origin, scale="occupancy")
+
+
+def check_rings(values: tuple[int, ...]) -> None:
+    """Refuse costs without any ring."""
     if not values:
         raise ParameterError("needs at least one number", place="values", got=values)
-    threshold = check_lethal_threshold(source, lethal_threshold)
-    inner = obstacles_of(source, threshold)
+
+
+def rings_around(
+    source: ObstacleSource, values: tuple[int, ...], lethal_threshold: int
+) -> NDArray[np.int8]:
+    """Return the costs of `ring_cost`, shape (H, W)."""
+    inner = obstacles_of(source, lethal_threshold)
     cost = occupancy_with_obstacles(source, inner)
     for value in values:
         outer = dilate_square(inner, 1)
         cost[outer & ~inner] = value
         inner = outer
-    return Costmap(cost, source.resolution, source.origin, scale="occupancy")
+    return cost

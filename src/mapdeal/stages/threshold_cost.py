@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.lookup import look_up
 from mapdeal.stages.esdf import View, esdf, field_view
 from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold
 from mapdeal.stages.parameters import ABOVE_0, AT_LEAST_0, LETHAL, PERCENT, stage
@@ -68,24 +70,32 @@ def threshold_cost(
     >>> threshold_cost(grid).cost.tolist()  # the view is 100, 87, 75, 62, 50, -1
     [[100, 99, 99, 93, 0, -1]]
     """
-    if down > up:
-        raise ParameterError(f"must not be larger than up ({up:g})", place="down", got=down)
+    table = table_of_views(down, up, down_factor, up_factor)
     threshold = check_lethal_threshold(source, lethal_threshold)
     if not isinstance(source, DistanceField):
         source = esdf(source, lethal_threshold=threshold)
-    _check_clip(source, down, view, view_range)
+    check_clip(source, down, view, view_range)
     values = field_view(source, view=view, view_range=view_range).occupancy
-    by_value = np.zeros(128, dtype=np.int8)  # indexed by the view; int8 never exceeds 127
-    for value in range(FREE, OCCUPIED):
-        factor = 0.0 if value <= down else down_factor if value <= up else up_factor
-        by_value[value] = int(min(factor * value, _HIGHEST_BELOW_OBSTACLE))
-    by_value[OCCUPIED] = OCCUPIED
-    cost = by_value[values]  # -1 reads the table's last entry, put right below
-    cost[values == UNKNOWN] = UNKNOWN
+    cost = look_up(values, table)
     return Costmap(cost, source.resolution, source.origin, scale="occupancy")
 
 
-def _check_clip(field: DistanceField, down: float, view: View, view_range: float) -> None:
+def table_of_views(
+    down: float, up: float, down_factor: float, up_factor: float
+) -> NDArray[np.int8]:
+    """Return the cost of each value of the view, shape (256,), by its byte: -1 is the last."""
+    if down > up:
+        raise ParameterError(f"must not be larger than up ({up:g})", place="down", got=down)
+    table = np.zeros(256, dtype=np.int8)
+    for value in range(FREE, OCCUPIED):
+        factor = 0.0 if value <= down else down_factor if value <= up else up_factor
+        table[value] = int(min(factor * value, _HIGHEST_BELOW_OBSTACLE))
+    table[OCCUPIED] = OCCUPIED
+    table[UNKNOWN] = UNKNOWN
+    return table
+
+
+def check_clip(field: DistanceField, down: float, view: View, view_range: float) -> None:
     """Refuse a field whose clipped cells would get another cost at their true distance.
 
     In the metric view all is well if cells at the clip cost nothing already. The seed view is
