@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.rows import MadeRows, Rows
 from mapdeal.kernels.threads import thread_count
 
 Buffer = Any  # bytes, or a contiguous memoryview
@@ -71,11 +72,34 @@ def deflated(parts: Iterable[Buffer]) -> Iterator[bytes]:
     yield _END
 
 
-def pieces(array: NDArray[Any]) -> Iterator[Buffer]:
-    """Cut the bytes of a contiguous array into parts."""
+def pieces(array: Rows) -> Iterator[Buffer]:
+    """Cut the bytes of a contiguous array, in memory or not, into the same parts."""
+    if isinstance(array, MadeRows):
+        yield from _recut(array[slab] for slab in array.slabs())
+        return
     whole = array.reshape(-1).view(np.uint8).data
     for start in range(0, len(whole), PART):
         yield whole[start : start + PART]
+
+
+def _recut(arrays: Iterable[NDArray[Any]]) -> Iterator[Buffer]:
+    """Cut the bytes of arrays, one after the other, into parts that know nothing of borders."""
+    rest = b""
+    for array in arrays:
+        whole = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+        start = 0
+        if rest:
+            start = min(PART - len(rest), len(whole))
+            rest += bytes(whole[:start])
+            if len(rest) < PART:
+                continue
+            yield rest
+        full = start + (len(whole) - start) // PART * PART
+        for first in range(start, full, PART):
+            yield whole[first : first + PART]
+        rest = bytes(whole[full:])
+    if rest:
+        yield rest
 
 
 def _with_dictionaries(parts: Iterable[Buffer]) -> Iterator[tuple[Buffer, bytes]]:

@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.formats.map_yaml import MapMetadata, Mode, yaml_of
 from mapdeal.formats.png import write_grey_png, write_rgba_png
-from mapdeal.formats.pnm import write_pgm
+from mapdeal.formats.pnm import write_pgm_from_south
 from mapdeal.formats.transaction import Transaction, Writer
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.framed import Framed
+from mapdeal.grid.large import LargeCosts, LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.scales import occupancy_from_cost
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
 from mapdeal.kernels.lookup import histogram, look_up
+from mapdeal.kernels.rows import MadeRows, Rows, counts_of_rows, looked_up
 
 Encoding = Literal["occupancy", "costmap2d"]
 
@@ -42,7 +44,7 @@ def pair_paths(output: Path) -> tuple[Path, Path]:
 def write_pair(
     transaction: Transaction,
     output: Path,
-    grid: OccupancyGrid | Costmap,
+    grid: OccupancyGrid | Costmap | LargeMap | LargeCosts,
     *,
     mode: Mode | None = None,
     encoding: Encoding = "occupancy",
@@ -72,7 +74,7 @@ def write_pair(
     """
     image, yaml_path = pair_paths(output)
     cost_scale: CostScale | None = None
-    if isinstance(grid, Costmap):
+    if isinstance(grid, (Costmap, LargeCosts)):
         if mode not in (None, "raw"):
             raise ParameterError("costs are written in mode raw", place="mode", got=mode)
         mode = "raw"
@@ -83,16 +85,15 @@ def write_pair(
             cost_scale = "costmap2d"
             text = f"{yaml_path}: holds costmap_2d's bytes, which map_server would misread"
             warnings.warn(text, MapdealWarning, stacklevel=2)
-            write_image = _pixel_writer(image, grid.cost.astype(np.uint8, copy=False), grid)
+            write_image = _pixel_writer(image, grid.cost, grid)
         else:
             write_image = _pixel_writer(image, _published_pixels(grid), grid)
     else:
-        values = grid.occupancy
-        has_between = bool(histogram(values)[FREE + 1 : OCCUPIED].any())
+        has_between = bool(counts_of_rows(grid.occupancy)[FREE + 1 : OCCUPIED].any())
         mode = mode or ("raw" if has_between else "trinary")
-        write_image = _occupancy_writer(
-            image, in_trinary(grid) if mode == "trinary" else grid, mode
-        )
+        if mode == "trinary" and isinstance(grid, OccupancyGrid):
+            grid = in_trinary(grid)
+        write_image = _occupancy_writer(image, grid, mode)
     scaled = mode == "scale"
     metadata = MapMetadata(
         image=image.name,
@@ -125,12 +126,14 @@ def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     return OccupancyGrid(kept, grid.resolution, grid.origin)
 
 
-def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
+def _occupancy_writer(image: Path, grid: OccupancyGrid | LargeMap, mode: Mode) -> Writer:
     values = grid.occupancy
     if mode == "raw":
         return _pixel_writer(image, _raw_pixels(values), grid)
     if mode == "trinary":
-        return _pixel_writer(image, look_up(values, _trinary_table()), grid)
+        return _pixel_writer(image, looked_up(values, _trinary_table()), grid)
+    if isinstance(values, MadeRows):
+        raise ParameterError("is for maps that fit into memory", place="mode", got=mode)
     scaled = look_up(values, _scale_table())
     unknown = values == UNKNOWN
     if not unknown.any():
@@ -143,22 +146,25 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
     return lambda file: write_rgba_png(file, np.ascontiguousarray(rgba[::-1]))
 
 
-def _pixel_writer(image: Path, pixels: NDArray[np.uint8], grid: Framed) -> Writer:
+def _pixel_writer(image: Path, pixels: Rows, grid: Framed | LargeMap | LargeCosts) -> Writer:
     """Return what writes grey pixels given south first, as cells are."""
     comment = f"CREATOR: mapdeal {grid.resolution!r} m/pix"
     if image.suffix == ".png":
-        return lambda file: write_grey_png(file, np.ascontiguousarray(pixels[::-1]))
-    return lambda file: write_pgm(file, pixels[::-1], comment=comment)
+        whole = pixels[:]  # as for pictures: no larger than fits
+        return lambda file: write_grey_png(file, np.ascontiguousarray(whole[::-1]))
+    return lambda file: write_pgm_from_south(file, pixels, comment=comment)
 
 
-def _published_pixels(costmap: Costmap) -> NDArray[np.uint8]:
+def _published_pixels(costmap: Costmap | LargeCosts) -> Rows:
     """Return the values that ROS would publish, as mode raw has them."""
     if costmap.scale == "occupancy":
         return _raw_pixels(costmap.cost)
-    return look_up(costmap.cost, occupancy_from_cost().view(np.uint8))
+    return looked_up(costmap.cost, occupancy_from_cost().view(np.uint8))
 
 
-def _raw_pixels(values: NDArray[Any]) -> NDArray[np.uint8]:
+def _raw_pixels(values: Rows) -> Rows:
+    if isinstance(values, MadeRows):
+        return values.mapped(np.uint8, lambda part: part.view(np.uint8))
     return values.view(np.uint8)  # -1 is 255 already
 
 

@@ -14,11 +14,12 @@ from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.map_server import read_pair
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode
-from mapdeal.formats.npz import Grid, read_npz, write_npz
+from mapdeal.formats.npz import AnyGrid, Grid, read_npz, write_npz
 from mapdeal.formats.source import exists, status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.large import LargeField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 
@@ -133,7 +134,7 @@ def output_paths(output: Path) -> tuple[Path, ...]:
 def write_grid(
     transaction: Transaction,
     output: Path,
-    grid: Grid,
+    grid: AnyGrid,
     *,
     mode: Mode | None = None,
     encoding: Encoding = "occupancy",
@@ -146,8 +147,8 @@ def write_grid(
             raise ParameterError("an npz has no mode", place="mode", got=mode)
         transaction.write(output, lambda file: write_npz(file, grid, more=more))
         return
-    if isinstance(grid, (DistanceField, PotentialField)):
-        what = "a distance" if isinstance(grid, DistanceField) else "a potential"
+    if isinstance(grid, (DistanceField, LargeField, PotentialField)):
+        what = "a potential" if isinstance(grid, PotentialField) else "a distance"
         raise ParameterError(f"{what} field is written as npz", source=output)
     write_pair(transaction, output, grid, mode=mode, encoding=encoding, extra=extra)
 

@@ -7,6 +7,7 @@ is taken for it, and nothing is ever unpickled.
 from __future__ import annotations
 
 import io
+import itertools
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -23,16 +24,20 @@ from mapdeal.formats.npz_reader import NpzReader
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.large import LargeCosts, LargeField, LargeGrid
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
+from mapdeal.kernels.rows import MadeRows, Rows
 
 FORMAT = "mapdeal/1"
 
 Grid = OccupancyGrid | Costmap | DistanceField | PotentialField
+AnyGrid = Grid | LargeGrid
+"""A grid in memory, or one that is too large for that."""
 
 
 def write_npz(
-    file: BinaryIO, grid: Grid, *, more: Mapping[str, NDArray[Any]] | None = None
+    file: BinaryIO, grid: AnyGrid, *, more: Mapping[str, NDArray[Any]] | None = None
 ) -> None:
     """Write a grid, all its layers and its geometry, and `more` layers, which no reader needs.
 
@@ -47,11 +52,12 @@ def write_npz(
     }
     with zipfile.ZipFile(file, "w") as archive:
         for name, value in entries.items():
-            _write_entry(file, archive, f"{name}.npy", np.asarray(value, order="C"))
+            array = value if isinstance(value, MadeRows) else np.asarray(value, order="C")
+            _write_entry(file, archive, f"{name}.npy", array)
 
 
 def _write_entry(
-    file: BinaryIO, archive: zipfile.ZipFile, name: str, array: NDArray[Any]
+    file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Rows
 ) -> None:  # fmt: skip
     """Add an array, compressed in threads.
 
@@ -59,14 +65,13 @@ def _write_entry(
     header is then corrected to say so. Layers of float64 are left as they are: their last
     digits are noise, and a tenth less to store costs ten times the time.
     """
-    header = io.BytesIO()
-    npy_format.write_array_header_1_0(header, npy_format.header_data_from_array_1_0(array))
+    header = _npy_header(array)
     info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
     checksum = 0
 
     def parts() -> Iterator[Buffer]:
         nonlocal checksum
-        for part in (header.getvalue(), *pieces(array)):
+        for part in itertools.chain([header], pieces(array)):
             checksum = zlib.crc32(part, checksum)
             yield part
 
@@ -77,15 +82,27 @@ def _write_entry(
     if is_noise:
         return
     info.compress_type = zipfile.ZIP_DEFLATED
-    info.file_size = len(header.getvalue()) + array.nbytes
+    info.file_size = len(header) + array.nbytes
     info.CRC = checksum
     file.seek(info.header_offset)
     file.write(info.FileHeader(zip64=True))
 
 
-def write_npy(file: BinaryIO, array: NDArray[Any]) -> None:
-    """Write a bare array as ``.npy``."""
-    npy_format.write_array(file, array, allow_pickle=False)
+def write_npy(file: BinaryIO, array: Rows) -> None:
+    """Write a bare array of two axes as ``.npy``."""
+    file.write(_npy_header(array))
+    file.writelines(pieces(array))
+
+
+def _npy_header(array: Rows) -> bytes:
+    header = io.BytesIO()
+    facts = {
+        "descr": npy_format.dtype_to_descr(array.dtype),
+        "fortran_order": False,
+        "shape": array.shape,
+    }
+    npy_format.write_array_header_1_0(header, facts)
+    return header.getvalue()
 
 
 def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
@@ -128,13 +145,13 @@ def _check_format(reader: NpzReader, path: Path) -> None:
         raise MalformedInputError(f"must be {FORMAT}", source=path, place="format", got=found)
 
 
-def _entries_of(grid: Grid) -> dict[str, Any]:
-    if isinstance(grid, Costmap):
+def _entries_of(grid: AnyGrid) -> dict[str, Any]:
+    if isinstance(grid, (Costmap, LargeCosts)):
         entries: dict[str, Any] = {"cost": grid.cost, "cost_scale": grid.scale}
         if grid.circumscribed_cost is not None:
             entries["circumscribed_cost"] = np.int64(grid.circumscribed_cost)
         return entries
-    if isinstance(grid, DistanceField):
+    if isinstance(grid, (DistanceField, LargeField)):
         limit = np.inf if grid.max_distance is None else grid.max_distance
         return {
             "distance": grid.distance,

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -20,11 +21,13 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealWarning
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
+from mapdeal.kernels.rows import MadeRows, Rows
 
 _TOKEN = re.compile(rb"(?:[ \t\n\v\f\r]|#[^\n\r]*)*([^ \t\n\v\f\r#]+)")
 _COMMENT = re.compile(rb"#[^\n\r]*")
 _LONGEST_HEADER = 1 << 16
 _WRITTEN_TOGETHER = 1 << 20
+_TRAILING = 64
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,62 @@ def decode_pbm(
     return _binary_rows(data, header, source).reshape(header.height, -1), header.width
 
 
+@dataclass(frozen=True)
+class GreyFile:
+    """Where the pixels of a P5 file lie.
+
+    Parameters
+    ----------
+    width, height : int
+        Pixels.
+    maxval : int
+        Largest brightness, at most 255: each pixel is a byte.
+    start : int
+        Offset of the first pixel, the one in the north west.
+    """
+
+    width: int
+    height: int
+    maxval: int
+    start: int
+
+
+def locate_pixels(
+    head: bytes, size: int, trailing: Callable[[int], bytes], source: Path, *, max_cells: int
+) -> GreyFile | None:
+    """Return where the pixels of a file are, if it is a P5 file of 8 bits.
+
+    Parameters
+    ----------
+    head : bytes
+        The first bytes of the file, with the whole header.
+    size : int
+        Bytes of the file.
+    trailing : callable
+        Returns some bytes of the file, from an offset on.
+    source, max_cells
+        As for `decode_pnm`, which raises and warns of the same.
+    """
+    if not is_pnm(head):
+        return None
+    header = _read_header(head, source)
+    if header.magic != 5 or header.maxval > 255:
+        return None
+    check_size(source, header.width, header.height, max_cells)
+    cells = header.width * header.height
+    start = _start_of_data(head, size, header, cells, source)
+    _check_length(size - start, cells, trailing(start + cells)[:_TRAILING], source)
+    return GreyFile(header.width, header.height, header.maxval, start)
+
+
+def check_pixels(samples: NDArray[np.uint8], maxval: int, first: int, source: Path) -> None:
+    """Refuse pixels above `maxval`; `first` is the number of the first of them."""
+    if maxval < 255 and samples.max() > maxval:
+        flat = samples.reshape(-1)
+        index = int(np.argmax(flat > maxval))
+        raise _above_maxval(int(flat[index]), first + index, maxval, source)
+
+
 def pnm_comments(head: bytes) -> list[str]:
     r"""Return the comments of a picture's header, given its first bytes.
 
@@ -146,8 +205,7 @@ def check_pnm_header(head: bytes, source: Path, *, max_cells: int) -> None:
 def write_pgm(file: BinaryIO, pixels: NDArray[np.uint8], *, comment: str = "") -> None:
     """Write a P5 file of 8-bit pixels, shape (H, W), row 0 in the north."""
     height, width = pixels.shape
-    note = f"# {comment}\n" if comment else ""
-    file.write(f"P5\n{note}{width} {height}\n255\n".encode())
+    _write_pgm_header(file, (height, width), comment)
     _write_rows(file, pixels)
 
 
@@ -155,6 +213,22 @@ def write_pbm(file: BinaryIO, packed: NDArray[np.uint8], width: int) -> None:
     """Write a P4 file of packed bits, shape (H, ceil(W / 8)), row 0 in the north, 1 black."""
     file.write(f"P4\n{width} {len(packed)}\n".encode())
     _write_rows(file, packed)
+
+
+def write_pgm_from_south(file: BinaryIO, pixels: Rows, *, comment: str = "") -> None:
+    """Write a P5 file of 8-bit pixels, shape (H, W), row 0 in the south, in memory or not."""
+    if not isinstance(pixels, MadeRows):
+        write_pgm(file, pixels[::-1], comment=comment)
+        return
+    _write_pgm_header(file, pixels.shape, comment)
+    for slab in reversed(list(pixels.slabs())):
+        _write_rows(file, pixels[slab][::-1])
+
+
+def _write_pgm_header(file: BinaryIO, shape: tuple[int, int], comment: str) -> None:
+    height, width = shape
+    note = f"# {comment}\n" if comment else ""
+    file.write(f"P5\n{note}{width} {height}\n255\n".encode())
 
 
 def _write_rows(file: BinaryIO, rows: NDArray[np.uint8]) -> None:
@@ -201,7 +275,7 @@ def _binary(data: bytes, header: _Header, source: Path) -> Samples:
     samples: Samples = body.astype(np.uint16) if header.maxval > 255 else body
     if header.maxval not in (255, 65535) and samples.max() > header.maxval:
         index = int(np.argmax(samples > header.maxval))
-        raise _above_maxval(int(samples[index]), index, header, source)
+        raise _above_maxval(int(samples[index]), index, header.maxval, source)
     if header.channels == 3:
         return samples.reshape(header.height, header.width, 3)
     return samples.reshape(header.height, header.width)
@@ -212,14 +286,16 @@ def _binary_rows(data: bytes, header: _Header, source: Path) -> Samples:
     wide = header.maxval > 255
     row = (header.width + 7) // 8 if header.magic == 4 else header.width * header.channels
     expected = row * header.height * (2 if wide else 1)
-    start = _start_of_data(data, header, expected, source)
-    _check_length(data, start, expected, source)
+    start = _start_of_data(data, len(data), header, expected, source)
+    _check_length(len(data) - start, expected, data[start + expected :][:_TRAILING], source)
     return np.frombuffer(data, dtype=">u2" if wide else np.uint8, count=row * header.height,
                          offset=start)  # fmt: skip
 
 
-def _start_of_data(data: bytes, header: _Header, expected: int, source: Path) -> int:
+def _start_of_data(data: bytes, size: int, header: _Header, expected: int, source: Path) -> int:
     """Return the offset of the first pixel: one byte behind the header, or two after CR LF.
+
+    `data` are the first bytes of the file, `size` is the number of all.
 
     A file that went through a DOS text conversion has CR LF ends in its header. If no pixel
     had the value of a line feed, the pixels came through whole, one byte late.
@@ -227,7 +303,7 @@ def _start_of_data(data: bytes, header: _Header, expected: int, source: Path) ->
     if data[header.end : header.end + 1] == b"#":
         # A comment right behind maxval: its line end is the one byte before the pixels.
         line_end = data.find(b"\n", header.end)
-        return line_end + 1 if line_end >= 0 else len(data)
+        return line_end + 1 if line_end >= 0 else size
     separator = data[header.end : header.end + 2]
     if not separator[:1].isspace():
         if not separator:
@@ -237,7 +313,7 @@ def _start_of_data(data: bytes, header: _Header, expected: int, source: Path) ->
     start = header.end + 1
     if separator != b"\r\n":
         return start
-    length = len(data) - start
+    length = size - start
     if length == expected + 1:
         text = f"{source}: header: DOS line ends; the pixels are intact and were read"
         warnings.warn(MapdealWarning(text, "image.dos-header"), stacklevel=6)
@@ -248,13 +324,12 @@ def _start_of_data(data: bytes, header: _Header, expected: int, source: Path) ->
     raise MalformedInputError(rule, source=source, place="pixels", got=length)
 
 
-def _check_length(data: bytes, start: int, expected: int, source: Path) -> None:
-    actual = len(data) - start
+def _check_length(actual: int, expected: int, trailing: bytes, source: Path) -> None:
     if actual < expected:
         rule = f"the pixels end early: expected {expected} bytes"
         raise MalformedInputError(rule, source=source, place="pixels", got=actual)
     if actual > expected:
-        _check_trailing(data[start + expected : start + expected + 64], source)
+        _check_trailing(trailing, source)
         text = f"{source}: {actual - expected} bytes behind the picture were ignored"
         warnings.warn(MapdealWarning(text, "image.trailing-bytes"), stacklevel=6)
 
@@ -290,7 +365,7 @@ def _plain(data: bytes, header: _Header, source: Path) -> Samples:
     values = np.array(tokens, dtype="S9").astype(np.int64)
     if values.max() > header.maxval:
         index = int(np.argmax(values > header.maxval))
-        raise _above_maxval(int(values[index]), index, header, source)
+        raise _above_maxval(int(values[index]), index, header.maxval, source)
     narrow = header.maxval <= 255
     samples: Samples = values.astype(np.uint8) if narrow else values.astype(np.uint16)
     if header.channels == 3:
@@ -305,6 +380,6 @@ def _check_count(actual: int, expected: int, source: Path) -> None:
                                   got=actual)  # fmt: skip
 
 
-def _above_maxval(value: int, index: int, header: _Header, source: Path) -> MalformedInputError:
-    rule = f"pixels must not exceed maxval {header.maxval}"
+def _above_maxval(value: int, index: int, maxval: int, source: Path) -> MalformedInputError:
+    rule = f"pixels must not exceed maxval {maxval}"
     return MalformedInputError(rule, source=source, place=f"pixel {index}", got=value)
