@@ -40,11 +40,12 @@ def active(
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,
     threads: opt.Threads = None,
+    max_memory: opt.MaxMemory = None,
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
     """Cut out the known part of a map, its active region."""
     opt.start(quiet=quiet, verbose=verbose)
     parameters = opt.given(margin=margin, canvas=canvas, min_component=min_component)
-    files = file_options(dialect, max_cells, force, threads, image)
+    files = file_options(dialect, max_cells, force, threads, image, max_memory)
     run_stage("active", source, output, parameters, files)

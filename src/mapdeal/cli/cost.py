@@ -130,6 +130,7 @@ def cost(
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,
     threads: opt.Threads = None,
+    max_memory: opt.MaxMemory = None,
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
@@ -159,5 +160,5 @@ def cost(
         values=values,
         lethal_threshold=lethal_threshold,
     )
-    files = file_options(dialect, max_cells, force, threads, image)
+    files = file_options(dialect, max_cells, force, threads, image, max_memory)
     run_stage("cost", source, output, parameters, files, encoding=encoding.value, mask=mask)

@@ -57,6 +57,7 @@ def esdf(
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,
     threads: opt.Threads = None,
+    max_memory: opt.MaxMemory = None,
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
@@ -71,5 +72,5 @@ def esdf(
         view=view,
         view_range=view_range,
     )
-    files = file_options(dialect, max_cells, force, threads, image)
+    files = file_options(dialect, max_cells, force, threads, image, max_memory)
     run_stage("esdf", source, output, parameters, files)

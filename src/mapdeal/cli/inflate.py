@@ -46,6 +46,7 @@ def inflate(
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,
     threads: opt.Threads = None,
+    max_memory: opt.MaxMemory = None,
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
@@ -61,5 +62,5 @@ def inflate(
         lethal_threshold=lethal_threshold,
         inflate_unknown=inflate_unknown,
     )
-    files = file_options(dialect, max_cells, force, threads, image)
+    files = file_options(dialect, max_cells, force, threads, image, max_memory)
     run_stage("inflate", source, output, parameters, files)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -66,6 +67,14 @@ Force = Annotated[bool, typer.Option("--force", help="Replace outputs that exist
 Threads = Annotated[
     int | None,
     typer.Option(metavar="N", min=1, help="Threads to use.  [default: all processors]"),
+]
+MaxMemory = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SIZE",
+        help="Memory to take, like 4G or 500M; maps that need more are worked on by slabs of "
+        "rows.  [default: half of what is free]",
+    ),
 ]
 Image = Annotated[
     Path | None, typer.Option(metavar="FILE.png", help="Write a picture of the result, too.")
@@ -173,6 +182,24 @@ def pair(text: str, name: str) -> tuple[float, float]:
     """Return the two numbers of an option written ``X,Y``."""
     x, y = numbers(text, 2, "X,Y", name)
     return x, y
+
+
+def size_of(text: str, name: str) -> int:
+    """Return a number of bytes: ``500M`` and ``4GiB`` are of 1024, ``4GB`` of 1000.
+
+    Raises
+    ------
+    ParameterError
+        If it is none; the error calls it `name`.
+    """
+    match = re.fullmatch(r"(\d{1,9}(?:\.\d*)?)\s*([kmgt]?)(i?b)?", text.strip(), re.IGNORECASE)
+    if match is None:
+        raise ParameterError("must be a size such as 4G or 500M", place=name, got=text)
+    number, unit, ending = float(match[1]), match[2].lower(), (match[3] or "").lower()
+    size = int(number * (1000 if ending == "b" else 1024) ** " kmgt".index(unit or " "))
+    if size < 1:
+        raise ParameterError("must be above 0", place=name, got=text)
+    return size
 
 
 def numbers(text: str, count: int, form: str, name: str) -> list[float]:

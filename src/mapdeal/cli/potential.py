@@ -54,6 +54,7 @@ def potential(
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,
     threads: opt.Threads = None,
+    max_memory: opt.MaxMemory = None,
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
@@ -70,6 +71,5 @@ def potential(
         repulsive_cap=repulsive_cap,
         lethal_threshold=lethal_threshold,
     )
-    run_stage("potential", source, output, parameters, file_options(
-        dialect, max_cells, force, threads, image
-    ))  # fmt: skip
+    files = file_options(dialect, max_cells, force, threads, image, max_memory)
+    run_stage("potential", source, output, parameters, files)

@@ -57,6 +57,7 @@ def run(
     max_cells: opt.MaxCells = None,
     force: opt.Force = False,
     threads: opt.Threads = None,
+    max_memory: opt.MaxMemory = None,
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
@@ -74,6 +75,7 @@ def run(
         terminal.detail(opt.described(one.name, one.described()[one.name]))
     run_options = RunOptions(dialect.value, images=not no_images, image_max=image_max)
     folders = folders_of(sources, output)
+    memory = None if max_memory is None else opt.size_of(max_memory, "--max-memory")
 
     def run_one(path: Path, folder: Path) -> RunReport:
         report = run_map(
@@ -84,6 +86,7 @@ def run(
             force=force,
             threads=threads,
             max_cells=max_cells,
+            max_memory=memory,
         )
         terminal.summary(_lines(path, report))
         return report

@@ -20,9 +20,11 @@ def file_options(
     force: bool,
     threads: int | None,
     image: Path | None,
+    max_memory: str | None = None,
 ) -> FileOptions:
     """Return the shared options as the pipeline takes them."""
-    return FileOptions(dialect.value, max_cells, force, threads, image)
+    limit = None if max_memory is None else opt.size_of(max_memory, "--max-memory")
+    return FileOptions(dialect.value, max_cells, force, threads, image, limit)
 
 
 def run_stage(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from mapdeal.formats.npz import Grid
+from mapdeal.formats.npz import AnyGrid
 from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.large import LargeCosts, LargeField, LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import (
@@ -20,7 +22,7 @@ from mapdeal.grid.values import (
     OCCUPIED,
     UNKNOWN,
 )
-from mapdeal.kernels.lookup import histogram
+from mapdeal.kernels.rows import counts_of_rows, slabs_of
 
 Figures = dict[str, Any]
 
@@ -28,7 +30,7 @@ _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 
 
-def figures_of(grid: Grid | BitMap) -> Figures:
+def figures_of(grid: AnyGrid | BitMap) -> Figures:
     """Return the figures of a grid, as JSON can hold them."""
     figures: Figures = {
         "width": grid.shape[1],
@@ -36,11 +38,11 @@ def figures_of(grid: Grid | BitMap) -> Figures:
         "resolution": grid.resolution,
         "origin": list(grid.origin),
     }
-    if isinstance(grid, DistanceField):
+    if isinstance(grid, (DistanceField, LargeField)):
         figures |= _field_figures(grid)
     elif isinstance(grid, PotentialField):
         figures |= _potential_figures(grid)
-    elif isinstance(grid, Costmap):
+    elif isinstance(grid, (Costmap, LargeCosts)):
         figures |= _cost_figures(grid)
     elif isinstance(grid, BitMap):
         ones, cells = grid.count(), grid.shape[0] * grid.shape[1]
@@ -50,12 +52,12 @@ def figures_of(grid: Grid | BitMap) -> Figures:
     return figures
 
 
-def occupancy_counts(grid: OccupancyGrid) -> Figures:
+def occupancy_counts(grid: OccupancyGrid | LargeMap) -> Figures:
     """Return how many cells are occupied, free, unknown and in between."""
-    counts = histogram(grid.occupancy)
+    counts = counts_of_rows(grid.occupancy)
     occupied, free = int(counts[OCCUPIED]), int(counts[FREE])
     unknown = int(counts[UNKNOWN])
-    between = grid.occupancy.size - occupied - free - unknown
+    between = int(counts.sum()) - occupied - free - unknown
     return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
 
 
@@ -87,13 +89,19 @@ def summary_of(figures: Figures) -> str:
     return ", ".join(share(name) for name in names)
 
 
-def _field_figures(field: DistanceField) -> Figures:
-    finite = bool(np.isfinite(field.distance.flat[0]))
+def _field_figures(field: DistanceField | LargeField) -> Figures:
+    obstacles, count = field.obstacles(), 0
+    lowest, highest = math.inf, -math.inf
+    for slab in slabs_of(field.distance):
+        distance = field.distance[slab]
+        count += int(np.count_nonzero(obstacles[slab]))
+        lowest, highest = min(lowest, float(distance.min())), max(highest, float(distance.max()))
+    finite = math.isfinite(lowest) and math.isfinite(highest)
     return {
         "convention": field.convention,
-        "obstacles": int(np.count_nonzero(field.obstacles())),
-        "lowest_distance": float(field.distance.min()) if finite else None,
-        "highest_distance": float(field.distance.max()) if finite else None,
+        "obstacles": count,
+        "lowest_distance": lowest if finite else None,
+        "highest_distance": highest if finite else None,
     }
 
 
@@ -106,8 +114,8 @@ def _potential_figures(field: PotentialField) -> Figures:
     }
 
 
-def _cost_figures(costmap: Costmap) -> Figures:
-    counts = histogram(costmap.cost)
+def _cost_figures(costmap: Costmap | LargeCosts) -> Figures:
+    counts = counts_of_rows(costmap.cost)
     figures: Figures = {"cost_scale": costmap.scale, "free": int(counts[0])}
     if costmap.scale == "costmap2d":
         figures["lethal"] = int(counts[LETHAL_OBSTACLE])
@@ -118,5 +126,5 @@ def _cost_figures(costmap: Costmap) -> Figures:
         figures["lethal"] = int(counts[OCCUPIED])
         figures["unknown"] = int(counts[UNKNOWN])
     named = sum(figures.get(name, 0) for name in _COST_SHARES)
-    figures["graded"] = costmap.cost.size - named
+    figures["graded"] = int(counts.sum()) - named
     return figures

@@ -11,7 +11,7 @@ from pathlib import Path
 from mapdeal.errors import MapdealError, MapdealWarning, ParameterError, one_line
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import Source, read_source
-from mapdeal.formats.npz import Grid
+from mapdeal.formats.npz import AnyGrid, Grid
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.potential import PotentialField
 from mapdeal.kernels.threads import use_threads
@@ -35,6 +35,8 @@ class FileOptions:
         Threads to compute and write with; all processors if not given.
     image : Path, optional
         Where a picture of the result goes.
+    max_memory : int, optional
+        Bytes of memory that may be taken; half of what is free if not given.
     """
 
     dialect: Dialect = "nav2"
@@ -42,6 +44,7 @@ class FileOptions:
     force: bool = False
     threads: int | None = None
     image: Path | None = None
+    max_memory: int | None = None
 
 
 def read_input(path: Path, options: FileOptions) -> Source:
@@ -71,7 +74,7 @@ def outputs_of(
 def add_picture(
     transaction: Transaction,
     options: FileOptions,
-    grid: Grid,
+    grid: AnyGrid,
     title: str,
     overlay: Overlay | None = None,
 ) -> None:

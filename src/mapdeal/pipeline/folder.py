@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.formats.json_text import json_of, read_json
-from mapdeal.formats.npz import Grid
+from mapdeal.formats.npz import AnyGrid
 from mapdeal.formats.source import holds
 from mapdeal.formats.transaction import Transaction, remove_if_unchanged
 from mapdeal.pipeline.figures import Figures, figures_of
@@ -46,14 +46,14 @@ class Product:
     ----------
     step : Step
         The step.
-    grid : OccupancyGrid, Costmap, DistanceField or PotentialField
+    grid : OccupancyGrid, Costmap, DistanceField, PotentialField or a large one
         Its result.
     figures : mapping
         What to tell of it beside the figures that every grid has.
     """
 
     step: Step
-    grid: Grid
+    grid: AnyGrid
     figures: Figures = field(default_factory=dict)
 
 

@@ -7,11 +7,13 @@ from pathlib import Path
 from mapdeal.errors import one_line
 from mapdeal.formats.map_writer import write_pair
 from mapdeal.formats.maps import write_grid
-from mapdeal.formats.npz import Grid
+from mapdeal.formats.npz import AnyGrid
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.large import LargeCosts, LargeField, LargeMap
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.pipeline.stage_list import Step
 from mapdeal.render.canvas import Image
@@ -20,6 +22,7 @@ from mapdeal.render.overlay import Overlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.stages.esdf import field_view
+from mapdeal.stages.large import large_field_view
 
 _NAMES = {
     "local": "local",
@@ -48,7 +51,7 @@ def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
 def write_products(
     transaction: Transaction,
     step: Step,
-    grid: Grid,
+    grid: AnyGrid,
     folder: Path,
     *,
     stem: str,
@@ -61,8 +64,8 @@ def write_products(
     if step.name in ("esdf", "potential", "cost"):
         write_grid(transaction, base.with_suffix(".npz"), grid)
     pair = base.with_suffix(".yaml")
-    if isinstance(grid, DistanceField):
-        write_pair(transaction, pair, field_view(grid, **step.view), mode="raw")
+    if isinstance(grid, (DistanceField, LargeField)):
+        write_pair(transaction, pair, view_of(grid, step), mode="raw")
     elif not isinstance(grid, PotentialField):
         write_pair(transaction, pair, grid)
     if images:
@@ -71,10 +74,17 @@ def write_products(
         write_picture(transaction, path, grid, title, image_max=image_max, overlay=overlay)
 
 
+def view_of(field: DistanceField | LargeField, step: Step) -> OccupancyGrid | LargeMap:
+    """Return the 0..100 view that a step asks for."""
+    if isinstance(field, LargeField):
+        return large_field_view(field, **step.view)
+    return field_view(field, **step.view)
+
+
 def write_picture(
     transaction: Transaction,
     path: Path,
-    grid: Grid,
+    grid: AnyGrid,
     title: str,
     *,
     image_max: int = DEFAULT_IMAGE_MAX,
@@ -83,9 +93,9 @@ def write_picture(
     """Write the picture of a grid; it is drawn in the thread that writes it."""
 
     def draw() -> Image:
-        if isinstance(grid, DistanceField):
+        if isinstance(grid, (DistanceField, LargeField)):
             return field_image(grid, title=title, image_max=image_max, overlay=overlay)
-        if isinstance(grid, Costmap):
+        if isinstance(grid, (Costmap, LargeCosts)):
             return cost_image(grid, title=title, image_max=image_max, overlay=overlay)
         if isinstance(grid, PotentialField):
             return potential_image(grid, title=title, image_max=image_max)

@@ -7,13 +7,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+from mapdeal.formats.large_maps import LargeSource
 from mapdeal.formats.map_yaml import Dialect
-from mapdeal.formats.maps import read_source
-from mapdeal.formats.npz import Grid
+from mapdeal.formats.maps import Source
+from mapdeal.formats.npz import AnyGrid
 from mapdeal.formats.source import sha256_of
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.figures import Figures
+from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.folder import OutputFolder, Pictures, Product
+from mapdeal.pipeline.large import opened_source
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
@@ -65,6 +68,7 @@ def run_map(
     force: bool = False,
     threads: int | None = None,
     max_cells: int | None = None,
+    max_memory: int | None = None,
 ) -> RunReport:
     """Read a map, apply a recipe and write everything into a folder.
 
@@ -84,6 +88,9 @@ def run_map(
         Threads to compute and write with; all processors if not given.
     max_cells : int, optional
         Cells up to which the map is read.
+    max_memory : int, optional
+        Bytes of memory that may be taken; half of what is free if not given. A map that needs
+        more is worked on by slabs of rows, with the same result.
 
     Raises
     ------
@@ -91,19 +98,14 @@ def run_map(
         If the map cannot be read or processed, or outputs exist that the manifest does not
         show to be these; nothing is changed then.
     """
-    with use_threads(threads):
-        return _run_map(path, folder, recipe, options, force, max_cells)
+    reading = FileOptions(options.dialect, max_cells, max_memory=max_memory)
+    with use_threads(threads), opened_source(path, recipe.steps, reading) as source:
+        return _run(source, folder, recipe, options, force)
 
 
-def _run_map(
-    path: Path,
-    folder: Path,
-    recipe: Recipe,
-    options: RunOptions,
-    force: bool,
-    max_cells: int | None,
+def _run(
+    source: Source | LargeSource, folder: Path, recipe: Recipe, options: RunOptions, force: bool
 ) -> RunReport:
-    source = read_source(path, dialect=options.dialect, max_cells=max_cells)
     target = OutputFolder(
         folder,
         recipe.steps,
@@ -121,7 +123,7 @@ def _run_map(
     return RunReport(folder, "done", figures)
 
 
-def products_of(recipe: Recipe, grid: Grid, path: Path) -> Iterator[Product]:
+def products_of(recipe: Recipe, grid: AnyGrid, path: Path) -> Iterator[Product]:
     """Yield what each step of a recipe makes of a grid; errors name the file it came from."""
     for step in recipe.steps:
         made = step.apply(grid, path)

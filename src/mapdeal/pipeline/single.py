@@ -8,17 +8,19 @@ from typing import Any
 from mapdeal.errors import ParameterError
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.maps import as_occupancy, output_paths, write_grid
-from mapdeal.formats.npz import Grid, write_npy
+from mapdeal.formats.npz import AnyGrid, write_npy
 from mapdeal.formats.transaction import Transaction
 from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.large import LargeField
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of, read_input
-from mapdeal.pipeline.products import title_of
+from mapdeal.pipeline.large import opened_source
+from mapdeal.pipeline.products import title_of, view_of
 from mapdeal.pipeline.stage_list import Step
-from mapdeal.stages.esdf import field_view
 from mapdeal.stages.keepout import apply_keepout_mask
 
 
@@ -44,21 +46,21 @@ def apply_to_file(
         hint = "--image writes a picture" if output.suffix == ".png" else None
         rule = f"the output must end in {' or '.join(e for e in endings if e != '.yml')}"
         raise ParameterError(rule, source=output, hint=hint)
-    source = read_input(path, options)
-    over = None if mask is None else read_input(mask, options)
-    inputs = [*source.files, *(over.files if over else ())]
-    with outputs_of(_paths(output), inputs, options) as transaction:
-        grid = step.apply(source.grid, path)
-        title = title_of(step)
-        if over is not None and mask is not None:
-            grid = _masked(grid, as_occupancy(over.grid, "the mask"), mask)
-            title += f", with {mask.name}"
-        _write(transaction, output, grid, step, encoding)
-        add_picture(transaction, options, grid, f"{path.stem}: {title}")
-    return figures_of(grid)
+    with use_threads(options.threads), opened_source(path, [step], options) as source:
+        over = None if mask is None else read_input(mask, options)
+        inputs = [*source.files, *(over.files if over else ())]
+        with outputs_of(_paths(output), inputs, options) as transaction, errors_named(path):
+            grid = step.apply(source.grid, path)
+            title = title_of(step)
+            if over is not None and mask is not None:
+                grid = _masked(grid, as_occupancy(over.grid, "the mask"), mask)
+                title += f", with {mask.name}"
+            _write(transaction, output, grid, step, encoding)
+            add_picture(transaction, options, grid, f"{path.stem}: {title}")
+            return figures_of(grid)
 
 
-def _masked(grid: Grid, mask: OccupancyGrid, path: Path) -> Costmap:
+def _masked(grid: AnyGrid, mask: OccupancyGrid, path: Path) -> Costmap:
     if not isinstance(grid, Costmap):
         raise ParameterError("only costs take a mask", source=path)
     with errors_named(path):
@@ -72,9 +74,9 @@ def _paths(output: Path) -> list[Path]:
 
 
 def _write(
-    transaction: Transaction, output: Path, grid: Grid, step: Step, encoding: Encoding
+    transaction: Transaction, output: Path, grid: AnyGrid, step: Step, encoding: Encoding
 ) -> None:
-    if not isinstance(grid, DistanceField):
+    if not isinstance(grid, (DistanceField, LargeField)):
         write_grid(transaction, output, grid, encoding=encoding)
     elif output.suffix == ".npz":
         write_grid(transaction, output, grid)
@@ -83,10 +85,10 @@ def _write(
         document = yaml_document(_geometry_of(grid, output))
         transaction.write_bytes(output.with_suffix(".yaml"), document)
     else:
-        write_grid(transaction, output, field_view(grid, **step.view), mode="raw")
+        write_grid(transaction, output, view_of(grid, step), mode="raw")
 
 
-def _geometry_of(field: DistanceField, output: Path) -> dict[str, Any]:
+def _geometry_of(field: DistanceField | LargeField, output: Path) -> dict[str, Any]:
     return {
         "distance": output.name,
         "resolution": field.resolution,

@@ -5,17 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.formats.maps import as_occupancy
-from mapdeal.formats.npz import Grid
+from mapdeal.formats.npz import AnyGrid, Grid
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.large import LargeCosts, LargeField, LargeGrid, LargeMap
 from mapdeal.stages.active import active_region
 from mapdeal.stages.esdf import esdf, field_view
 from mapdeal.stages.exponential_cost import exponential_cost
 from mapdeal.stages.inflate import inflate
+from mapdeal.stages.large import (
+    large_active_region,
+    large_esdf,
+    large_exponential_cost,
+    large_inflate,
+    large_ring_cost,
+    large_threshold_cost,
+)
 from mapdeal.stages.parameters import accept_parameters, parameters_of, unknown_name
 from mapdeal.stages.potential import potential
 from mapdeal.stages.ring_cost import ring_cost
@@ -25,6 +34,11 @@ COST_MODELS: dict[str, Callable[..., Costmap]] = {
     "exponential": exponential_cost,
     "threshold": threshold_cost,
     "rings": ring_cost,
+}
+LARGE_COST_MODELS: dict[str, Callable[..., LargeCosts]] = {
+    "exponential": large_exponential_cost,
+    "threshold": large_threshold_cost,
+    "rings": large_ring_cost,
 }
 DEFAULT_MODEL = "exponential"
 
@@ -50,14 +64,22 @@ class Step:
     view: Mapping[str, Any]
     model: str | None = None
 
-    def apply(self, grid: Grid, source: Path) -> Grid:
+    @overload
+    def apply(self, grid: Grid, source: Path) -> Grid: ...
+
+    @overload
+    def apply(self, grid: AnyGrid, source: Path) -> AnyGrid: ...
+
+    def apply(self, grid: AnyGrid, source: Path) -> AnyGrid:
         """Return what the stage makes of `grid`; errors name the file it came from."""
         try:
             return self._apply(grid)
         except MapdealError as error:
             raise error.found_in(source) from None
 
-    def _apply(self, grid: Grid) -> Grid:
+    def _apply(self, grid: AnyGrid) -> AnyGrid:
+        if isinstance(grid, LargeGrid):
+            return self._apply_to_large(grid)
         if self.name == "active":
             return active_region(as_occupancy(grid), **self.parameters)
         if self.name == "inflate":
@@ -68,6 +90,14 @@ class Step:
         if self.name == "potential":
             return potential(source, **self.parameters)
         return COST_MODELS[self.model or DEFAULT_MODEL](source, **self.parameters)
+
+    def _apply_to_large(self, grid: LargeGrid) -> LargeGrid:
+        if self.name == "potential" or isinstance(grid, LargeCosts):
+            raise ParameterError("needs a map that fits into memory", place=self.name)
+        if self.name == "cost":
+            return LARGE_COST_MODELS[self.model or DEFAULT_MODEL](grid, **self.parameters)
+        map_ = grid.grid if isinstance(grid, LargeField) else grid
+        return _LARGE_FUNCTIONS[self.name](map_, **self.parameters)
 
     @property
     def hands_on(self) -> bool:
@@ -87,6 +117,11 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "inflate": inflate,
     "esdf": esdf,
     "potential": potential,
+}
+_LARGE_FUNCTIONS: dict[str, Callable[..., LargeMap | LargeField]] = {
+    "active": large_active_region,
+    "inflate": large_inflate,
+    "esdf": large_esdf,
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Frame
+from mapdeal.grid.large import LargeCosts, LargeField, LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     INSCRIBED_INFLATED_OBSTACLE,
@@ -19,6 +21,7 @@ from mapdeal.grid.values import (
     UNKNOWN,
 )
 from mapdeal.kernels.lookup import histogram, look_up, set_where
+from mapdeal.kernels.rows import looked_up, slabs_of
 from mapdeal.kernels.threads import for_rows
 from mapdeal.render import colours
 from mapdeal.render.canvas import (
@@ -39,7 +42,7 @@ _FIELD_LEVELS = _FREE_LEVELS + _OBSTACLE_LEVELS
 
 
 def occupancy_image(
-    grid: OccupancyGrid,
+    grid: OccupancyGrid | LargeMap,
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
@@ -75,7 +78,7 @@ def occupancy_image(
 
 
 def field_image(
-    field: DistanceField,
+    field: DistanceField | LargeField,
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
@@ -88,8 +91,8 @@ def field_image(
     of the scale ends at its largest distance of a known cell. An overlay is drawn over all.
     """
     raster = Raster.fitting(field.shape, image_max)
-    far, deep = _range_of(field)
-    pixels, faded_index = _field_pixels(field, raster, far, deep)
+    ends = _Ends.of(field)
+    pixels, faded_index = _field_pixels(field, raster, ends)
     line = 2 * _FIELD_LEVELS
 
     known_side = np.vstack([
@@ -98,10 +101,10 @@ def field_image(
     faded = colours.mixed(known_side, colours.RVIZ_UNKNOWN, 0.6)
     swatches = swatches_in(pixels, [Swatch(line, "obstacle edge")])
     bar = None
-    if np.isfinite(field.distance).any():
-        bar = _field_bar(field, far, deep)
+    if ends.are_finite:
+        bar = _field_bar(ends)
     else:
-        everywhere = "+inf: no obstacle" if field.distance.flat[0] > 0 else "-inf: nothing free"
+        everywhere = "+inf: no obstacle" if ends.highest > 0 else "-inf: nothing free"
         swatches.append(Swatch(int(pixels.flat[0]), everywhere))
     if faded_index is not None and bar is not None:
         swatches.append(Swatch(faded_index, "unknown: faded"))
@@ -120,7 +123,7 @@ def field_image(
 
 
 def _field_pixels(
-    field: DistanceField, raster: Raster, far: float, deep: float
+    field: DistanceField | LargeField, raster: Raster, ends: _Ends
 ) -> tuple[NDArray[np.uint8], int | None]:
     """Return palette indices, and one that shows what unknown cells look like, if there are any.
 
@@ -128,22 +131,24 @@ def _field_pixels(
     outline of obstacles.
     """
     obstacles = raster.largest(field.obstacles())
-    indices, faded_index = _field_levels(field, raster, far, deep, obstacles)
+    indices, faded_index = _field_levels(field, raster, ends, obstacles)
     pixels = raster.enlarged(indices)
     set_where(pixels, inner_outline(raster.enlarged(obstacles)), 2 * _FIELD_LEVELS)
     return pixels, faded_index
 
 
 def _field_levels(
-    field: DistanceField, raster: Raster, far: float, deep: float, obstacles: NDArray[np.bool_]
+    field: DistanceField | LargeField, raster: Raster, ends: _Ends, obstacles: NDArray[np.bool_]
 ) -> tuple[NDArray[np.uint8], int | None]:
     distance = raster.smallest(field.distance)
-    unknown = raster.smallest(field.occupancy == UNKNOWN)
+    is_unknown = np.zeros(256, dtype=np.bool_)
+    is_unknown[UNKNOWN] = True
+    unknown = raster.smallest(looked_up(field.occupancy, is_unknown))
     levels = np.empty(distance.shape, dtype=np.uint8)
 
     def level(rows: slice) -> None:
-        part = _OBSTACLE_LEVELS + _level(distance[rows], far, _FREE_LEVELS)
-        inside = _OBSTACLE_LEVELS - 1 - _level(-distance[rows], deep, _OBSTACLE_LEVELS)
+        part = _OBSTACLE_LEVELS + _level(distance[rows], ends.far, _FREE_LEVELS)
+        inside = _OBSTACLE_LEVELS - 1 - _level(-distance[rows], ends.deep, _OBSTACLE_LEVELS)
         np.copyto(part, inside, where=obstacles[rows])
         levels[rows] = part + _FIELD_LEVELS * unknown[rows].view(np.uint8)
 
@@ -155,7 +160,7 @@ def _field_levels(
 
 
 def cost_image(
-    costmap: Costmap,
+    costmap: Costmap | LargeCosts,
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
@@ -177,8 +182,8 @@ def cost_image(
         by_value[INSCRIBED_INFLATED_OBSTACLE] = inscribed
     by_value[NO_INFORMATION] = unknown  # -1 on the occupancy scale
     # One more than the cost, so that unknown cells are the lowest: 255 + 1 is 0.
-    ranks = look_up(costmap.cost, (np.arange(256) + 1).astype(np.uint8))
-    ranks = raster.largest(ranks)
+    one_more = (np.arange(256) + 1).astype(np.uint8)
+    ranks = raster.largest(looked_up(costmap.cost, one_more))
     pixels = look_up(ranks, np.roll(by_value, 1))
     pixels = raster.enlarged(pixels)
     palette = np.vstack([
@@ -248,25 +253,46 @@ def _level(distance: NDArray[np.float32], end: float, levels: int) -> NDArray[np
     return level
 
 
-def _range_of(field: DistanceField) -> tuple[float, float]:
-    """Return the largest distance and the largest depth of known cells, finite; 0 for none."""
-    has_known = bool((field.occupancy != UNKNOWN).any())
-    ends: list[tuple[float, float]] = []
+@dataclass(frozen=True)
+class _Ends:
+    """How far a field goes: over known cells, 0 for none, and over all."""
 
-    def look(rows: slice) -> None:
-        distance = field.distance[rows]
-        shown = np.isfinite(distance)
-        if has_known:
-            shown &= field.occupancy[rows] != UNKNOWN
-        finite = np.where(shown, distance, np.float32(0))
-        ends.append((float(finite.max()), float(finite.min())))
+    far: float
+    deep: float
+    highest: float
+    lowest: float
 
-    for_rows(look, field.shape)
-    return max(end[0] for end in ends), -min(end[1] for end in ends)
+    @property
+    def are_finite(self) -> bool:
+        return math.isfinite(self.highest) and math.isfinite(self.lowest)
+
+    @classmethod
+    def of(cls, field: DistanceField | LargeField) -> _Ends:
+        """Return the ends of a field; where nothing is known, its unknown cells count."""
+        known: list[tuple[float, float]] = []
+        every: list[tuple[float, float]] = []
+
+        def look(rows: slice) -> None:
+            distance, occupancy = distances[rows], occupancies[rows]
+            every.append((float(distance.max()), float(distance.min())))
+            is_known = occupancy != UNKNOWN
+            if is_known.any():
+                finite = np.where(is_known & np.isfinite(distance), distance, np.float32(0))
+                known.append((float(finite.max()), float(finite.min())))
+
+        for slab in slabs_of(field.distance):
+            distances, occupancies = field.distance[slab], field.occupancy[slab]
+            for_rows(look, distances.shape)
+        highest, lowest = max(end[0] for end in every), min(end[1] for end in every)
+        if known:
+            return cls(max(e[0] for e in known), -min(e[1] for e in known), highest, lowest)
+        finite = [end if math.isfinite(end) else 0.0 for end in (highest, lowest)]
+        return cls(max(finite[0], 0.0), -min(finite[1], 0.0), highest, lowest)
 
 
-def _field_bar(field: DistanceField, far: float, deep: float) -> ColourBar:
+def _field_bar(ends: _Ends) -> ColourBar:
     """Return the scale of a field: red below zero, blue above, each linear in itself."""
+    far, deep = ends.far, ends.deep
     middle = 0.0 if deep == 0 else 1.0 if far == 0 else 0.3
     steps = 200
     positions = np.linspace(0, 1, steps)
@@ -276,11 +302,11 @@ def _field_bar(field: DistanceField, far: float, deep: float) -> ColourBar:
     indices = np.where(positions < middle, below, np.minimum(above, last)).astype(int)
     ticks = [(middle, "0")]
     if deep > 0:
-        sign = "<-" if field.distance.min() < -deep else "-"
+        sign = "<-" if ends.lowest < -deep else "-"
         ticks += [(middle * (1 - v / deep), f"-{v:g}") for v in _round_values(deep, 2)]
         ticks.append((0.0, f"{sign}{deep:.3g}"))
     if far > 0:
-        sign = ">" if field.distance.max() > far else ""
+        sign = ">" if ends.highest > far else ""
         ticks += [(middle + (1 - middle) * v / far, f"{v:g}") for v in _round_values(far, 5)]
         ticks.append((1.0, f"{sign}{far:.3g}"))
     return ColourBar(indices.tolist(), ticks, "distance, m")

@@ -1,0 +1,134 @@
+"""Maps in memory or by slabs of rows: which of the two a map needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.free_memory import free_memory
+from mapdeal.formats.large_maps import LargeSource, open_pair, shape_of_pair
+from mapdeal.formats.maps import Source, read_source
+from mapdeal.grid.large import LargeMap
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.rows import MadeRows
+from mapdeal.kernels.threads import thread_count
+from mapdeal.pipeline.files import FileOptions
+from mapdeal.pipeline.stage_list import Step
+
+_BASE = 60_000_000
+"""Bytes of the interpreter and its libraries."""
+
+_READ = 2.0
+_PER_CELL = {"active": 1.5, "inflate": 2.0, "esdf": 6.0, "potential": 110.0, "cost": 3.0}
+_PER_CELL_OF_MODEL = {"threshold": 9.0, "rings": 5.0}
+"""Bytes that reading and each stage take in memory, outputs that wait to be written included.
+Measured as the peak of whole commands on maps of 4000 and 8000 cells a side, and rounded up."""
+
+_PER_CELL_OF_SLAB = 40
+"""Bytes that a slab takes in each thread: all layers of a recipe, some twice."""
+
+_PER_COLUMN_OF_SLAB = 10
+"""Bytes that are kept for each column of each slab, see `mapdeal.kernels.column_runs`."""
+
+_SLAB_CELLS = 1 << 22
+_LEAST_BUDGET = 32_000_000
+
+
+def bytes_in_memory(shape: tuple[int, int], steps: Sequence[Step]) -> int:
+    """Return about how many bytes of memory it takes to apply stages to a map in memory."""
+    per_cell = _READ + sum(
+        _PER_CELL_OF_MODEL.get(step.model or "", _PER_CELL[step.name]) for step in steps
+    )
+    return _BASE + int(per_cell * shape[0] * shape[1])
+
+
+@contextmanager
+def opened_source(
+    path: Path, steps: Sequence[Step], options: FileOptions
+) -> Iterator[Source | LargeSource]:
+    """Give a map to which stages are to be applied: in memory, or by slabs if that is too small.
+
+    Parameters
+    ----------
+    path : Path
+        The map.
+    steps : sequence of Step
+        The stages.
+    options : FileOptions
+        How it is read, and how much memory may be taken.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read.
+    MalformedInputError
+        If a file is malformed, or the map is too large for the memory in either way.
+    """
+    budget = memory_budget(options.max_memory)
+    by_slabs = all(step.name != "potential" for step in steps)
+
+    def together(shape: tuple[int, int]) -> int:
+        return _rows_together(shape, budget, path)
+
+    shape = shape_of_pair(path) if path.suffix.lower() != ".npz" else None
+    if shape is not None and bytes_in_memory(shape, steps) > budget:
+        if not by_slabs:
+            raise _too_large(path, shape, bytes_in_memory(shape, steps), budget)
+        with open_pair(
+            path, together=together, dialect=options.dialect, max_cells=options.max_cells
+        ) as opened:
+            if opened is None:  # it was another file a moment ago
+                raise MalformedInputError("changed while it was read", source=path)
+            yield opened
+        return
+    source = read_source(path, dialect=options.dialect, max_cells=options.max_cells)
+    grid = source.grid
+    needed = bytes_in_memory(grid.shape, steps)
+    if needed > budget and isinstance(grid, OccupancyGrid) and by_slabs:
+        values = grid.occupancy
+        layer = MadeRows(grid.shape, np.int8, lambda first, end: values[first:end],
+                         together=together(grid.shape))  # fmt: skip
+        large = LargeMap(layer, grid.resolution, grid.origin)
+        yield LargeSource(large, source.files)
+        return
+    if needed > budget:
+        raise _too_large(path, grid.shape, needed, budget)
+    yield source
+
+
+def memory_budget(max_memory: int | None) -> int:
+    """Return the bytes that may be taken: those given, or half of what is free."""
+    if max_memory is not None:
+        return max_memory
+    free = free_memory()
+    return 1 << 62 if free is None else max(free // 2, _LEAST_BUDGET)
+
+
+def _rows_together(shape: tuple[int, int], budget: int, path: Path) -> int:
+    """Return how many rows make a slab, so that slabs and what is kept of them fit the budget."""
+    height, width = shape
+    per_row = _PER_CELL_OF_SLAB * width * (thread_count() + 1)
+    left = budget - _BASE
+    most = left // 2 // per_row
+    least = -(-_PER_COLUMN_OF_SLAB * width * height // max(left // 4, 1))
+    if most < least or most < 1:
+        needed = _BASE + 2 * per_row * max(least, 1)
+        raise _too_large(path, shape, needed, budget)
+    return int(min(max(_SLAB_CELLS // width, least, 1), most, height, (1 << 16) - 1))
+
+
+def _too_large(
+    path: Path, shape: tuple[int, int], needed: int, budget: int
+) -> MalformedInputError:  # fmt: skip
+    height, width = shape
+    rule = f"{width} x {height} cells need {_told(needed)} of memory, {_told(budget)} may be taken"
+    hint = "raise --max-memory if there is more; .pgm maps take least"
+    return MalformedInputError(rule, source=path, hint=hint)
+
+
+def _told(count: int) -> str:
+    return f"{count / 1e9:.3g} GB" if count >= 1e9 else f"{count / 1e6:.3g} MB"
