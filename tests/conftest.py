@@ -5,9 +5,14 @@ import warnings
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from mapdeal import MapdealWarning
 from mapdeal.cli.main import main
+
+# A first call imports and warms up; how long a case takes says nothing about it.
+settings.register_profile("mapdeal", deadline=None)
+settings.load_profile("mapdeal")
 
 ROOT = Path(__file__).parents[1]
 # Real maps of public repositories; they are not part of the project.

@@ -32,7 +32,6 @@ def arrays(rays):
     return starts, ends, np.array([ray[2] for ray in rays], dtype=bool)
 
 
-@settings(deadline=None)
 @given(shape=SHAPES, rays=beams(), threads=st.integers(1, 3))
 def test_counts_are_those_of_walking_along_each_line(shape, rays, threads):
     hits, misses = np.zeros((2, *shape), dtype=np.int32)
@@ -56,7 +55,6 @@ ODDS = st.sampled_from(
 )
 
 
-@settings(deadline=None)
 @given(
     shape=SHAPES,
     rays=beams(),
@@ -81,7 +79,6 @@ def test_values_are_clamped_after_each_ray(shape, rays, odds, start, threads):
     np.testing.assert_array_equal(seen, observed)
 
 
-@settings(deadline=None)
 @given(
     shape=SHAPES,
     rays=beams(),
@@ -116,7 +113,7 @@ def test_a_ray_to_the_sensor_s_own_cell_is_a_hit_alone():
     assert not misses.any()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(shape=SHAPES, rays=beams(FAR))
 def test_rays_from_and_to_far_away_take_no_longer(shape, rays):
     """Lines of 2^31 cells are clipped before they are walked: equal to those of the twin."""

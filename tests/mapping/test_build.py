@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from engines import needs_compiled
@@ -69,7 +69,6 @@ ODDS = st.sampled_from(
 )
 
 
-@settings(deadline=None)
 @given(run=runs(), limits=LIMITS, ratio=st.sampled_from([0.0, 0.25, 0.3, 0.5]))
 def test_counting_is_counting(run, limits, ratio):
     built = build_map(*run, method="counting", ratio=ratio, **GRID, **limits)
@@ -87,7 +86,6 @@ def test_counting_is_counting(run, limits, ratio):
         assert built.grid.occupancy[cell] == expected
 
 
-@settings(deadline=None)
 @given(run=runs(), limits=LIMITS, odds=ODDS)
 def test_log_odds_are_added_and_clamped_beam_by_beam(run, limits, odds):
     names = ("log_free", "log_occ", "log_min", "log_max")
@@ -111,7 +109,6 @@ def test_log_odds_are_added_and_clamped_beam_by_beam(run, limits, odds):
     assert off.max() <= 0.501
 
 
-@settings(deadline=None)
 @given(run=runs(), limits=LIMITS, truncation=st.sampled_from([1.0, 2.0, 3.5]))
 def test_tsdf_is_the_mean_of_distances_along_the_beams(run, limits, truncation):
     built = build_map(*run, method="tsdf", truncation=truncation, **GRID, **limits)

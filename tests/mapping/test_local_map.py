@@ -3,7 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import LocalMapper, LocalOptions, MapdealWarning, OccupancyGrid, ParameterError
@@ -181,7 +181,6 @@ COORDINATES = st.one_of(
 )
 
 
-@settings(deadline=None)
 @given(
     points=st.lists(st.tuples(COORDINATES, COORDINATES), max_size=12),
     pose=st.tuples(COORDINATES, COORDINATES).filter(lambda p: not any(map(math.isnan, p))),

@@ -99,7 +99,7 @@ def test_a_pocket_is_a_local_minimum_and_its_place_is_told():
     assert 6 < col < 9
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([0.02, 0.1, 0.3]),

@@ -192,7 +192,8 @@ def size_of(text: str, name: str) -> int:
     ParameterError
         If it is none; the error calls it `name`.
     """
-    match = re.fullmatch(r"(\d{1,9}(?:\.\d*)?)\s*([kmgt]?)(i?b)?", text.strip(), re.IGNORECASE)
+    form = r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"
+    match = re.fullmatch(form, text.strip(), re.IGNORECASE)
     if match is None:
         raise ParameterError("must be a size such as 4G or 500M", place=name, got=text)
     number, unit, ending = float(match[1]), match[2].lower(), (match[3] or "").lower()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -116,7 +117,8 @@ def _rows_together(shape: tuple[int, int], budget: int, path: Path) -> int:
     most = left // 2 // per_row
     least = -(-_PER_COLUMN_OF_SLAB * width * height // max(left // 4, 1))
     if most < least or most < 1:
-        needed = _BASE + 2 * per_row * max(least, 1)
+        both = math.sqrt(2 * per_row * 4 * _PER_COLUMN_OF_SLAB * width * height)
+        needed = _BASE + int(1.05 * max(2 * per_row, both))
         raise _too_large(path, shape, needed, budget)
     return int(min(max(_SLAB_CELLS // width, least, 1), most, height, (1 << 16) - 1))
 

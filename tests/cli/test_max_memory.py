@@ -1,0 +1,188 @@
+"""Commands on maps that are taken to be too large for memory: outputs have the same bytes."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from mapdeal import OccupancyGrid, write_map
+from mapdeal.cli.options import size_of
+from mapdeal.errors import ParameterError
+from mapdeal.pipeline import large
+
+PLENTY, LITTLE, LESS = "100GB", "64MB", "62.5MB"
+
+
+@pytest.fixture(scope="module")
+def building(tmp_path_factory):
+    """A map with walls, clutter, unknown margins and values in between, 613 x 701 cells."""
+    rng = np.random.default_rng(3)
+    values = np.where(rng.random((613, 701)) < 0.002, 100, 0).astype(np.int8)
+    values[rng.random(values.shape) < 0.01] = 30
+    values[::97, 40:600] = 100
+    values[100:105, 200:320] = 100
+    values[:40] = -1
+    values[:, 660:] = -1
+    path = tmp_path_factory.mktemp("maps") / "building.yaml"
+    write_map(path, OccupancyGrid(values, 0.1, (1.5, -2.0, 0.4)))
+    return path
+
+
+@pytest.fixture
+def slabs_used(monkeypatch):
+    """The heights of slabs of all maps that are opened to be worked on by slabs."""
+    used = []
+    real = large.open_pair
+
+    def watched(path, *, together, **options):
+        def told(shape):
+            used.append(together(shape))
+            return used[-1]
+
+        return real(path, together=told, **options)
+
+    monkeypatch.setattr(large, "open_pair", watched)
+    return used
+
+
+def contents(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.mark.parametrize("memory", [LITTLE, LESS])
+@pytest.mark.parametrize("recipe", ["default", "nav2", "seed-real", "seed-sim"])
+def test_run(command, building, tmp_path, slabs_used, recipe, memory):
+    for name, size in (("whole", PLENTY), ("slabs", memory)):
+        code, out, err = command(
+            "run", building, "-o", tmp_path / name, "--recipe", recipe, "--threads", 2,
+            "--max-memory", size,
+        )  # fmt: skip
+        assert (code, err) == (0, "")
+        assert out.replace(str(tmp_path / name), "") != out
+        assert bool(slabs_used) == (name == "slabs")
+    assert slabs_used[0] < 100
+    whole, slabs = contents(tmp_path / "whole"), contents(tmp_path / "slabs")
+    assert whole.keys() == slabs.keys()
+    assert [name for name in whole if whole[name] != slabs[name]] == []
+
+
+STAGES = [
+    ("active", ".yaml", []),
+    ("inflate", ".yaml", ["--radius", "0.5"]),
+    ("inflate", ".npz", ["--radius", "0.5", "--kernel", "square"]),
+    ("esdf", ".npy", []),
+    ("esdf", ".npz", ["--convention", "border", "--max-distance", "2"]),
+    ("esdf", ".yaml", ["--view", "seed"]),
+    ("cost", ".yaml", []),
+    ("cost", ".npz", ["--model", "rings"]),
+    ("cost", ".yaml", ["--model", "threshold"]),
+    ("cost", ".yaml", ["--encoding", "costmap2d"]),
+]
+
+
+@pytest.mark.parametrize(("stage", "ending", "options"), STAGES)
+def test_stages(command, building, tmp_path, slabs_used, monkeypatch, stage, ending, options):
+    monkeypatch.setattr(large, "_READ", 50.0)  # so that every stage takes more than there is
+    for name, size in (("whole", PLENTY), ("slabs", LITTLE)):
+        (tmp_path / name).mkdir()
+        code, _, err = command(
+            stage, building, "-o", tmp_path / name / f"out{ending}", *options, "--threads", 2,
+            "--image", tmp_path / name / "out.png", "--max-memory", size,
+        )  # fmt: skip
+        assert code == 0, err
+        assert bool(slabs_used) == (name == "slabs")
+    assert contents(tmp_path / "whole") == contents(tmp_path / "slabs")
+
+
+def test_maps_that_are_no_p5_are_read_whole_and_worked_on_by_slabs(
+    command, building, tmp_path, monkeypatch
+):
+    made = []
+    real = large.MadeRows
+
+    def watched(*arguments, **options):
+        made.append(real(*arguments, **options))
+        return made[-1]
+
+    monkeypatch.setattr(large, "MadeRows", watched)
+    code, _, _ = command("inflate", building, "-o", tmp_path / "in.npz", "--radius", 0)
+    assert (code, made) == (0, [])
+    outputs = []
+    for size in (PLENTY, LITTLE):
+        folder = tmp_path / size
+        command("run", tmp_path / "in.npz", "-o", folder, "--threads", 2, "--max-memory", size)
+        outputs.append(contents(folder))
+        assert bool(made) == (size == LITTLE)
+    assert outputs[0] == outputs[1] != {}
+
+
+@pytest.mark.parametrize(
+    ("words", "memory"), [(["run"], "61MB"), (["esdf"], "50MB"), (["potential"], "70MB")]
+)
+def test_too_little_memory_is_one_line_that_tells_how_much_it_takes(
+    command, building, tmp_path, words, memory
+):
+    output = tmp_path / ("out" if words == ["run"] else "out.npz")
+    code, out, err = command(
+        *words, building, "-o", output, "--threads", 2, "--max-memory", memory
+    )  # fmt: skip
+    assert (code, out) == (3, "")
+    first, hint = err.splitlines()
+    assert first.startswith(f"error: {building}: 701 x 613 cells need ")
+    assert first.endswith(f" of memory, {memory.replace('MB', ' MB')} may be taken")
+    assert "--max-memory" in hint
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("memory", ["1MB", "61MB"])
+def test_the_memory_that_is_asked_for_is_enough(command, building, tmp_path, memory):
+    words = ("run", building, "-o", tmp_path, "--threads", 2, "--max-memory")
+    _, _, err = command(*words, memory)
+    needed = re.search(r"need ([0-9.]+ MB)", err)[1]
+    assert command(*words, needed)[0] == 0
+
+
+def test_groups_of_cells_need_the_whole_map(command, building, tmp_path):
+    code, _, err = command(
+        "active", building, "-o", tmp_path / "out.yaml", "--min-component", 5, "--threads", 2,
+        "--max-memory", "60.9MB",
+    )  # fmt: skip
+    assert code != 0
+    assert "memory" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_default_is_half_of_what_is_free(monkeypatch):
+    monkeypatch.setattr(large, "free_memory", lambda: 10_000_000_000)
+    assert large.memory_budget(None) == 5_000_000_000
+    assert large.memory_budget(123) == 123
+    monkeypatch.setattr(large, "free_memory", lambda: None)
+    assert large.memory_budget(None) > 10**15
+
+
+def test_the_manifest_does_not_tell_how_much_memory_there_was(command, building, tmp_path):
+    for size in (PLENTY, LITTLE):
+        command("run", building, "-o", tmp_path, "--threads", 2, "--max-memory", size)
+    _, out, _ = command("run", building, "-o", tmp_path, "--max-memory", PLENTY)
+    assert "unchanged" in out
+    assert "memory" not in json.dumps(
+        json.loads((tmp_path / "building" / "manifest.json").read_text())
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [
+        ("4G", 4 * 2**30), ("500M", 500 * 2**20), ("1.5GiB", 3 * 2**29), ("4GB", 4 * 10**9),
+        ("64 kB", 64_000), ("12", 12), ("2t", 2**41), ("7B", 7),
+    ],
+)  # fmt: skip
+def test_sizes(text, size):
+    assert size_of(text, "--max-memory") == size
+
+
+@pytest.mark.parametrize("text", ["", "G", "-4G", "4X", "four", "0", "1e9", "4G4", "nan", "٤G"])
+def test_sizes_that_are_none(text):
+    with pytest.raises(ParameterError, match="--max-memory"):
+        size_of(text, "--max-memory")

@@ -1,0 +1,190 @@
+"""Maps by rows hold what the same files hold when they are read whole."""
+
+import os
+import warnings
+
+import numpy as np
+import pytest
+
+from mapdeal import FileAccessError, MalformedInputError, MapdealError
+from mapdeal.formats.free_memory import free_memory
+from mapdeal.formats.large_maps import open_pair, shape_of_pair
+from mapdeal.formats.map_server import read_pair
+
+HEIGHT, WIDTH = 37, 53
+PIXELS = np.random.default_rng(7).integers(0, 256, (HEIGHT, WIDTH)).astype(np.uint8)
+HEADERS = {
+    "plain": b"P5\n53 37\n255\n",
+    "with comments": b"P5\n# CREATOR: map_saver.cpp 0.050 m/pix\n53 37 # both\n255\n",
+    "long comment": b"P5\n#" + b"x" * 3_000 + b"\n53 37\n255\n",
+    "DOS line ends": b"P5\r\n53 37\r\n255\r\n",
+    "smaller maxval": b"P5\n53 37\n100\n",
+}
+
+
+def pair(tmp_path, header=HEADERS["plain"], body=None, **more):
+    keys = {
+        "image": "map.pgm", "resolution": 0.3, "origin": [1.5, -2.0, 0.4], "negate": 0,
+        "occupied_thresh": 0.65, "free_thresh": 0.196, **more,
+    }  # fmt: skip
+    text = "".join(f"{key}: {value}\n" for key, value in keys.items())
+    (tmp_path / "map.yaml").write_text(text)
+    (tmp_path / "map.pgm").write_bytes(header + (PIXELS.tobytes() if body is None else body))
+    return tmp_path / "map.yaml"
+
+
+def rows_of(path, together=8, **options):
+    with open_pair(path, together=lambda _: together, **options) as source:
+        layer = source.grid.occupancy
+        values = np.vstack([layer[slab] for slab in layer.slabs()])
+        return source, values
+
+
+def told(read, *arguments, **options):
+    """What reading gives, and what it warns of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            result = read(*arguments, **options)
+        except MapdealError as error:
+            result = (type(error), str(error))
+    return result, [str(one.message) for one in caught]
+
+
+@pytest.mark.parametrize("dialect", ["nav2", "humble", "ros1"])
+@pytest.mark.parametrize(
+    "keys", [{}, {"negate": 1}, {"mode": "scale"}, {"mode": "raw"}], ids=str
+)  # fmt: skip
+@pytest.mark.parametrize("header", HEADERS.values(), ids=HEADERS)
+def test_values_and_warnings_are_those_of_the_whole(tmp_path, header, keys, dialect):
+    body = (PIXELS % 101).tobytes() if b"\n100\n" in header else None
+    path = pair(tmp_path, header, body, **keys)
+    whole, of_whole = told(read_pair, path, dialect=dialect)
+    (source, values), of_rows = told(rows_of, path, dialect=dialect)
+    assert np.array_equal(values, whole.grid.occupancy)
+    assert source.files == whole.files
+    assert (source.grid.resolution, source.grid.origin) == (0.3, (1.5, -2.0, 0.4))
+    assert of_rows == of_whole
+
+
+@pytest.mark.parametrize(
+    ("header", "body"),
+    [
+        (b"P5\n53 37\n255\n", b"\0" * 100),
+        (b"P5\n53 0\n255\n", b""),
+        (b"P5\n53 37\n0\n", None),
+        (b"P5\n53 x\n255\n", None),
+        (b"P5\n99999999 99999999\n255\n", None),
+        (b"P5\n53 37\n255\n", PIXELS.tobytes() + b"\0" * 9),
+        (b"P5\n53", b""),
+    ],
+)
+def test_malformed_images_get_the_same_line(tmp_path, header, body):
+    path = pair(tmp_path, header, body)
+    whole, of_whole = told(read_pair, path)
+    rows, of_rows = told(rows_of, path)
+    if isinstance(whole, tuple):
+        assert rows == whole
+    else:
+        assert of_rows == of_whole != []
+
+
+@pytest.mark.parametrize(
+    ("header", "body"),
+    [
+        (b"P2\n2 1\n255\n", b"0 254\n"),
+        (b"P5\n2 1\n65535\n", b"\0\0\1\1"),
+        (b"P6\n2 1\n255\n", b"123456"),
+        (b"P4\n2 1\n", b"\x80"),
+        (b"\x89PNG\r\n\x1a\n", b""),
+    ],
+)
+def test_other_kinds_of_images_are_left_to_be_read_whole(tmp_path, header, body):
+    path = pair(tmp_path, header, body)
+    assert shape_of_pair(path) is None
+    with open_pair(path, together=lambda _: 1) as source:
+        assert source is None
+
+
+def test_the_shape_is_told_from_the_header_alone(tmp_path, recwarn):
+    path = pair(tmp_path, b"P5\n50000 40000\n255\n", b"")
+    with open(tmp_path / "map.pgm", "r+b") as file:
+        file.truncate(2_000_000_019)  # sparse: nobody reads it
+    assert shape_of_pair(path) == (40000, 50000)
+    assert shape_of_pair(tmp_path / "map.pgm") is None
+    assert shape_of_pair(tmp_path / "none.yaml") is None
+    assert not recwarn.list
+
+
+def test_costs_are_left_to_be_read_whole(tmp_path):
+    assert shape_of_pair(pair(tmp_path, mode="raw", cost_scale="costmap2d")) is None
+
+
+def test_more_cells_than_asked_for_are_refused(tmp_path):
+    path = pair(tmp_path)
+    with pytest.raises(MalformedInputError, match="1961"):
+        rows_of(path, max_cells=1960)
+    assert rows_of(path, max_cells=1961)
+
+
+def test_a_pixel_above_maxval_is_found_though_it_may_be_another_one(tmp_path):
+    path = pair(tmp_path, HEADERS["smaller maxval"])
+    with pytest.raises(MalformedInputError, match=r"pixel \d+: pixels must not exceed maxval 100"):
+        rows_of(path)
+
+
+def test_a_file_that_gets_shorter_meanwhile_is_an_error(tmp_path):
+    path = pair(tmp_path)
+    with open_pair(path, together=lambda _: 8) as source:
+        layer = source.grid.occupancy
+        status = (tmp_path / "map.pgm").stat()
+        with open(tmp_path / "map.pgm", "r+b") as file:
+            file.truncate(100)
+        with pytest.raises(FileAccessError, match="changed while it was read"):
+            layer[0:8]
+        pair(tmp_path)
+        os.utime(tmp_path / "map.pgm", ns=(status.st_atime_ns, status.st_mtime_ns))
+
+
+def test_a_file_that_is_written_to_meanwhile_is_an_error(tmp_path):
+    path = pair(tmp_path)
+    with (
+        pytest.raises(FileAccessError, match="changed while it was read"),
+        open_pair(path, together=lambda _: 8),
+    ):
+        (tmp_path / "map.pgm").write_bytes(b"P5\n1 1\n255\n\0")
+
+
+def system(tmp_path, available=None, group="", **limits):
+    """Files as the system has them: what is free, and groups with (max, current, cached)."""
+    meminfo = "" if available is None else f"MemTotal: 99 kB\nMemAvailable:   {available} kB\n"
+    (tmp_path / "meminfo").write_text(meminfo)
+    (tmp_path / "cgroup").write_text(f"1:name=systemd:/x\n0::/{group}\n")
+    for name, (limit, used, cached) in limits.items():
+        folder = tmp_path / "groups" / name.replace("__", "/").strip("/")
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "memory.max").write_text(f"{limit}\n")
+        (folder / "memory.current").write_text(f"{used}\n")
+        (folder / "memory.stat").write_text(f"anon 5\ninactive_file {cached}\nslab 3\n")
+    return free_memory(tmp_path / "meminfo", tmp_path / "cgroup", tmp_path / "groups")
+
+
+def test_free_memory_is_that_of_the_machine(tmp_path):
+    assert system(tmp_path, available=1000) == 1_024_000
+
+
+def test_free_memory_is_what_the_tightest_group_leaves(tmp_path):
+    groups = {"a": (500_000, 400_000, 30_000), "a__b": ("max", 100, 0)}
+    assert system(tmp_path, available=1000, group="a/b", **groups) == 130_000
+    groups = {"a": (500_000, 400_000, 0), "a__b": (90_000, 80_000, 0)}
+    assert system(tmp_path, available=1000, group="a/b", **groups) == 10_000
+
+
+def test_free_memory_is_never_negative_and_may_be_unknown(tmp_path):
+    assert system(tmp_path, available=1000, group="a", a=(5, 10, 0)) == 0
+    assert system(tmp_path) is None
+
+
+def test_this_system_tells_its_free_memory():
+    free = free_memory()
+    assert free is None or free > 1_000_000

@@ -1,0 +1,106 @@
+"""Distances by slabs of rows: exact across borders, whatever the slabs."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import oracles
+from mapdeal.kernels.column_runs import joined, runs_of
+from mapdeal.kernels.distance import signed_distance
+from mapdeal.kernels.row_minima import row_minima
+from strategies import masks
+
+pytestmark = pytest.mark.usefixtures("each_engine")
+
+
+@st.composite
+def cut_masks(draw, longest=12):
+    """A mask and the rows between which it is cut."""
+    marked = draw(masks(longest))
+    inner = draw(st.sets(st.integers(1, max(1, len(marked) - 1))))
+    cuts = sorted({0, len(marked), *(row for row in inner if row < len(marked))})
+    return marked, [slice(*pair) for pair in itertools.pairwise(cuts)]
+
+
+def by_slabs(marked, slabs, **measure):
+    beside = joined([runs_of(marked[slab]) for slab in slabs])
+    parts = [
+        signed_distance(marked[slab], **measure, beside=one)
+        for slab, one in zip(slabs, beside, strict=True)
+    ]
+    return np.vstack(parts)
+
+
+@pytest.mark.parametrize("convention", ["seed", "center", "border"])
+@given(cut=cut_masks())
+def test_slabs_of_any_height_equal_brute_force_over_the_whole(convention, cut):
+    marked, slabs = cut
+    inside = {"seed": 0.3, "center": 0.0, "border": 0.15}[convention]
+    outside = -0.15 if convention == "border" else 0.0
+    distance = by_slabs(marked, slabs, scale=0.3, inside_shift=inside, outside_shift=outside)
+    expected = oracles.signed_distance(marked, 0.3, convention)
+    finite = np.isfinite(expected)
+    assert np.allclose(distance[finite], expected[finite], rtol=1e-6, atol=0)
+    diagonal = 0.3 * np.hypot(*marked.shape)
+    assert (np.abs(distance[~finite]) > diagonal).all()
+
+
+@given(cut=cut_masks(longest=40), clip=st.sampled_from([np.inf, 0.7]))
+def test_slabs_equal_the_whole_bit_for_bit(cut, clip):
+    marked, slabs = cut
+    measure = {
+        "scale": 0.05, "outside_shift": 0.0, "inside_shift": 0.05, "clip": clip, "gain": 1.5
+    }  # fmt: skip
+    whole = signed_distance(marked, **measure)
+    assert by_slabs(marked, slabs, **measure).tobytes() == whole.tobytes()
+
+
+def test_an_obstacle_is_seen_through_many_slabs_of_one_row():
+    marked = np.zeros((300, 7), dtype=bool)
+    marked[2, 5] = True
+    slabs = [slice(row, row + 1) for row in range(300)]
+    distance = by_slabs(marked, slabs, scale=1.0, outside_shift=0.0, inside_shift=0.0)
+    rows, cols = np.indices(marked.shape)
+    expected = np.hypot(rows - 2, cols - 5)
+    expected[2, 5] = -1
+    assert np.array_equal(distance, expected.astype(np.float32))
+
+
+@given(cut=cut_masks())
+def test_runs_beside_are_those_of_the_columns(cut):
+    marked, slabs = cut
+    height = len(marked)
+    for slab, beside in zip(slabs, joined([runs_of(marked[s]) for s in slabs]), strict=True):
+        assert beside.height == height
+        for side, rows in ((beside.before, marked[: slab.start][::-1]),
+                           (beside.after, marked[slab.stop :])):  # fmt: skip
+            assert (side is None) == (len(rows) == 0)
+            if side is None:
+                continue
+            assert np.array_equal(side[0], rows[0])
+            for col, length in enumerate(side[1].tolist()):
+                column = rows[:, col].tolist()
+                run = next((k for k, cell in enumerate(column) if cell != column[0]), len(column))
+                if run == len(column):
+                    assert length > height
+                else:
+                    assert length == run
+
+
+@pytest.mark.parametrize("rows", [0, 1 << 16])
+def test_slabs_whose_runs_cannot_be_counted_are_refused(rows):
+    with pytest.raises(ValueError, match="between 1 and 65535"):
+        runs_of(np.zeros((rows, 1), dtype=bool))
+
+
+@given(masks(), st.integers(0, 2**32 - 1))
+def test_row_minima_equal_a_look_at_every_column(exists, seed):
+    values = np.random.default_rng(seed).integers(0, 200, exists.shape)
+    found = row_minima(values, exists)
+    height, width = exists.shape
+    for row, x in np.ndindex(height, width):
+        candidates = [(x - i) ** 2 + int(values[row, i]) for i in range(width) if exists[row, i]]
+        assert found[row, x] == min(candidates, default=np.iinfo(np.int64).max)
