@@ -36,11 +36,8 @@ def slabs_used(monkeypatch):
     real = large.open_pair
 
     def watched(path, *, together, **options):
-        def told(shape):
-            used.append(together(shape))
-            return used[-1]
-
-        return real(path, together=told, **options)
+        used.append(together)
+        return real(path, together=together, **options)
 
     monkeypatch.setattr(large, "open_pair", watched)
     return used

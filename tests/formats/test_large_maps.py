@@ -34,7 +34,7 @@ def pair(tmp_path, header=HEADERS["plain"], body=None, **more):
 
 
 def rows_of(path, together=8, **options):
-    with open_pair(path, together=lambda _: together, **options) as source:
+    with open_pair(path, together=together, **options) as source:
         layer = source.grid.occupancy
         values = np.vstack([layer[slab] for slab in layer.slabs()])
         return source, values
@@ -102,7 +102,7 @@ def test_malformed_images_get_the_same_line(tmp_path, header, body):
 def test_other_kinds_of_images_are_left_to_be_read_whole(tmp_path, header, body):
     path = pair(tmp_path, header, body)
     assert shape_of_pair(path) is None
-    with open_pair(path, together=lambda _: 1) as source:
+    with open_pair(path, together=1) as source:
         assert source is None
 
 
@@ -135,7 +135,7 @@ def test_a_pixel_above_maxval_is_found_though_it_may_be_another_one(tmp_path):
 
 def test_a_file_that_gets_shorter_meanwhile_is_an_error(tmp_path):
     path = pair(tmp_path)
-    with open_pair(path, together=lambda _: 8) as source:
+    with open_pair(path, together=8) as source:
         layer = source.grid.occupancy
         status = (tmp_path / "map.pgm").stat()
         with open(tmp_path / "map.pgm", "r+b") as file:
@@ -150,7 +150,7 @@ def test_a_file_that_is_written_to_meanwhile_is_an_error(tmp_path):
     path = pair(tmp_path)
     with (
         pytest.raises(FileAccessError, match="changed while it was read"),
-        open_pair(path, together=lambda _: 8),
+        open_pair(path, together=8),
     ):
         (tmp_path / "map.pgm").write_bytes(b"P5\n1 1\n255\n\0")
 

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.kernels.rows import MadeRows, counts_of_rows, looked_up, slabs_of
+from mapdeal.kernels.rows import MadeRows, Room, counts_of_rows, looked_up, slabs_of
+from mapdeal.kernels.threads import use_threads
 
 WHOLE = np.arange(23 * 4).reshape(23, 4).astype(np.uint8)
 
@@ -97,3 +98,42 @@ def test_tables_and_counts_work_on_both_kinds():
 def test_changed_rows_are_made_of_the_rows_asked_for():
     doubled = made(keep=1).mapped(np.int64, lambda part: 2 * part.astype(np.int64))
     assert np.array_equal(doubled[7:12], 2 * WHOLE[7:12].astype(np.int64))
+
+
+@pytest.mark.parametrize(("size", "times"), [(23 * 4 * 8, 1), (23 * 4 * 8 - 1, 2)])
+def test_a_layer_is_kept_whole_if_there_is_room(size, times):
+    asked = []
+
+    def make(first, end):
+        asked.append(first)
+        return WHOLE[first:end].astype(np.int64)
+
+    source = MadeRows(
+        WHOLE.shape, np.uint8, lambda a, b: WHOLE[a:b], together=5, room=Room(size)
+    )  # fmt: skip
+    with use_threads(1):
+        layer = source.slab_by_slab(np.int64, make)
+    for _ in range(2):
+        pieces = [layer[first : first + 3] for first in range(0, 23, 3)]
+        assert np.array_equal(np.vstack(pieces), WHOLE)
+    assert asked == [0, 5, 10, 15, 20] * times
+    assert (layer.together, layer.dtype) == (5, np.int64)
+
+
+def test_room_is_shared_by_all_layers_of_a_map():
+    room = Room(100)
+    source = MadeRows((10, 4), np.uint8, lambda a, b: WHOLE[a:b], together=5, room=room)
+    layer = source.slab_by_slab(np.uint8, lambda a, b: WHOLE[a:b])
+    layer.like(np.int8, lambda a, b: WHOLE[a:b], (10, 3)).slab_by_slab(
+        np.int8, lambda a, b: WHOLE[a:b, :3]
+    )
+    assert room.take(30)
+    assert not room.take(1)
+
+
+def test_nobody_can_change_what_others_are_given_too():
+    rows = MadeRows(
+        (4, 3), np.uint8, lambda a, b: np.zeros((b - a, 3), np.uint8), together=2, keep=1
+    )
+    with pytest.raises(ValueError, match="read-only"):
+        rows[0:2][0, 0] = 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ from mapdeal.formats.picture import LARGEST_CELLS, Picture
 from mapdeal.formats.pnm import GreyFile, check_pixels, locate_pixels
 from mapdeal.formats.source import check_regular
 from mapdeal.grid.large import LargeMap
-from mapdeal.kernels.rows import MadeRows
+from mapdeal.kernels.rows import MadeRows, Room
 
 _HEAD = 1 << 17
 _SOME = 256
@@ -52,8 +52,7 @@ def shape_of_pair(path: Path) -> tuple[int, int] | None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MapdealWarning)  # reading the map warns of it again
         try:
-            with open_pair(path, together=lambda shape: shape[0], max_cells=sys.maxsize,
-                           is_read=False) as source:  # fmt: skip
+            with open_pair(path, together=1, max_cells=sys.maxsize, is_read=False) as source:
                 return None if source is None else source.grid.shape
         except MapdealError:
             return None
@@ -63,7 +62,8 @@ def shape_of_pair(path: Path) -> tuple[int, int] | None:
 def open_pair(
     path: Path,
     *,
-    together: Callable[[tuple[int, int]], int],
+    together: int,
+    room: Room | None = None,
     dialect: Dialect = "nav2",
     max_cells: int | None = None,
     is_read: bool = True,
@@ -74,8 +74,10 @@ def open_pair(
     ----------
     path : Path
         The YAML file.
-    together : callable
-        Returns how many rows to read together, given the numbers of rows and columns.
+    together : int
+        Rows that are read together.
+    room : Room, optional
+        What layers made of the map may take to keep their rows.
     dialect : {'nav2', 'humble', 'ros1'}
         Whose reading of pixels to follow.
     max_cells : int, optional
@@ -111,9 +113,9 @@ def open_pair(
             return
         rows = _Rows(descriptor, located, image, metadata, dialect)
         shape = (located.height, located.width)
-        layer = MadeRows(shape, np.int8, rows.occupancy, together=together(shape))
+        layer = MadeRows(shape, np.int8, rows.occupancy, together=together, room=room)
         if metadata.mode == "raw" and is_read:
-            rows.warn_of_lost_values(layer.together)
+            rows.warn_of_lost_values(together)
         yield LargeSource(LargeMap(layer, metadata.resolution, metadata.origin), (path, image))
         after = os.fstat(descriptor)
         if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):

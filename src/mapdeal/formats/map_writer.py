@@ -89,8 +89,7 @@ def write_pair(
         else:
             write_image = _pixel_writer(image, _published_pixels(grid), grid)
     else:
-        has_between = bool(counts_of_rows(grid.occupancy)[FREE + 1 : OCCUPIED].any())
-        mode = mode or ("raw" if has_between else "trinary")
+        mode = mode or ("raw" if _has_between(grid.occupancy) else "trinary")
         if mode == "trinary" and isinstance(grid, OccupancyGrid):
             grid = in_trinary(grid)
         write_image = _occupancy_writer(image, grid, mode)
@@ -124,6 +123,10 @@ def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     kept[(values >= FREE) & (values <= _TRINARY_FREE)] = FREE
     kept[values >= _TRINARY_OCCUPIED] = OCCUPIED
     return OccupancyGrid(kept, grid.resolution, grid.origin)
+
+
+def _has_between(values: Rows) -> bool:
+    return bool(counts_of_rows(values)[FREE + 1 : OCCUPIED].any())
 
 
 def _occupancy_writer(image: Path, grid: OccupancyGrid | LargeMap, mode: Mode) -> Writer:

@@ -15,8 +15,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.lookup import histogram, look_up
+from mapdeal.kernels.threads import thread_count
 
 MakeRows = Callable[[int, int], NDArray[Any]]
+
+
+class Room:
+    """Memory that layers may take to keep what they have made: one for all layers of a map.
+
+    Parameters
+    ----------
+    size : int
+        Bytes.
+    """
+
+    def __init__(self, size: int = 0) -> None:
+        self._left = size
+        self._lock = Lock()
+
+    def take(self, size: int) -> bool:
+        """Take that many bytes if they are left; return whether they were."""
+        with self._lock:
+            if size > self._left:
+                return False
+            self._left -= size
+            return True
 
 
 class MadeRows:
@@ -35,6 +58,8 @@ class MadeRows:
     keep : int
         0: `make` is cheap and is called for exactly the rows that are asked for. Otherwise rows
         are made `together`, and as many such slabs are kept as this says.
+    room : Room, optional
+        What layers made of this one may take to keep all their rows.
     """
 
     def __init__(
@@ -45,10 +70,12 @@ class MadeRows:
         *,
         together: int,
         keep: int = 0,
+        room: Room | None = None,
     ) -> None:
         self.shape = shape
         self.dtype = np.dtype(dtype)
         self.together = together
+        self.room = Room() if room is None else room
         self._make = make
         self._keep = keep
         self._kept: OrderedDict[int, Future[NDArray[Any]]] = OrderedDict()
@@ -94,7 +121,28 @@ class MadeRows:
         def make(first: int, end: int) -> NDArray[Any]:
             return change(self[first:end])
 
-        return MadeRows(self.shape, dtype, make, together=self.together)
+        return self.like(dtype, make)
+
+    def like(
+        self, dtype: Any, make: MakeRows, shape: tuple[int, int] | None = None
+    ) -> MadeRows:  # fmt: skip
+        """Return another layer of the same map, whose rows are cheap to make."""
+        return MadeRows(
+            shape or self.shape, dtype, make, together=self.together, room=self.room
+        )  # fmt: skip
+
+    def slab_by_slab(self, dtype: Any, make: MakeRows) -> MadeRows:
+        """Return another layer of the same map, whose rows are made slab by slab.
+
+        All are kept if there is room, else one for each thread and one more.
+        """
+        height, width = self.shape
+        keep = thread_count() + 1
+        if self.room.take(height * width * np.dtype(dtype).itemsize):
+            keep = max(keep, -(-height // self.together))
+        return MadeRows(
+            self.shape, dtype, make, together=self.together, keep=keep, room=self.room
+        )  # fmt: skip
 
     def _slab(self, number: int) -> NDArray[Any]:
         """Return a slab, made here unless another thread has made it, or does so just now."""
@@ -110,7 +158,9 @@ class MadeRows:
         if is_mine:
             first = number * self.together
             try:
-                slab.set_result(self._make(first, min(first + self.together, self.shape[0])))
+                rows = self._make(first, min(first + self.together, self.shape[0]))
+                rows.flags.writeable = False  # others are given the same
+                slab.set_result(rows)
             except BaseException as error:
                 slab.set_exception(error)
                 with self._lock:

@@ -15,7 +15,7 @@ from mapdeal.formats.large_maps import LargeSource, open_pair, shape_of_pair
 from mapdeal.formats.maps import Source, read_source
 from mapdeal.grid.large import LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.rows import MadeRows
+from mapdeal.kernels.rows import MadeRows, Room
 from mapdeal.kernels.threads import thread_count
 from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.stage_list import Step
@@ -72,16 +72,15 @@ def opened_source(
     budget = memory_budget(options.max_memory)
     by_slabs = all(step.name != "potential" for step in steps)
 
-    def together(shape: tuple[int, int]) -> int:
-        return _rows_together(shape, budget, path)
-
     shape = shape_of_pair(path) if path.suffix.lower() != ".npz" else None
     if shape is not None and bytes_in_memory(shape, steps) > budget:
         if not by_slabs:
             raise _too_large(path, shape, bytes_in_memory(shape, steps), budget)
+        together, room = _cut(shape, budget, path)
         with open_pair(
-            path, together=together, dialect=options.dialect, max_cells=options.max_cells
-        ) as opened:
+            path, together=together, room=room, dialect=options.dialect,
+            max_cells=options.max_cells,
+        ) as opened:  # fmt: skip
             if opened is None:  # it was another file a moment ago
                 raise MalformedInputError("changed while it was read", source=path)
             yield opened
@@ -91,8 +90,10 @@ def opened_source(
     needed = bytes_in_memory(grid.shape, steps)
     if needed > budget and isinstance(grid, OccupancyGrid) and by_slabs:
         values = grid.occupancy
-        layer = MadeRows(grid.shape, np.int8, lambda first, end: values[first:end],
-                         together=together(grid.shape))  # fmt: skip
+        together, room = _cut(grid.shape, budget - values.nbytes, path)
+        layer = MadeRows(
+            grid.shape, np.int8, lambda first, end: values[first:end], together=together, room=room
+        )
         large = LargeMap(layer, grid.resolution, grid.origin)
         yield LargeSource(large, source.files)
         return
@@ -109,8 +110,11 @@ def memory_budget(max_memory: int | None) -> int:
     return 1 << 62 if free is None else max(free // 2, _LEAST_BUDGET)
 
 
-def _rows_together(shape: tuple[int, int], budget: int, path: Path) -> int:
-    """Return how many rows make a slab, so that slabs and what is kept of them fit the budget."""
+def _cut(shape: tuple[int, int], budget: int, path: Path) -> tuple[int, Room]:
+    """Return how many rows make a slab, and what of the budget the layers may keep.
+
+    Slabs, and what is kept of each, fit the budget.
+    """
     height, width = shape
     per_row = _PER_CELL_OF_SLAB * width * (thread_count() + 1)
     left = budget - _BASE
@@ -120,7 +124,9 @@ def _rows_together(shape: tuple[int, int], budget: int, path: Path) -> int:
         both = math.sqrt(2 * per_row * 4 * _PER_COLUMN_OF_SLAB * width * height)
         needed = _BASE + int(1.05 * max(2 * per_row, both))
         raise _too_large(path, shape, needed, budget)
-    return int(min(max(_SLAB_CELLS // width, least, 1), most, height, (1 << 16) - 1))
+    together = int(min(max(_SLAB_CELLS // width, least, 1), most, height, (1 << 16) - 1))
+    runs = _PER_COLUMN_OF_SLAB * width * -(-height // together)
+    return together, Room(left - per_row * together - runs)
 
 
 def _too_large(

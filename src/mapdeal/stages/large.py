@@ -25,7 +25,6 @@ from mapdeal.kernels.column_runs import Beside, joined, runs_of
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.kernels.rows import MadeRows
-from mapdeal.kernels.threads import thread_count
 from mapdeal.stages.active import box_around
 from mapdeal.stages.esdf import View, ViewScale, measure_of
 from mapdeal.stages.exponential_cost import FallOff, costs_before
@@ -61,8 +60,7 @@ def large_active_region(
     def make(first: int, end: int) -> NDArray[np.int8]:
         return layer[rows.start + first : rows.start + end][:, cols]
 
-    cropped = MadeRows(shape, np.int8, make, together=layer.together)
-    return LargeMap(cropped, grid.resolution, frame.origin)
+    return LargeMap(layer.like(np.int8, make, shape), grid.resolution, frame.origin)
 
 
 def _masked(layer: MadeRows, rows: slice, cols: slice) -> MadeRows:
@@ -75,7 +73,7 @@ def _masked(layer: MadeRows, rows: slice, cols: slice) -> MadeRows:
             values[low - first : high - first, cols] = layer[low:high][:, cols]
         return values
 
-    return MadeRows(layer.shape, np.int8, make, together=layer.together)
+    return layer.like(np.int8, make)
 
 
 def large_inflate(
@@ -135,7 +133,7 @@ def distances_by_slabs(
         known = beside[first // obstacles.together]
         return signed_distance(obstacles[first:end], **measure, beside=known)
 
-    return _in_slabs(obstacles, np.float32, make)
+    return obstacles.slab_by_slab(np.float32, make)
 
 
 def large_field_view(field: LargeField, *, view: View, view_range: float) -> LargeMap:
@@ -146,8 +144,7 @@ def large_field_view(field: LargeField, *, view: View, view_range: float) -> Lar
         part = field.part(slice(first, end))
         return scale.values_of(part, part.obstacles())
 
-    values = MadeRows(field.shape, np.int8, make, together=field.distance.together)
-    return LargeMap(values, field.resolution, field.origin)
+    return LargeMap(field.distance.like(np.int8, make), field.resolution, field.origin)
 
 
 def large_exponential_cost(
@@ -191,9 +188,9 @@ def large_exponential_cost(
         and fall_off.is_in(source)
     ):
         field = source
-        cost = _in_slabs(
-            source.occupancy, np.uint8, lambda a, b: from_field(slice(a, b), field)
-        )  # fmt: skip
+        cost = source.occupancy.slab_by_slab(
+            np.uint8, lambda first, end: from_field(slice(first, end), field)
+        )
     else:
         cost = _by_windows(source, fall_off.cells, np.uint8, around_seeds)
     return LargeCosts(
@@ -238,13 +235,8 @@ def large_threshold_cost(
         for slab in source.distance.slabs():
             check_clip(source.part(slab), down, view, view_range)
     values = large_field_view(source, view=view, view_range=view_range).occupancy
-    cost = _in_slabs(values, np.int8, lambda first, end: look_up(values[first:end], table))
+    cost = values.slab_by_slab(np.int8, lambda first, end: look_up(values[first:end], table))
     return LargeCosts(cost, source.resolution, source.origin, scale="occupancy")
-
-
-def _in_slabs(like: MadeRows, dtype: Any, make: Callable[[int, int], NDArray[Any]]) -> MadeRows:
-    """Return rows that are made slab by slab, one for each thread and a few more kept."""
-    return MadeRows(like.shape, dtype, make, together=like.together, keep=thread_count() + 1)
 
 
 def _by_windows(
@@ -257,7 +249,7 @@ def _by_windows(
         low, high = max(first - reach, 0), min(end + reach, height)
         return change(_window(source, slice(low, high)))[first - low : end - low]
 
-    return _in_slabs(source.occupancy, dtype, make)
+    return source.occupancy.slab_by_slab(dtype, make)
 
 
 def _window(source: LargeSource, rows: slice) -> Window:
