@@ -1,4 +1,5 @@
 import contextlib
+import hashlib
 import os
 import signal
 import subprocess
@@ -17,13 +18,41 @@ def _writer(text):
 
 def test_nothing_appears_before_the_end(tmp_path):
     one, two = tmp_path / "one.txt", tmp_path / "two.txt"
-    with Transaction([one, two]) as transaction:
+    with Transaction([one, two], checksums=True) as transaction:
         transaction.write(one, _writer("1"))
-        transaction.checksums()
+        assert transaction.checksums() == {one: hashlib.sha256(b"1").hexdigest()}
         assert not one.exists()
         transaction.write(two, _writer("2"))
     assert (one.read_text(), two.read_text()) == ("1", "2")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["one.txt", "two.txt"]
+
+
+def test_checksums_are_not_made_up_where_nobody_asked_for_them(tmp_path):
+    with (
+        pytest.raises(ValueError, match="without checksums"),
+        Transaction([tmp_path / "one.txt"]) as transaction,
+    ):
+        transaction.write(tmp_path / "one.txt", _writer("1"))
+        transaction.checksums()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_other_writers_may_fill_a_file_under_the_name_that_it_has_meanwhile(tmp_path):
+    output = tmp_path / "one.bin"
+
+    def fill(path):
+        assert path.parent == tmp_path
+        with open(path, "r+b") as file:
+            file.seek(3)
+            file.write(b"def")
+        with open(path, "r+b") as file:
+            file.write(b"abc")
+
+    with Transaction([output], checksums=True) as transaction:
+        transaction.fill_in_place(output, fill)
+        assert transaction.checksums() == {output: hashlib.sha256(b"abcdef").hexdigest()}
+        assert not output.exists()
+    assert output.read_bytes() == b"abcdef"
 
 
 def test_a_failure_leaves_nothing_and_old_files_as_they_were(tmp_path):
@@ -72,7 +101,7 @@ import sys, time
 from pathlib import Path
 from mapdeal.formats.transaction import Transaction
 path = Path(sys.argv[1])
-with Transaction([path]) as transaction:
+with Transaction([path], checksums=True) as transaction:
     transaction.write(path, lambda file: file.write(b"x"))
     transaction.checksums()
     print("ready", flush=True)

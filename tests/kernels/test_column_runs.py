@@ -69,6 +69,20 @@ def test_an_obstacle_is_seen_through_many_slabs_of_one_row():
     assert np.array_equal(distance, expected.astype(np.float32))
 
 
+@pytest.mark.parametrize("shape", [(3, 120_000), (120_000, 3)])
+def test_squares_beyond_32_bits_are_exact(shape):
+    marked = np.zeros(shape, dtype=bool)
+    marked[0, 0] = True
+    step = -(-shape[0] // 3)
+    slabs = [slice(first, min(first + step, shape[0])) for first in range(0, shape[0], step)]
+    measure = {"scale": 1.0, "outside_shift": 0.0, "inside_shift": 0.0}
+    rows, cols = np.indices(shape)
+    expected = np.hypot(rows, cols)
+    expected[0, 0] = -1
+    for distance in (by_slabs(marked, slabs, **measure), signed_distance(marked, **measure)):
+        assert np.array_equal(distance, expected.astype(np.float32))
+
+
 @given(cut=cut_masks())
 def test_runs_beside_are_those_of_the_columns(cut):
     marked, slabs = cut

@@ -44,6 +44,8 @@ class Transaction:
         Whether existing outputs are replaced.
     hint : str
         What an error says of an output that exists.
+    checksums : bool
+        Whether `checksums` will be asked for: each file is read again for that.
 
     Raises
     ------
@@ -75,8 +77,10 @@ class Transaction:
         inputs: Sequence[Path] = (),
         force: bool = False,
         hint: str = "--force replaces it",
+        checksums: bool = False,
     ) -> None:
         self._outputs = list(outputs)
+        self._with_checksums = checksums
         self._pool = ThreadPoolExecutor(thread_count())
         self._pending: list[tuple[Path, _Temporary, Future[str]]] = []
         self._made_folders: list[Path] = []
@@ -100,12 +104,23 @@ class Transaction:
 
     def write(self, path: Path, writer: Writer) -> None:
         """Have `writer` write the file that becomes `path`, in a thread."""
+        self._begin(path, lambda file, _: writer(file))
+
+    def fill_in_place(self, path: Path, filler: Callable[[Path], None]) -> None:
+        """Have `filler` write the file that becomes `path`, given its name until then.
+
+        It may be opened under that name by any number of processes at the same time.
+        """
+        self._begin(path, lambda _, name: filler(name))
+
+    def _begin(self, path: Path, writer: Callable[[BinaryIO, Path], None]) -> None:
         if path not in self._outputs:
             raise ParameterError("was not announced as an output", source=path)
         temporary = _Temporary(path)
-        self._pending.append(
-            (path, temporary, self._pool.submit(copy_context().run, temporary.fill, writer))
-        )
+        future = self._pool.submit(
+            copy_context().run, temporary.fill, writer, self._with_checksums
+        )  # fmt: skip
+        self._pending.append((path, temporary, future))
 
     def write_bytes(self, path: Path, data: bytes) -> None:
         """Have a file with these contents become `path`."""
@@ -117,6 +132,11 @@ class Transaction:
 
     def checksums(self) -> dict[Path, str]:
         """Return the sha256 of each file so far, waiting for those that are being written."""
+        if not self._with_checksums:
+            raise ValueError("the transaction was begun without checksums")
+        return self._finished()
+
+    def _finished(self) -> dict[Path, str]:
         return {path: _result(future, path) for path, _, future in self._pending}
 
     def __exit__(
@@ -127,7 +147,7 @@ class Transaction:
     ) -> None:
         try:
             if error is None:
-                self.checksums()
+                self._finished()
                 folders = dict.fromkeys(path.parent for path, _, _ in self._pending)
                 with _locked(folders):
                     for _, temporary, _ in self._pending:
@@ -203,14 +223,16 @@ class _Temporary:
         with contextlib.suppress(FileNotFoundError):  # a replaced file keeps its permissions
             self.path.chmod(stat.S_IMODE(destination.stat().st_mode))
 
-    def fill(self, writer: Writer) -> str:
-        """Write the contents through to the disk and return their sha256."""
+    def fill(self, writer: Callable[[BinaryIO, Path], None], with_checksum: bool) -> str:
+        """Write the contents through to the disk; return their sha256 if it is asked for."""
         file = self._file
         if file is None:
             raise FileAccessError("was discarded", source=self.destination)
-        writer(file)
+        writer(file, self.path)
         file.flush()
         os.fsync(file.fileno())
+        if not with_checksum:
+            return ""
         file.seek(0)
         return hashlib.file_digest(file, "sha256").hexdigest()
 

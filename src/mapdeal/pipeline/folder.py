@@ -128,7 +128,7 @@ class OutputFolder:
             hint += "; this folder holds the same already"
         figures: dict[str, Figures] = {}
         with Transaction(
-            self._outputs(), inputs=tuple(files), force=force, hint=hint
+            self._outputs(), inputs=tuple(files), force=force, hint=hint, checksums=True
         ) as transaction:
             for product in products:
                 step, grid = product.step, product.grid
