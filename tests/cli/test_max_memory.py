@@ -2,6 +2,7 @@
 
 import json
 import re
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -10,6 +11,11 @@ from mapdeal import OccupancyGrid, write_map
 from mapdeal.cli.options import size_of
 from mapdeal.errors import ParameterError
 from mapdeal.pipeline import large
+from mapdeal.pipeline.files import FileOptions
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.run import RunOptions, run_map
+from mapdeal.pipeline.single import apply_to_file
+from mapdeal.pipeline.stage_list import step
 
 PLENTY, LITTLE, LESS = "100GB", "64MB", "62.5MB"
 
@@ -147,6 +153,60 @@ def test_groups_of_cells_need_the_whole_map(command, building, tmp_path):
     )  # fmt: skip
     assert code != 0
     assert "memory" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+class Watched:
+    """Collects what is told of progress."""
+
+    def __init__(self):
+        self.total, self.steps = None, []
+
+    @contextmanager
+    def __call__(self, total):
+        self.total = total
+        yield self.steps.append
+
+
+@pytest.mark.parametrize("images", [True, False])
+@pytest.mark.parametrize("recipe", ["default", "seed-real", "seed-sim"])
+def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, images):
+    for memory in (10**12, 64_000_000):
+        watch = Watched()
+        run_map(
+            building, tmp_path, load_recipe(recipe), options=RunOptions(images=images),
+            force=True, threads=2, max_memory=memory, watch=watch,
+        )  # fmt: skip
+        if memory == 10**12:
+            assert watch.total is None
+        else:
+            assert len(watch.steps) > 20
+            assert sum(watch.steps) == watch.total
+
+
+@pytest.mark.parametrize(("stage", "ending"), sorted({case[:2] for case in STAGES}))
+@pytest.mark.parametrize("parameters", [{}, {"view": "seed"}])
+def test_progress_of_a_stage_ends_with_its_end(
+    building, tmp_path, monkeypatch, stage, ending, parameters
+):
+    monkeypatch.setattr(large, "_READ", 50.0)
+    watch = Watched()
+    options = FileOptions(
+        threads=2, image=tmp_path / "out.png", max_memory=64_000_000, watch=watch
+    )  # fmt: skip
+    one = step(stage, parameters if stage == "esdf" else {})
+    apply_to_file(building, tmp_path / f"out{ending}", one, options)
+    assert sum(watch.steps) == watch.total > 0
+
+
+def test_a_mask_needs_the_whole_map(command, building, tmp_path, monkeypatch):
+    monkeypatch.setattr(large, "_READ", 50.0)
+    code, _, err = command(
+        "cost", building, "-o", tmp_path / "out.yaml", "--mask", building, "--threads", 2,
+        "--max-memory", LITTLE,
+    )  # fmt: skip
+    assert code == 2
+    assert "mask: is for maps that fit into memory" in err
     assert list(tmp_path.iterdir()) == []
 
 

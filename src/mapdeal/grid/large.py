@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from numpy.typing import NDArray
 
 from mapdeal.grid.coordinates import Origin
 from mapdeal.grid.costmap import Costmap
@@ -132,3 +136,20 @@ class LargeCosts:
 
 
 LargeGrid = LargeMap | LargeField | LargeCosts
+
+
+def told_of_rows(grid: LargeGrid, tell: Callable[[int], None]) -> LargeGrid:
+    """Return a grid that tells how many rows of its own layer it has just given."""
+
+    def told(part: NDArray[Any]) -> NDArray[Any]:
+        tell(len(part))
+        return part
+
+    def watched(layer: MadeRows) -> MadeRows:
+        return layer.mapped(layer.dtype, told)
+
+    if isinstance(grid, LargeField):
+        return replace(grid, distance=watched(grid.distance))
+    if isinstance(grid, LargeCosts):
+        return replace(grid, cost=watched(grid.cost))
+    return replace(grid, occupancy=watched(grid.occupancy))

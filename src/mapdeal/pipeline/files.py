@@ -16,6 +16,7 @@ from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.potential import PotentialField
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.products import write_picture
+from mapdeal.pipeline.progress import Watch
 from mapdeal.render.overlay import Overlay
 
 
@@ -37,6 +38,8 @@ class FileOptions:
         Where a picture of the result goes.
     max_memory : int, optional
         Bytes of memory that may be taken; half of what is free if not given.
+    watch : callable, optional
+        Told how far the writing is of a grid that is too large for memory.
     """
 
     dialect: Dialect = "nav2"
@@ -45,6 +48,7 @@ class FileOptions:
     threads: int | None = None
     image: Path | None = None
     max_memory: int | None = None
+    watch: Watch | None = None
 
 
 def read_input(path: Path, options: FileOptions) -> Source:

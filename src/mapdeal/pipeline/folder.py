@@ -13,6 +13,7 @@ from mapdeal.formats.source import holds
 from mapdeal.formats.transaction import Transaction, remove_if_unchanged
 from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.products import paths_of, write_products
+from mapdeal.pipeline.progress import Watch, passes_of, written
 from mapdeal.pipeline.stage_list import Step
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
@@ -103,6 +104,7 @@ class OutputFolder:
         files: Iterable[Path],
         force: bool,
         overlay: Overlay | None = None,
+        watch: Watch | None = None,
     ) -> dict[str, Figures]:
         """Write all files, together, the manifest last; return the figures of each step.
 
@@ -118,6 +120,8 @@ class OutputFolder:
             Whether outputs that exist are replaced.
         overlay : Overlay, optional
             What is drawn over each picture.
+        watch : callable, optional
+            Told how far the writing is of grids that are too large for memory.
         """
         old = read_json(self.path / MANIFEST)
         hint = "--force replaces it"
@@ -127,16 +131,22 @@ class OutputFolder:
         elif isinstance(old, dict):
             hint += "; this folder holds the same already"
         figures: dict[str, Figures] = {}
-        with Transaction(
-            self._outputs(), inputs=tuple(files), force=force, hint=hint, checksums=True
-        ) as transaction:
+        outputs = self._outputs()
+        passes = sum(passes_of(step, path.suffix) for step in self.steps
+                     for path in self._outputs_of(step))  # fmt: skip
+        with (
+            written(watch, passes) as progress,
+            Transaction(
+                outputs, inputs=tuple(files), force=force, hint=hint, checksums=True
+            ) as transaction,
+        ):
             for product in products:
                 step, grid = product.step, product.grid
                 figures[step.name] = {**figures_of(grid), **product.figures}
                 write_products(
                     transaction,
                     step,
-                    grid,
+                    progress.watched(grid),
                     self.path,
                     stem=stem,
                     images=self.pictures.images,
@@ -160,9 +170,11 @@ class OutputFolder:
         }
 
     def _outputs(self) -> list[Path]:
-        images = self.pictures.images
-        paths = [p for step in self.steps for p in paths_of(step, self.path, images=images)]
+        paths = [path for step in self.steps for path in self._outputs_of(step)]
         return [*paths, self.path / MANIFEST]
+
+    def _outputs_of(self, step: Step) -> list[Path]:
+        return paths_of(step, self.path, images=self.pictures.images)
 
     def _remove_left_over(self, old: dict[str, Any]) -> None:
         """Remove outputs of the replaced run that are not made any more, if nobody changed them."""

@@ -17,6 +17,7 @@ from mapdeal.pipeline.figures import Figures
 from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.folder import OutputFolder, Pictures, Product
 from mapdeal.pipeline.large import opened_source
+from mapdeal.pipeline.progress import Watch
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
@@ -69,6 +70,7 @@ def run_map(
     threads: int | None = None,
     max_cells: int | None = None,
     max_memory: int | None = None,
+    watch: Watch | None = None,
 ) -> RunReport:
     """Read a map, apply a recipe and write everything into a folder.
 
@@ -91,6 +93,8 @@ def run_map(
     max_memory : int, optional
         Bytes of memory that may be taken; half of what is free if not given. A map that needs
         more is worked on by slabs of rows, with the same result.
+    watch : callable, optional
+        Told how far that is.
 
     Raises
     ------
@@ -100,12 +104,13 @@ def run_map(
     """
     reading = FileOptions(options.dialect, max_cells, max_memory=max_memory)
     with use_threads(threads), opened_source(path, recipe.steps, reading) as source:
-        return _run(source, folder, recipe, options, force)
+        return _run(source, folder, recipe, options, force, watch)
 
 
 def _run(
-    source: Source | LargeSource, folder: Path, recipe: Recipe, options: RunOptions, force: bool
-) -> RunReport:
+    source: Source | LargeSource, folder: Path, recipe: Recipe, options: RunOptions, force: bool,
+    watch: Watch | None,
+) -> RunReport:  # fmt: skip
     target = OutputFolder(
         folder,
         recipe.steps,
@@ -118,7 +123,11 @@ def _run(
         return RunReport(folder, "unchanged", figures)
     path = source.files[0]
     figures = target.fill(
-        products_of(recipe, source.grid, path), stem=path.stem, files=source.files, force=force
+        products_of(recipe, source.grid, path),
+        stem=path.stem,
+        files=source.files,
+        force=force,
+        watch=watch if isinstance(source, LargeSource) else None,
     )
     return RunReport(folder, "done", figures)
 

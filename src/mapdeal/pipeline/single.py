@@ -6,20 +6,22 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import ParameterError
+from mapdeal.formats.large_maps import LargeSource
 from mapdeal.formats.map_writer import Encoding
-from mapdeal.formats.maps import as_occupancy, output_paths, write_grid
+from mapdeal.formats.maps import Source, as_occupancy, output_paths, write_grid
 from mapdeal.formats.npz import AnyGrid, write_npy
 from mapdeal.formats.transaction import Transaction
 from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.large import LargeField
+from mapdeal.grid.large import LargeCosts, LargeField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of, read_input
 from mapdeal.pipeline.large import opened_source
 from mapdeal.pipeline.products import title_of, view_of
+from mapdeal.pipeline.progress import Watch, passes_of, written
 from mapdeal.pipeline.stage_list import Step
 from mapdeal.stages.keepout import apply_keepout_mask
 
@@ -49,18 +51,36 @@ def apply_to_file(
     with use_threads(options.threads), opened_source(path, [step], options) as source:
         over = None if mask is None else read_input(mask, options)
         inputs = [*source.files, *(over.files if over else ())]
-        with outputs_of(_paths(output), inputs, options) as transaction, errors_named(path):
+        with (
+            written(_watch_of(source, options), _passes(output, step, options)) as progress,
+            outputs_of(_paths(output), inputs, options) as transaction,
+            errors_named(path),
+        ):
             grid = step.apply(source.grid, path)
             title = title_of(step)
             if over is not None and mask is not None:
                 grid = _masked(grid, as_occupancy(over.grid, "the mask"), mask)
                 title += f", with {mask.name}"
-            _write(transaction, output, grid, step, encoding)
-            add_picture(transaction, options, grid, f"{path.stem}: {title}")
+            watched = progress.watched(grid)
+            _write(transaction, output, watched, step, encoding)
+            add_picture(transaction, options, watched, f"{path.stem}: {title}")
             return figures_of(grid)
 
 
+def _watch_of(source: Source | LargeSource, options: FileOptions) -> Watch | None:
+    return options.watch if isinstance(source, LargeSource) else None
+
+
+def _passes(output: Path, step: Step, options: FileOptions) -> int:
+    suffixes = [output.suffix, *([".png"] if options.image is not None else [])]
+    return sum(passes_of(step, suffix) for suffix in suffixes)
+
+
 def _masked(grid: AnyGrid, mask: OccupancyGrid, path: Path) -> Costmap:
+    if isinstance(grid, LargeCosts):
+        rule = "is for maps that fit into memory"
+        hint = "raise --max-memory if there is more"
+        raise ParameterError(rule, place="mask", got=path.name, hint=hint)
     if not isinstance(grid, Costmap):
         raise ParameterError("only costs take a mask", source=path)
     with errors_named(path):
