@@ -187,3 +187,22 @@ def test_a_failing_process_takes_no_folder_from_another(tmp_path):
         done.set()
         thread.join()
     assert surprises == []
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_an_interruption_while_a_temporary_file_is_made_leaves_none(tmp_path, monkeypatch, when):
+    """Ctrl-C and SIGTERM come at any moment, also when a file is there and nobody knows it yet."""
+    output = tmp_path / "new" / "file"
+    really_open = os.open
+
+    def opened(path, flags, *more):
+        if ".mapdeal-" not in str(path):
+            return really_open(path, flags, *more)
+        if when == "after":
+            os.close(really_open(path, flags, *more))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "open", opened)
+    with pytest.raises(KeyboardInterrupt), Transaction([output]) as transaction:
+        transaction.write_bytes(output, b"x")
+    assert list(tmp_path.iterdir()) == []

@@ -82,6 +82,7 @@ class Transaction:
         self._outputs = list(outputs)
         self._with_checksums = checksums
         self._pool = ThreadPoolExecutor(thread_count())
+        self._temporaries: list[_Temporary] = []
         self._pending: list[tuple[Path, _Temporary, Future[str]]] = []
         self._made_folders: list[Path] = []
         places: set[Path] = set()
@@ -117,6 +118,8 @@ class Transaction:
         if path not in self._outputs:
             raise ParameterError("was not announced as an output", source=path)
         temporary = _Temporary(path)
+        self._temporaries.append(temporary)  # first, since Ctrl-C may come at any moment
+        temporary.open()
         future = self._pool.submit(
             copy_context().run, temporary.fill, writer, self._with_checksums
         )  # fmt: skip
@@ -176,6 +179,7 @@ class Transaction:
             missing.append(folder)
             folder = folder.parent
         for new in reversed(missing):
+            self._made_folders.append(new)
             try:
                 new.mkdir(exist_ok=True)
             except FileNotFoundError:
@@ -183,13 +187,13 @@ class Transaction:
             except OSError as error:
                 rule = f"the folder cannot be made: {error.strerror}"
                 raise FileAccessError(rule, source=new) from None
-            self._made_folders.append(new)
 
     def _discard(self) -> None:
         """Remove what was not renamed; after a success that is nothing."""
         self._pool.shutdown(wait=True, cancel_futures=True)
-        for _, temporary, _ in self._pending:
+        for temporary in self._temporaries:
             temporary.remove()
+        self._temporaries.clear()
         self._pending.clear()
         for folder in reversed(self._made_folders):
             with contextlib.suppress(OSError):  # somebody else has put a file there
@@ -213,15 +217,46 @@ def remove_if_unchanged(path: Path, sha256: str) -> None:
         raise FileAccessError(f"cannot be removed: {error.strerror}", source=path) from None
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, unless it is there.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        rule = f"the folder cannot be made: {error.strerror}"
+        raise FileAccessError(rule, source=folder) from None
+
+
 class _Temporary:
     """A locked temporary file beside its destination."""
 
     def __init__(self, destination: Path) -> None:
         self.destination = destination
-        self._file: io.BufferedRandom | None
-        self.path, self._file = _locked_new_file(destination)
+        self.path = destination
+        self._file: io.BufferedRandom | None = None
+        self._is_ours = False
+
+    def open(self) -> None:
+        """Make the file, and lock it.
+
+        Between its making and its locking another run may take it for one of a dead process and
+        remove it; then there is no file of that name any more, and another is made.
+        """
+        while True:
+            name = f"{_PREFIX}{os.urandom(6).hex()}{_SUFFIX}"
+            self.path, self._is_ours = self.destination.parent / name, True
+            descriptor = _locked_new_file(self.path, self.destination)
+            if self.path.exists():
+                break
+            os.close(descriptor)
+        self._file = os.fdopen(descriptor, "w+b")
         with contextlib.suppress(FileNotFoundError):  # a replaced file keeps its permissions
-            self.path.chmod(stat.S_IMODE(destination.stat().st_mode))
+            self.path.chmod(stat.S_IMODE(self.destination.stat().st_mode))
 
     def fill(self, writer: Callable[[BinaryIO, Path], None], with_checksum: bool) -> str:
         """Write the contents through to the disk; return their sha256 if it is asked for."""
@@ -242,12 +277,15 @@ class _Temporary:
         except OSError as error:
             rule = f"cannot be replaced: {error.strerror}"
             raise FileAccessError(rule, source=self.destination) from None
+        self._is_ours = False
         self._close()
 
     def remove(self) -> None:
-        if self._file is not None:
-            self.path.unlink(missing_ok=True)
-            self._close()
+        if self._is_ours:
+            with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+                self.path.unlink()
+            self._is_ours = False
+        self._close()
 
     def _close(self) -> None:
         if self._file is not None:
@@ -256,26 +294,18 @@ class _Temporary:
             self._file = None
 
 
-def _locked_new_file(destination: Path) -> tuple[Path, io.BufferedRandom]:
-    """Return a new temporary file beside `destination`, open and locked.
-
-    Between its making and its locking another run may take it for one of a dead process and
-    remove it; then there is no file of that name any more, and another is made.
-    """
-    while True:
-        path = destination.parent / f"{_PREFIX}{os.urandom(6).hex()}{_SUFFIX}"
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-        except OSError as error:
-            rule = f"cannot be written: {error.strerror}"
-            raise FileAccessError(rule, source=destination) from None
-        if fcntl is not None:
-            # Some network file systems have no locks; then stale files stay, no more.
-            with contextlib.suppress(OSError):
-                fcntl.flock(descriptor, fcntl.LOCK_EX)
-        if path.exists():
-            return path, os.fdopen(descriptor, "w+b")
-        os.close(descriptor)
+def _locked_new_file(path: Path, destination: Path) -> int:
+    """Make a file and lock it; return its descriptor."""
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+    except OSError as error:
+        rule = f"cannot be written: {error.strerror}"
+        raise FileAccessError(rule, source=destination) from None
+    if fcntl is not None:
+        # Some network file systems have no locks; then stale files stay, no more.
+        with contextlib.suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+    return descriptor
 
 
 def _result(future: Future[str], path: Path) -> str:
