@@ -24,6 +24,7 @@ from mapdeal import (
     read_map,
     write_map,
 )
+from mapdeal.formats.maps import read_header, read_source
 from strategies import occupancies
 
 IN_A_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -185,3 +186,32 @@ def test_every_public_name_is_there():
         assert getattr(mapdeal, name) is not None
     with pytest.raises(AttributeError, match="nothing"):
         mapdeal.nothing  # noqa: B018
+
+
+def test_the_size_of_a_map_is_told_from_its_header(tmp_path):
+    grid = grid_from_text("..#.\n?..#")
+    for name in ("a.yaml", "b.png", "c.npz"):
+        write_map(tmp_path / name, grid)
+    write_map(tmp_path / "d.npz", mapdeal.exponential_cost(grid))
+    write_map(tmp_path / "e.npz", mapdeal.esdf(grid))
+    for name, files in (
+        ("a.yaml", ["a.yaml", "a.pgm"]), ("b.yaml", ["b.yaml", "b.png"]),
+        ("c.npz", ["c.npz"]), ("d.npz", ["d.npz"]), ("e.npz", ["e.npz"]),
+    ):  # fmt: skip
+        header = read_header(tmp_path / name)
+        assert (header.height, header.width) == (2, 4), name
+        assert [path.name for path in header.files] == files
+
+
+def test_headers_of_real_maps_tell_the_size_that_is_read(real_maps, mapdeal_warnings):
+    told = 0
+    for path in sorted(real_maps.rglob("*.yaml")):
+        try:
+            source = read_source(path)
+        except mapdeal.MapdealError:
+            continue
+        header = read_header(path)
+        assert (header.height, header.width) == source.grid.shape, path
+        assert header.files == source.files
+        told += 1
+    assert told > 20

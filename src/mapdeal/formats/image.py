@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,8 @@ from mapdeal.formats.picture import (
     check_size,
 )
 from mapdeal.formats.png_chunks import PngFacts, read_png_facts
-from mapdeal.formats.pnm import check_pnm_header, decode_pnm, is_pnm
-from mapdeal.formats.source import read_file
+from mapdeal.formats.pnm import LONGEST_HEADER, check_pnm_header, decode_pnm, is_pnm, pnm_size
+from mapdeal.formats.source import head_of, read_file
 
 _PILLOW_FORMATS = ("PNG", "BMP", "TIFF", "JPEG")
 _EXIF_ORIENTATION = 0x0112
@@ -70,6 +70,25 @@ def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
     return _decode_with_pillow(data, path, limit)
 
 
+def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:
+    """Return height and width of the picture in an image file, of which the header is read.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        As `read_image`, as far as the header tells.
+    """
+    head = head_of(path, LONGEST_HEADER)
+    if is_pnm(head):
+        plain_limit = LARGEST_CELLS if max_cells is None else max_cells
+        check_pnm_header(head, path, max_cells=plain_limit)
+        return pnm_size(head, path)
+    _refuse_other_contents(head, path)
+    limit = LARGEST_COMPRESSED_CELLS if max_cells is None else max_cells
+    with path.open("rb") as file, _open(file, path, limit) as image:
+        return image.height, image.width
+
+
 def _refuse_other_contents(data: bytes, path: Path) -> None:
     if not data:
         raise MalformedInputError("the image file is empty", source=path)
@@ -79,7 +98,7 @@ def _refuse_other_contents(data: bytes, path: Path) -> None:
 
 
 def _decode_with_pillow(data: bytes, path: Path, limit: int) -> Picture:
-    image = _open(data, path, limit)
+    image = _open(io.BytesIO(data), path, limit)
     with image:
         facts = read_png_facts(data, path) if image.format == "PNG" else None
         with _damage_named(path), _silent_libtiff(image.format):
@@ -91,13 +110,13 @@ def _decode_with_pillow(data: bytes, path: Path, limit: int) -> Picture:
         return replace(picture, display=facts.display) if facts is not None else picture
 
 
-def _open(data: bytes, path: Path, limit: int) -> Any:
+def _open(file: BinaryIO, path: Path, limit: int) -> Any:
     """Return the image, its header read and checked, its pixels not decoded yet."""
     from PIL import Image, UnidentifiedImageError
 
     try:
         with _no_size_limit(), _damage_named(path):
-            image = Image.open(io.BytesIO(data), formats=_PILLOW_FORMATS)
+            image = Image.open(file, formats=_PILLOW_FORMATS)
             frames = getattr(image, "n_frames", 1)
     except UnidentifiedImageError:
         rule = "is no image of a format that maps have: pgm, pbm, ppm, png, bmp, tiff"

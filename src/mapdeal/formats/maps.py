@@ -11,10 +11,11 @@ from typing import Any
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
-from mapdeal.formats.map_server import read_pair
+from mapdeal.formats.image import read_image_size
+from mapdeal.formats.map_server import find_image, read_pair
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
-from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode
-from mapdeal.formats.npz import AnyGrid, Grid, read_npz, write_npz
+from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
+from mapdeal.formats.npz import AnyGrid, Grid, npz_size, read_npz, write_npz
 from mapdeal.formats.source import exists, status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
@@ -57,16 +58,53 @@ def read_source(
     MalformedInputError
         If a file is malformed, or not of these two kinds.
     """
-    suffix = path.suffix.lower()
-    if suffix == ".npz":
+    if path.suffix.lower() == ".npz":
         return Source(read_npz(path, max_cells=max_cells), (path,))
-    if suffix in _IMAGE_SUFFIXES:
+    _refuse_image(path)
+    pair = read_pair(path, dialect=dialect, max_cells=max_cells)
+    return Source(pair.grid, pair.files, pair.metadata)
+
+
+@dataclass(frozen=True)
+class SourceHeader:
+    """What is known of a map before its cells are read.
+
+    Parameters
+    ----------
+    height, width : int
+        Cells.
+    files : tuple of Path
+        All files that hold it, the named one first.
+    """
+
+    height: int
+    width: int
+    files: tuple[Path, ...]
+
+
+def read_header(
+    path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
+) -> SourceHeader:  # fmt: skip
+    """Return size and files of what `read_source` would read, from headers alone.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        As `read_source`, as far as headers tell.
+    """
+    if path.suffix.lower() == ".npz":
+        return SourceHeader(*npz_size(path), (path,))
+    _refuse_image(path)
+    image = find_image(path, read_metadata(path, dialect=dialect).image)
+    return SourceHeader(*read_image_size(image, max_cells=max_cells), (path, image))
+
+
+def _refuse_image(path: Path) -> None:
+    if path.suffix.lower() in _IMAGE_SUFFIXES:
         sibling = path.with_suffix(".yaml")
         hint = f"pass {sibling}" if exists(sibling) else "pass the .yaml that names the image"
         status_of(path)
         raise MalformedInputError("looks like an image, not a map's YAML", source=path, hint=hint)
-    pair = read_pair(path, dialect=dialect, max_cells=max_cells)
-    return Source(pair.grid, pair.files, pair.metadata)
 
 
 def as_occupancy(grid: Grid, what: str = "the input") -> OccupancyGrid:

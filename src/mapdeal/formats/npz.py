@@ -136,6 +136,25 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
             raise error.in_file(path) from None
 
 
+def npz_size(path: Path) -> tuple[int, int]:
+    """Return height and width of the grid in an ``.npz`` file, of which headers are read.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        As `read_npz`, as far as headers tell.
+    """
+    with NpzReader(path, LARGEST_CELLS) as reader:
+        _check_format(reader, path)
+        names = reader.names()
+        layer = next((name for name in ("cost", "distance") if name in names), "occupancy")
+        shape = reader.shape(layer)
+        if len(shape) != 2:
+            rule = f"must have two axes, has {len(shape)}"
+            raise MalformedInputError(rule, source=path, place=layer)
+        return shape
+
+
 def _check_format(reader: NpzReader, path: Path) -> None:
     if "format" not in reader.names():
         hint = "only npz files that mapdeal wrote can be read"

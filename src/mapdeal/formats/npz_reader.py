@@ -90,6 +90,11 @@ class NpzReader:
             raise self._error(name, f"must have two axes, has {array.ndim}")
         return array
 
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of an array, of which the header is read."""
+        with self._opened(name) as entry:
+            return entry.shape
+
     def small(self, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> NDArray[Any]:
         """Return an array of that type and shape."""
         return self._read(name, np.dtype(dtype), shape, _LARGEST_SMALL_ARRAY)

@@ -25,7 +25,7 @@ from mapdeal.kernels.rows import MadeRows, Rows
 
 _TOKEN = re.compile(rb"(?:[ \t\n\v\f\r]|#[^\n\r]*)*([^ \t\n\v\f\r#]+)")
 _COMMENT = re.compile(rb"#[^\n\r]*")
-_LONGEST_HEADER = 1 << 16
+LONGEST_HEADER = 1 << 16
 _WRITTEN_TOGETHER = 1 << 20
 _TRAILING = 64
 
@@ -196,6 +196,12 @@ def pnm_comments(head: bytes) -> list[str]:
     return found
 
 
+def pnm_size(head: bytes, source: Path) -> tuple[int, int]:
+    """Return height and width, given the first bytes of a file."""
+    header = _read_header(head, source)
+    return header.height, header.width
+
+
 def check_pnm_header(head: bytes, source: Path, *, max_cells: int) -> None:
     """Refuse a file by its first bytes alone, if its header is malformed or asks for too much."""
     header = _read_header(head, source)
@@ -250,7 +256,7 @@ def _read_header(data: bytes, source: Path) -> _Header:
     numbers: list[int] = []
     end = 2
     for name in names:
-        token = _TOKEN.match(data, end, end + _LONGEST_HEADER)
+        token = _TOKEN.match(data, end, end + LONGEST_HEADER)
         if token is None:
             raise MalformedInputError("the file ends early", source=source, place=f"header {name}")
         text = token[1].decode("latin-1")
