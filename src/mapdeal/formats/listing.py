@@ -72,9 +72,7 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
     nearest: dict[tuple[Path, str], Path] = {}
     for one in sorted(files, key=lambda one: len(one.parts)):
         nearest.setdefault((one.parent.resolve(), one.name), one)
-    return sorted(
-        nearest.values(), key=lambda one: (natural_key(str(one.with_suffix(""))), one.suffix)
-    )
+    return sorted_naturally(nearest.values())
 
 
 def numbered_folders(folder: Path) -> list[Path]:
@@ -83,6 +81,11 @@ def numbered_folders(folder: Path) -> list[Path]:
         return []
     numbered = [one for one in folder.iterdir() if one.name.isdecimal() and one.is_dir()]
     return sorted(numbered, key=lambda one: natural_key(one.name))
+
+
+def sorted_naturally(files: Iterable[Path]) -> list[Path]:
+    """Return files in the order of their names, numbers by their value."""
+    return sorted(files, key=lambda one: (natural_key(str(one.with_suffix(""))), one.suffix))
 
 
 def natural_key(text: str) -> tuple[list[str | int], str]:

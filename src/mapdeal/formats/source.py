@@ -121,6 +121,18 @@ def is_same_file(one: Path, other: Path) -> bool:
     return exists(one) and exists(other) and one.samefile(other)
 
 
+def ignores_case(folder: Path) -> bool:
+    """Return whether names that differ in case alone are one to the disk of a folder.
+
+    The nearest folder that there is tells for one that is yet to be made.
+    """
+    for known in (folder.absolute(), *folder.absolute().parents):
+        other = known.name.swapcase()
+        if other != known.name and exists(known):
+            return is_same_file(known, known.with_name(other))
+    return False
+
+
 def holds(path: Path, sha256: str) -> bool:
     """Return whether `path` is a file with exactly the contents of that checksum."""
     return exists(path) and path.is_file() and sha256_of(path) == sha256

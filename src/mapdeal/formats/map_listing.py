@@ -1,0 +1,251 @@
+"""Which maps are meant by names of files, folders, patterns and lists, and what to call each."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from glob import has_magic
+from pathlib import Path
+
+from mapdeal.errors import FileAccessError, MapdealError, ParameterError
+from mapdeal.formats.listing import list_files, sorted_naturally
+from mapdeal.formats.source import exists, head_of, read_file
+from mapdeal.formats.yaml_text import read_mapping
+
+_YAML = (".yaml", ".yml")
+_HEAD = 1 << 20
+_LARGEST_LIST = 1 << 26
+
+# Most files need no parser: keys at the top of a mapping stand at the beginning of a line.
+_IMAGE_KEY = re.compile(rb"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class ListedMap:
+    """A map that names stand for.
+
+    Parameters
+    ----------
+    path : Path
+        Its file, relative if its name was.
+    name : str
+        Its path below the folder that all of a set have in common; of a map that was named
+        by itself the file's name.
+    """
+
+    path: Path
+    name: str
+
+    @property
+    def place(self) -> Path:
+        """The folder for what is made of it, below that of all: the name without its ending."""
+        return Path(self.name).parent / self.path.stem
+
+
+@dataclass(frozen=True)
+class MapListing:
+    """The maps that names stand for.
+
+    Parameters
+    ----------
+    maps : tuple of ListedMap
+        In the order of the names, each once; those of a folder or pattern sorted, numbers by
+        their value.
+    is_set : bool
+        Whether a folder, a pattern or a list was among the names.
+    left_out : tuple of Path
+        YAML files of folders and patterns that are no maps.
+    repeated : tuple of Path
+        Files that were met again.
+    """
+
+    maps: tuple[ListedMap, ...]
+    is_set: bool
+    left_out: tuple[Path, ...]
+    repeated: tuple[Path, ...]
+
+
+@dataclass
+class _Found:
+    """Files that one name stands for; `root` is None if it is a map's own."""
+
+    root: Path | None
+    files: list[Path]
+    left_out: list[Path]
+
+
+def list_maps(
+    names: Iterable[str], output: Path, standard_input: Callable[[], bytes]
+) -> MapListing:  # fmt: skip
+    """Return the maps that names stand for.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Each a file; a folder, for all map_server YAMLs in it and below; a pattern of ``*``,
+        ``?``, ``[...]`` and ``**``; or ``@`` and the name of a text file with such names, one a
+        line, ``@-`` for standard input.
+    output : Path
+        The folder of outputs: nothing in it is taken for an input of a folder or pattern.
+    standard_input : callable
+        Gives all that comes in on stdin.
+
+    Returns
+    -------
+    MapListing
+        A file that is not there is among the maps: to say so is left to whoever reads it.
+
+    Raises
+    ------
+    ParameterError
+        If a pattern matches no map, or a list is empty or no text.
+    FileAccessError
+        If a folder holds no map, or a folder or list cannot be read.
+    """
+    nowhere = output.resolve()
+    found: list[_Found] = []
+    for name in names:
+        if name.startswith("@"):
+            lines = _lines_of(name[1:], standard_input)
+            found += [_found_by(line, nowhere, is_listed=True) for line in lines]
+        else:
+            found.append(_found_by(name, nowhere, is_listed=False))
+    root = _common_root(found)
+    maps: dict[tuple[str, str], ListedMap] = {}
+    repeated: dict[tuple[str, str], Path] = {}
+    for one in found:
+        for path in one.files:
+            key = (os.path.realpath(path.parent), path.name)
+            name = path.name if one.root is None else _below(path, root)
+            if key in maps:
+                repeated[key] = path
+            else:
+                maps[key] = ListedMap(path, name)
+    left_out = {os.path.realpath(path): path for one in found for path in one.left_out}
+    is_set = any(one.root is not None for one in found)
+    return MapListing(
+        tuple(maps.values()), is_set, tuple(left_out.values()), tuple(repeated.values())
+    )
+
+
+def _lines_of(name: str, standard_input: Callable[[], bytes]) -> list[str]:
+    """Return the names in a list, without comments and empty lines."""
+    what = f"@{name}"
+    try:
+        data = standard_input() if name == "-" else read_file(Path(name), limit=_LARGEST_LIST)
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        rule = "a list of maps must be UTF-8 text"
+        raise ParameterError(rule, source=what, place=f"line {line}") from None
+    stripped = (line.strip() for line in text.split("\n"))
+    lines = [line for line in stripped if line and not line.startswith("#")]
+    if not lines:
+        raise ParameterError("the list names no map", source=what)
+    if any("\0" in line for line in lines):
+        raise ParameterError("a list of maps must be UTF-8 text", source=what)
+    return lines
+
+
+def _found_by(name: str, output: Path, *, is_listed: bool) -> _Found:
+    if not name:
+        raise ParameterError("the name of a map must not be empty")
+    path = Path(name)
+    if exists(path) and path.is_dir():
+        candidates = _below_folder(path, output)
+        maps = [one for one in candidates if _is_map(one)]
+        if not maps:
+            rule = f"is a directory without a map: no .yaml with the key image{_outside_of(output)}"
+            raise FileAccessError(rule, source=name)
+        root = path
+    elif has_magic(name) and not exists(path):
+        matches = list_files([name], (*_YAML, ".npz"))
+        candidates = [one for one in matches if not _lies_in(one.parent, output)]
+        maps = [one for one in candidates if one.suffix.lower() == ".npz" or _is_map(one)]
+        if not maps:
+            rule = f"matches no map: no .npz, no .yaml with the key image{_outside_of(output)}"
+            raise ParameterError(rule, source=name)
+        root = _fixed_part(path)
+    else:
+        return _Found(path.parent if is_listed else None, [path], [])
+    return _Found(root, maps, [one for one in candidates if one not in set(maps)])
+
+
+def _outside_of(output: Path) -> str:
+    return f" outside of {output}, where outputs go" if exists(output) else ""
+
+
+def _lies_in(folder: Path, output: Path) -> bool:
+    real = folder.resolve()
+    return real == output or output in real.parents
+
+
+def _fixed_part(pattern: Path) -> Path:
+    """Return the folder that a pattern names before its first sign."""
+    fixed: list[str] = []
+    for part in pattern.parts:
+        if has_magic(part):
+            break
+        fixed.append(part)
+    return Path(*fixed)
+
+
+def _below_folder(folder: Path, output: Path) -> list[Path]:
+    """Return all YAML files in a folder and below, hidden ones and outputs left aside.
+
+    A folder that links lead to several times is looked into once, by its shortest way.
+    """
+    seen: set[Path] = set()
+    found: list[Path] = []
+    level = [folder]
+    while level:
+        below: list[Path] = []
+        for one in level:
+            real = one.resolve()
+            if real in seen or _lies_in(real, output):
+                continue
+            seen.add(real)
+            try:
+                inside = sorted(path for path in one.iterdir() if path.name[0] != ".")
+            except OSError as error:
+                rule = f"cannot be read: {error.strerror or error}"
+                raise FileAccessError(rule, source=one) from None
+            below += [path for path in inside if path.is_dir()]
+            found += [p for p in inside if p.suffix.lower() in _YAML and p.is_file()]
+        level = below
+    return sorted_naturally(found)
+
+
+def _is_map(path: Path) -> bool:
+    """Return whether a YAML file is a map's: it has the key image, broken though it may be."""
+    try:
+        if _IMAGE_KEY.search(head_of(path, _HEAD)):
+            return True
+        return "image" in read_mapping(path)
+    except FileAccessError:
+        return True  # whoever reads it says why not
+    except MapdealError:
+        return False
+
+
+def _common_root(found: Iterable[_Found]) -> Path:
+    """Return the deepest folder that holds all sets."""
+    sets = [one for one in found if one.root is not None]
+    # a pattern can lead upwards behind its fixed part, so the files count, too
+    folders = {one.root for one in sets} | {path.parent for one in sets for path in one.files}
+    if not folders:
+        return Path()
+    try:
+        return Path(os.path.commonpath([_absolute(folder) for folder in folders if folder]))
+    except ValueError:  # Windows
+        raise ParameterError("folders on several drives have no common root") from None
+
+
+def _absolute(path: Path) -> str:
+    return os.path.abspath(path)  # noqa: PTH100 - unlike Path.absolute it takes out ".."
+
+
+def _below(path: Path, root: Path) -> str:
+    return Path(_absolute(path)).relative_to(root).as_posix()

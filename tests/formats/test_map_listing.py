@@ -1,0 +1,188 @@
+"""Which maps names stand for, and where what is made of them goes."""
+
+from pathlib import Path
+
+import pytest
+
+from mapdeal import FileAccessError, ParameterError
+from mapdeal.formats.map_listing import list_maps
+
+MAP = "image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("maps/a.yaml", "maps/b10.yaml", "maps/b9.yml", "maps/deep/er/c.yaml"):
+        put(tmp_path / name, MAP)
+    put(tmp_path / "maps/params.yaml", "amcl:\n  ros__parameters:\n    image: none\n")
+    put(tmp_path / "maps/recipe.yaml", "stages: [inflate]\n")
+    put(tmp_path / "maps/.hidden/h.yaml", MAP)
+    put(tmp_path / "maps/n.npz", "")
+    put(tmp_path / "other/d.yaml", MAP)
+    return tmp_path
+
+
+def put(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def listed(*names, output="out", stdin=b""):
+    return list_maps(names, Path(output), lambda: stdin)
+
+
+def places(*names, **more):
+    return {one.path.as_posix(): one.place.as_posix() for one in listed(*names, **more).maps}
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["maps/a.yaml", "other/d.yaml"], {"maps/a.yaml": "a", "other/d.yaml": "d"}),
+        (
+            ["maps"],
+            {
+                "maps/a.yaml": "a", "maps/b9.yml": "b9", "maps/b10.yaml": "b10",
+                "maps/deep/er/c.yaml": "deep/er/c",
+            },
+        ),
+        (
+            ["maps/deep", "other"],
+            {"maps/deep/er/c.yaml": "maps/deep/er/c", "other/d.yaml": "other/d"},
+        ),
+        (["maps/deep", "other/d.yaml"], {"maps/deep/er/c.yaml": "er/c", "other/d.yaml": "d"}),
+        (["maps/*.yml"], {"maps/b9.yml": "b9"}),
+        (["maps/n*"], {"maps/n.npz": "n"}),
+        (["**/[cd].yaml"], {"maps/deep/er/c.yaml": "maps/deep/er/c", "other/d.yaml": "other/d"}),
+        (["maps/d*/*/c.yaml"], {"maps/deep/er/c.yaml": "deep/er/c"}),
+        (["maps/deep/er/*.yaml", "oth*"], None),
+        (["maps/../other"], {"maps/../other/d.yaml": "d"}),
+        (["maps/d*/../a.yaml"], {"maps/deep/../a.yaml": "a"}),
+    ],
+)  # fmt: skip
+def test_maps_and_their_places(folder, names, expected):
+    if expected is None:
+        with pytest.raises(ParameterError, match="matches no"):
+            listed(*names)
+    else:
+        assert places(*names) == expected
+        assert list(places(*names)) == list(expected)
+
+
+def test_the_parents_of_listed_files_count_for_the_common_root(folder):
+    put(folder / "list.txt", "# of today\r\n\r\nmaps/deep/er/c.yaml\r\nother/*.yaml  \r\n")
+    expected = {"maps/deep/er/c.yaml": "maps/deep/er/c", "other/d.yaml": "other/d"}
+    assert places("@list.txt") == expected
+    assert places("@-", stdin=(folder / "list.txt").read_bytes()) == expected
+    put(folder / "one.txt", "\ufeffmaps/a.yaml\nmaps/deep")
+    assert places("@one.txt") == {"maps/a.yaml": "a", "maps/deep/er/c.yaml": "deep/er/c"}
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "names no map"),
+        (b"# nothing\n\n", "names no map"),
+        (b"a.yaml\nb\xe9.yaml\n", "line 2: a list of maps must be UTF-8"),
+        ("maps\n".encode("utf-16"), "must be UTF-8"),
+    ],
+)
+def test_lists_that_are_none(folder, content, told):
+    (folder / "list.txt").write_bytes(content)
+    with pytest.raises(ParameterError, match=told):
+        listed("@list.txt")
+
+
+def test_a_list_that_is_not_there(folder):
+    with pytest.raises(FileAccessError, match="cannot be read"):
+        listed("@none.txt")
+
+
+def test_other_yaml_files_are_left_out_and_told(folder):
+    found = listed("maps", "maps/*.yaml")
+    assert [p.name for p in found.left_out] == ["params.yaml", "recipe.yaml"]
+    assert {one.path.name for one in found.maps} == {"a.yaml", "b9.yml", "b10.yaml", "c.yaml"}
+
+
+@pytest.mark.parametrize(
+    ("text", "is_map"),
+    [
+        (MAP, True),
+        ("\ufeff" + MAP, True),
+        ("resolution: 1\n'image': m.pgm\n", True),
+        ("{resolution: 1, image: m.pgm}", True),
+        ("  image: m.pgm\n  resolution: 1\n", True),
+        ("image: m.pgm\n\t- broken: [\n", True),
+        ("imagery: m.pgm\n", False),
+        ("map:\n  image: m.pgm\n", False),
+        ("- image: m.pgm\n", False),
+        ("broken: [\n", False),
+        ("", False),
+    ],
+)
+def test_what_makes_a_yaml_file_a_map(folder, text, is_map):
+    put(folder / "some" / "x.yaml", text)
+    put(folder / "some" / "y.yaml", MAP)
+    assert [one.path.stem for one in listed("some").maps] == ["x", "y"][not is_map :]
+
+
+@pytest.mark.parametrize("names", [["."], ["**/*.yaml"], ["maps", "out"]])
+def test_nothing_in_the_output_folder_is_an_input(folder, names):
+    put(folder / "out" / "a" / "inflated.yaml", MAP)
+    put(folder / "out.yaml", MAP)
+    if "out" in names:
+        with pytest.raises(FileAccessError, match="outside of"):
+            listed(*names)
+        return
+    found = {one.path.as_posix() for one in listed(*names).maps}
+    assert "out.yaml" in found
+    assert not [name for name in found if name.startswith("out/")]
+    (folder / "link").symlink_to("out", target_is_directory=True)
+    assert {one.path.as_posix() for one in listed(*names).maps} == found
+
+
+def test_a_file_that_is_named_in_the_output_folder_is_an_input(folder):
+    put(folder / "out" / "a" / "inflated.yaml", MAP)
+    assert places("out/a/inflated.yaml") == {"out/a/inflated.yaml": "inflated"}
+
+
+def test_a_file_that_is_named_twice_is_one_map_at_its_first_place(folder):
+    found = listed("maps/deep/er/c.yaml", "maps", "maps/../maps/a.yaml", "maps/a*")
+    assert [one.place.as_posix() for one in found.maps] == ["c", "a", "b9", "b10"]
+    assert [path.name for path in found.repeated] == ["c.yaml", "a.yaml"]
+
+
+def test_a_missing_file_is_left_to_whoever_reads_it(folder):
+    put(folder / "list.txt", "maps/gone.yaml\nmaps/a.yaml\n")
+    assert places("@list.txt", "gone.yaml") == {
+        "maps/gone.yaml": "gone", "maps/a.yaml": "a", "gone.yaml": "gone",
+    }  # fmt: skip
+
+
+def test_links_in_circles_end_and_give_each_map_once_f17(folder):
+    (folder / "maps" / "deep" / "up").symlink_to(folder / "maps", target_is_directory=True)
+    (folder / "maps" / "self").symlink_to("self")
+    (folder / "linked").symlink_to(folder / "maps" / "deep", target_is_directory=True)
+    assert len(listed("maps").maps) == 4
+    assert "linked/er/c.yaml" in places(".")
+    assert len(listed(".").maps) == 5
+
+
+@pytest.mark.parametrize("name", ["*.png", "maps/p*.yaml", "q[1]"])
+def test_a_pattern_that_matches_no_map_f7(folder, name):
+    with pytest.raises(ParameterError, match="matches no"):
+        listed(name)
+
+
+def test_a_folder_without_a_map(folder):
+    with pytest.raises(FileAccessError, match="without a map"):
+        listed("maps/.hidden/..", "maps/deep/er", output="maps")
+    (folder / "empty").mkdir()
+    with pytest.raises(FileAccessError, match="empty: is a directory without a map"):
+        listed("empty")
+
+
+def test_an_empty_name(folder):
+    with pytest.raises(ParameterError, match="must not be empty"):
+        listed("")
