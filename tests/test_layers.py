@@ -53,12 +53,14 @@ def test_no_layer_imports_from_above(path):
 
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: p.stem)
-def test_only_formats_touches_files_and_only_cli_knows_typer(path):
+def test_files_terminal_and_other_processes_are_each_one_layers_business(path):
     modules = set(_imports(path))
     if _layer(path) != "cli":
         assert "typer" not in modules
     if _layer(path) not in ("formats", "render"):
         assert not {m for m in modules if m.split(".")[0] in ("PIL", "zipfile", "tempfile")}
+    if _layer(path) != "pipeline":
+        assert not {m for m in modules if m.split(".")[0] in ("multiprocessing", "distributed")}
 
 
 def test_modules_stay_short():
@@ -71,7 +73,8 @@ def test_modules_stay_short():
 def test_starting_up_loads_no_numerical_library():
     code = (
         "import sys; from mapdeal.cli.main import main; main(['--version']); "
-        "print([m for m in ('numpy', 'scipy', 'PIL', 'yaml') if m in sys.modules])"
+        "print([m for m in ('numpy', 'scipy', 'PIL', 'yaml', 'asyncio', 'multiprocessing') "
+        "if m in sys.modules])"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.splitlines()[-1] == "[]"

@@ -70,7 +70,8 @@ class MapdealError(Exception):
         self.source = source
         self.place = place
         self.hint = hint
-        self._got = got
+        # The text, not the value: an error crosses from process to process as it is shown.
+        self._got = None if got is _MISSING else shown(got)
         super().__init__(rule)
 
     def found_in(self, source: Path | str) -> Self:
@@ -84,8 +85,8 @@ class MapdealError(Exception):
         parts = [] if self.source is None else [str(self.source)]
         parts += [_short(part) for part in (self.place, self.rule) if part is not None]
         text = ": ".join(parts)
-        if self._got is not _MISSING:
-            text += f", got {shown(self._got)}"
+        if self._got is not None:
+            text += f", got {self._got}"
         return one_line(text)
 
 

@@ -11,9 +11,7 @@ NOT_TESTED = {
     "Y29": "there is no --untrusted",
     "I14": "maps larger than memory are not built yet; the limits on cells have tests (I13)",
     "P11": "there is no rescaling",
-    "P13": "there is no --jobs yet",
     "S14": "bags are not read",
-    "F10": "there are no worker processes yet",
     "F19": "there are no extras to install",
 }
 

@@ -141,14 +141,14 @@ def build(
     )
     source = _source_of(log, poses, angles, ranges, flip_y=flip_y, max_bad=max_bad)
     passes = 2 if settings.sizes_itself else 1
-    with terminal.progress(passes * source.count) as advance:
+    with terminal.progress(passes * source.count) as bar:
         figures = build_file(
             source,
             output,
             settings,
             file_options(opt.DialectName.nav2, None, force, threads, image),
             layers=layers,
-            advance=advance,
+            advance=bar.advance,
         )
     say_written(output, figures, with_origin=True)
     text = f"  {figures['scans']} scans, {figures['beams']} beams: {figures['hits']} hits, "

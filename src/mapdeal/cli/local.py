@@ -16,9 +16,10 @@ from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError, ParameterError
 from mapdeal.mapping.local_map import LocalOptions
 from mapdeal.mapping.poses import check_pose
-from mapdeal.pipeline.batch import SUMMARY, run_all
+from mapdeal.pipeline.batch import run_all
 from mapdeal.pipeline.figures import Figures, summary_of
 from mapdeal.pipeline.folder import Pictures
+from mapdeal.pipeline.jobs import SUMMARY, Job, Outcome
 from mapdeal.pipeline.local import (
     LOCAL_RECIPE,
     LocalSettings,
@@ -159,33 +160,38 @@ def _run_sequence(
     sequence = sequence_of(clouds, poses_file, output)
     poses = {job.folder: job.pose for job in sequence}
     started = time.perf_counter()
+
+    def run_one(job: Job) -> RunReport:
+        return local_from_cloud(job.path, poses[job.folder], job.folder, common, skip=True)
+
     with (
-        terminal.progress(len(sequence)) as advance,
+        terminal.progress(len(sequence), what="cloud") as bar,
         terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,
     ):
 
-        def run_one(cloud: Path, folder: Path) -> RunReport:
-            try:
-                report = local_from_cloud(cloud, poses[folder], folder, common, skip=True)
-            finally:
-                advance(1)
-            terminal.detail(_lines(cloud, report)[0])
-            return report
+        def say(job: Job, outcome: Outcome) -> None:
+            for text in outcome.warnings:
+                warn(text)
+            if isinstance(outcome.result, MapdealError):
+                terminal.error(outcome.result)
+            elif outcome.result is not None:
+                terminal.detail(_lines(job.path, outcome.result)[0])
+            bar.advance(failed=outcome.status == "failed")
 
-        jobs = [(job.cloud, job.folder) for job in sequence]
-        results = run_all(jobs, output, run_one, terminal.error, warn, what="cloud")
-    failed = sum(isinstance(result, MapdealError) for result in results)
-    unchanged = sum(isinstance(r, RunReport) and r.status == "unchanged" for r in results)
-    done = len(results) - failed - unchanged
+        jobs = [Job(job.cloud, job.folder, job.cloud.name, job.folder.name) for job in sequence]
+        outcomes = run_all(jobs, output, run_one, say, what="cloud")
+    failed = sum(outcome.status == "failed" for outcome in outcomes)
+    unchanged = sum(outcome.status == "unchanged" for outcome in outcomes)
+    done = len(outcomes) - failed - unchanged
     text = f"{output}: {done} done, {unchanged} unchanged, {failed} failed"
-    if done == len(results):
+    if done == len(outcomes):
         text += f", {done / (time.perf_counter() - started):.3g} maps a second"
     others = other_folders(sequence, output)
     if others:
         terminal.warn(f"{len(others)} folders are not of this sequence, such as {others[0]}")
     terminal.summary([text])
     if failed:
-        raise BatchError(f"{failed} of {len(results)} clouds failed")
+        raise BatchError(f"{failed} of {len(outcomes)} clouds failed")
 
 
 def _lines(cloud: Path, report: RunReport) -> list[str]:

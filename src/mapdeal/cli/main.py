@@ -62,8 +62,8 @@ def _own_endings() -> Iterator[None]:
         yield
     except BrokenPipeError:
         raise _ReaderGoneError from None
-    except KeyboardInterrupt:
-        raise _InterruptedError from None
+    except KeyboardInterrupt as interrupt:
+        raise _InterruptedError(*interrupt.args) from None
 
 
 class _LazyGroup(TyperGroup):
@@ -157,8 +157,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except _ClickError as error:
         terminal.error(_usage_error(error))
         return ParameterError.exit_code
-    except (KeyboardInterrupt, _InterruptedError, typer.Abort):
-        terminal.error(MapdealError("interrupted"))
+    except (KeyboardInterrupt, _InterruptedError, typer.Abort) as interrupt:
+        terminal.error(MapdealError("; ".join(["interrupted", *interrupt.args])))
         return _INTERRUPTED
     except _ReaderGoneError:
         return 0

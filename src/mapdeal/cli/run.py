@@ -10,13 +10,19 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
-from mapdeal.errors import BatchError, FindingError, MapdealError, ParameterError, one_line
-from mapdeal.pipeline.batch import SUMMARY, folders_of, run_all
-from mapdeal.pipeline.figures import summary_of
+from mapdeal.cli.run_batch import run_batch, run_single, say_listing, say_plans
+from mapdeal.errors import FindingError, ParameterError, one_line
+from mapdeal.formats.map_listing import list_maps
+from mapdeal.kernels.threads import available_threads
+from mapdeal.pipeline.dispatch import Workers
 from mapdeal.pipeline.golden import differences_from_golden, store_golden
+from mapdeal.pipeline.jobs import Job, MapRun, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.pipeline.run import RunOptions, RunReport, run_map
+from mapdeal.pipeline.run import RunOptions, output_folder
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+
+_MOST_PER_PROCESSOR = 4
+_LEAST_CAP = 8
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -24,8 +30,8 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @app.command()
 def run(
     sources: Annotated[
-        list[Path],
-        typer.Argument(metavar="MAP...", help="map_server .yaml files, or .npz of mapdeal's."),
+        list[str],
+        typer.Argument(metavar="MAP...", help="Maps, folders, quoted patterns, or @LIST.txt."),
     ],
     output: Annotated[
         Path, opt.output_argument("DIR", "Where the folder of each map goes, named as the map.")
@@ -55,9 +61,39 @@ def run(
     ] = False,
     dialect: opt.Dialect = opt.DialectName.nav2,
     max_cells: opt.MaxCells = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs",
+            "-j",
+            metavar="N",
+            min=1,
+            help="Maps to run at the same time, each in a process.  [default: the processors]",
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool,
+        typer.Option(
+            "--dry-run",
+            "-n",
+            help="Say what would be read, written, skipped and refused, and the memory it takes.",
+        ),
+    ] = False,
     force: opt.Force = False,
-    threads: opt.Threads = None,
-    max_memory: opt.MaxMemory = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Threads of each job.  [default: all processors, shared out]"
+        ),
+    ] = None,
+    max_memory: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SIZE",
+            help="Memory that each job may take, like 4G or 500M; maps that need more are worked "
+            "on by slabs of rows.  [default: half of what is free, shared out]",
+        ),
+    ] = None,
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
@@ -65,6 +101,13 @@ def run(
 
     Each map gets a folder of its own: a pgm, yaml and png file of every stage, npz files of
     field and costs, and a manifest. A map whose manifest shows that nothing has changed is skipped.
+
+    A MAP is a .yaml of map_server or an .npz; a folder, for all such .yaml files in it and below;
+    a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with such names, one a line
+    (@- reads them from stdin). Maps of folders, patterns and lists keep their path below DIR.
+
+    One map's failure does not stop the others: the exit code is 5 then, and DIR/summary.json
+    tells what became of each.
     """
     opt.start(quiet=quiet, verbose=verbose)
     if update_golden and golden is None:
@@ -74,61 +117,53 @@ def run(
     for one in loaded.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
     run_options = RunOptions(dialect.value, images=not no_images, image_max=image_max)
-    folders = folders_of(sources, output)
     memory = None if max_memory is None else opt.size_of(max_memory, "--max-memory")
-
-    def run_one(path: Path, folder: Path) -> RunReport:
-        report = run_map(
-            path,
-            folder,
-            loaded,
-            options=run_options,
-            force=force,
-            threads=threads,
-            max_cells=max_cells,
-            max_memory=memory,
-        )
-        terminal.summary(_lines(path, report))
-        return report
-
-    if len(sources) == 1:
-        run_one(sources[0], folders[0])
-        _compare_with_golden(folders, golden, update=update_golden)
+    listing = list_maps(sources, output, lambda: b"".join(terminal.input_chunks()))
+    names = {path.name for path in output_folder(output, (), loaded, run_options).outputs()}
+    all_jobs = jobs_of(listing.maps, output, names)
+    say_listing(listing)
+    is_batch = listing.is_set or len(all_jobs) > 1
+    map_run = MapRun(loaded, run_options, force, threads, max_cells, memory)
+    size = _jobs_at_once(jobs, len(all_jobs))
+    map_run = map_run.sharing(size)
+    if dry_run:
+        say_plans(all_jobs, map_run, size, is_batch=is_batch, output=output)
         return
-    jobs = list(zip(sources, folders, strict=True))
-    with terminal.few_warnings(f"{output / SUMMARY} has them all") as warn:
-        results = run_all(jobs, output, run_one, terminal.error, warn)
-    failed = sum(isinstance(result, MapdealError) for result in results)
-    unchanged = sum(isinstance(r, RunReport) and r.status == "unchanged" for r in results)
-    done = len(results) - failed - unchanged
-    terminal.summary([f"{done} done, {unchanged} unchanged, {failed} failed"])
-    if failed:
-        raise BatchError(f"{failed} of {len(results)} maps failed")
-    _compare_with_golden(folders, golden, update=update_golden)
+    workers: Workers | None = None
+    if size > 1:
+        from mapdeal.pipeline.processes import ProcessWorkers  # slow to import
+
+        workers = ProcessWorkers(size)
+    if is_batch:
+        run_batch(all_jobs, output, map_run, workers)
+    else:
+        run_single(all_jobs[0], map_run)
+    _compare_with_golden(all_jobs, golden, update=update_golden)
 
 
-def _compare_with_golden(folders: list[Path], golden: Path | None, *, update: bool) -> None:
+def _jobs_at_once(wanted: int | None, maps: int) -> int:
+    """Return how many jobs there are at the same time: not more than can be of use."""
+    processors = available_threads()
+    most = max(_LEAST_CAP, _MOST_PER_PROCESSOR * processors)
+    if wanted is not None and wanted > most:
+        terminal.warn(f"--jobs {wanted}: took {most}, as there are {processors} processors")
+    return min(wanted or processors, maps, most)
+
+
+def _compare_with_golden(jobs: list[Job], golden: Path | None, *, update: bool) -> None:
     """Store the runs, or tell what differs from those that are stored."""
     if golden is None:
         return
     if update:
-        stored = [store_golden(folder, golden) for folder in folders]
+        stored = [store_golden(job.folder, golden, job.place) for job in jobs]
         terminal.summary([f"{path}: stored" for path in stored])
         return
-    lines = [line for folder in folders for line in differences_from_golden(folder, golden)]
+    lines = [
+        line for job in jobs for line in differences_from_golden(job.folder, golden, job.place)
+    ]
     for line in lines:
         terminal.result(one_line(line))
     if lines:
         rule = f"{len(lines)} stages differ from the golden run"
         raise FindingError(rule, source=golden, hint="--update-golden takes them over")
     terminal.summary([f"{golden}: all stages as stored"])
-
-
-def _lines(path: Path, report: RunReport) -> list[str]:
-    if report.status == "unchanged":
-        return [f"{path} -> {report.folder}: unchanged"]
-    lines = [f"{path} -> {report.folder}"]
-    for stage, figures in report.figures.items():
-        size = f"{figures['width']} x {figures['height']}"
-        lines.append(f"  {stage:<8} {size} cells, {summary_of(figures)}")
-    return lines

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import threading
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -14,10 +16,15 @@ from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, Parame
 
 _CHUNK = 1 << 18
 _FEW = 10
+_CLEAR = "\r\x1b[K"
+_BAR_WIDTH = 30
+_BAR_SECONDS = 0.1
+PROGRESS_SECONDS = 10.0
+"""Between two lines that tell how far a command is, where there is no bar."""
 
 _stdout_problem: str | None = None
 _stdout_dropped = False
-_bar_is_shown = False
+_bar: Progress | None = None
 _quiet = False
 _verbose = False
 
@@ -98,21 +105,86 @@ def detail(text: str) -> None:
         _say(one_line(text))
 
 
-@contextmanager
-def progress(length: int) -> Iterator[Callable[[int], object]]:
-    """Show a bar of `length` steps where stderr is a terminal; give what takes some of them."""
-    if _quiet or not sys.stderr.isatty():
-        yield lambda _: None
-        return
-    import typer
+class Progress:
+    """How far a command is: a bar on a terminal, elsewhere a line now and then.
 
-    global _bar_is_shown
-    with typer.progressbar(length=length, file=sys.stderr, show_pos=True) as bar:
-        _bar_is_shown = True
-        try:
-            yield bar.update
-        finally:
-            _bar_is_shown = False
+    Parameters
+    ----------
+    length : int
+        Steps in all.
+    what : str, optional
+        What a step is, if steps are worth counting.
+    """
+
+    def __init__(self, length: int, what: str | None) -> None:
+        self._length = length
+        self._what = what
+        self._done = 0
+        self._failed = 0
+        self._started = self._drawn = time.monotonic()
+        self._shows_bar = not _quiet and sys.stderr.isatty()
+        self._is_over = threading.Event()
+
+    def advance(self, steps: int = 1, *, failed: bool = False) -> None:
+        """Take steps."""
+        self._done += steps
+        self._failed += failed
+        is_last = self._done >= self._length
+        if self._shows_bar and (is_last or time.monotonic() > self._drawn + _BAR_SECONDS):
+            self.draw()
+
+    def __call__(self, steps: int) -> None:
+        """Take steps, as functions do that know nothing of bars."""
+        self.advance(steps)
+
+    def draw(self) -> None:
+        """Draw the bar, over the one before."""
+        self._drawn = time.monotonic()
+        part = min(1.0, self._done / max(1, self._length))
+        filled = int(part * _BAR_WIDTH)
+        text = f"[{'#' * filled}{'-' * (_BAR_WIDTH - filled)}] "
+        text += f"{self._done}/{self._length}" if self._what else f"{part:.0%}"
+        if self._failed:
+            text += f", {self._failed} failed"
+        if self._done and part < 1:
+            left = (self._drawn - self._started) * (1 - part) / part
+            text += f", {_duration(left)} left"
+        with contextlib.suppress(OSError):
+            print(f"{_CLEAR}{text}", end="", file=sys.stderr, flush=True)  # noqa: T201
+
+    def say_now_and_then(self) -> None:
+        """Print a line from time to time, until the work is over."""
+        while not self._is_over.wait(PROGRESS_SECONDS):
+            failed = f", {self._failed} failed" if self._failed else ""
+            _say(f"{self._done} of {self._length} {self._what}s done{failed}")
+
+    def __enter__(self) -> Progress:
+        global _bar
+        if self._shows_bar:
+            _bar = self
+            self.draw()
+        elif self._what and not _quiet:
+            threading.Thread(target=self.say_now_and_then, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        global _bar
+        self._is_over.set()
+        if _bar is self:
+            _bar = None
+            with contextlib.suppress(OSError):
+                print(file=sys.stderr)  # noqa: T201
+
+
+def progress(length: int, what: str | None = None) -> Progress:
+    """Return what tells how far a command is, within a ``with`` block."""
+    return Progress(length, what)
+
+
+def _duration(seconds: float) -> str:
+    minutes, seconds = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes}:{seconds:02}"
 
 
 def error(problem: MapdealError) -> None:
@@ -184,5 +256,6 @@ def _drop_stdout() -> None:
 def _say(text: str) -> None:
     # What nobody can read on stderr must not change what is done, nor the exit code.
     with contextlib.suppress(OSError):
-        clear = "\r\x1b[K" if _bar_is_shown else ""  # it is drawn again with the next step
-        print(f"{clear}{text}", file=sys.stderr)  # noqa: T201
+        print(f"{_CLEAR if _bar else ''}{text}", file=sys.stderr)  # noqa: T201
+    if _bar:
+        _bar.draw()

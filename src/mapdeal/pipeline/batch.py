@@ -1,123 +1,115 @@
-"""Several runs, one after the other."""
+"""Several runs: none is stopped by another's failure."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MapdealError, MapdealWarning, ParameterError, one_line
+from mapdeal.errors import MapdealError
 from mapdeal.formats.json_text import json_of
-from mapdeal.formats.transaction import Transaction
+from mapdeal.formats.source import exists
+from mapdeal.formats.transaction import Transaction, make_folder
+from mapdeal.pipeline.dispatch import Workers, dispatch
+from mapdeal.pipeline.jobs import SUMMARY, Job, Outcome, attempt
 from mapdeal.pipeline.run import RunReport
-
-SUMMARY = "summary.json"
-
-# Names that Windows keeps for devices: such a folder could not be copied there.
-_DEVICES = ("COM", "LPT")
-_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{d}{n}" for d in _DEVICES for n in range(1, 10))}
-
-
-def folders_of(paths: Sequence[Path], output: Path) -> list[Path]:
-    """Return the output folder of each map, ``output/<stem>``.
-
-    Raises
-    ------
-    ParameterError
-        If two maps would write into one folder.
-    """
-    folders: dict[Path, Path] = {}
-    for path in paths:
-        folder = output / path.stem
-        if path.stem in ("", ".", "..") or path.stem.upper() in _RESERVED:
-            rule = "the map's name makes no name for a folder"
-            raise ParameterError(rule, source=path, got=path.stem)
-        if len(paths) > 1 and path.stem == SUMMARY:
-            raise ParameterError(f"would write into the place of {SUMMARY}", source=path)
-        if folder in folders:
-            rule = f"would write into {folder}, as {folders[folder]} does"
-            raise ParameterError(rule, source=path)
-        folders[folder] = path
-    return list(folders)
 
 
 def run_all(
-    jobs: Sequence[tuple[Path, Path]],
+    jobs: Sequence[Job],
     output: Path,
-    run_one: Callable[[Path, Path], RunReport],
-    on_error: Callable[[MapdealError], None],
-    on_warning: Callable[[str], None],
+    run_one: Callable[[Job], RunReport],
+    on_done: Callable[[Job, Outcome], None],
     *,
+    workers: Workers | None = None,
     what: str = "map",
-) -> list[RunReport | MapdealError]:
+) -> list[Outcome]:
     """Run every job, none stopped by another's failure, and write ``summary.json``.
 
     Parameters
     ----------
-    jobs : sequence of (Path, Path)
-        Input and output folder of each.
+    jobs : sequence of Job
+        The jobs.
     output : Path
         Where the summary goes.
     run_one : callable
-        Runs one job.
-    on_error : callable
-        Told of each failure when it happens.
-    on_warning : callable
-        Told of each job's warnings when it is done; the summary has them, too.
+        Does one job. If there are workers, it is sent to them.
+    on_done : callable
+        Told of each outcome when a job is done, in whatever order that is.
+    workers : Workers, optional
+        Who does the jobs; one after the other in this process if not given.
     what : str
         What the summary calls the input of a job.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the jobs, as is the summary, whose bytes do not depend on workers.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If there was one; the summary is written then, too.
     """
-    results: list[RunReport | MapdealError] = []
-    entries: list[dict[str, Any]] = []
-    for path, folder in jobs:
-        with _recorded_warnings() as texts:
-            result = _outcome(path, folder, run_one)
-        for text in texts:
-            on_warning(text)
-        if isinstance(result, MapdealError):
-            on_error(result)
-        results.append(result)
-        entry = {what: path.name, "folder": folder.name, **_entry(result)}
-        entries.append({**entry, "warnings": texts} if texts else entry)
+    marked: dict[int, Job] = {}
+    outcomes: dict[int, Outcome] = {}
+
+    def job_of(index: int) -> Job:
+        """Return the job, as it was when its turn came first."""
+        if index not in marked:
+            job = jobs[index]
+            marked[index] = replace(job, is_new=not exists(job.folder))
+        return marked[index]
+
+    def done(index: int, outcome: Outcome) -> None:
+        outcomes[index] = outcome
+        on_done(jobs[index], outcome)
+
+    try:
+        if workers is None:
+            for index in range(len(jobs)):
+                done(index, attempt(run_one, job_of(index)))
+        else:
+            make_folder(output)
+            dispatch(len(jobs), job_of, partial(attempt, run_one), workers, done)
+    except KeyboardInterrupt:
+        _write_summary(jobs, outcomes, output, what)
+        told = f"{len(outcomes)} of {len(jobs)} {what}s are done, the same command goes on"
+        raise KeyboardInterrupt(told) from None
+    _write_summary(jobs, outcomes, output, what)
+    return [outcomes[index] for index in range(len(jobs))]
+
+
+def _write_summary(
+    jobs: Sequence[Job], outcomes: dict[int, Outcome], output: Path, what: str
+) -> None:
+    entries = [
+        _entry(job, outcomes.get(index, Outcome(None)), what) for index, job in enumerate(jobs)
+    ]
     summary = output / SUMMARY
     with Transaction([summary], force=True) as transaction:
         transaction.write_bytes(summary, json_of({"maps": entries}))
-    return results
 
 
-def _outcome(
-    path: Path, folder: Path, run_one: Callable[[Path, Path], RunReport]
-) -> RunReport | MapdealError:
-    try:
-        return run_one(path, folder)
-    except MapdealError as error:
-        return error
-    except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
-        text = f"internal error: {type(problem).__name__}: {problem}"
-        return MapdealError(text, source=path, hint="this is a bug in mapdeal")
-
-
-@contextmanager
-def _recorded_warnings() -> Iterator[list[str]]:
-    """Fill a list with the texts of mapdeal's warnings in the block; others go on as they are."""
-    texts: list[str] = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", MapdealWarning)
-        show = warnings.showwarning
-
-        def record(message: Warning | str, category: type[Warning], *rest: Any) -> None:
-            if issubclass(category, MapdealWarning):
-                texts.append(one_line(str(message)))
-            else:
-                show(message, category, *rest)
-
-        warnings.showwarning = record  # type: ignore[assignment]
-        yield texts
-
-
-def _entry(result: RunReport | MapdealError) -> dict[str, Any]:
+def _entry(job: Job, outcome: Outcome, what: str) -> dict[str, Any]:
+    result = outcome.result
+    entry: dict[str, Any] = {what: job.name, "folder": job.place, "status": outcome.status}
     if isinstance(result, MapdealError):
-        return {"status": "failed", "exit_code": result.exit_code, "error": str(result)}
-    return {"status": result.status, "figures": result.figures}
+        entry |= {"exit_code": result.exit_code, "error": text_of(str(result), job)}
+    elif result is not None:
+        entry["figures"] = result.figures
+    texts = [text_of(text, job) for text in outcome.warnings]
+    return {**entry, "warnings": texts} if texts else entry
+
+
+def text_of(text: str, job: Job) -> str:
+    """Return a message with files named as the summary names them, wherever one stands."""
+    for path, name in ((job.folder, job.place), (job.path.parent, Path(job.name).parent)):
+        if str(path) not in (".", path.anchor):
+            shown = "" if str(name) == "." else f"{name}/"
+            parts = re.split(rf"(?<![\w./-]){re.escape(f'{path}/')}", text)
+            text = shown.join(parts)
+    return text

@@ -9,7 +9,7 @@ from typing import Any
 
 from mapdeal.formats.json_text import json_of, read_json
 from mapdeal.formats.npz import AnyGrid
-from mapdeal.formats.source import holds
+from mapdeal.formats.source import exists, holds
 from mapdeal.formats.transaction import Transaction, remove_if_unchanged
 from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.products import paths_of, write_products
@@ -82,6 +82,10 @@ class OutputFolder:
     options: Mapping[str, Any]
     pictures: Pictures
 
+    def existing(self) -> list[Path]:
+        """Return the files that `fill` would write and that are there already."""
+        return [path for path in self.outputs() if exists(path)]
+
     def unchanged_figures(self) -> dict[str, Figures] | None:
         """Return the figures of each step, if the folder holds all this already."""
         old = read_json(self.path / MANIFEST)
@@ -131,13 +135,12 @@ class OutputFolder:
         elif isinstance(old, dict):
             hint += "; this folder holds the same already"
         figures: dict[str, Figures] = {}
-        outputs = self._outputs()
         passes = sum(passes_of(step, path.suffix) for step in self.steps
                      for path in self._outputs_of(step))  # fmt: skip
         with (
             written(watch, passes) as progress,
             Transaction(
-                outputs, inputs=tuple(files), force=force, hint=hint, checksums=True
+                self.outputs(), inputs=tuple(files), force=force, hint=hint, checksums=True
             ) as transaction,
         ):
             for product in products:
@@ -169,7 +172,8 @@ class OutputFolder:
             "stages": [step.described() for step in self.steps],
         }
 
-    def _outputs(self) -> list[Path]:
+    def outputs(self) -> list[Path]:
+        """Return the files that `fill` writes, the manifest last."""
         paths = [path for step in self.steps for path in self._outputs_of(step)]
         return [*paths, self.path / MANIFEST]
 
@@ -178,7 +182,7 @@ class OutputFolder:
 
     def _remove_left_over(self, old: dict[str, Any]) -> None:
         """Remove outputs of the replaced run that are not made any more, if nobody changed them."""
-        current = {path.name for path in self._outputs()}
+        current = {path.name for path in self.outputs()}
         outputs = old.get("outputs")
         for name, digest in outputs.items() if isinstance(outputs, dict) else ():
             path = self.path / Path(str(name)).name

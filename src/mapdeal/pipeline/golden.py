@@ -16,8 +16,15 @@ _SHOWN = 3
 _PICTURE = ".png"
 
 
-def store_golden(folder: Path, golden: Path) -> Path:
-    """Copy the manifest of a run into a folder of golden runs, under the run's name.
+def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
+    """Copy the manifest of a run into a folder of golden runs.
+
+    Parameters
+    ----------
+    folder, golden : Path
+        The run's folder, and that of golden runs.
+    place : str, optional
+        Where it goes in there; under the run's name if not given.
 
     Returns
     -------
@@ -25,14 +32,14 @@ def store_golden(folder: Path, golden: Path) -> Path:
         Where it is now.
     """
     manifest = _manifest_of(folder)
-    target = golden / folder.name / MANIFEST
+    target = golden / (place or folder.name) / MANIFEST
     with Transaction([target], force=True) as transaction:
         transaction.write_bytes(target, json_of(manifest))
     return target
 
 
-def differences_from_golden(folder: Path, golden: Path) -> list[str]:
-    """Return what differs between a run and the golden run of its name, a line each stage.
+def differences_from_golden(folder: Path, golden: Path, place: str | None = None) -> list[str]:
+    """Return what differs between a run and its golden run, a line each stage.
 
     Parameters
     ----------
@@ -40,6 +47,8 @@ def differences_from_golden(folder: Path, golden: Path) -> list[str]:
         The run's folder.
     golden : Path
         A folder of golden runs: of what `store_golden` has stored, or of whole runs.
+    place : str, optional
+        Where the run is in there; it is the run's name if not given.
 
     Returns
     -------
@@ -50,11 +59,11 @@ def differences_from_golden(folder: Path, golden: Path) -> list[str]:
     Raises
     ------
     FileAccessError
-        If there is no golden run of that name.
+        If there is no golden run.
     MalformedInputError
         If its manifest is none.
     """
-    stored = golden / folder.name / MANIFEST
+    stored = golden / (place or folder.name) / MANIFEST
     if not stored.exists():
         raise FileAccessError("no golden run", source=stored, hint="--update-golden stores it")
     new, old = _manifest_of(folder), _manifest_of(stored.parent)
@@ -62,7 +71,7 @@ def differences_from_golden(folder: Path, golden: Path) -> list[str]:
     for stage in dict.fromkeys([*old["figures"], *new["figures"]]):
         told = _difference(stage, old, new)
         if told is not None:
-            lines.append(f"{folder.name}: {stage}: {told}")
+            lines.append(f"{place or folder.name}: {stage}: {told}")
     return lines
 
 

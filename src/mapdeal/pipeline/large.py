@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from mapdeal.formats.maps import Source, read_source
 from mapdeal.grid.large import LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.rows import MadeRows, Room
-from mapdeal.kernels.threads import thread_count
+from mapdeal.kernels.threads import thread_count, use_threads
 from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.stage_list import Step
 
@@ -37,6 +38,8 @@ _PER_COLUMN_OF_SLAB = 10
 
 _SLAB_CELLS = 1 << 22
 _LEAST_BUDGET = 32_000_000
+_LEAST_SHARE = 128_000_000
+"""Less would have jobs go through small maps by slabs, where there are many processors."""
 
 
 def bytes_in_memory(shape: tuple[int, int], steps: Sequence[Step]) -> int:
@@ -70,7 +73,7 @@ def opened_source(
         If a file is malformed, or the map is too large for the memory in either way.
     """
     budget = memory_budget(options.max_memory)
-    by_slabs = all(step.name != "potential" for step in steps)
+    by_slabs = _goes_by_slabs(steps)
 
     shape = shape_of_pair(path) if path.suffix.lower() != ".npz" else None
     if shape is not None and bytes_in_memory(shape, steps) > budget:
@@ -102,12 +105,57 @@ def opened_source(
     yield source
 
 
-def memory_budget(max_memory: int | None) -> int:
-    """Return the bytes that may be taken: those given, or half of what is free."""
+@dataclass(frozen=True)
+class Need:
+    """What a run takes of memory.
+
+    Parameters
+    ----------
+    memory : int
+        About how many bytes.
+    by_slabs : bool
+        Whether the map is worked on by slabs of rows, since the whole of it would need too much.
+    """
+
+    memory: int
+    by_slabs: bool
+
+
+def need_of(
+    path: Path, shape: tuple[int, int], steps: Sequence[Step], *, max_memory: int | None,
+    threads: int | None,
+) -> Need:  # fmt: skip
+    """Return the memory that `opened_source` and the stages will take, from the size alone.
+
+    Raises
+    ------
+    MalformedInputError
+        If there is too little.
+    """
+    budget = memory_budget(max_memory)
+    needed = bytes_in_memory(shape, steps)
+    if needed <= budget:
+        return Need(needed, by_slabs=False)
+    if not _goes_by_slabs(steps):
+        raise _too_large(path, shape, needed, budget)
+    read = 0 if shape_of_pair(path) else shape[0] * shape[1]
+    with use_threads(threads):
+        _cut(shape, budget - read, path)
+    return Need(budget, by_slabs=True)  # layers are kept as long as there is room
+
+
+def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
+    """Return the bytes that each job may take: those given, or its part of half of what is free."""
     if max_memory is not None:
         return max_memory
     free = free_memory()
-    return 1 << 62 if free is None else max(free // 2, _LEAST_BUDGET)
+    if free is None:
+        return 1 << 62
+    return max(free // 2 // jobs, _LEAST_BUDGET if jobs == 1 else _LEAST_SHARE)
+
+
+def _goes_by_slabs(steps: Sequence[Step]) -> bool:
+    return all(step.name != "potential" for step in steps)
 
 
 def _cut(shape: tuple[int, int], budget: int, path: Path) -> tuple[int, Room]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
@@ -111,13 +111,7 @@ def _run(
     source: Source | LargeSource, folder: Path, recipe: Recipe, options: RunOptions, force: bool,
     watch: Watch | None,
 ) -> RunReport:  # fmt: skip
-    target = OutputFolder(
-        folder,
-        recipe.steps,
-        {file.name: sha256_of(file) for file in source.files},
-        asdict(options),
-        Pictures(options.images, options.image_max),
-    )
+    target = output_folder(folder, source.files, recipe, options)
     figures = None if force else target.unchanged_figures()
     if figures is not None:
         return RunReport(folder, "unchanged", figures)
@@ -130,6 +124,19 @@ def _run(
         watch=watch if isinstance(source, LargeSource) else None,
     )
     return RunReport(folder, "done", figures)
+
+
+def output_folder(
+    folder: Path, files: Sequence[Path], recipe: Recipe, options: RunOptions
+) -> OutputFolder:
+    """Return the folder of a run, given the files that hold its map."""
+    return OutputFolder(
+        folder,
+        recipe.steps,
+        {file.name: sha256_of(file) for file in files},
+        asdict(options),
+        Pictures(options.images, options.image_max),
+    )
 
 
 def products_of(recipe: Recipe, grid: AnyGrid, path: Path) -> Iterator[Product]:

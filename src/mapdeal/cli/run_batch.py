@@ -1,0 +1,212 @@
+"""What ``mapdeal run`` says of many maps: while they are run, in the end, and beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from mapdeal.cli import terminal
+from mapdeal.errors import BatchError, MapdealError, one_line
+from mapdeal.formats.map_listing import MapListing
+from mapdeal.pipeline.batch import run_all, text_of
+from mapdeal.pipeline.dispatch import Workers
+from mapdeal.pipeline.figures import summary_of
+from mapdeal.pipeline.jobs import SUMMARY, Job, MapRun, Outcome
+from mapdeal.pipeline.plan import Plan, plan_of
+from mapdeal.pipeline.run import RunReport
+
+_LONGEST_REASON = 100
+_MIB = 1 << 20
+
+
+def say_listing(listing: MapListing) -> None:
+    """Tell what was left out of the maps that names stand for."""
+    if listing.left_out:
+        _say_some(
+            listing.left_out,
+            "YAML file without the key image was left out",
+            "YAML files without the key image were left out",
+        )
+    if listing.repeated:
+        _say_some(
+            listing.repeated,
+            "map was named more than once, and is run once",
+            "maps were named more than once, and are run once",
+        )
+
+
+def _say_some(paths: Sequence[Path], one: str, many: str) -> None:
+    if len(paths) == 1:
+        terminal.warn(f"1 {one}: {paths[0]}")
+        return
+    terminal.warn(f"{len(paths)} {many}, such as {paths[0]}; -v names all")
+    for path in paths:
+        terminal.detail(f"{many.rsplit(' ', 2)[0]}: {path}")
+
+
+def run_single(job: Job, run: MapRun) -> None:
+    """Run one map, and end as it does.
+
+    Raises
+    ------
+    MapdealError
+        If it failed.
+    """
+    terminal.summary(lines_of(job.path, run(job, terminal.progress)))
+
+
+def run_batch(
+    jobs: Sequence[Job], output: Path, run: MapRun, workers: Workers | None
+) -> None:  # fmt: skip
+    """Run all maps; tell of failures when they happen, and of all maps in the end.
+
+    Raises
+    ------
+    BatchError
+        If any failed.
+    """
+    with (
+        terminal.progress(len(jobs), what="map") as bar,
+        terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,
+    ):
+
+        def say(job: Job, outcome: Outcome) -> None:
+            for text in outcome.warnings:
+                is_named = text.startswith(str(job.path.with_suffix("")))
+                warn(text if is_named else f"{job.path}: {text}")
+            if isinstance(outcome.result, MapdealError):
+                terminal.error(outcome.result)
+            elif outcome.result is not None:
+                for line in lines_of(job.path, outcome.result):
+                    terminal.detail(line)
+            bar.advance(failed=outcome.status == "failed")
+
+        outcomes = run_all(jobs, output, run, say, workers=workers)
+    terminal.summary(_table(jobs, outcomes))
+    failed = sum(outcome.status == "failed" for outcome in outcomes)
+    if failed:
+        raise BatchError(f"{failed} of {len(jobs)} maps failed", source=output / SUMMARY)
+
+
+def lines_of(path: Path, report: RunReport) -> list[str]:
+    """Return what a run has made, a line a stage."""
+    if report.status == "unchanged":
+        return [f"{path} -> {report.folder}: unchanged"]
+    lines = [f"{path} -> {report.folder}"]
+    for stage, figures in report.figures.items():
+        size = f"{figures['width']} x {figures['height']}"
+        lines.append(f"  {stage:<8} {size} cells, {summary_of(figures)}")
+    return lines
+
+
+def _table(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> list[str]:
+    """Return a line a map, those that failed at the end, where one looks first."""
+    rows, failed = [("status", "cells", "map")], []
+    for job, outcome in zip(jobs, outcomes, strict=True):
+        result = outcome.result
+        if isinstance(result, MapdealError):
+            failed.append((f"failed ({result.exit_code})", "-", _failure(result, job)))
+        elif result is not None:
+            figures = next(iter(result.figures.values()))
+            rows.append((result.status, _size(figures["height"], figures["width"]), job.name))
+    counts = [f"{_count(outcomes, status)} {status}" for status in ("done", "unchanged", "failed")]
+    return [*_aligned([*rows, *failed]), f"{_maps(len(jobs))}: {', '.join(counts)}"]
+
+
+def _failure(error: MapdealError, job: Job) -> str:
+    """Return the name of a map and why it has failed."""
+    text = text_of(str(error), job)
+    for source in (job.name, str(job.path)):
+        text = text.removeprefix(f"{one_line(source)}: ")
+    return f"{job.name}: {_cut(text, _LONGEST_REASON)}"
+
+
+def _count(outcomes: Iterable[Outcome], status: str) -> int:
+    return sum(outcome.status == status for outcome in outcomes)
+
+
+def _maps(count: int) -> str:
+    return "1 map" if count == 1 else f"{count} maps"
+
+
+def _size(height: int, width: int) -> str:
+    return f"{width} x {height}"
+
+
+def _cut(text: str, length: int) -> str:
+    return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
+def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return rows as lines, each column but the last as wide as its widest entry."""
+    columns = list(zip(*rows, strict=True))[:-1]
+    widths = [max(map(len, column)) for column in columns]
+    return [
+        "  ".join([*(f"{text:<{w}}" for text, w in zip(row[:-1], widths, strict=True)), row[-1]])
+        for row in rows
+    ]
+
+
+def say_plans(
+    jobs: Sequence[Job], run: MapRun, size: int, *, is_batch: bool, output: Path
+) -> None:  # fmt: skip
+    """Tell what a run would do, and end as it would as far as that is known.
+
+    Raises
+    ------
+    MapdealError
+        Of a single map why it would be refused; of a batch that some of its maps would be.
+    """
+    plans = [plan_of(job, run) for job in jobs]
+    if not is_batch and plans[0].error is not None:
+        raise plans[0].error
+    rows = [
+        ("what", "files", "cells", "memory", "map -> folder"),
+        *(_planned(plan) for plan in sorted(plans, key=lambda plan: plan.error is not None)),
+    ]
+    terminal.summary(_aligned(rows))
+    for plan in plans:
+        for verb, paths in (("read", plan.reads), ("write", plan.writes)):
+            for path in paths:
+                terminal.detail(f"{plan.job.name}: {verb} {path}")
+    terminal.summary(_totals(plans, size, output, is_batch=is_batch))
+    wrong = [plan for plan in plans if plan.error is not None]
+    if wrong:
+        raise BatchError(f"{len(wrong)} of {_maps(len(plans))} would fail", source="--dry-run")
+
+
+def _planned(plan: Plan) -> tuple[str, ...]:
+    if plan.error is not None:
+        what = f"{plan.what} ({plan.error.exit_code})"
+        size = _size(plan.height, plan.width) if plan.height else "-"
+        return what, "-", size, "-", _failure(plan.error, plan.job)
+    files = str(len(plan.writes)) if plan.writes else "-"
+    memory = "-" if plan.need is None else _shown(plan.need.memory)
+    if plan.need is not None and plan.need.by_slabs:
+        memory += " in slabs"
+    where = f"{plan.job.name} -> {plan.job.folder}"
+    return plan.what, files, _size(plan.height, plan.width), memory, where
+
+
+def _totals(plans: Sequence[Plan], size: int, output: Path, *, is_batch: bool) -> list[str]:
+    files = sum(len(plan.writes) for plan in plans)
+    running = [plan for plan in plans if plan.writes]
+    skipped = sum(plan.what == "unchanged" for plan in plans)
+    lines = [
+        f"{_maps(len(plans))}: {len(running)} to run, {skipped} unchanged, "
+        f"{sum(plan.error is not None for plan in plans)} that would fail; {files} files to write"
+        + (f", and {output / SUMMARY}" if is_batch else "")
+    ]
+    needed = sorted((plan.need.memory for plan in plans if plan.need), reverse=True)
+    if needed:
+        at_once = min(size, len(needed))
+        text = f"memory: about {_shown(needed[0])} for the map that needs most"
+        if at_once > 1:
+            text += f", {_shown(sum(needed[:at_once]))} at most with {at_once} jobs"
+        lines.append(text)
+    return [*lines, "nothing was written: this was --dry-run"]
+
+
+def _shown(size: int) -> str:
+    mib = size / _MIB
+    return f"{mib:.0f} MiB" if mib < 1000 else f"{mib / 1024:.1f} GiB"

@@ -1,0 +1,224 @@
+"""The jobs of a batch, and what becomes of each: what goes to a worker, and what comes back."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import (
+    MalformedInputError,
+    MapdealError,
+    MapdealWarning,
+    ParameterError,
+    one_line,
+)
+from mapdeal.formats.map_listing import ListedMap
+from mapdeal.formats.source import ignores_case
+from mapdeal.kernels.threads import available_threads
+from mapdeal.pipeline.large import memory_budget
+from mapdeal.pipeline.progress import Watch
+from mapdeal.pipeline.recipe import Recipe
+from mapdeal.pipeline.run import RunOptions, RunReport, run_map
+
+SUMMARY = "summary.json"
+
+# Names that Windows keeps for devices: such a folder could not be copied there.
+_DEVICES = ("COM", "LPT")
+_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{d}{n}" for d in _DEVICES for n in range(1, 10))}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One input of a batch, and where what is made of it goes.
+
+    Parameters
+    ----------
+    path : Path
+        The input.
+    folder : Path
+        Where its outputs go.
+    name, place : str
+        What a summary calls the two, whatever folder one stands in.
+    is_new : bool
+        Whether the folder was not there when the batch came to the job. What is in it then is
+        of an attempt of this batch that was killed, and may be replaced.
+    """
+
+    path: Path
+    folder: Path
+    name: str
+    place: str
+    is_new: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job.
+
+    Parameters
+    ----------
+    result : RunReport or MapdealError, optional
+        What it has made, or why it failed; None if it was interrupted.
+    warnings : tuple of str
+        The texts of its warnings.
+    """
+
+    result: RunReport | MapdealError | None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def status(self) -> str:
+        """One of ``done``, ``unchanged``, ``failed``, ``interrupted``."""
+        if self.result is None:
+            return "interrupted"
+        return "failed" if isinstance(self.result, MapdealError) else self.result.status
+
+
+@dataclass(frozen=True)
+class MapRun:
+    """A run with all its options, as it is sent to workers: called with a job it does it.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        The stages.
+    options : RunOptions
+        How to read and draw.
+    force : bool
+        Whether outputs that exist are replaced.
+    threads : int, optional
+        Threads to compute and write with; all processors if not given.
+    max_cells : int, optional
+        Cells up to which maps are read.
+    max_memory : int, optional
+        Bytes of memory that each may take; half of what is free if not given.
+    """
+
+    recipe: Recipe
+    options: RunOptions
+    force: bool = False
+    threads: int | None = None
+    max_cells: int | None = None
+    max_memory: int | None = None
+
+    def sharing(self, jobs: int) -> MapRun:
+        """Return it with a job's part of processors and memory, where there is no other rule."""
+        if jobs == 1:
+            return self
+        threads = self.threads or max(1, available_threads() // jobs)
+        return replace(self, threads=threads, max_memory=memory_budget(self.max_memory, jobs))
+
+    def __call__(self, job: Job, watch: Watch | None = None) -> RunReport:
+        """Run the map of a job into its folder; `watch` is told how far a giant map is."""
+        return run_map(
+            job.path,
+            job.folder,
+            self.recipe,
+            options=self.options,
+            force=self.force or job.is_new,
+            threads=self.threads,
+            max_cells=self.max_cells,
+            max_memory=self.max_memory,
+            watch=watch,
+        )
+
+
+def attempt(run_one: Callable[[Job], RunReport], job: Job) -> Outcome:
+    """Do a job; whatever it raises or warns of is part of the outcome."""
+    with _recorded_warnings() as texts:
+        result = _result_of(run_one, job)
+    return Outcome(result, tuple(texts))
+
+
+def _result_of(run_one: Callable[[Job], RunReport], job: Job) -> RunReport | MapdealError:
+    try:
+        return run_one(job)
+    except MapdealError as error:
+        return error
+    except MemoryError:
+        rule = "not enough memory for a map of this size"
+        return MalformedInputError(rule, source=job.path)
+    except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
+        return internal_error(job, problem)
+
+
+def internal_error(job: Job, problem: BaseException) -> MapdealError:
+    """Return the failure of a job that met a bug."""
+    text = f"internal error: {type(problem).__name__}: {problem}"
+    return MapdealError(text, source=job.path, hint="this is a bug in mapdeal")
+
+
+@contextmanager
+def _recorded_warnings() -> Iterator[list[str]]:
+    """Fill a list with the texts of mapdeal's warnings in the block; others go on as they are."""
+    texts: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", MapdealWarning)
+        show = warnings.showwarning
+
+        def record(message: Warning | str, category: type[Warning], *rest: Any) -> None:
+            if issubclass(category, MapdealWarning):
+                texts.append(one_line(str(message)))
+            else:
+                show(message, category, *rest)
+
+        warnings.showwarning = record  # type: ignore[assignment]
+        yield texts
+
+
+def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
+    """Return a job for each map.
+
+    Parameters
+    ----------
+    maps : sequence of ListedMap
+        The maps.
+    output : Path
+        Where their folders go.
+    outputs : collection of str
+        The names of the files that a run writes into its folder.
+
+    Raises
+    ------
+    ParameterError
+        If two maps would write into one place, or a map's name makes no name for a folder.
+    """
+    jobs: dict[Path, Job] = {}
+    for one in maps:
+        place = one.place
+        odd = [part for part in place.parts if part in ("", ".", "..") or _is_reserved(part)]
+        if odd or not place.name:
+            rule = "the map's name makes no name for a folder"
+            raise ParameterError(rule, source=one.path, got=odd[0] if odd else place.name)
+        if len(maps) > 1 and place.parts[0] == SUMMARY:
+            raise ParameterError(f"would write into the place of {SUMMARY}", source=one.path)
+        if place in jobs:
+            rule = f"would write into {output / place}, as {jobs[place].path} does"
+            raise ParameterError(rule, source=one.path)
+        jobs[place] = Job(one.path, output / place, one.name, place.as_posix())
+    for place, job in jobs.items():
+        # the folder of one run may lie in that of another, but not in the place of its files
+        for above in place.parents:
+            if above in jobs and place.relative_to(above).parts[0] in outputs:
+                rule = f"would write into the place of a file of {jobs[above].path}"
+                raise ParameterError(rule, source=job.path)
+    _check_case(jobs, output)
+    return list(jobs.values())
+
+
+def _is_reserved(name: str) -> bool:
+    return name.upper() in _RESERVED
+
+
+def _check_case(jobs: dict[Path, Job], output: Path) -> None:
+    """Refuse folders that are one to a disk that ignores case."""
+    alike: dict[str, Job] = {}
+    for place, job in jobs.items():
+        other = alike.setdefault(place.as_posix().casefold(), job)
+        if other is not job and ignores_case(output):
+            rule = f"would write into {job.folder}, as {other.path} does: the disk ignores case"
+            raise ParameterError(rule, source=job.path)

@@ -1,0 +1,84 @@
+"""What a run would do, told without doing it."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning
+from mapdeal.formats.maps import read_header
+from mapdeal.formats.source import is_same_file
+from mapdeal.pipeline.jobs import Job, MapRun
+from mapdeal.pipeline.large import Need, need_of
+from mapdeal.pipeline.run import output_folder
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run would do with a map.
+
+    Parameters
+    ----------
+    job : Job
+        The map and its folder.
+    what : {'new', 'replace', 'unchanged', 'refused', 'failed'}
+        ``refused``: outputs exist that are not this run's. ``failed``: the map cannot be read.
+    height, width : int
+        Its cells; 0 if it cannot be read.
+    need : Need, optional
+        The memory that the run takes; None if there is none.
+    reads, writes : tuple of Path
+        The files.
+    error : MapdealError, optional
+        Why it would be refused or fail.
+    """
+
+    job: Job
+    what: Literal["new", "replace", "unchanged", "refused", "failed"]
+    height: int = 0
+    width: int = 0
+    need: Need | None = None
+    reads: tuple[Path, ...] = ()
+    writes: tuple[Path, ...] = ()
+    error: MapdealError | None = None
+
+
+def plan_of(job: Job, run: MapRun) -> Plan:
+    """Return what a run would do with a map, as far as headers, sums and the manifest tell."""
+    options = run.options
+    size = (0, 0)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MapdealWarning)  # the run itself warns
+            header = read_header(job.path, dialect=options.dialect, max_cells=run.max_cells)
+        size = (header.height, header.width)
+        need = need_of(
+            job.path, size, run.recipe.steps, max_memory=run.max_memory, threads=run.threads
+        )
+        target = output_folder(job.folder, header.files, run.recipe, options)
+        is_unchanged = not run.force and target.unchanged_figures() is not None
+    except MapdealError as error:
+        return Plan(job, "failed", *size, error=error)
+    if is_unchanged:
+        return Plan(job, "unchanged", *size, reads=header.files)
+    existing = target.existing()
+    outputs = tuple(target.outputs())
+    refusal = _refusal(existing, header.files, force=run.force)
+    if refusal is not None:
+        return Plan(job, "refused", *size, reads=header.files, error=refusal)
+    what: Literal["new", "replace"] = "replace" if existing else "new"
+    return Plan(job, what, *size, need, header.files, outputs)
+
+
+def _refusal(
+    existing: list[Path], files: tuple[Path, ...], *, force: bool
+) -> MapdealError | None:  # fmt: skip
+    """Return why the outputs that are there cannot be replaced, if they cannot."""
+    for path in existing:
+        if any(is_same_file(path, file) for file in files):
+            return FileAccessError("the output is the input", source=path)
+    if existing and not force:
+        return FileAccessError("the output exists", source=existing[0], hint="--force replaces it")
+    return None

@@ -1,0 +1,304 @@
+"""`mapdeal run` on many maps: through the command, and as processes that get signals."""
+
+import contextlib
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mapdeal import OccupancyGrid, write_map
+from mapdeal.cli import terminal
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
+RUN = [sys.executable, "-m", "mapdeal", "run"]
+
+
+def make_map(path, seed, side=40):
+    """A map with walls by chance, its resolution, origin and yaw of its own."""
+    rng = np.random.default_rng(seed)
+    cells = np.where(rng.random((side, side + 7)) < 0.02, 100, 0).astype(np.int8)
+    cells[: side // 8] = -1
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_map(path, OccupancyGrid(cells, 0.05 + seed / 100, (seed, -1.5, 0.3)), force=True)
+
+
+@pytest.fixture
+def maps(tmp_path, monkeypatch):
+    """A folder with five maps, one of which is broken, and a YAML file that is no map."""
+    monkeypatch.chdir(tmp_path)
+    for seed, name in enumerate(["a/m.yaml", "a/b/m.yaml", "b/m.yaml", "b/n.yaml"]):
+        make_map(tmp_path / "maps" / name, seed)
+    (tmp_path / "maps" / "a" / "bad.yaml").write_text("image: none.pgm\n")
+    (tmp_path / "maps" / "params.yaml").write_text("amcl:\n  x: 1\n")
+    return tmp_path / "maps"
+
+
+def contents(folder):
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def without_maps(found):
+    return {path for path in found if path.parts[0] != "maps"}
+
+
+def test_a_folder_is_run_with_any_number_of_jobs_as_its_maps_alone_f9(command, maps, tmp_path):
+    found = {}
+    for jobs in ("1", "2", "5"):
+        code, out, err = command("run", "maps", "-o", f"o{jobs}", "--jobs", jobs, "--no-images")
+        assert code == 5
+        assert out.splitlines()[-1] == "5 maps: 4 done, 0 unchanged, 1 failed"
+        assert err.count("error: ") == 2
+        assert "1 YAML file without the key image was left out: maps/params.yaml" in err
+        found[jobs] = contents(tmp_path / f"o{jobs}")
+    assert found["1"] == found["2"] == found["5"]
+    for name in ("a/m", "a/b/m", "b/m", "b/n"):
+        code, _, _ = command("run", f"maps/{name}.yaml", "-o", f"single/{name}/..", "--no-images")
+        assert code == 0
+        assert contents(tmp_path / "single" / name) == contents(tmp_path / "o2" / name)
+    summary = json.loads(found["2"][next(p for p in found["2"] if p.name == "summary.json")])
+    told = [(one["map"], one["folder"], one["status"]) for one in summary["maps"]]
+    assert told == [
+        ("a/b/m.yaml", "a/b/m", "done"), ("a/bad.yaml", "a/bad", "failed"),
+        ("a/m.yaml", "a/m", "done"), ("b/m.yaml", "b/m", "done"), ("b/n.yaml", "b/n", "done"),
+    ]  # fmt: skip
+
+
+def test_what_is_unchanged_is_skipped_unless_forced(command, maps, tmp_path):
+    words = ["run", "maps/b", "-o", "o", "-j", "2", "--no-images"]
+    assert command(*words)[0] == 0
+    before = contents(tmp_path / "o")
+    made = {p: p.stat().st_mtime_ns for p in (tmp_path / "o").rglob("*.npz")}
+    make_map(maps / "b" / "n.yaml", 9)
+    code, out, err = command(*words)
+    assert (code, out.splitlines()[-1]) == (5, "2 maps: 0 done, 1 unchanged, 1 failed")
+    assert "exists" in err
+    assert {p: p.stat().st_mtime_ns for p in made} == made
+    code, out, _ = command(*words, "--force")
+    assert (code, out.splitlines()[-1]) == (0, "2 maps: 2 done, 0 unchanged, 0 failed")
+    after = contents(tmp_path / "o")
+    changed = {path.parts[0] for path in before if before[path] != after[path]}
+    assert changed == {"n", "summary.json"}
+
+
+@pytest.mark.parametrize(
+    ("names", "code", "told"),
+    [
+        (["nothing/*.yaml"], 2, "matches no"),
+        (["maps/a/m.yaml", "maps/b/m.yaml"], 2, "would write into o/m, as maps/a/m.yaml does"),
+        (["maps/a", "maps/b/m.yaml"], 2, "would write into o/m"),
+        (["@none.txt"], 4, "cannot be read"),
+        (["maps", "--jobs", "0"], 2, "--jobs"),
+        (["maps", "--jobs", "auto"], 2, "--jobs"),
+    ],
+)
+def test_what_is_refused_is_refused_before_any_work_f7_f8_p13(
+    command, maps, tmp_path, names, code, told
+):
+    before = contents(tmp_path)
+    found, out, err = command("run", *names, "-o", "o")
+    errors = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert (found, out, len(errors)) == (code, "", 1)
+    assert told in errors[0]
+    assert contents(tmp_path) == before
+    assert not (tmp_path / "o").exists()
+
+
+def test_more_jobs_than_can_be_of_use_are_capped_p13(command, maps, monkeypatch):
+    started = []
+    monkeypatch.setattr(
+        "mapdeal.pipeline.processes.ProcessWorkers", lambda size: started.append(size)
+    )
+    make_many = [maps / f"many/{k}.yaml" for k in range(12)]
+    for path in make_many:
+        make_map(path, 1)
+    monkeypatch.setattr("mapdeal.cli.run.available_threads", lambda: 2)
+    _, _, err = command("run", "maps/many", "-o", "o", "-j", "9999")
+    assert started == [8]
+    assert "--jobs 9999: took 8" in err
+
+
+@pytest.mark.parametrize("more", [[], ["--force"], ["--max-memory", "61M"]])
+def test_a_dry_run_tells_what_the_run_then_does_and_writes_nothing(command, maps, tmp_path, more):
+    make_map(maps / "large.yaml", 3, side=1200)
+    assert command("run", "maps/b", "-o", "o/b", "--no-images")[0] == 0
+    make_map(maps / "b" / "n.yaml", 9)  # its outputs are there, and not this map's
+    before = contents(tmp_path)
+    words = ["run", "maps", "-o", "o", "--no-images", *more]
+    code, out, err = command(*words, "--dry-run", "-v", "-j", "2")
+    assert contents(tmp_path) == before
+    assert code == 5
+    written = {line.rpartition(" write ")[2] for line in err.splitlines() if " write " in line}
+    rows = [line.split() for line in out.splitlines()[1:] if " -> " in line]  # others would fail
+    words_of = {"new": "done", "replace": "done", "unchanged": "unchanged"}
+    assert command(*words, "-j", "2")[0] == 5
+    summary = json.loads((tmp_path / "o" / "summary.json").read_text())["maps"]
+    found = {one["map"]: one["status"] for one in summary if one["status"] != "failed"}
+    assert found == {row[-3]: words_of[row[0]] for row in rows}
+    made = contents(tmp_path)
+    changed = {str(path) for path in made if before.get(path) != made[path]}
+    if not more:  # else files are replaced by equal ones
+        assert changed - {"o/summary.json"} == written
+    else:
+        assert changed - {"o/summary.json"} <= written
+    assert ("in slabs" in out) == ("--max-memory" in more)
+
+
+def test_a_dry_run_of_one_map_ends_as_its_run_would(command, maps, tmp_path):
+    words = ["run", "maps/a/bad.yaml", "-o", "o"]
+    assert command(*words, "-n")[::2] == command(*words)[::2]
+    assert command("run", "maps/a/m.yaml", "-o", "o", "-n")[0] == 0
+    assert not (tmp_path / "o").exists()
+
+
+def test_jobs_share_out_threads_and_memory(monkeypatch):
+    from mapdeal.pipeline import jobs, large
+    from mapdeal.pipeline.recipe import load_recipe
+    from mapdeal.pipeline.run import RunOptions
+
+    monkeypatch.setattr(jobs, "available_threads", lambda: 8)
+    monkeypatch.setattr(large, "free_memory", lambda: 16_000_000_000)
+    run = jobs.MapRun(load_recipe("default"), RunOptions())
+    shared = run.sharing(3)
+    assert (shared.threads, shared.max_memory) == (2, 8_000_000_000 // 3)
+    assert run.sharing(1) == run
+    chosen = jobs.MapRun(load_recipe("default"), RunOptions(), threads=5, max_memory=10**9)
+    assert chosen.sharing(3) == chosen
+    monkeypatch.setattr(large, "free_memory", lambda: 100)
+    assert run.sharing(64).max_memory >= 100_000_000
+
+
+def test_without_a_terminal_a_line_tells_now_and_then_how_far_it_is(command, maps, monkeypatch):
+    monkeypatch.setattr(terminal, "PROGRESS_SECONDS", 0.01)
+    _, _, err = command("run", "maps", "-o", "o", "-j", "2")
+    lines = [line for line in err.splitlines() if line.endswith(("done", "failed"))]
+    assert any(line.startswith(("0 of 5 maps done", "1 of 5 maps done")) for line in lines)
+    assert command("run", "maps", "-o", "q", "-j", "2", "-q")[2].count("maps done") == 0
+
+
+def test_on_a_terminal_there_is_a_bar_with_counts(maps):
+    master, slave = pty.openpty()
+    subprocess.run(
+        [*RUN, "maps", "-o", "o", "-j", "2"], stderr=slave, stdout=subprocess.DEVNULL, check=False
+    )
+    os.close(slave)
+    shown = b""
+    with contextlib.suppress(OSError):
+        while part := os.read(master, 65536):
+            shown += part
+    os.close(master)
+    assert b"] 5/5, 1 failed" in shown
+    assert b"\x1b[Kerror: " in shown
+
+
+@pytest.fixture
+def large_maps(tmp_path, monkeypatch):
+    """Maps that keep two processes busy for some seconds."""
+    monkeypatch.chdir(tmp_path)
+    for seed in range(8):
+        make_map(tmp_path / "maps" / f"{seed}.yaml", seed, side=1000)
+    return tmp_path
+
+
+def temporary_files(folder):
+    return [path for path in folder.rglob(".mapdeal-*") if path.exists()]
+
+
+def start(folder, *more):
+    """Start a run in a session of its own; return when its workers write files."""
+    words = [*RUN, "maps", "-o", "o", "-j", "2", *more]
+    process = subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    end = time.monotonic() + 30
+    while len({path.parent for path in temporary_files(folder)}) < 2:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    return process
+
+
+def members(group):
+    """The processes of a session, but those that have ended and wait for somebody to ask."""
+    for folder in Path("/proc").iterdir():
+        with contextlib.suppress(OSError, ValueError):
+            state = (folder / "stat").read_text().rpartition(")")[2].split()[0]
+            if os.getsid(int(folder.name)) == group and state != "Z":
+                yield folder
+
+
+def wait_for_end_of(group):
+    end = time.monotonic() + 20
+    while list(members(group)) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not list(members(group))
+
+
+@needs_proc
+def test_ctrl_c_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(large_maps):
+    process = start(large_maps)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: everyone gets it
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out) == (130, "")
+    complete = len(list((large_maps / "o").rglob("manifest.json")))
+    wait_for_end_of(process.pid)
+    assert temporary_files(large_maps) == []
+    summary = json.loads((large_maps / "o" / "summary.json").read_text())["maps"]
+    statuses = [one["status"] for one in summary]
+    done = statuses.count("done")
+    assert done <= complete <= done + 2  # of which two may have been done that very moment
+    assert statuses.count("interrupted") == 8 - done > 0
+    assert err == f"error: interrupted; {done} of 8 maps are done, the same command goes on\n"
+    again = subprocess.run([*RUN, "maps", "-o", "o", "-j", "2"], capture_output=True, text=True)
+    assert again.returncode == 0, again.stderr
+    assert again.stdout.endswith(f"8 maps: {8 - complete} done, {complete} unchanged, 0 failed\n")
+
+
+@needs_proc
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_whose_parent_is_gone_clean_up_and_end(large_maps, sent):
+    process = start(large_maps)
+    process.send_signal(sent)
+    process.communicate(timeout=30)
+    assert process.returncode == -sent
+    wait_for_end_of(process.pid)
+    assert temporary_files(large_maps) == []
+
+
+def worker_that_writes(group):
+    """Return a process of a session that has a temporary file open."""
+    while True:
+        for folder in members(group):
+            with contextlib.suppress(OSError):
+                for descriptor in (folder / "fd").iterdir():
+                    if ".mapdeal-" in str(descriptor.readlink()):
+                        return int(folder.name)
+        time.sleep(0.002)
+
+
+@needs_proc
+def test_a_worker_that_is_killed_once_costs_no_map_f10(large_maps):
+    process = start(large_maps)
+    os.kill(worker_that_writes(process.pid), signal.SIGKILL)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (0, "")
+    assert out.endswith("8 maps: 8 done, 0 unchanged, 0 failed\n")
+    assert temporary_files(large_maps) == []
+    subprocess.run([*RUN, "maps", "-o", "p", "-j", "1"], check=True, capture_output=True)
+    assert contents(large_maps / "o") == contents(large_maps / "p")
+
+
+def test_processes_and_clusters_are_loaded_only_if_there_are_any(maps):
+    code = (
+        "import sys; from mapdeal.cli.main import main; "
+        "main(['run', 'maps/b', '-o', 'o', '-j', '1']); print([m for m in "
+        "('concurrent.futures.process', 'multiprocessing', 'distributed') if m in sys.modules])"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.splitlines()[-1] == "[]"
