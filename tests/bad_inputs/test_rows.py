@@ -12,7 +12,6 @@ NOT_TESTED = {
     "I14": "maps larger than memory are not built yet; the limits on cells have tests (I13)",
     "P11": "there is no rescaling",
     "S14": "bags are not read",
-    "F19": "there are no extras to install",
 }
 
 

@@ -96,6 +96,7 @@ def test_what_is_unchanged_is_skipped_unless_forced(command, maps, tmp_path):
         (["@none.txt"], 4, "cannot be read"),
         (["maps", "--jobs", "0"], 2, "--jobs"),
         (["maps", "--jobs", "auto"], 2, "--jobs"),
+        (["maps", "--scheduler", "localhost"], 2, "must be tcp://HOST:PORT"),
     ],
 )
 def test_what_is_refused_is_refused_before_any_work_f7_f8_p13(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -71,6 +73,13 @@ def run(
             help="Maps to run at the same time, each in a process.  [default: the processors]",
         ),
     ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tcp://HOST:PORT",
+            help="Have the workers of this dask scheduler run the maps.  [needs mapdeal[cluster]]",
+        ),
+    ] = None,
     dry_run: Annotated[
         bool,
         typer.Option(
@@ -118,26 +127,38 @@ def run(
         terminal.detail(opt.described(one.name, one.described()[one.name]))
     run_options = RunOptions(dialect.value, images=not no_images, image_max=image_max)
     memory = None if max_memory is None else opt.size_of(max_memory, "--max-memory")
+    if scheduler is not None:
+        output = output.absolute()
     listing = list_maps(sources, output, lambda: b"".join(terminal.input_chunks()))
     names = {path.name for path in output_folder(output, (), loaded, run_options).outputs()}
     all_jobs = jobs_of(listing.maps, output, names)
     say_listing(listing)
     is_batch = listing.is_set or len(all_jobs) > 1
     map_run = MapRun(loaded, run_options, force, threads, max_cells, memory)
-    size = _jobs_at_once(jobs, len(all_jobs))
-    map_run = map_run.sharing(size)
+    if scheduler is not None:
+        all_jobs = [replace(job, path=job.path.absolute()) for job in all_jobs]
+    size = None if scheduler is not None else _jobs_at_once(jobs, len(all_jobs))
+    if size is not None:
+        map_run = map_run.sharing(size)
     if dry_run:
         say_plans(all_jobs, map_run, size, is_batch=is_batch, output=output)
         return
-    workers: Workers | None = None
-    if size > 1:
-        from mapdeal.pipeline.processes import ProcessWorkers  # slow to import
+    with ExitStack() as stack:
+        workers: Workers | None = None
+        if scheduler is not None:
+            from mapdeal.pipeline.cluster import ClusterWorkers, connected, shared_folders
 
-        workers = ProcessWorkers(size)
-    if is_batch:
-        run_batch(all_jobs, output, map_run, workers)
-    else:
-        run_single(all_jobs[0], map_run)
+            client = stack.enter_context(connected(scheduler, shared_folders(all_jobs[0])))
+            workers = cluster = ClusterWorkers(client, scheduler, jobs)
+            map_run = replace(map_run, max_memory=memory or cluster.memory_of_each())
+        elif size is not None and size > 1:
+            from mapdeal.pipeline.processes import ProcessWorkers  # slow to import
+
+            workers = ProcessWorkers(size)
+        if is_batch:
+            run_batch(all_jobs, output, map_run, workers)
+        else:
+            run_single(all_jobs[0], map_run, workers)
     _compare_with_golden(all_jobs, golden, update=update_golden)
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 
 from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError, one_line
 from mapdeal.formats.map_listing import MapListing
 from mapdeal.pipeline.batch import run_all, text_of
-from mapdeal.pipeline.dispatch import Workers
+from mapdeal.pipeline.dispatch import Workers, dispatch
 from mapdeal.pipeline.figures import summary_of
-from mapdeal.pipeline.jobs import SUMMARY, Job, MapRun, Outcome
+from mapdeal.pipeline.jobs import SUMMARY, Job, MapRun, Outcome, attempt
 from mapdeal.pipeline.plan import Plan, plan_of
 from mapdeal.pipeline.run import RunReport
 
@@ -44,7 +45,7 @@ def _say_some(paths: Sequence[Path], one: str, many: str) -> None:
         terminal.detail(f"{many.rsplit(' ', 2)[0]}: {path}")
 
 
-def run_single(job: Job, run: MapRun) -> None:
+def run_single(job: Job, run: MapRun, workers: Workers | None) -> None:
     """Run one map, and end as it does.
 
     Raises
@@ -52,7 +53,20 @@ def run_single(job: Job, run: MapRun) -> None:
     MapdealError
         If it failed.
     """
-    terminal.summary(lines_of(job.path, run(job, terminal.progress)))
+    if workers is None:
+        terminal.summary(lines_of(job.path, run(job, terminal.progress)))
+        return
+    outcomes: list[Outcome] = []
+    dispatch(
+        1, lambda _: job, partial(attempt, run), workers, lambda _, done: outcomes.append(done)
+    )
+    for text in outcomes[0].warnings:
+        terminal.warn(text)
+    result = outcomes[0].result
+    if isinstance(result, MapdealError):
+        raise result
+    if result is not None:
+        terminal.summary(lines_of(job.path, result))
 
 
 def run_batch(
@@ -148,9 +162,11 @@ def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def say_plans(
-    jobs: Sequence[Job], run: MapRun, size: int, *, is_batch: bool, output: Path
+    jobs: Sequence[Job], run: MapRun, size: int | None, *, is_batch: bool, output: Path
 ) -> None:  # fmt: skip
     """Tell what a run would do, and end as it would as far as that is known.
+
+    `size` is the number of jobs at the same time, None on a cluster.
 
     Raises
     ------
@@ -188,7 +204,7 @@ def _planned(plan: Plan) -> tuple[str, ...]:
     return plan.what, files, _size(plan.height, plan.width), memory, where
 
 
-def _totals(plans: Sequence[Plan], size: int, output: Path, *, is_batch: bool) -> list[str]:
+def _totals(plans: Sequence[Plan], size: int | None, output: Path, *, is_batch: bool) -> list[str]:
     files = sum(len(plan.writes) for plan in plans)
     running = [plan for plan in plans if plan.writes]
     skipped = sum(plan.what == "unchanged" for plan in plans)
@@ -199,11 +215,11 @@ def _totals(plans: Sequence[Plan], size: int, output: Path, *, is_batch: bool) -
     ]
     needed = sorted((plan.need.memory for plan in plans if plan.need), reverse=True)
     if needed:
-        at_once = min(size, len(needed))
+        at_once = min(size or 1, len(needed))
         text = f"memory: about {_shown(needed[0])} for the map that needs most"
         if at_once > 1:
             text += f", {_shown(sum(needed[:at_once]))} at most with {at_once} jobs"
-        lines.append(text)
+        lines.append(text if size else f"{text}, on a worker")
     return [*lines, "nothing was written: this was --dry-run"]
 
 

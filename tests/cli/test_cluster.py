@@ -1,0 +1,217 @@
+"""`mapdeal run --scheduler` on a real scheduler with worker processes, all on this machine."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import CancelledError, Future
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import batch_work
+from mapdeal import OccupancyGrid, write_map
+from mapdeal.formats.map_listing import ListedMap
+from mapdeal.pipeline import cluster
+from mapdeal.pipeline.batch import run_all
+from mapdeal.pipeline.jobs import Job, jobs_of
+
+pytest.importorskip("distributed")
+
+RUN = [sys.executable, "-m", "mapdeal", "run"]
+needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
+
+
+class Cluster:
+    """A scheduler and its workers, as somebody starts them by hand."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.file = folder / "scheduler.json"
+        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0")
+        self.workers = []
+        self.address = self._wait(lambda: json.loads(self.file.read_text())["address"])
+
+    def _start(self, kind, *words, path=Path(batch_work.__file__).parent):
+        command = [sys.executable, "-m", "distributed.cli.dask_" + kind, *words,
+                   "--scheduler-file", str(self.file)]  # fmt: skip
+        with (self.folder / f"{kind}.log").open("ab") as log:
+            return subprocess.Popen(
+                [*command, *(["--no-dashboard"] if kind == "worker" else ["--no-show"])],
+                stdout=log, stderr=log, cwd=self.folder,
+                env={**os.environ, "PYTHONPATH": str(path)},
+            )  # fmt: skip
+
+    def start_workers(self, count, **more):
+        """Start workers; there is nobody who starts them again when they die."""
+        words = ["--no-nanny", "--nthreads", "1", "--host", "127.0.0.1",
+                 "--local-directory", str(self.folder)]  # fmt: skip
+        started = [self._start("worker", *words, **more) for _ in range(count)]
+        self.workers += started
+        return started
+
+    def _wait(self, ask):
+        end = time.monotonic() + 30
+        while time.monotonic() < end:
+            with contextlib.suppress(OSError, ValueError):
+                return ask()
+            time.sleep(0.05)
+        raise AssertionError((self.folder / "scheduler.log").read_text())
+
+    def end(self):
+        for process in [*self.workers, self.scheduler]:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def dask(tmp_path):
+    folder = tmp_path / "dask"
+    folder.mkdir()
+    started = Cluster(folder)
+    try:
+        started.start_workers(2)
+        yield started
+    finally:
+        started.end()
+
+
+@pytest.fixture
+def maps(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "maps" / "deep").mkdir(parents=True)
+    for seed in range(8):
+        cells = np.where(np.random.default_rng(seed).random((500, 700)) < 0.02, 100, 0)
+        write_map(
+            tmp_path / "maps" / ("deep" if seed % 2 else "") / f"{seed}.yaml",
+            OccupancyGrid(cells.astype(np.int8), 0.05, (seed, 2.0, 0.3)),
+        )
+    (tmp_path / "maps" / "bad.yaml").write_text("image: none.pgm\n")
+    return tmp_path
+
+
+def contents(folder):
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def writes(process):
+    """Whether a worker has a temporary file of an output open."""
+    with contextlib.suppress(OSError):
+        for descriptor in Path(f"/proc/{process.pid}/fd").iterdir():
+            if ".mapdeal-" in str(descriptor.readlink()):
+                return True
+    return False
+
+
+@needs_proc
+def test_a_worker_that_is_killed_costs_no_map_and_the_summary_is_that_of_this_machine(dask, maps):
+    words = [*RUN, "maps", "--no-images", "-o"]
+    process = subprocess.Popen(
+        [*words, "far", "--scheduler", dask.address],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    killed = None
+    while killed is None:
+        assert process.poll() is None, process.communicate()
+        killed = next(filter(writes, dask.workers), None)
+    killed.send_signal(signal.SIGKILL)
+    out, err = process.communicate(timeout=60)
+    assert killed.wait() == -signal.SIGKILL
+    assert (process.returncode, err.count("error: ")) == (5, 2)  # one map's, and the batch's
+    assert out.splitlines()[-1] == "9 maps: 8 done, 0 unchanged, 1 failed"
+    here = subprocess.run([*words, "near", "-j", "1"], capture_output=True, text=True)
+    assert here.returncode == 5
+    assert contents(maps / "far") == contents(maps / "near")
+
+    only_one = subprocess.run(  # which ends as it does without a cluster
+        [*RUN, "maps/0.yaml", "-o", "one", "--no-images", "--scheduler", dask.address],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert (only_one.returncode, only_one.stderr) == (0, "")
+    assert contents(maps / "one" / "0") == contents(maps / "near" / "0")
+    assert not (maps / "one" / "summary.json").exists()
+
+
+def test_a_job_that_kills_its_worker_is_done_by_another_which_may_replace_what_it_left(
+    dask, tmp_path
+):
+    maps = [ListedMap(tmp_path / f"{name}.yaml", name) for name in ("a", "once", "bad", "b")]
+    jobs = jobs_of(maps, tmp_path / "o", [])
+    with cluster.connected(dask.address, cluster.shared_folders(jobs[0])) as client:
+        workers = cluster.ClusterWorkers(client, dask.address)
+        outcomes = run_all(jobs, tmp_path / "o", batch_work.do, lambda *_: None, workers=workers)
+        assert [one.status for one in outcomes] == ["done", "done", "failed", "done"]
+        assert str(outcomes[2].result) == f"{tmp_path}/bad.yaml: key: is bad, got [1]"
+        assert sorted(process.poll() is None for process in dask.workers) == [False, True]
+        dask.scheduler.kill()
+        slow = jobs_of([ListedMap(tmp_path / "slow.yaml", "slow")], tmp_path / "o", [])
+        outcomes = run_all(slow, tmp_path / "o", batch_work.do, lambda *_: None, workers=workers)
+    assert [one.status for one in outcomes] == ["failed"]
+    assert "scheduler" in str(outcomes[0].result)
+
+
+def test_workers_of_another_version_are_refused(dask, maps, tmp_path):
+    other = tmp_path / "other" / "mapdeal"
+    other.mkdir(parents=True)
+    (other / "__init__.py").write_text("")
+    (other / "version.py").write_text("__version__ = '0.0.1'")
+    dask.start_workers(1, path=other.parent)
+    end = time.monotonic() + 30
+    while (dask.folder / "worker.log").read_text().count("Registered to") < 3:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    words = [*RUN, "maps", "-o", "o", "--scheduler", dask.address]
+    told = subprocess.run(words, capture_output=True, text=True)
+    assert told.returncode == 2
+    lines = told.stderr.splitlines()
+    assert len(lines) == 2
+    assert "has mapdeal 0.0.1, here it is " in lines[0]
+    assert lines[1].startswith("hint: ")
+
+
+def test_a_scheduler_that_does_not_answer_is_told_in_one_line(command, maps, monkeypatch):
+    monkeypatch.setattr(cluster, "_SECONDS", 0.5)
+    code, out, err = command("run", "maps", "-o", "o", "--scheduler", "tcp://127.0.0.1:9")
+    assert (code, out) == (4, "")
+    assert err.startswith("error: tcp://127.0.0.1:9: the scheduler does not answer: ")
+    assert len(err.splitlines()) == 1
+    assert not (maps / "o").exists()
+
+
+def test_a_missing_extra_is_told_with_the_command_that_brings_it_f19(command, maps, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    code, out, err = command("run", "maps", "-o", "o", "--scheduler", "tcp://127.0.0.1:9")
+    assert (code, out) == (2, "")
+    assert err == "error: --scheduler: needs dask.distributed: pip install 'mapdeal[cluster]'\n"
+    assert not (maps / "o").exists()
+
+
+def test_what_befalls_a_cluster_is_told_of_the_map():
+    from distributed import KilledWorker
+
+    job = Job(Path("/d/m.yaml"), Path("/d/o"), "m.yaml", "m")
+    for problem, text in (
+        (KilledWorker("task", None, 3), "/d/m.yaml: every worker died that tried this map"),
+        (CancelledError(), "/d/m.yaml: was lost: the scheduler is gone, or has dropped it"),
+        (ZeroDivisionError("x"), "x"),
+    ):
+        sent = Future()
+        told = cluster._told_as_ours(sent, job)
+        if isinstance(problem, CancelledError):
+            sent.cancel()
+            sent.set_running_or_notify_cancel()
+        else:
+            sent.set_exception(problem)
+        assert str(told.exception(timeout=5)) == text
+
+
+def test_a_worker_that_comes_later_with_another_version_does_no_job(tmp_path):
+    job = Job(tmp_path / "m.yaml", tmp_path / "o", "m.yaml", "m")
+    outcome = cluster._OnWorker(batch_work.do, "0.0.1")(job)
+    assert outcome.status == "failed"
+    assert "0.0.1" in str(outcome.result)
+    assert not (tmp_path / "o").exists()
