@@ -54,6 +54,15 @@ class Cluster:
         self.workers += started
         return started
 
+    def wait_for_workers(self, count):
+        """Wait until the scheduler knows that many."""
+
+        def asked():
+            if (self.folder / "worker.log").read_text().count("Registered to") < count:
+                raise ValueError(count)
+
+        self._wait(asked)
+
     def _wait(self, ask):
         end = time.monotonic() + 30
         while time.monotonic() < end:
@@ -159,12 +168,9 @@ def test_workers_of_another_version_are_refused(dask, maps, tmp_path):
     other.mkdir(parents=True)
     (other / "__init__.py").write_text("")
     (other / "version.py").write_text("__version__ = '0.0.1'")
-    dask.start_workers(1, path=other.parent)
-    end = time.monotonic() + 30
-    while (dask.folder / "worker.log").read_text().count("Registered to") < 3:
-        assert time.monotonic() < end
-        time.sleep(0.05)
     words = [*RUN, "maps", "-o", "o", "--scheduler", dask.address]
+    dask.start_workers(1, path=other.parent)
+    dask.wait_for_workers(3)
     told = subprocess.run(words, capture_output=True, text=True)
     assert told.returncode == 2
     lines = told.stderr.splitlines()
@@ -215,3 +221,48 @@ def test_a_worker_that_comes_later_with_another_version_does_no_job(tmp_path):
     assert outcome.status == "failed"
     assert "0.0.1" in str(outcome.result)
     assert not (tmp_path / "o").exists()
+
+
+@needs_proc
+def test_a_field_is_computed_by_workers_slab_by_slab_and_one_may_be_killed(dask, tmp_path):
+    rng = np.random.default_rng(5)
+    cells = np.where(rng.random((2903, 3011)) < 0.0005, 100, 0).astype(np.int8)
+    cells[rng.random(cells.shape) < 0.01] = -1
+    write_map(tmp_path / "map.yaml", OccupancyGrid(cells, 0.3, (1.5, -2.0, 0.4)))
+    words = [sys.executable, "-m", "mapdeal", "esdf", str(tmp_path / "map.yaml"), "--force",
+             "--convention", "border", "--max-distance", "40", "-o"]  # fmt: skip
+    near = subprocess.run([*words, tmp_path / "near.npy"], capture_output=True, text=True)
+    assert near.returncode == 0
+    process = subprocess.Popen(
+        [*words, tmp_path / "far.npy", "--scheduler", dask.address, "--max-memory", "61M"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    killed = None
+    while killed is None:
+        assert process.poll() is None, process.communicate()
+        killed = next(filter(writes, dask.workers), None)
+    killed.send_signal(signal.SIGKILL)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (0, "")
+    assert killed.wait() == -signal.SIGKILL
+    assert out == near.stdout.replace("near", "far")
+    assert (tmp_path / "far.npy").read_bytes() == (tmp_path / "near.npy").read_bytes()
+    geometry = (tmp_path / "near.yaml").read_text().replace("near", "far")
+    assert (tmp_path / "far.yaml").read_text() == geometry
+    assert list(tmp_path.glob(".mapdeal-*")) == []
+
+    (tmp_path / "there.npy").touch()
+    write_map(tmp_path / "small.png", OccupancyGrid(cells[:9, :9], 0.3))
+    for source, output, code, text in (
+        ("map.yaml", "new.npz", 2, "workers write a field as .npy"),
+        ("map.yaml", "there.npy", 4, "the output exists"),
+        ("small.yaml", "new.npy", 2, "binary .pgm"),
+        ("none.yaml", "new.npy", 4, "none.yaml"),
+    ):
+        refused = subprocess.run(
+            [*words[:4], tmp_path / source, "-o", tmp_path / output, "--scheduler", dask.address],
+            capture_output=True, text=True,
+        )  # fmt: skip
+        assert (refused.returncode, refused.stdout) == (code, "")
+        assert text in refused.stderr.splitlines()[0]
+        assert not (tmp_path / "new.npy").exists()

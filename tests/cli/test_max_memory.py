@@ -17,7 +17,7 @@ from mapdeal.pipeline.run import RunOptions, run_map
 from mapdeal.pipeline.single import apply_to_file
 from mapdeal.pipeline.stage_list import step
 
-PLENTY, LITTLE, LESS = "100GB", "64MB", "62.5MB"
+PLENTY, LITTLE, LESS = "100GB", "58MB", "56.5MB"
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def test_maps_that_are_no_p5_are_read_whole_and_worked_on_by_slabs(
 
 
 @pytest.mark.parametrize(
-    ("words", "memory"), [(["run"], "61MB"), (["esdf"], "50MB"), (["potential"], "70MB")]
+    ("words", "memory"), [(["run"], "55MB"), (["esdf"], "50MB"), (["potential"], "70MB")]
 )
 def test_too_little_memory_is_one_line_that_tells_how_much_it_takes(
     command, building, tmp_path, words, memory
@@ -138,7 +138,7 @@ def test_too_little_memory_is_one_line_that_tells_how_much_it_takes(
     assert not output.exists()
 
 
-@pytest.mark.parametrize("memory", ["1MB", "61MB"])
+@pytest.mark.parametrize("memory", ["1MB", "55MB"])
 def test_the_memory_that_is_asked_for_is_enough(command, building, tmp_path, memory):
     words = ("run", building, "-o", tmp_path, "--threads", 2, "--max-memory")
     _, _, err = command(*words, memory)
@@ -146,10 +146,21 @@ def test_the_memory_that_is_asked_for_is_enough(command, building, tmp_path, mem
     assert command(*words, needed)[0] == 0
 
 
+@pytest.mark.parametrize("memory", [PLENTY, "61MB"])
+def test_pictures_count_as_memory(command, tmp_path, memory):
+    write_map(tmp_path / "wide.yaml", OccupancyGrid(np.zeros((100, 9000), np.int8), 0.1))
+    words = ("run", tmp_path / "wide.yaml", "-o", tmp_path / "out", "--threads", 1,
+             "--max-memory", memory, "--force")  # fmt: skip
+    assert command(*words)[0] == 0
+    code, _, err = command(*words, "--image-max", 0)
+    assert (code == 0) == (memory == PLENTY)
+    assert ("9000 x 100 cells need" in err) == (memory != PLENTY)
+
+
 def test_groups_of_cells_need_the_whole_map(command, building, tmp_path):
     code, _, err = command(
         "active", building, "-o", tmp_path / "out.yaml", "--min-component", 5, "--threads", 2,
-        "--max-memory", "60.9MB",
+        "--max-memory", "50.5MB",
     )  # fmt: skip
     assert code != 0
     assert "memory" in err
@@ -171,7 +182,7 @@ class Watched:
 @pytest.mark.parametrize("images", [True, False])
 @pytest.mark.parametrize("recipe", ["default", "seed-real", "seed-sim"])
 def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, images):
-    for memory in (10**12, 64_000_000):
+    for memory in (10**12, 58_000_000 if images else 54_000_000):
         watch = Watched()
         run_map(
             building, tmp_path, load_recipe(recipe), options=RunOptions(images=images),
@@ -192,7 +203,7 @@ def test_progress_of_a_stage_ends_with_its_end(
     monkeypatch.setattr(large, "_READ", 50.0)
     watch = Watched()
     options = FileOptions(
-        threads=2, image=tmp_path / "out.png", max_memory=64_000_000, watch=watch
+        threads=2, image=tmp_path / "out.png", max_memory=58_000_000, watch=watch
     )  # fmt: skip
     one = step(stage, parameters if stage == "esdf" else {})
     apply_to_file(building, tmp_path / f"out{ending}", one, options)

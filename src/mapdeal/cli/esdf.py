@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
-from mapdeal.cli.stage_command import file_options, run_stage
+from mapdeal.cli.stage_command import file_options, run_stage, say_written
+from mapdeal.pipeline.stage_list import step
 from mapdeal.stages.esdf import esdf as esdf_stage
 from mapdeal.stages.esdf import field_view
 
@@ -58,6 +59,14 @@ def esdf(
     force: opt.Force = False,
     threads: opt.Threads = None,
     max_memory: opt.MaxMemory = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tcp://HOST:PORT",
+            help="Have the workers of this dask scheduler compute an .npy, each some slabs of "
+            "rows at a time.  [needs mapdeal[cluster]]",
+        ),
+    ] = None,
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
@@ -73,4 +82,12 @@ def esdf(
         view_range=view_range,
     )
     files = file_options(dialect, max_cells, force, threads, image, max_memory)
-    run_stage("esdf", source, output, parameters, files)
+    if scheduler is None:
+        run_stage("esdf", source, output, parameters, files)
+        return
+    from mapdeal.pipeline.slab_jobs import esdf_by_workers  # slow to import
+
+    figures = esdf_by_workers(
+        source.absolute(), output.absolute(), step("esdf", parameters), files, scheduler
+    )
+    say_written(output, figures)

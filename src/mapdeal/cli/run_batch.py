@@ -54,7 +54,7 @@ def run_single(job: Job, run: MapRun, workers: Workers | None) -> None:
         If it failed.
     """
     if workers is None:
-        terminal.summary(lines_of(job.path, run(job, terminal.progress)))
+        terminal.summary(lines_of(job.path, run(job, terminal.slabs_done)))
         return
     outcomes: list[Outcome] = []
     dispatch(

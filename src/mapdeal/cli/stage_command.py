@@ -24,7 +24,7 @@ def file_options(
 ) -> FileOptions:
     """Return the shared options as the pipeline takes them."""
     limit = None if max_memory is None else opt.size_of(max_memory, "--max-memory")
-    return FileOptions(dialect.value, max_cells, force, threads, image, limit, terminal.progress)
+    return FileOptions(dialect.value, max_cells, force, threads, image, limit, terminal.slabs_done)
 
 
 def run_stage(

@@ -133,10 +133,6 @@ class Progress:
         if self._shows_bar and (is_last or time.monotonic() > self._drawn + _BAR_SECONDS):
             self.draw()
 
-    def __call__(self, steps: int) -> None:
-        """Take steps, as functions do that know nothing of bars."""
-        self.advance(steps)
-
     def draw(self) -> None:
         """Draw the bar, over the one before."""
         self._drawn = time.monotonic()
@@ -179,6 +175,14 @@ class Progress:
 def progress(length: int, what: str | None = None) -> Progress:
     """Return what tells how far a command is, within a ``with`` block."""
     return Progress(length, what)
+
+
+@contextmanager
+def slabs_done(steps: int) -> Iterator[Callable[[int], object]]:
+    """Show how far the work is on a map that goes by slabs; give what takes some of the steps."""
+    detail("goes by slabs of rows")
+    with progress(steps) as bar:
+        yield bar.advance
 
 
 def _duration(seconds: float) -> str:

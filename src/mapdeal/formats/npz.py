@@ -6,7 +6,6 @@ is taken for it, and nothing is ever unpickled.
 
 from __future__ import annotations
 
-import io
 import itertools
 import zipfile
 import zlib
@@ -15,11 +14,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.deflate import Buffer, deflated, pieces
+from mapdeal.formats.npy import npy_header
 from mapdeal.formats.npz_reader import NpzReader
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.grid.costmap import Costmap
@@ -65,7 +64,7 @@ def _write_entry(
     header is then corrected to say so. Layers of float64 are left as they are: their last
     digits are noise, and a tenth less to store costs ten times the time.
     """
-    header = _npy_header(array)
+    header = npy_header(array.shape, array.dtype)
     info = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
     checksum = 0
 
@@ -86,23 +85,6 @@ def _write_entry(
     info.CRC = checksum
     file.seek(info.header_offset)
     file.write(info.FileHeader(zip64=True))
-
-
-def write_npy(file: BinaryIO, array: Rows) -> None:
-    """Write a bare array of two axes as ``.npy``."""
-    file.write(_npy_header(array))
-    file.writelines(pieces(array))
-
-
-def _npy_header(array: Rows) -> bytes:
-    header = io.BytesIO()
-    facts = {
-        "descr": npy_format.dtype_to_descr(array.dtype),
-        "fortran_order": False,
-        "shape": array.shape,
-    }
-    npy_format.write_array_header_1_0(header, facts)
-    return header.getvalue()
 
 
 def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:

@@ -105,25 +105,30 @@ class Transaction:
 
     def write(self, path: Path, writer: Writer) -> None:
         """Have `writer` write the file that becomes `path`, in a thread."""
-        self._begin(path, lambda file, _: writer(file))
+        self._finish(self._opened(path), writer)
 
     def fill_in_place(self, path: Path, filler: Callable[[Path], None]) -> None:
-        """Have `filler` write the file that becomes `path`, given its name until then.
+        """Have `filler` write the file that becomes `path`, in this thread, given its name now.
 
         It may be opened under that name by any number of processes at the same time.
         """
-        self._begin(path, lambda _, name: filler(name))
+        temporary = self._opened(path)
+        filler(temporary.path)
+        self._finish(temporary, lambda _: None)
 
-    def _begin(self, path: Path, writer: Callable[[BinaryIO, Path], None]) -> None:
+    def _opened(self, path: Path) -> _Temporary:
         if path not in self._outputs:
             raise ParameterError("was not announced as an output", source=path)
         temporary = _Temporary(path)
         self._temporaries.append(temporary)  # first, since Ctrl-C may come at any moment
         temporary.open()
+        return temporary
+
+    def _finish(self, temporary: _Temporary, writer: Writer) -> None:
         future = self._pool.submit(
             copy_context().run, temporary.fill, writer, self._with_checksums
         )  # fmt: skip
-        self._pending.append((path, temporary, future))
+        self._pending.append((temporary.destination, temporary, future))
 
     def write_bytes(self, path: Path, data: bytes) -> None:
         """Have a file with these contents become `path`."""
@@ -258,12 +263,12 @@ class _Temporary:
         with contextlib.suppress(FileNotFoundError):  # a replaced file keeps its permissions
             self.path.chmod(stat.S_IMODE(self.destination.stat().st_mode))
 
-    def fill(self, writer: Callable[[BinaryIO, Path], None], with_checksum: bool) -> str:
+    def fill(self, writer: Writer, with_checksum: bool) -> str:
         """Write the contents through to the disk; return their sha256 if it is asked for."""
         file = self._file
         if file is None:
             raise FileAccessError("was discarded", source=self.destination)
-        writer(file, self.path)
+        writer(file)
         file.flush()
         os.fsync(file.fileno())
         if not with_checksum:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.formats.npz import AnyGrid
 from mapdeal.grid.bit_map import BitMap
@@ -21,6 +24,7 @@ from mapdeal.grid.values import (
     NO_INFORMATION,
     OCCUPIED,
     UNKNOWN,
+    Convention,
 )
 from mapdeal.kernels.rows import counts_of_rows, slabs_of
 
@@ -32,14 +36,13 @@ _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 
 def figures_of(grid: AnyGrid | BitMap) -> Figures:
     """Return the figures of a grid, as JSON can hold them."""
-    figures: Figures = {
-        "width": grid.shape[1],
-        "height": grid.shape[0],
-        "resolution": grid.resolution,
-        "origin": list(grid.origin),
-    }
+    figures = frame_figures(grid)
     if isinstance(grid, (DistanceField, LargeField)):
-        figures |= _field_figures(grid)
+        obstacles = grid.obstacles()
+        figures |= field_figures(
+            (extent_of(grid.distance[slab], obstacles[slab]) for slab in slabs_of(grid.distance)),
+            grid.convention,
+        )
     elif isinstance(grid, PotentialField):
         figures |= _potential_figures(grid)
     elif isinstance(grid, (Costmap, LargeCosts)):
@@ -89,17 +92,42 @@ def summary_of(figures: Figures) -> str:
     return ", ".join(share(name) for name in names)
 
 
-def _field_figures(field: DistanceField | LargeField) -> Figures:
-    obstacles, count = field.obstacles(), 0
-    lowest, highest = math.inf, -math.inf
-    for slab in slabs_of(field.distance):
-        distance = field.distance[slab]
-        count += int(np.count_nonzero(obstacles[slab]))
-        lowest, highest = min(lowest, float(distance.min())), max(highest, float(distance.max()))
+def frame_figures(grid: AnyGrid | BitMap) -> Figures:
+    """Return the figures that all grids have."""
+    return {
+        "width": grid.shape[1],
+        "height": grid.shape[0],
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
+    }
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How far some distances reach, and of how many obstacle cells."""
+
+    lowest: float
+    highest: float
+    obstacles: int
+
+
+def extent_of(distance: NDArray[np.float32], obstacles: NDArray[np.bool_]) -> Extent:
+    """Return how far the distances of a field, or of some of its rows, reach."""
+    return Extent(
+        float(distance.min()), float(distance.max()), int(np.count_nonzero(obstacles))
+    )  # fmt: skip
+
+
+def field_figures(parts: Iterable[Extent], convention: Convention) -> Figures:
+    """Return the figures of a field, given all its parts."""
+    obstacles, lowest, highest = 0, math.inf, -math.inf
+    for part in parts:
+        obstacles += part.obstacles
+        lowest, highest = min(lowest, part.lowest), max(highest, part.highest)
     finite = math.isfinite(lowest) and math.isfinite(highest)
     return {
-        "convention": field.convention,
-        "obstacles": count,
+        "convention": convention,
+        "obstacles": obstacles,
         "lowest_distance": lowest if finite else None,
         "highest_distance": highest if finite else None,
     }

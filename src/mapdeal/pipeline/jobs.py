@@ -61,13 +61,13 @@ class Outcome:
 
     Parameters
     ----------
-    result : RunReport or MapdealError, optional
-        What it has made, or why it failed; None if it was interrupted.
+    result : MapdealError or other, optional
+        Why it failed, or what it has made, of a run its `RunReport`; None if it was interrupted.
     warnings : tuple of str
         The texts of its warnings.
     """
 
-    result: RunReport | MapdealError | None
+    result: Any
     warnings: tuple[str, ...] = ()
 
     @property
@@ -75,7 +75,7 @@ class Outcome:
         """One of ``done``, ``unchanged``, ``failed``, ``interrupted``."""
         if self.result is None:
             return "interrupted"
-        return "failed" if isinstance(self.result, MapdealError) else self.result.status
+        return "failed" if isinstance(self.result, MapdealError) else str(self.result.status)
 
 
 @dataclass(frozen=True)
@@ -127,14 +127,14 @@ class MapRun:
         )
 
 
-def attempt(run_one: Callable[[Job], RunReport], job: Job) -> Outcome:
+def attempt(run_one: Callable[[Any], Any], job: Job) -> Outcome:
     """Do a job; whatever it raises or warns of is part of the outcome."""
     with _recorded_warnings() as texts:
         result = _result_of(run_one, job)
     return Outcome(result, tuple(texts))
 
 
-def _result_of(run_one: Callable[[Job], RunReport], job: Job) -> RunReport | MapdealError:
+def _result_of(run_one: Callable[[Any], Any], job: Job) -> Any:
     try:
         return run_one(job)
     except MapdealError as error:

@@ -21,8 +21,11 @@ from mapdeal.kernels.threads import thread_count, use_threads
 from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.stage_list import Step
 
-_BASE = 60_000_000
+_BASE = 50_000_000
 """Bytes of the interpreter and its libraries."""
+
+_PER_PIXEL = 10
+"""Bytes that pictures take while they are drawn, two at the same time."""
 
 _READ = 2.0
 _PER_CELL = {"active": 1.5, "inflate": 2.0, "esdf": 6.0, "potential": 110.0, "cost": 3.0}
@@ -42,17 +45,28 @@ _LEAST_SHARE = 128_000_000
 """Less would have jobs go through small maps by slabs, where there are many processors."""
 
 
-def bytes_in_memory(shape: tuple[int, int], steps: Sequence[Step]) -> int:
+def bytes_in_memory(
+    shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
+) -> int:  # fmt: skip
     """Return about how many bytes of memory it takes to apply stages to a map in memory."""
     per_cell = _READ + sum(
         _PER_CELL_OF_MODEL.get(step.model or "", _PER_CELL[step.name]) for step in steps
     )
-    return _BASE + int(per_cell * shape[0] * shape[1])
+    return _base(shape, image_max) + int(per_cell * shape[0] * shape[1])
+
+
+def _base(shape: tuple[int, int], image_max: int | None) -> int:
+    """Return the bytes that are taken in either way."""
+    if image_max is None:
+        return _BASE
+    height, width = shape
+    step = max(1, -(-max(shape) // image_max)) if image_max else 1
+    return _BASE + _PER_PIXEL * -(-height // step) * -(-width // step)
 
 
 @contextmanager
 def opened_source(
-    path: Path, steps: Sequence[Step], options: FileOptions
+    path: Path, steps: Sequence[Step], options: FileOptions, *, image_max: int | None
 ) -> Iterator[Source | LargeSource]:
     """Give a map to which stages are to be applied: in memory, or by slabs if that is too small.
 
@@ -64,6 +78,8 @@ def opened_source(
         The stages.
     options : FileOptions
         How it is read, and how much memory may be taken.
+    image_max : int, optional
+        Longest side of the pictures that will be drawn, 0 for a pixel per cell; None for none.
 
     Raises
     ------
@@ -76,10 +92,10 @@ def opened_source(
     by_slabs = _goes_by_slabs(steps)
 
     shape = shape_of_pair(path) if path.suffix.lower() != ".npz" else None
-    if shape is not None and bytes_in_memory(shape, steps) > budget:
+    if shape is not None and bytes_in_memory(shape, steps, image_max) > budget:
         if not by_slabs:
-            raise _too_large(path, shape, bytes_in_memory(shape, steps), budget)
-        together, room = _cut(shape, budget, path)
+            raise too_large(path, shape, bytes_in_memory(shape, steps, image_max), budget)
+        together, room = _cut(shape, budget, _base(shape, image_max), path)
         with open_pair(
             path, together=together, room=room, dialect=options.dialect,
             max_cells=options.max_cells,
@@ -90,10 +106,12 @@ def opened_source(
         return
     source = read_source(path, dialect=options.dialect, max_cells=options.max_cells)
     grid = source.grid
-    needed = bytes_in_memory(grid.shape, steps)
+    needed = bytes_in_memory(grid.shape, steps, image_max)
     if needed > budget and isinstance(grid, OccupancyGrid) and by_slabs:
         values = grid.occupancy
-        together, room = _cut(grid.shape, budget - values.nbytes, path)
+        together, room = _cut(
+            grid.shape, budget, _base(grid.shape, image_max) + values.nbytes, path
+        )
         layer = MadeRows(
             grid.shape, np.int8, lambda first, end: values[first:end], together=together, room=room
         )
@@ -101,7 +119,7 @@ def opened_source(
         yield LargeSource(large, source.files)
         return
     if needed > budget:
-        raise _too_large(path, grid.shape, needed, budget)
+        raise too_large(path, grid.shape, needed, budget)
     yield source
 
 
@@ -122,8 +140,8 @@ class Need:
 
 
 def need_of(
-    path: Path, shape: tuple[int, int], steps: Sequence[Step], *, max_memory: int | None,
-    threads: int | None,
+    path: Path, shape: tuple[int, int], steps: Sequence[Step], *, image_max: int | None,
+    max_memory: int | None, threads: int | None,
 ) -> Need:  # fmt: skip
     """Return the memory that `opened_source` and the stages will take, from the size alone.
 
@@ -133,14 +151,14 @@ def need_of(
         If there is too little.
     """
     budget = memory_budget(max_memory)
-    needed = bytes_in_memory(shape, steps)
+    needed = bytes_in_memory(shape, steps, image_max)
     if needed <= budget:
         return Need(needed, by_slabs=False)
     if not _goes_by_slabs(steps):
-        raise _too_large(path, shape, needed, budget)
+        raise too_large(path, shape, needed, budget)
     read = 0 if shape_of_pair(path) else shape[0] * shape[1]
     with use_threads(threads):
-        _cut(shape, budget - read, path)
+        _cut(shape, budget, _base(shape, image_max) + read, path)
     return Need(budget, by_slabs=True)  # layers are kept as long as there is room
 
 
@@ -158,28 +176,27 @@ def _goes_by_slabs(steps: Sequence[Step]) -> bool:
     return all(step.name != "potential" for step in steps)
 
 
-def _cut(shape: tuple[int, int], budget: int, path: Path) -> tuple[int, Room]:
+def _cut(shape: tuple[int, int], budget: int, base: int, path: Path) -> tuple[int, Room]:
     """Return how many rows make a slab, and what of the budget the layers may keep.
 
-    Slabs, and what is kept of each, fit the budget.
+    Slabs, what is kept of each, and `base`, which is taken anyhow, fit the budget.
     """
     height, width = shape
     per_row = _PER_CELL_OF_SLAB * width * (thread_count() + 1)
-    left = budget - _BASE
+    left = budget - base
     most = left // 2 // per_row
     least = -(-_PER_COLUMN_OF_SLAB * width * height // max(left // 4, 1))
     if most < least or most < 1:
         both = math.sqrt(2 * per_row * 4 * _PER_COLUMN_OF_SLAB * width * height)
-        needed = _BASE + int(1.05 * max(2 * per_row, both))
-        raise _too_large(path, shape, needed, budget)
+        needed = base + int(1.05 * max(2 * per_row, both))
+        raise too_large(path, shape, needed, budget)
     together = int(min(max(_SLAB_CELLS // width, least, 1), most, height, (1 << 16) - 1))
     runs = _PER_COLUMN_OF_SLAB * width * -(-height // together)
     return together, Room(left - per_row * together - runs)
 
 
-def _too_large(
-    path: Path, shape: tuple[int, int], needed: int, budget: int
-) -> MalformedInputError:  # fmt: skip
+def too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
+    """Return the error of a map that takes more memory than it may."""
     height, width = shape
     rule = f"{width} x {height} cells need {_told(needed)} of memory, {_told(budget)} may be taken"
     hint = "raise --max-memory if there is more; .pgm maps take least"

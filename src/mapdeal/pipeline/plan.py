@@ -55,7 +55,12 @@ def plan_of(job: Job, run: MapRun) -> Plan:
             header = read_header(job.path, dialect=options.dialect, max_cells=run.max_cells)
         size = (header.height, header.width)
         need = need_of(
-            job.path, size, run.recipe.steps, max_memory=run.max_memory, threads=run.threads
+            job.path,
+            size,
+            run.recipe.steps,
+            image_max=options.picture_size,
+            max_memory=run.max_memory,
+            threads=run.threads,
         )
         target = output_folder(job.folder, header.files, run.recipe, options)
         is_unchanged = not run.force and target.unchanged_figures() is not None

@@ -40,6 +40,11 @@ class RunOptions:
     images: bool = True
     image_max: int = DEFAULT_IMAGE_MAX
 
+    @property
+    def picture_size(self) -> int | None:
+        """`image_max`, None if there are no pictures."""
+        return self.image_max if self.images else None
+
 
 @dataclass(frozen=True)
 class RunReport:
@@ -103,7 +108,10 @@ def run_map(
         show to be these; nothing is changed then.
     """
     reading = FileOptions(options.dialect, max_cells, max_memory=max_memory)
-    with use_threads(threads), opened_source(path, recipe.steps, reading) as source:
+    with (
+        use_threads(threads),
+        opened_source(path, recipe.steps, reading, image_max=options.picture_size) as source,
+    ):
         return _run(source, folder, recipe, options, force, watch)
 
 

@@ -9,12 +9,13 @@ from mapdeal.errors import ParameterError
 from mapdeal.formats.large_maps import LargeSource
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.maps import Source, as_occupancy, output_paths, write_grid
-from mapdeal.formats.npz import AnyGrid, write_npy
+from mapdeal.formats.npy import write_npy
+from mapdeal.formats.npz import AnyGrid
 from mapdeal.formats.transaction import Transaction
 from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.large import LargeCosts, LargeField
+from mapdeal.grid.large import LargeCosts, LargeField, LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.figures import Figures, figures_of
@@ -23,6 +24,8 @@ from mapdeal.pipeline.large import opened_source
 from mapdeal.pipeline.products import title_of, view_of
 from mapdeal.pipeline.progress import Watch, passes_of, written
 from mapdeal.pipeline.stage_list import Step
+from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+from mapdeal.stages.esdf import Measuring
 from mapdeal.stages.keepout import apply_keepout_mask
 
 
@@ -48,7 +51,11 @@ def apply_to_file(
         hint = "--image writes a picture" if output.suffix == ".png" else None
         rule = f"the output must end in {' or '.join(e for e in endings if e != '.yml')}"
         raise ParameterError(rule, source=output, hint=hint)
-    with use_threads(options.threads), opened_source(path, [step], options) as source:
+    image_max = None if options.image is None else DEFAULT_IMAGE_MAX
+    with (
+        use_threads(options.threads),
+        opened_source(path, [step], options, image_max=image_max) as source,
+    ):
         over = None if mask is None else read_input(mask, options)
         inputs = [*source.files, *(over.files if over else ())]
         with (
@@ -102,20 +109,25 @@ def _write(
         write_grid(transaction, output, grid)
     elif output.suffix == ".npy":
         transaction.write(output, lambda file: write_npy(file, grid.distance))
-        document = yaml_document(_geometry_of(grid, output))
+        document = yaml_document(geometry_of_npy(grid, grid, output))
         transaction.write_bytes(output.with_suffix(".yaml"), document)
     else:
         write_grid(transaction, output, view_of(grid, step), mode="raw")
 
 
-def _geometry_of(field: DistanceField | LargeField, output: Path) -> dict[str, Any]:
+def geometry_of_npy(
+    grid: LargeMap | DistanceField | LargeField,
+    measuring: Measuring | DistanceField | LargeField,
+    output: Path,
+) -> dict[str, Any]:
+    """Return what the YAML beside a bare ``.npy`` says of the field: geometry and parameters."""
     return {
         "distance": output.name,
-        "resolution": field.resolution,
-        "origin": list(field.origin),
-        "convention": field.convention,
-        "strength": field.strength,
-        "max_distance": field.max_distance,
-        "lethal_threshold": field.lethal_threshold,
-        "unknown": field.unknown,
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
+        "convention": measuring.convention,
+        "strength": measuring.strength,
+        "max_distance": measuring.max_distance,
+        "lethal_threshold": measuring.lethal_threshold,
+        "unknown": measuring.unknown,
     }

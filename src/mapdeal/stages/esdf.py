@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from mapdeal.grid.values import (
     Convention,
     UnknownPolicy,
 )
+from mapdeal.kernels.column_runs import Beside
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.lookup import set_where
 from mapdeal.stages.field_values import (
@@ -78,12 +79,8 @@ def esdf(
     >>> esdf(grid, convention="border").distance.tolist()
     [[-0.75, -0.25, 0.25, 0.75]]
     """
-    occupied = grid.occupied(lethal_threshold)
-    if unknown == "occupied":
-        occupied = occupied | grid.unknown()
-    distance = signed_distance(
-        occupied, **measure_of(grid.resolution, convention, max_distance, strength)
-    )
+    measuring = Measuring(unknown, convention, max_distance, lethal_threshold, strength)
+    distance = measuring.distance(measuring.obstacles(grid), grid.resolution)
     return DistanceField(
         distance,
         grid.occupancy,
@@ -97,22 +94,39 @@ def esdf(
     )
 
 
-def measure_of(
-    resolution: float, convention: Convention, max_distance: float | None, strength: float
-) -> dict[str, Any]:
-    """Return what `mapdeal.kernels.distance.signed_distance` takes for a field's parameters."""
-    outside_shift, inside_shift = {
-        "seed": (0.0, resolution),
-        "center": (0.0, 0.0),
-        "border": (-0.5 * resolution, 0.5 * resolution),
-    }[convention]
-    return {
-        "scale": resolution,
-        "outside_shift": outside_shift,
-        "inside_shift": inside_shift,
-        "clip": math.inf if max_distance is None else max_distance,
-        "gain": strength,
-    }
+@dataclass(frozen=True)
+class Measuring:
+    """How distances are made of a map, or of some of its rows: the parameters of `esdf`."""
+
+    unknown: UnknownPolicy
+    convention: Convention
+    max_distance: float | None
+    lethal_threshold: int
+    strength: float
+
+    def obstacles(self, grid: OccupancyGrid) -> NDArray[np.bool_]:
+        """Return the mask of cells that count as obstacles."""
+        occupied = grid.occupied(self.lethal_threshold)
+        return occupied | grid.unknown() if self.unknown == "occupied" else occupied
+
+    def distance(
+        self, obstacles: NDArray[np.bool_], resolution: float, beside: Beside | None = None
+    ) -> NDArray[np.float32]:
+        """Return the signed distances of a grid, or of rows of one with what lies beside them."""
+        outside_shift, inside_shift = {
+            "seed": (0.0, resolution),
+            "center": (0.0, 0.0),
+            "border": (-0.5 * resolution, 0.5 * resolution),
+        }[self.convention]
+        return signed_distance(
+            obstacles,
+            scale=resolution,
+            outside_shift=outside_shift,
+            inside_shift=inside_shift,
+            clip=math.inf if self.max_distance is None else self.max_distance,
+            gain=self.strength,
+            beside=beside,
+        )
 
 
 @stage

@@ -21,12 +21,11 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.large import LargeCosts, LargeField, LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, UNKNOWN, Convention, UnknownPolicy
-from mapdeal.kernels.column_runs import Beside, joined, runs_of
-from mapdeal.kernels.distance import signed_distance
+from mapdeal.kernels.column_runs import joined, runs_of
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.kernels.rows import MadeRows
 from mapdeal.stages.active import box_around
-from mapdeal.stages.esdf import View, ViewScale, measure_of
+from mapdeal.stages.esdf import Measuring, View, ViewScale
 from mapdeal.stages.exponential_cost import FallOff, costs_before
 from mapdeal.stages.field_values import deepest_in, largest_distance_in
 from mapdeal.stages.inflate import Growth
@@ -113,27 +112,23 @@ def large_esdf(
     strength: float,
 ) -> LargeField:
     """Return the distance field, see `mapdeal.esdf`. Looks at the whole grid once."""
-    field = LargeField(
-        grid.occupancy, grid.occupancy, grid.resolution, grid.origin,
+    measuring = Measuring(unknown, convention, max_distance, lethal_threshold, strength)
+    layer = grid.occupancy
+
+    def obstacles(rows: slice) -> NDArray[np.bool_]:
+        return measuring.obstacles(grid.part(rows))
+
+    beside = joined([runs_of(obstacles(slab)) for slab in layer.slabs()])
+
+    def make(first: int, end: int) -> NDArray[np.float32]:
+        known = beside[first // layer.together]
+        return measuring.distance(obstacles(slice(first, end)), grid.resolution, known)
+
+    return LargeField(
+        layer.slab_by_slab(np.float32, make), layer, grid.resolution, grid.origin,
         convention=convention, strength=strength, max_distance=max_distance,
         lethal_threshold=lethal_threshold, unknown=unknown,
     )  # fmt: skip
-    obstacles = field.obstacles()
-    beside = joined([runs_of(obstacles[slab]) for slab in obstacles.slabs()])
-    measure = measure_of(grid.resolution, convention, max_distance, strength)
-    return replace(field, distance=distances_by_slabs(obstacles, beside, measure))
-
-
-def distances_by_slabs(
-    obstacles: MadeRows, beside: list[Beside], measure: dict[str, Any]
-) -> MadeRows:
-    """Return signed distances, given what each slab must know of those beside it."""
-
-    def make(first: int, end: int) -> NDArray[np.float32]:
-        known = beside[first // obstacles.together]
-        return signed_distance(obstacles[first:end], **measure, beside=known)
-
-    return obstacles.slab_by_slab(np.float32, make)
 
 
 def large_field_view(field: LargeField, *, view: View, view_range: float) -> LargeMap:
