@@ -2,6 +2,7 @@ import contextlib
 import hashlib
 import os
 import signal
+import stat
 import subprocess
 import sys
 import threading
@@ -10,6 +11,7 @@ import pytest
 
 from mapdeal import FileAccessError
 from mapdeal.formats.transaction import Transaction
+from mapdeal.kernels.threads import use_threads
 
 
 def _writer(text):
@@ -100,6 +102,7 @@ HOLD = """
 import sys, time
 from pathlib import Path
 from mapdeal.formats.transaction import Transaction
+from mapdeal.kernels.threads import use_threads
 path = Path(sys.argv[1])
 with Transaction([path], checksums=True) as transaction:
     transaction.write(path, lambda file: file.write(b"x"))
@@ -138,7 +141,7 @@ def test_files_of_a_killed_run_are_removed_and_those_of_a_live_one_kept(tmp_path
 
 
 def test_a_temporary_file_that_another_run_has_removed_is_made_again(tmp_path, monkeypatch):
-    import mapdeal.formats.transaction as module
+    import mapdeal.formats.temporary as module
 
     lock, removed = module.fcntl.flock, []
 
@@ -206,3 +209,66 @@ def test_an_interruption_while_a_temporary_file_is_made_leaves_none(tmp_path, mo
     with pytest.raises(KeyboardInterrupt), Transaction([output]) as transaction:
         transaction.write_bytes(output, b"x")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_one_thread_is_the_callers_own(tmp_path):
+    seen = []
+    for count in (1, 2):
+        with use_threads(count), Transaction([tmp_path / "one.txt"], force=True) as transaction:
+            transaction.write(
+                tmp_path / "one.txt", lambda _: seen.append(threading.get_ident())
+            )  # fmt: skip
+    assert seen[0] == threading.get_ident() != seen[1]
+
+
+def test_a_failure_in_the_callers_own_thread_leaves_nothing_either(tmp_path):
+    one, two = tmp_path / "folder" / "one.txt", tmp_path / "folder" / "two.txt"
+
+    def fail(_):
+        raise OSError(28, "No space left on device")
+
+    with (
+        pytest.raises(FileAccessError, match=r"two\.txt: cannot be written: No space left"),
+        use_threads(1),
+        Transaction([one, two]) as transaction,
+    ):
+        transaction.write(one, _writer("1"))
+        transaction.write(two, fail)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_all_files_are_on_the_disk_before_any_has_its_name(tmp_path, monkeypatch, count):
+    synced, outputs = [], [tmp_path / "one.txt", tmp_path / "two.txt"]
+    real = os.fsync
+
+    def sync(descriptor):
+        if stat.S_ISREG(os.fstat(descriptor).st_mode):
+            synced.append([path.exists() for path in outputs])
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    with use_threads(count), Transaction(outputs) as transaction:
+        for path in outputs:
+            transaction.write(path, _writer(path.name))
+    assert synced == [[False, False], [False, False]]
+    assert [path.read_text() for path in outputs] == ["one.txt", "two.txt"]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_disk_that_fails_at_the_end_leaves_the_old_files(tmp_path, monkeypatch, count):
+    output = tmp_path / "one.txt"
+    output.write_text("old")
+
+    def sync(_):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", sync)
+    with (
+        pytest.raises(FileAccessError, match=r"one\.txt: cannot be written: Input/output error"),
+        use_threads(count),
+        Transaction([output], force=True) as transaction,
+    ):
+        transaction.write(output, _writer("new"))
+    assert output.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["one.txt"]

@@ -14,7 +14,8 @@ from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.formats.map_yaml import MapMetadata, Mode, yaml_of
 from mapdeal.formats.png import write_grey_png, write_rgba_png
 from mapdeal.formats.pnm import write_pgm_from_south
-from mapdeal.formats.transaction import Transaction, Writer
+from mapdeal.formats.temporary import Writer
+from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.large import LargeCosts, LargeMap

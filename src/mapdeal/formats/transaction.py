@@ -3,32 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import io
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextvars import copy_context
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 from mapdeal.errors import FileAccessError, ParameterError
 from mapdeal.formats.source import holds
+from mapdeal.formats.temporary import Temporary, Writer, locked, remove_stale, sync_folder
 from mapdeal.kernels.threads import thread_count
 
-try:
-    import fcntl
-except ImportError:  # not POSIX: temporary files of killed runs are then not cleaned up
-    fcntl = None  # type: ignore[assignment]
-
-_PREFIX = ".mapdeal-"
-_SUFFIX = ".tmp"
 _ATTEMPTS = 100
 
-Writer = Callable[[BinaryIO], None]
+_T = TypeVar("_T")
 
 
 class Transaction:
@@ -81,9 +72,9 @@ class Transaction:
     ) -> None:
         self._outputs = list(outputs)
         self._with_checksums = checksums
-        self._pool = ThreadPoolExecutor(thread_count())
-        self._temporaries: list[_Temporary] = []
-        self._pending: list[tuple[Path, _Temporary, Future[str]]] = []
+        self._pool = ThreadPoolExecutor(thread_count()) if thread_count() > 1 else _ThisThread()
+        self._temporaries: list[Temporary] = []
+        self._pending: list[tuple[Path, Temporary, Future[str]]] = []
         self._made_folders: list[Path] = []
         places: set[Path] = set()
         for output in self._outputs:
@@ -116,15 +107,15 @@ class Transaction:
         filler(temporary.path)
         self._finish(temporary, lambda _: None)
 
-    def _opened(self, path: Path) -> _Temporary:
+    def _opened(self, path: Path) -> Temporary:
         if path not in self._outputs:
             raise ParameterError("was not announced as an output", source=path)
-        temporary = _Temporary(path)
+        temporary = Temporary(path)
         self._temporaries.append(temporary)  # first, since Ctrl-C may come at any moment
         temporary.open()
         return temporary
 
-    def _finish(self, temporary: _Temporary, writer: Writer) -> None:
+    def _finish(self, temporary: Temporary, writer: Writer) -> None:
         future = self._pool.submit(
             copy_context().run, temporary.fill, writer, self._with_checksums
         )  # fmt: skip
@@ -144,6 +135,12 @@ class Transaction:
             raise ValueError("the transaction was begun without checksums")
         return self._finished()
 
+    def _sync(self) -> None:
+        """Wait for the disk, once all files are written: the first wait is for most of all."""
+        syncs = [(path, self._pool.submit(one.sync)) for path, one, _ in self._pending]
+        for path, future in syncs:
+            _result(future, path)
+
     def _finished(self) -> dict[Path, str]:
         return {path: _result(future, path) for path, _, future in self._pending}
 
@@ -156,12 +153,13 @@ class Transaction:
         try:
             if error is None:
                 self._finished()
+                self._sync()
                 folders = dict.fromkeys(path.parent for path, _, _ in self._pending)
-                with _locked(folders):
+                with locked(folders):
                     for _, temporary, _ in self._pending:
                         temporary.rename()
                 for folder in folders:
-                    _sync_folder(folder)
+                    sync_folder(folder)
                 self._made_folders.clear()
         finally:
             self._discard()
@@ -174,7 +172,7 @@ class Transaction:
         for _ in range(_ATTEMPTS):
             with contextlib.suppress(FileNotFoundError):
                 self._make(folder)
-                _remove_stale(folder)
+                remove_stale(folder)
                 return
         raise FileAccessError("the folder is removed again and again", source=folder)
 
@@ -237,83 +235,19 @@ def make_folder(folder: Path) -> None:
         raise FileAccessError(rule, source=folder) from None
 
 
-class _Temporary:
-    """A locked temporary file beside its destination."""
+class _ThisThread(Executor):
+    """Does what it is given at once: one thread is one, not another one that writes."""
 
-    def __init__(self, destination: Path) -> None:
-        self.destination = destination
-        self.path = destination
-        self._file: io.BufferedRandom | None = None
-        self._is_ours = False
-
-    def open(self) -> None:
-        """Make the file, and lock it.
-
-        Between its making and its locking another run may take it for one of a dead process and
-        remove it; then there is no file of that name any more, and another is made.
-        """
-        while True:
-            name = f"{_PREFIX}{os.urandom(6).hex()}{_SUFFIX}"
-            self.path, self._is_ours = self.destination.parent / name, True
-            descriptor = _locked_new_file(self.path, self.destination)
-            if self.path.exists():
-                break
-            os.close(descriptor)
-        self._file = os.fdopen(descriptor, "w+b")
-        with contextlib.suppress(FileNotFoundError):  # a replaced file keeps its permissions
-            self.path.chmod(stat.S_IMODE(self.destination.stat().st_mode))
-
-    def fill(self, writer: Writer, with_checksum: bool) -> str:
-        """Write the contents through to the disk; return their sha256 if it is asked for."""
-        file = self._file
-        if file is None:
-            raise FileAccessError("was discarded", source=self.destination)
-        writer(file)
-        file.flush()
-        os.fsync(file.fileno())
-        if not with_checksum:
-            return ""
-        file.seek(0)
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-    def rename(self) -> None:
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
         try:
-            self.path.replace(self.destination)
-        except OSError as error:
-            rule = f"cannot be replaced: {error.strerror}"
-            raise FileAccessError(rule, source=self.destination) from None
-        self._is_ours = False
-        self._close()
-
-    def remove(self) -> None:
-        if self._is_ours:
-            with contextlib.suppress(FileNotFoundError, NotADirectoryError):
-                self.path.unlink()
-            self._is_ours = False
-        self._close()
-
-    def _close(self) -> None:
-        if self._file is not None:
-            with contextlib.suppress(OSError):  # a full disk says so once more
-                self._file.close()
-            self._file = None
+            future.set_result(function(*args, **kwargs))
+        except Exception as error:  # noqa: BLE001 - raised when the result is asked for
+            future.set_exception(error)
+        return future
 
 
-def _locked_new_file(path: Path, destination: Path) -> int:
-    """Make a file and lock it; return its descriptor."""
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-    except OSError as error:
-        rule = f"cannot be written: {error.strerror}"
-        raise FileAccessError(rule, source=destination) from None
-    if fcntl is not None:
-        # Some network file systems have no locks; then stale files stay, no more.
-        with contextlib.suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-    return descriptor
-
-
-def _result(future: Future[str], path: Path) -> str:
+def _result(future: Future[_T], path: Path) -> _T:
     try:
         return future.result()
     except OSError as error:
@@ -349,39 +283,3 @@ def _check_parents(output: Path) -> None:
             if stat.S_ISDIR(parent.stat().st_mode):
                 return
             raise FileAccessError("is not a folder, outputs cannot go into it", source=parent)
-
-
-def _remove_stale(folder: Path) -> None:
-    """Remove temporary files whose process is gone: those that nobody holds locked."""
-    if fcntl is None:
-        return
-    for path in folder.glob(f"{_PREFIX}*{_SUFFIX}"):
-        with contextlib.suppress(OSError), path.open("r+b") as file:
-            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-            path.unlink()
-
-
-@contextmanager
-def _locked(folders: Iterable[Path]) -> Iterator[None]:
-    """Keep other transactions from renaming files in folders: sets must not mix.
-
-    The locks die with their process. Where there are none, the last rename of each file wins.
-    """
-    with contextlib.ExitStack() as stack:
-        for folder in sorted(folder.resolve() for folder in folders):  # all in the same order
-            if fcntl is not None:
-                with contextlib.suppress(OSError):
-                    descriptor = os.open(folder, os.O_RDONLY)
-                    stack.callback(os.close, descriptor)
-                    fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-
-
-def _sync_folder(folder: Path) -> None:
-    # A file system that cannot sync a folder makes renames durable by its own rules.
-    with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

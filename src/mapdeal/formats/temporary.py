@@ -1,0 +1,150 @@
+"""Temporary files that are told from those of killed runs, and locks on folders."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import os
+import stat
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from mapdeal.errors import FileAccessError
+
+try:
+    import fcntl
+except ImportError:  # not POSIX: temporary files of killed runs are then not cleaned up
+    fcntl = None  # type: ignore[assignment]
+
+_PREFIX = ".mapdeal-"
+_SUFFIX = ".tmp"
+
+Writer = Callable[[BinaryIO], None]
+
+
+class Temporary:
+    """A locked temporary file beside its destination.
+
+    Parameters
+    ----------
+    destination : Path
+        What it becomes.
+    """
+
+    def __init__(self, destination: Path) -> None:
+        self.destination = destination
+        self.path = destination
+        self._file: io.BufferedRandom | None = None
+        self._is_ours = False
+
+    def open(self) -> None:
+        """Make the file, and lock it.
+
+        Between its making and its locking another run may take it for one of a dead process and
+        remove it; then there is no file of that name any more, and another is made.
+        """
+        while True:
+            name = f"{_PREFIX}{os.urandom(6).hex()}{_SUFFIX}"
+            self.path, self._is_ours = self.destination.parent / name, True
+            descriptor = _locked_new_file(self.path, self.destination)
+            if self.path.exists():
+                break
+            os.close(descriptor)
+        self._file = os.fdopen(descriptor, "w+b")
+        with contextlib.suppress(FileNotFoundError):  # a replaced file keeps its permissions
+            self.path.chmod(stat.S_IMODE(self.destination.stat().st_mode))
+
+    def fill(self, writer: Writer, with_checksum: bool) -> str:
+        """Write the contents; return their sha256 if it is asked for."""
+        file = self._file
+        if file is None:
+            raise FileAccessError("was discarded", source=self.destination)
+        writer(file)
+        file.flush()
+        if not with_checksum:
+            return ""
+        file.seek(0)
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+    def sync(self) -> None:
+        """Have the contents written through to the disk."""
+        if self._file is not None:
+            os.fsync(self._file.fileno())
+
+    def rename(self) -> None:
+        """Give the file its own name, in the place of an old one."""
+        try:
+            self.path.replace(self.destination)
+        except OSError as error:
+            rule = f"cannot be replaced: {error.strerror}"
+            raise FileAccessError(rule, source=self.destination) from None
+        self._is_ours = False
+        self._close()
+
+    def remove(self) -> None:
+        """Remove the file, unless it has its own name already."""
+        if self._is_ours:
+            with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+                self.path.unlink()
+            self._is_ours = False
+        self._close()
+
+    def _close(self) -> None:
+        if self._file is not None:
+            with contextlib.suppress(OSError):  # a full disk says so once more
+                self._file.close()
+            self._file = None
+
+
+def _locked_new_file(path: Path, destination: Path) -> int:
+    """Make a file and lock it; return its descriptor."""
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+    except OSError as error:
+        rule = f"cannot be written: {error.strerror}"
+        raise FileAccessError(rule, source=destination) from None
+    if fcntl is not None:
+        # Some network file systems have no locks; then stale files stay, no more.
+        with contextlib.suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+    return descriptor
+
+
+def remove_stale(folder: Path) -> None:
+    """Remove temporary files whose process is gone: those that nobody holds locked."""
+    if fcntl is None:
+        return
+    for path in folder.glob(f"{_PREFIX}*{_SUFFIX}"):
+        with contextlib.suppress(OSError), path.open("r+b") as file:
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+
+
+@contextmanager
+def locked(folders: Iterable[Path]) -> Iterator[None]:
+    """Keep other transactions from renaming files in folders: sets must not mix.
+
+    The locks die with their process. Where there are none, the last rename of each file wins.
+    """
+    with contextlib.ExitStack() as stack:
+        for folder in sorted(folder.resolve() for folder in folders):  # all in the same order
+            if fcntl is not None:
+                with contextlib.suppress(OSError):
+                    descriptor = os.open(folder, os.O_RDONLY)
+                    stack.callback(os.close, descriptor)
+                    fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the names in a folder written through to the disk."""
+    # A file system that cannot do that makes renames durable by its own rules.
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
