@@ -9,7 +9,6 @@ ROWS = {"Y": 31, "I": 17, "G": 11, "P": 13, "S": 16, "F": 20}
 
 NOT_TESTED = {
     "Y29": "there is no --untrusted",
-    "I14": "maps larger than memory are not built yet; the limits on cells have tests (I13)",
     "P11": "there is no rescaling",
     "S14": "bags are not read",
 }

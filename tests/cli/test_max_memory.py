@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 from contextlib import contextmanager
 
 import numpy as np
@@ -208,6 +210,48 @@ def test_progress_of_a_stage_ends_with_its_end(
     one = step(stage, parameters if stage == "esdf" else {})
     apply_to_file(building, tmp_path / f"out{ending}", one, options)
     assert sum(watch.steps) == watch.total > 0
+
+
+def test_a_map_of_282_megapixels_is_refused_with_both_figures_i14(command, tmp_path):
+    (tmp_path / "city.yaml").write_text(
+        "image: city.pgm\nresolution: 0.05\norigin: [1.5, -2, 0.4]\n"
+    )
+    with (tmp_path / "city.pgm").open("wb") as file:
+        file.write(b"P5\n20000 14100\n255\n")
+        file.truncate(file.tell() + 20000 * 14100)  # sparse: nothing of it is on the disk
+    for words in (["run", "-o", tmp_path / "out"], ["potential", "-o", tmp_path / "out.npz"]):
+        code, _, err = command(
+            *words[:1], tmp_path / "city.yaml", *words[1:], "--threads", 2, "--max-memory", "60MB"
+        )
+        assert code == 3
+        assert re.search(r"20000 x 14100 cells need [0-9.]+ [MG]B of memory, 60 MB may be", err)
+
+
+# The peak of a process begins with that of its parent: this one is small.
+MEASURE = """
+import os, subprocess, sys
+process = subprocess.Popen([sys.executable, *sys.argv[1:]])
+_, status, usage = os.wait4(process.pid, 0)
+print(usage.ru_maxrss)
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "most"), [(["cost", "-o", "cost.yaml"], 120), (["run", "-o", "out"], 150)]
+)
+def test_memory_stays_within_the_budget_i14(tmp_path, words, most):
+    values = np.zeros((5000, 6001), np.int8)
+    values[::50, 7::70] = 100
+    values[:, -500:] = -1
+    write_map(tmp_path / "site.yaml", OccupancyGrid(values, 0.05, (1.5, -2.0, 0.4)))
+    measured = subprocess.run(
+        [sys.executable, "-c", MEASURE, "-m", "mapdeal", words[0], "site.yaml", *words[1:], "-q",
+         "--threads", "2", "--max-memory", f"{most}MB"],
+        cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
+    assert (measured.returncode, measured.stderr) == (0, "")
+    assert int(measured.stdout) * 1024 < most * 1_000_000  # in memory: 170 and 440 MB
 
 
 def test_a_mask_needs_the_whole_map(command, building, tmp_path, monkeypatch):
