@@ -71,6 +71,7 @@ def plot(results: Results, path: Path) -> None:
         axis.set(xscale="log", yscale="log", xlabel="cells a side", title=title)
         axis.set_xticks(SIDES, [f"{side:,}" for side in SIDES], rotation=45)
         axis.minorticks_off()
+        axis.yaxis.set_major_formatter("{x:g}")
         axis.grid(alpha=0.3)
     axes[1].axhline(4096, color="black", linewidth=0.8)
     axes[1].annotate("4 GiB", (1000, 4096), xytext=(0, 3), textcoords="offset points")
