@@ -265,10 +265,20 @@ def test_a_mask_needs_the_whole_map(command, building, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_default_is_half_of_what_is_free(monkeypatch):
-    monkeypatch.setattr(large, "free_memory", lambda: 10_000_000_000)
-    assert large.memory_budget(None) == 5_000_000_000
-    assert large.memory_budget(123) == 123
+@pytest.mark.parametrize(
+    ("free", "jobs", "budget"),
+    [
+        (10_000, 1, 5_000), (400, 1, 256), (200, 1, 200), (5, 1, 64), (10_000, 4, 1_250),
+        (10_000, 64, 128),
+    ],
+)  # fmt: skip
+def test_the_default_is_half_of_what_is_free_or_all_of_little(monkeypatch, free, jobs, budget):
+    monkeypatch.setattr(large, "free_memory", lambda: free * 1_000_000)
+    assert large.memory_budget(None, jobs) == budget * 1_000_000
+    assert large.memory_budget(123, jobs) == 123
+
+
+def test_without_knowledge_of_free_memory_all_is_in_memory(monkeypatch):
     monkeypatch.setattr(large, "free_memory", lambda: None)
     assert large.memory_budget(None) > 10**15
 

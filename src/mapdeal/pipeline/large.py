@@ -40,9 +40,12 @@ _PER_COLUMN_OF_SLAB = 10
 """Bytes that are kept for each column of each slab, see `mapdeal.kernels.column_runs`."""
 
 _SLAB_CELLS = 1 << 22
-_LEAST_BUDGET = 32_000_000
+_LEAST = 64_000_000
+_SMALL = 256_000_000
+"""Small maps go by no slabs: all of little memory is taken, and a little in any case."""
+
 _LEAST_SHARE = 128_000_000
-"""Less would have jobs go through small maps by slabs, where there are many processors."""
+"""Nor do they where there are many processors and jobs."""
 
 
 def bytes_in_memory(
@@ -169,7 +172,9 @@ def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
     free = free_memory()
     if free is None:
         return 1 << 62
-    return max(free // 2 // jobs, _LEAST_BUDGET if jobs == 1 else _LEAST_SHARE)
+    if jobs > 1:
+        return max(free // 2 // jobs, _LEAST_SHARE)
+    return max(free // 2, min(free, _SMALL), _LEAST)
 
 
 def _goes_by_slabs(steps: Sequence[Step]) -> bool:
