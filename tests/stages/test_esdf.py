@@ -111,3 +111,10 @@ def test_unknown_cells_in_the_view_are_unknown_or_obstacles():
 def test_parameters_that_are_none_are_refused_by_name(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         esdf(grid_from_text("..#"), **wrong)
+
+
+@pytest.mark.parametrize("convention", ["seed", "center", "border"])
+@pytest.mark.parametrize("limit", [0.4, 0.5])
+def test_the_seed_view_of_a_field_that_is_clipped_within_a_cell(convention, limit):
+    field = esdf(OccupancyGrid([[100, 0, 0]], 1.0), convention=convention, max_distance=limit)
+    assert field_view(field, view="seed").occupancy.tolist() == [[100, 0, 0]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,13 +15,11 @@ from mapdeal.formats.large_maps import LargeSource, open_pair, shape_of_pair
 from mapdeal.formats.maps import Source, read_source
 from mapdeal.grid.large import LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.rows import MadeRows, Room
 from mapdeal.kernels.threads import thread_count, use_threads
 from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.stage_list import Step
-
-_BASE = 50_000_000
-"""Bytes of the interpreter and its libraries."""
 
 _PER_PIXEL = 10
 """Bytes that pictures take while they are drawn, two at the same time."""
@@ -33,38 +30,60 @@ _PER_CELL_OF_MODEL = {"threshold": 9.0, "rings": 5.0}
 """Bytes that reading and each stage take in memory, outputs that wait to be written included.
 Measured as the peak of whole commands on maps of 4000 and 8000 cells a side, and rounded up."""
 
-_PER_CELL_OF_SLAB = 40
-"""Bytes that a slab takes in each thread: all layers of a recipe, some twice."""
 
-_PER_COLUMN_OF_SLAB = 10
-"""Bytes that are kept for each column of each slab, see `mapdeal.kernels.column_runs`."""
+@dataclass(frozen=True)
+class _Demand:
+    """What an engine takes of memory.
+
+    Parameters
+    ----------
+    base : int
+        Bytes of the interpreter and its libraries.
+    more : float
+        Bytes for each cell of a map in memory, beside its layers.
+    slab : int
+        Bytes for each cell of a slab, in each thread: all layers of a recipe, some twice.
+    """
+
+    base: int
+    more: float
+    slab: int
+
+
+_DEMANDS = {
+    "compiled": _Demand(50_000_000, 0.0, 40), "scipy": _Demand(100_000_000, 12.0, 90)
+}  # fmt: skip
+
+_PER_COLUMN_OF_SLAB = 20
+"""Bytes for each column of each slab, until all are joined: `mapdeal.kernels.column_runs`."""
 
 _SLAB_CELLS = 1 << 22
-_LEAST = 64_000_000
+_LEAST = 128_000_000
 _SMALL = 256_000_000
-"""Small maps go by no slabs: all of little memory is taken, and a little in any case."""
-
-_LEAST_SHARE = 128_000_000
-"""Nor do they where there are many processors and jobs."""
+"""Small maps go by no slabs: all of little memory is taken, and the least in any case, also by
+each of many jobs."""
 
 
 def bytes_in_memory(
     shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
 ) -> int:  # fmt: skip
     """Return about how many bytes of memory it takes to apply stages to a map in memory."""
-    per_cell = _READ + sum(
-        _PER_CELL_OF_MODEL.get(step.model or "", _PER_CELL[step.name]) for step in steps
+    per_cell = (
+        _DEMANDS[engine_name()].more
+        + _READ
+        + sum(_PER_CELL_OF_MODEL.get(step.model or "", _PER_CELL[step.name]) for step in steps)
     )
     return _base(shape, image_max) + int(per_cell * shape[0] * shape[1])
 
 
 def _base(shape: tuple[int, int], image_max: int | None) -> int:
     """Return the bytes that are taken in either way."""
+    base = _DEMANDS[engine_name()].base
     if image_max is None:
-        return _BASE
+        return base
     height, width = shape
     step = max(1, -(-max(shape) // image_max)) if image_max else 1
-    return _BASE + _PER_PIXEL * -(-height // step) * -(-width // step)
+    return base + _PER_PIXEL * -(-height // step) * -(-width // step)
 
 
 @contextmanager
@@ -173,7 +192,7 @@ def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
     if free is None:
         return 1 << 62
     if jobs > 1:
-        return max(free // 2 // jobs, _LEAST_SHARE)
+        return max(free // 2 // jobs, _LEAST)
     return max(free // 2, min(free, _SMALL), _LEAST)
 
 
@@ -187,15 +206,21 @@ def _cut(shape: tuple[int, int], budget: int, base: int, path: Path) -> tuple[in
     Slabs, what is kept of each, and `base`, which is taken anyhow, fit the budget.
     """
     height, width = shape
-    per_row = _PER_CELL_OF_SLAB * width * (thread_count() + 1)
+    per_row = _DEMANDS[engine_name()].slab * width * (thread_count() + 1)
+
+    def fitting(left: int) -> tuple[int, int]:
+        """Return the least and the most rows, half of the memory for slabs, a quarter for runs."""
+        least = -(-_PER_COLUMN_OF_SLAB * width * height // max(left // 4, 1))
+        return max(least, 1), left // 2 // per_row
+
     left = budget - base
-    most = left // 2 // per_row
-    least = -(-_PER_COLUMN_OF_SLAB * width * height // max(left // 4, 1))
-    if most < least or most < 1:
-        both = math.sqrt(2 * per_row * 4 * _PER_COLUMN_OF_SLAB * width * height)
-        needed = base + int(1.05 * max(2 * per_row, both))
-        raise too_large(path, shape, needed, budget)
-    together = int(min(max(_SLAB_CELLS // width, least, 1), most, height, (1 << 16) - 1))
+    least, most = fitting(left)
+    if most < least:
+        while most < least:
+            left = max(left + left // 50, per_row)
+            least, most = fitting(left)
+        raise too_large(path, shape, int(1.01 * (base + left)), budget)
+    together = int(min(max(_SLAB_CELLS // width, least), most, height, (1 << 16) - 1))
     runs = _PER_COLUMN_OF_SLAB * width * -(-height // together)
     return together, Room(left - per_row * together - runs)
 

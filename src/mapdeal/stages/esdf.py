@@ -229,7 +229,8 @@ class ViewScale:
         return 100 * (1 - np.minimum(metres, self.view_range) / self.view_range)
 
     def _seed_of(self, resolution: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-        span = self.farthest - resolution + self.deepest
+        # no obstacle cell is less than a cell deep, though a clip may hide that
+        span = self.farthest + max(self.deepest - resolution, 0.0)
         return lambda metres: 100 * (self.farthest - np.minimum(metres, self.farthest)) / span
 
 
