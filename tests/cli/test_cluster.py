@@ -16,6 +16,7 @@ import pytest
 import batch_work
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.formats.map_listing import ListedMap
+from mapdeal.kernels.engine import engine_name
 from mapdeal.pipeline import cluster
 from mapdeal.pipeline.batch import run_all
 from mapdeal.pipeline.jobs import Job, jobs_of
@@ -23,6 +24,8 @@ from mapdeal.pipeline.jobs import Job, jobs_of
 pytest.importorskip("distributed")
 
 RUN = [sys.executable, "-m", "mapdeal", "run"]
+# of a worker: some megabytes beside what it takes in any case
+LITTLE = "54MB" if engine_name() == "compiled" else "108MB"
 needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
 
 
@@ -116,6 +119,15 @@ def writes(process):
     return False
 
 
+def kill_one_that_writes(dask, process):
+    """Kill the first worker that is seen to write; return it."""
+    while True:
+        assert process.poll() is None, process.communicate()
+        for worker in filter(writes, dask.workers):
+            worker.send_signal(signal.SIGKILL)
+            return worker
+
+
 @needs_proc
 def test_a_worker_that_is_killed_costs_no_map_and_the_summary_is_that_of_this_machine(dask, maps):
     words = [*RUN, "maps", "--no-images", "-o"]
@@ -123,11 +135,7 @@ def test_a_worker_that_is_killed_costs_no_map_and_the_summary_is_that_of_this_ma
         [*words, "far", "--scheduler", dask.address],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    killed = None
-    while killed is None:
-        assert process.poll() is None, process.communicate()
-        killed = next(filter(writes, dask.workers), None)
-    killed.send_signal(signal.SIGKILL)
+    killed = kill_one_that_writes(dask, process)
     out, err = process.communicate(timeout=60)
     assert killed.wait() == -signal.SIGKILL
     assert (process.returncode, err.count("error: ")) == (5, 2)  # one map's, and the batch's
@@ -234,14 +242,10 @@ def test_a_field_is_computed_by_workers_slab_by_slab_and_one_may_be_killed(dask,
     near = subprocess.run([*words, tmp_path / "near.npy"], capture_output=True, text=True)
     assert near.returncode == 0
     process = subprocess.Popen(
-        [*words, tmp_path / "far.npy", "--scheduler", dask.address, "--max-memory", "61M"],
+        [*words, tmp_path / "far.npy", "--scheduler", dask.address, "--max-memory", LITTLE],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    killed = None
-    while killed is None:
-        assert process.poll() is None, process.communicate()
-        killed = next(filter(writes, dask.workers), None)
-    killed.send_signal(signal.SIGKILL)
+    killed = kill_one_that_writes(dask, process)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, "")
     assert killed.wait() == -signal.SIGKILL

@@ -22,10 +22,8 @@ cdef extern from "distance_rows.h" nogil:
     ctypedef struct Task:
         const uint8_t *marked
         int64_t height, width, whole_height, band_rows, bands
-        const uint8_t *row_before
-        const uint8_t *row_after
-        const uint32_t *down_before
-        const uint32_t *up_after
+        const uint8_t *row_before, *row_after
+        const uint32_t *down_before, *up_after
         Form form
         int both_kinds
         int64_t limit
@@ -99,10 +97,8 @@ cdef class Transform:
     cdef Task task
     cdef const uint8_t[:, ::1] marked
     cdef const uint8_t[::1] table
-    cdef const uint8_t[::1] row_before
-    cdef const uint8_t[::1] row_after
-    cdef const uint32_t[::1] down_before
-    cdef const uint32_t[::1] up_after
+    cdef const uint8_t[::1] row_before, row_after
+    cdef const uint32_t[::1] down_before, up_after
     cdef uint8_t[:, ::1] cells
     cdef float *metres
     cdef uint32_t *down

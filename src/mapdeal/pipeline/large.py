@@ -76,6 +76,18 @@ def bytes_in_memory(
     return _base(shape, image_max) + int(per_cell * shape[0] * shape[1])
 
 
+def bytes_of_slab(cells: int) -> int:
+    """Return about how many bytes of memory it takes to work on one slab, and on no other."""
+    demand = _DEMANDS[engine_name()]
+    return demand.base + demand.slab * cells
+
+
+def cells_of_slab(memory: int) -> int:
+    """Return of how many cells such a slab may be; less than 1 if the memory is for none."""
+    demand = _DEMANDS[engine_name()]
+    return (memory - demand.base) // demand.slab
+
+
 def _base(shape: tuple[int, int], image_max: int | None) -> int:
     """Return the bytes that are taken in either way."""
     base = _DEMANDS[engine_name()].base

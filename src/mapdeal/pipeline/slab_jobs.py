@@ -29,17 +29,13 @@ from mapdeal.pipeline.dispatch import dispatch
 from mapdeal.pipeline.figures import Extent, Figures, extent_of, field_figures, frame_figures
 from mapdeal.pipeline.files import FileOptions, outputs_of
 from mapdeal.pipeline.jobs import Job, Outcome, attempt
-from mapdeal.pipeline.large import too_large
+from mapdeal.pipeline.large import bytes_of_slab, cells_of_slab, too_large
 from mapdeal.pipeline.single import geometry_of_npy
 from mapdeal.pipeline.stage_list import Step
 from mapdeal.stages.esdf import Measuring
 
 _CELLS = 1 << 24
 """Of a job's slab: enough for all that comes with a job to be little beside it."""
-
-_BYTES_PER_CELL = 40
-_BASE = 60_000_000
-"""What a worker takes for each of them, and without any."""
 
 _MOST_ROWS = (1 << 16) - 1
 _DISTANCE = np.dtype(np.float32)
@@ -181,11 +177,10 @@ def _large(source: LargeSource | None, path: Path) -> LargeMap:
 def _slabs(whole: SlabJob, shape: tuple[int, int], memory: int | None) -> list[SlabJob]:
     """Return jobs for all rows of a map, none of which takes more memory than a worker has."""
     height, width = shape
-    cells = _CELLS if memory is None else min(_CELLS, (memory - _BASE) // _BYTES_PER_CELL)
+    cells = _CELLS if memory is None else min(_CELLS, cells_of_slab(memory))
     rows = min(cells // width, _MOST_ROWS)
     if rows < 1:
-        needed = _BASE + _BYTES_PER_CELL * width
-        raise too_large(whole.path, shape, needed, memory or 0)
+        raise too_large(whole.path, shape, bytes_of_slab(width), memory or 0)
     return [
         replace(whole, first=first, end=min(first + rows, height))
         for first in range(0, height, rows)
