@@ -50,11 +50,14 @@ class Written:
 @contextmanager
 def written(watch: Watch | None, passes: int) -> Iterator[Written]:
     """Watch the writing of layers that are gone through so many times."""
-    if watch is None:
-        yield Written(lambda _: None)
-        return
-    with watch(passes * _STEPS) as advance:
+    with (watch or nobody)(passes * _STEPS) as advance:
         yield Written(advance)
+
+
+@contextmanager
+def nobody(_: int) -> Iterator[Callable[[int], object]]:
+    """Give what tells nobody of the steps: a `Watch` where none was given."""
+    yield lambda _: None
 
 
 def passes_of(step: Step, suffix: str) -> int:

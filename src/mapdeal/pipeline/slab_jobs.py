@@ -7,8 +7,7 @@ slab, which its worker writes into their place in the output.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -30,6 +29,7 @@ from mapdeal.pipeline.figures import Extent, Figures, extent_of, field_figures, 
 from mapdeal.pipeline.files import FileOptions, outputs_of
 from mapdeal.pipeline.jobs import Job, Outcome, attempt
 from mapdeal.pipeline.large import bytes_of_slab, cells_of_slab, too_large
+from mapdeal.pipeline.progress import nobody
 from mapdeal.pipeline.single import geometry_of_npy
 from mapdeal.pipeline.stage_list import Step
 from mapdeal.stages.esdf import Measuring
@@ -158,7 +158,7 @@ def esdf_by_workers(
 
         outputs = [output, output.with_suffix(".yaml")]
         with (
-            (options.watch or _nobody)(2 * len(jobs)) as tell,
+            (options.watch or nobody)(2 * len(jobs)) as tell,
             outputs_of(outputs, files, options) as transaction,
         ):
             transaction.fill_in_place(output, fill)
@@ -202,8 +202,3 @@ def _done(
 
     dispatch(len(jobs), jobs.__getitem__, partial(attempt, run_one), workers, done)
     return [results[index] for index in range(len(jobs))]
-
-
-@contextmanager
-def _nobody(_: int) -> Iterator[Callable[[int], object]]:
-    yield lambda _: None
