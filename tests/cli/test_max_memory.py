@@ -14,9 +14,9 @@ from mapdeal.cli.options import size_of
 from mapdeal.errors import ParameterError
 from mapdeal.kernels.engine import engine_name
 from mapdeal.pipeline import large
-from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import RunOptions, run_map
+from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.single import apply_to_file
 from mapdeal.pipeline.stage_list import step
 
@@ -209,8 +209,8 @@ def test_progress_of_a_stage_ends_with_its_end(
 ):
     monkeypatch.setattr(large, "_READ", 50.0)
     watch = Watched()
-    options = FileOptions(
-        threads=2, image=tmp_path / "out.png", max_memory=size_of(LITTLE, ""), watch=watch
+    options = Settings(
+        threads=2, image=tmp_path / "out.png", max_memory=size_of(LITTLE, ""), progress=watch
     )  # fmt: skip
     one = step(stage, parameters if stage == "esdf" else {})
     apply_to_file(building, tmp_path / f"out{ending}", one, options)

@@ -22,7 +22,7 @@ from mapdeal.grid.coordinates import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import Overlay
 from mapdeal.pipeline.edit import Editable, edit_file
-from mapdeal.pipeline.files import FileOptions
+from mapdeal.pipeline.settings import Settings
 
 
 class OverlayName(StrEnum):
@@ -249,7 +249,7 @@ def _gathered(file: Path | None, own: list[Shape]) -> list[Shape]:
 def _draw(
     source: Path,
     output: Path,
-    files: FileOptions,
+    files: Settings,
     drawing: _Drawing,
     start: Callable[[Editable], Editable],
     file: Path | None,

@@ -16,8 +16,8 @@ from mapdeal.checks.lint import lint_file
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.errors import ParameterError, one_line
-from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.repair import repair_file
+from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -66,7 +66,7 @@ def lint(
     """
     opt.start(quiet=quiet, verbose=verbose)
     if fix or output is not None:
-        _fix(sources, output, FileOptions(max_cells=max_cells, force=force), wanted=fix)
+        _fix(sources, output, Settings(max_cells=max_cells, force=force), wanted=fix)
         return
     found = {path: lint_file(path, max_cells=max_cells) for path in sources}
     findings = [finding for path in sources for finding in found[path]]
@@ -88,7 +88,7 @@ def lint(
 
 
 def _fix(
-    sources: list[Path], output: Path | None, options: FileOptions, *, wanted: bool
+    sources: list[Path], output: Path | None, options: Settings, *, wanted: bool
 ) -> None:  # fmt: skip
     if not wanted or output is None:
         missing, given = ("--fix", "-o") if not wanted else ("-o OUT", "--fix")

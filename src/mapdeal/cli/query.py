@@ -15,8 +15,8 @@ from mapdeal.errors import FindingError, ParameterError
 from mapdeal.formats.points import PointLines, read_points
 from mapdeal.formats.source import chunks_of
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.query import answers_of, field_to_ask
+from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.esdf import esdf as esdf_stage
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
@@ -75,7 +75,7 @@ def query(
     parameters = opt.given(
         unknown=unknown, convention=convention, lethal_threshold=lethal_threshold
     )
-    field = field_to_ask(source, FileOptions(dialect.value, max_cells), parameters)
+    field = field_to_ask(source, Settings(dialect.value, max_cells), parameters)
     count = outside = bad = 0
     with use_threads(threads):
         for some in _asked(asked, points):

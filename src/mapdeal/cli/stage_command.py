@@ -9,7 +9,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.pipeline.figures import Figures, summary_of
-from mapdeal.pipeline.files import FileOptions
+from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.single import apply_to_file
 from mapdeal.pipeline.stage_list import step
 
@@ -21,10 +21,12 @@ def file_options(
     threads: int | None,
     image: Path | None,
     max_memory: str | None = None,
-) -> FileOptions:
+) -> Settings:
     """Return the shared options as the pipeline takes them."""
     limit = None if max_memory is None else opt.size_of(max_memory, "--max-memory")
-    return FileOptions(dialect.value, max_cells, force, threads, image, limit, terminal.slabs_done)
+    return Settings(
+        dialect.value, max_cells, force, threads, limit, image, progress=terminal.slabs_done
+    )
 
 
 def run_stage(
@@ -32,7 +34,7 @@ def run_stage(
     source: Path,
     output: Path,
     parameters: dict[str, object],
-    options: FileOptions,
+    options: Settings,
     *,
     encoding: Encoding = "occupancy",
     mask: Path | None = None,

@@ -16,13 +16,14 @@ from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pipeline.figures import Figures, figures_of
-from mapdeal.pipeline.files import FileOptions, add_picture, outputs_of, read_input
+from mapdeal.pipeline.files import add_picture, outputs_of, read_input
+from mapdeal.pipeline.settings import Settings
 
 
 def pack_file(
     path: Path,
     output: Path,
-    options: FileOptions,
+    options: Settings,
     *,
     lethal_threshold: int | None = None,
 ) -> Figures:
@@ -54,7 +55,7 @@ def pack_file(
     return figures_of(bits)
 
 
-def unpack_file(path: Path, output: Path, options: FileOptions) -> Figures:
+def unpack_file(path: Path, output: Path, options: Settings) -> Figures:
     """Write a bit map as a map; return its figures."""
     outputs = output_paths(output)
     bits, metadata, files = read_bit_map_pair(path, max_cells=options.max_cells)

@@ -19,7 +19,8 @@ from mapdeal.grid.coordinates import Point
 from mapdeal.mapping.beams import BeamLimits, Scans
 from mapdeal.mapping.build import BuiltMap, Extent, MapBuilder, Method, frame_of, reach_behind
 from mapdeal.pipeline.figures import Figures, figures_of
-from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of
+from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
+from mapdeal.pipeline.settings import Settings
 
 Advance = Callable[[int], object]
 
@@ -67,7 +68,7 @@ def build_file(
     source: ScanSource,
     output: Path,
     settings: BuildSettings,
-    options: FileOptions,
+    options: Settings,
     *,
     layers: Path | None = None,
     advance: Advance = lambda _: None,
@@ -82,7 +83,7 @@ def build_file(
         Where the map goes: ``.yaml``, ``.pgm``, ``.png`` or ``.npz``.
     settings : BuildSettings
         How it is made.
-    options : FileOptions
+    options : Settings
         How files are written.
     layers : Path, optional
         An ``.npz`` for the map with its evidence.

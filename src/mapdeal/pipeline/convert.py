@@ -16,7 +16,8 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.pipeline.figures import Figures, figures_of
-from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of, read_input
+from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
+from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.esdf import field_view
 
 Scale = Literal["occupancy", "costmap2d", "amcl"]
@@ -25,7 +26,7 @@ Scale = Literal["occupancy", "costmap2d", "amcl"]
 def convert_file(
     path: Path,
     output: Path,
-    options: FileOptions,
+    options: Settings,
     *,
     encoding: Scale | None = None,
     mode: Mode | None = None,
@@ -37,7 +38,7 @@ def convert_file(
     ----------
     path, output : Path
         The files.
-    options : FileOptions
+    options : Settings
         How they are read and written.
     encoding : {'occupancy', 'costmap2d', 'amcl'}, optional
         The scale to convert values to. If none is given, an npz keeps the scale of its source,

@@ -11,7 +11,8 @@ from mapdeal.errors import one_line
 from mapdeal.formats.maps import Source, as_occupancy
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.files import FileOptions, errors_named, outputs_of, read_input
+from mapdeal.pipeline.files import errors_named, outputs_of, read_input
+from mapdeal.pipeline.settings import Settings
 from mapdeal.render.difference import difference_image
 
 _METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
@@ -47,7 +48,7 @@ class DiffReport:
 
 
 def diff_files(
-    first: Path, second: Path, options: FileOptions, *, tolerance: float = 0.0
+    first: Path, second: Path, options: Settings, *, tolerance: float = 0.0
 ) -> DiffReport:
     """Return what differs between the maps in two files; draw it if a picture is asked for.
 
@@ -55,7 +56,7 @@ def diff_files(
     ----------
     first, second : Path
         The maps; of fields and costs the map that ROS would have.
-    options : FileOptions
+    options : Settings
         How they are read.
     tolerance : float
         As of `compare`.

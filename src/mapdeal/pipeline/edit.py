@@ -11,7 +11,8 @@ from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.figures import Figures, figures_of
-from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of, read_input
+from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
+from mapdeal.pipeline.settings import Settings
 
 Editable = OccupancyGrid | Costmap
 
@@ -19,7 +20,7 @@ Editable = OccupancyGrid | Costmap
 def edit_file(
     path: Path,
     output: Path,
-    options: FileOptions,
+    options: Settings,
     change: Callable[[Editable], Editable],
     *,
     what: str,
@@ -34,7 +35,7 @@ def edit_file(
     ----------
     path, output : Path
         The files.
-    options : FileOptions
+    options : Settings
         How they are read and written.
     change : callable
         Takes the grid and returns a new one of its kind.
@@ -56,7 +57,7 @@ def edit_file(
 def change_file(
     path: Path,
     output: Path,
-    options: FileOptions,
+    options: Settings,
     change: Callable[[Grid], Grid],
     *,
     what: str,

@@ -5,53 +5,20 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 from mapdeal.errors import MapdealError, MapdealWarning, ParameterError, one_line
-from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import Source, read_source
 from mapdeal.formats.npz import AnyGrid, Grid
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.potential import PotentialField
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.products import write_picture
-from mapdeal.pipeline.progress import Watch
+from mapdeal.pipeline.settings import Settings
 from mapdeal.render.overlay import Overlay
 
 
-@dataclass(frozen=True)
-class FileOptions:
-    """How a command reads its input and writes its outputs.
-
-    Parameters
-    ----------
-    dialect : {'nav2', 'humble', 'ros1'}
-        Whose reading of the image to follow.
-    max_cells : int, optional
-        Cells up to which the input is read.
-    force : bool
-        Whether outputs that exist are replaced.
-    threads : int, optional
-        Threads to compute and write with; all processors if not given.
-    image : Path, optional
-        Where a picture of the result goes.
-    max_memory : int, optional
-        Bytes of memory that may be taken; half of what is free if not given.
-    watch : callable, optional
-        Told how far the writing is of a grid that is too large for memory.
-    """
-
-    dialect: Dialect = "nav2"
-    max_cells: int | None = None
-    force: bool = False
-    threads: int | None = None
-    image: Path | None = None
-    max_memory: int | None = None
-    watch: Watch | None = None
-
-
-def read_input(path: Path, options: FileOptions) -> Source:
+def read_input(path: Path, options: Settings) -> Source:
     """Return the grid in a file, read as the options say."""
     with use_threads(options.threads):
         return read_source(path, dialect=options.dialect, max_cells=options.max_cells)
@@ -59,7 +26,7 @@ def read_input(path: Path, options: FileOptions) -> Source:
 
 @contextmanager
 def outputs_of(
-    outputs: Sequence[Path], inputs: Sequence[Path], options: FileOptions
+    outputs: Sequence[Path], inputs: Sequence[Path], options: Settings
 ) -> Iterator[Transaction]:
     """Have `outputs` and the picture written together, or not at all."""
     image = options.image
@@ -77,7 +44,7 @@ def outputs_of(
 
 def add_picture(
     transaction: Transaction,
-    options: FileOptions,
+    options: Settings,
     grid: AnyGrid,
     title: str,
     overlay: Overlay | None = None,

@@ -13,7 +13,8 @@ from mapdeal.formats.source import exists, holds
 from mapdeal.formats.transaction import Transaction, remove_if_unchanged
 from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.products import paths_of, write_products
-from mapdeal.pipeline.progress import Watch, passes_of, written
+from mapdeal.pipeline.progress import passes_of, written
+from mapdeal.pipeline.settings import ProgressCallback
 from mapdeal.pipeline.stage_list import Step
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
@@ -108,7 +109,7 @@ class OutputFolder:
         files: Iterable[Path],
         force: bool,
         overlay: Overlay | None = None,
-        watch: Watch | None = None,
+        watch: ProgressCallback | None = None,
     ) -> dict[str, Figures]:
         """Write all files, together, the manifest last; return the figures of each step.
 

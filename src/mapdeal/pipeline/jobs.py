@@ -20,9 +20,9 @@ from mapdeal.formats.map_listing import ListedMap
 from mapdeal.formats.source import ignores_case
 from mapdeal.kernels.threads import available_threads
 from mapdeal.pipeline.large import memory_budget
-from mapdeal.pipeline.progress import Watch
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import RunOptions, RunReport, run_map
+from mapdeal.pipeline.settings import ProgressCallback
 
 SUMMARY = "summary.json"
 
@@ -112,7 +112,7 @@ class MapRun:
         threads = self.threads or max(1, available_threads() // jobs)
         return replace(self, threads=threads, max_memory=memory_budget(self.max_memory, jobs))
 
-    def __call__(self, job: Job, watch: Watch | None = None) -> RunReport:
+    def __call__(self, job: Job, watch: ProgressCallback | None = None) -> RunReport:
         """Run the map of a job into its folder; `watch` is told how far a giant map is."""
         return run_map(
             job.path,

@@ -18,7 +18,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.rows import MadeRows, Room
 from mapdeal.kernels.threads import thread_count, use_threads
-from mapdeal.pipeline.files import FileOptions
+from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.stage_list import Step
 
 _PER_PIXEL = 10
@@ -100,7 +100,7 @@ def _base(shape: tuple[int, int], image_max: int | None) -> int:
 
 @contextmanager
 def opened_source(
-    path: Path, steps: Sequence[Step], options: FileOptions, *, image_max: int | None
+    path: Path, steps: Sequence[Step], options: Settings, *, image_max: int | None
 ) -> Iterator[Source | LargeSource]:
     """Give a map to which stages are to be applied: in memory, or by slabs if that is too small.
 
@@ -110,7 +110,7 @@ def opened_source(
         The map.
     steps : sequence of Step
         The stages.
-    options : FileOptions
+    options : Settings
         How it is read, and how much memory may be taken.
     image_max : int, optional
         Longest side of the pictures that will be drawn, 0 for a pixel per cell; None for none.

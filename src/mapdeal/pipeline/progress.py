@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from threading import Lock
 
 from mapdeal.formats.npz import AnyGrid
 from mapdeal.grid.large import LargeCosts, LargeField, LargeMap, told_of_rows
+from mapdeal.pipeline.settings import ProgressCallback
 from mapdeal.pipeline.stage_list import Step
-
-Watch = Callable[[int], AbstractContextManager[Callable[[int], object]]]
-"""Given a number of steps, gives within a ``with`` block what is told of steps that are taken."""
 
 _STEPS = 1000  # of one pass through a layer
 
@@ -48,15 +46,15 @@ class Written:
 
 
 @contextmanager
-def written(watch: Watch | None, passes: int) -> Iterator[Written]:
-    """Watch the writing of layers that are gone through so many times."""
+def written(watch: ProgressCallback | None, passes: int) -> Iterator[Written]:
+    """ProgressCallback the writing of layers that are gone through so many times."""
     with (watch or nobody)(passes * _STEPS) as advance:
         yield Written(advance)
 
 
 @contextmanager
 def nobody(_: int) -> Iterator[Callable[[int], object]]:
-    """Give what tells nobody of the steps: a `Watch` where none was given."""
+    """Give what tells nobody of the steps: a `ProgressCallback` where none was given."""
     yield lambda _: None
 
 

@@ -17,7 +17,8 @@ from mapdeal.formats.points import PointLines
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.files import FileOptions, errors_named, read_input, warn_of_potential
+from mapdeal.pipeline.files import errors_named, read_input, warn_of_potential
+from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.esdf import esdf
 
 _NULL = "null"
@@ -41,9 +42,7 @@ class Answers:
     outside: int
 
 
-def field_to_ask(
-    path: Path, options: FileOptions, parameters: Mapping[str, object]
-) -> DistanceField:
+def field_to_ask(path: Path, options: Settings, parameters: Mapping[str, object]) -> DistanceField:
     """Return the field in a file, or the one that `parameters` of `esdf` make of its map."""
     source = read_input(path, options)
     if isinstance(source.grid, DistanceField):

@@ -9,17 +9,18 @@ from mapdeal.checks.finding import Finding
 from mapdeal.checks.repair import repaired
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.maps import output_paths, write_grid
-from mapdeal.pipeline.files import FileOptions, errors_named, outputs_of
+from mapdeal.pipeline.files import errors_named, outputs_of
+from mapdeal.pipeline.settings import Settings
 
 
-def repair_file(path: Path, output: Path, options: FileOptions) -> list[str]:
+def repair_file(path: Path, output: Path, options: Settings) -> list[str]:
     """Write a map without the traps that can be taken out of it; return what was changed.
 
     Parameters
     ----------
     path, output : Path
         The files.
-    options : FileOptions
+    options : Settings
         How they are read and written.
 
     Raises

@@ -19,7 +19,6 @@ from mapdeal.grid.route import Method, Route
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pipeline.files import (
-    FileOptions,
     add_picture,
     errors_named,
     outputs_of,
@@ -27,6 +26,7 @@ from mapdeal.pipeline.files import (
     warn_of_potential,
 )
 from mapdeal.pipeline.recipe import Recipe, load_recipe
+from mapdeal.pipeline.settings import Settings
 from mapdeal.planning.astar import shortest_route
 from mapdeal.planning.descent import descend
 from mapdeal.render.route import RouteOverlay
@@ -46,7 +46,7 @@ class RouteReport:
 def route_file(
     path: Path,
     output: Path | None,
-    options: FileOptions,
+    options: Settings,
     *,
     start: tuple[float, float],
     goal: tuple[float, float],
@@ -63,7 +63,7 @@ def route_file(
         A costmap, or a map or field, which gets the costs of the recipe ``nav2``.
     output : Path, optional
         Where the JSON goes.
-    options : FileOptions
+    options : Settings
         How files are read and written.
     start, goal : tuple of float
         Points in the map frame, metres.

@@ -14,11 +14,10 @@ from mapdeal.formats.npz import AnyGrid
 from mapdeal.formats.source import sha256_of
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.figures import Figures
-from mapdeal.pipeline.files import FileOptions
 from mapdeal.pipeline.folder import OutputFolder, Pictures, Product
 from mapdeal.pipeline.large import opened_source
-from mapdeal.pipeline.progress import Watch
 from mapdeal.pipeline.recipe import Recipe
+from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
 
@@ -75,7 +74,7 @@ def run_map(
     threads: int | None = None,
     max_cells: int | None = None,
     max_memory: int | None = None,
-    watch: Watch | None = None,
+    watch: ProgressCallback | None = None,
 ) -> RunReport:
     """Read a map, apply a recipe and write everything into a folder.
 
@@ -107,7 +106,7 @@ def run_map(
         If the map cannot be read or processed, or outputs exist that the manifest does not
         show to be these; nothing is changed then.
     """
-    reading = FileOptions(options.dialect, max_cells, max_memory=max_memory)
+    reading = Settings(options.dialect, max_cells, max_memory=max_memory)
     with (
         use_threads(threads),
         opened_source(path, recipe.steps, reading, image_max=options.picture_size) as source,
@@ -117,7 +116,7 @@ def run_map(
 
 def _run(
     source: Source | LargeSource, folder: Path, recipe: Recipe, options: RunOptions, force: bool,
-    watch: Watch | None,
+    watch: ProgressCallback | None,
 ) -> RunReport:  # fmt: skip
     target = output_folder(folder, source.files, recipe, options)
     figures = None if force else target.unchanged_figures()

@@ -19,10 +19,11 @@ from mapdeal.grid.large import LargeCosts, LargeField, LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.figures import Figures, figures_of
-from mapdeal.pipeline.files import FileOptions, add_picture, errors_named, outputs_of, read_input
+from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
 from mapdeal.pipeline.large import opened_source
 from mapdeal.pipeline.products import title_of, view_of
-from mapdeal.pipeline.progress import Watch, passes_of, written
+from mapdeal.pipeline.progress import passes_of, written
+from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.pipeline.stage_list import Step
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.stages.esdf import Measuring
@@ -33,7 +34,7 @@ def apply_to_file(
     path: Path,
     output: Path,
     step: Step,
-    options: FileOptions,
+    options: Settings,
     *,
     encoding: Encoding = "occupancy",
     mask: Path | None = None,
@@ -74,11 +75,11 @@ def apply_to_file(
             return figures_of(grid)
 
 
-def _watch_of(source: Source | LargeSource, options: FileOptions) -> Watch | None:
-    return options.watch if isinstance(source, LargeSource) else None
+def _watch_of(source: Source | LargeSource, options: Settings) -> ProgressCallback | None:
+    return options.progress if isinstance(source, LargeSource) else None
 
 
-def _passes(output: Path, step: Step, options: FileOptions) -> int:
+def _passes(output: Path, step: Step, options: Settings) -> int:
     suffixes = [output.suffix, *([".png"] if options.image is not None else [])]
     return sum(passes_of(step, suffix) for suffix in suffixes)
 

@@ -26,10 +26,11 @@ from mapdeal.kernels.column_runs import Beside, SlabRuns, joined, runs_of
 from mapdeal.pipeline.cluster import ClusterWorkers, connected, shared_folders
 from mapdeal.pipeline.dispatch import dispatch
 from mapdeal.pipeline.figures import Extent, Figures, extent_of, field_figures, frame_figures
-from mapdeal.pipeline.files import FileOptions, outputs_of
+from mapdeal.pipeline.files import outputs_of
 from mapdeal.pipeline.jobs import Job, Outcome, attempt
 from mapdeal.pipeline.large import bytes_of_slab, cells_of_slab, too_large
 from mapdeal.pipeline.progress import nobody
+from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.single import geometry_of_npy
 from mapdeal.pipeline.stage_list import Step
 from mapdeal.stages.esdf import Measuring
@@ -105,7 +106,7 @@ class SlabWork:
 
 
 def esdf_by_workers(
-    path: Path, output: Path, step: Step, options: FileOptions, scheduler: str
+    path: Path, output: Path, step: Step, options: Settings, scheduler: str
 ) -> Figures:
     """Have workers compute the distance field of a map into an ``.npy``; return its figures.
 
@@ -115,7 +116,7 @@ def esdf_by_workers(
         The map, a pair with a P5 image, and the field, both absolute: workers open them, too.
     step : Step
         The stage ``esdf``.
-    options : FileOptions
+    options : Settings
         How the map is read and the output written.
     scheduler : str
         The address of the workers' scheduler.
@@ -158,7 +159,7 @@ def esdf_by_workers(
 
         outputs = [output, output.with_suffix(".yaml")]
         with (
-            (options.watch or nobody)(2 * len(jobs)) as tell,
+            (options.progress or nobody)(2 * len(jobs)) as tell,
             outputs_of(outputs, files, options) as transaction,
         ):
             transaction.fill_in_place(output, fill)

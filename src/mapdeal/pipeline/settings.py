@@ -1,0 +1,55 @@
+"""What a command was asked for beside the parameters of its stages: one type, all the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+from mapdeal.formats.map_yaml import Dialect
+from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+
+Advance = Callable[[int], object]
+"""Called with the number of steps that have just been taken."""
+
+ProgressCallback = Callable[[int], AbstractContextManager[Advance]]
+"""Called with the number of all steps; gives, within a ``with`` block, what to call."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a command reads its inputs, computes, draws and writes its outputs.
+
+    Parameters
+    ----------
+    dialect : {'nav2', 'humble', 'ros1'}
+        Whose reading of the image to follow.
+    max_cells : int, optional
+        Cells up to which an input is read.
+    force : bool
+        Whether outputs that exist are replaced.
+    threads : int, optional
+        Threads to compute and write with; all processors if not given.
+    max_memory : int, optional
+        Bytes of memory that may be taken; half of what is free if not given. A map that needs
+        more is processed block by block, with the same result.
+    image : Path, optional
+        Where a command that writes one result puts its picture.
+    images : bool
+        Whether a folder of outputs gets pictures.
+    image_max : int
+        Longest side of a picture in pixels; 0 for one pixel per cell.
+    progress : callable, optional
+        Progress of a map that is processed block by block.
+    """
+
+    dialect: Dialect = "nav2"
+    max_cells: int | None = None
+    force: bool = False
+    threads: int | None = None
+    max_memory: int | None = None
+    image: Path | None = None
+    images: bool = True
+    image_max: int = DEFAULT_IMAGE_MAX
+    progress: ProgressCallback | None = None
