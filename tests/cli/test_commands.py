@@ -257,12 +257,10 @@ def test_a_reader_that_goes_away_is_no_error(room):
 def test_an_error_of_the_program_is_told_from_one_of_the_input(
     command, room, tmp_path, monkeypatch
 ):
-    import mapdeal.pipeline.inspect
-
     def broken(*_args, **_options):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(mapdeal.pipeline.inspect, "figures_of", broken)
+    monkeypatch.setattr(OccupancyGrid, "figures", broken)
     code, _, err = command("info", room)
     assert code == 70
     assert "internal error" in err

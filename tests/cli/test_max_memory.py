@@ -9,16 +9,17 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from mapdeal import OccupancyGrid, write_map
+from mapdeal import OccupancyGrid, read_map, write_map
 from mapdeal.cli.options import size_of
 from mapdeal.errors import ParameterError
+from mapdeal.formats.maps import MapFile
 from mapdeal.kernels.engine import engine_name
-from mapdeal.pipeline import large
+from mapdeal.pipeline import memory
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.pipeline.run import RunOptions, run_map
+from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.single import apply_to_file
-from mapdeal.pipeline.stage_list import step
+from mapdeal.pipeline.step import make_step
 
 IS_COMPILED = engine_name() == "compiled"
 BASE = 50 if IS_COMPILED else 100  # MB that are taken anyhow
@@ -42,16 +43,16 @@ def building(tmp_path_factory):
 
 
 @pytest.fixture
-def slabs_used(monkeypatch):
+def blocks_used(monkeypatch):
     """The heights of slabs of all maps that are opened to be worked on by slabs."""
     used = []
-    real = large.open_pair
+    real = MapFile.by_rows
 
-    def watched(path, *, together, **options):
-        used.append(together)
-        return real(path, together=together, **options)
+    def watched(file, *, block_height, **options):
+        used.append(block_height)
+        return real(file, block_height=block_height, **options)
 
-    monkeypatch.setattr(large, "open_pair", watched)
+    monkeypatch.setattr(MapFile, "by_rows", watched)
     return used
 
 
@@ -61,7 +62,7 @@ def contents(folder):
 
 @pytest.mark.parametrize("memory", [LITTLE, LESS])
 @pytest.mark.parametrize("recipe", ["default", "nav2", "seed-real", "seed-sim"])
-def test_run(command, building, tmp_path, slabs_used, recipe, memory):
+def test_run(command, building, tmp_path, blocks_used, recipe, memory):
     for name, size in (("whole", PLENTY), ("slabs", memory)):
         code, out, err = command(
             "run", building, "-o", tmp_path / name, "--recipe", recipe, "--threads", 2,
@@ -69,8 +70,8 @@ def test_run(command, building, tmp_path, slabs_used, recipe, memory):
         )  # fmt: skip
         assert (code, err) == (0, "")
         assert out.replace(str(tmp_path / name), "") != out
-        assert bool(slabs_used) == (name == "slabs")
-    assert slabs_used[0] < 100
+        assert bool(blocks_used) == (name == "slabs")
+    assert blocks_used[0] < 100
     whole, slabs = contents(tmp_path / "whole"), contents(tmp_path / "slabs")
     assert whole.keys() == slabs.keys()
     assert [name for name in whole if whole[name] != slabs[name]] == []
@@ -91,8 +92,8 @@ STAGES = [
 
 
 @pytest.mark.parametrize(("stage", "ending", "options"), STAGES)
-def test_stages(command, building, tmp_path, slabs_used, monkeypatch, stage, ending, options):
-    monkeypatch.setattr(large, "_READ", 50.0)  # so that every stage takes more than there is
+def test_stages(command, building, tmp_path, blocks_used, monkeypatch, stage, ending, options):
+    monkeypatch.setattr(memory, "_READ", 50.0)  # so that every stage takes more than there is
     for name, size in (("whole", PLENTY), ("slabs", LITTLE)):
         (tmp_path / name).mkdir()
         code, _, err = command(
@@ -100,21 +101,21 @@ def test_stages(command, building, tmp_path, slabs_used, monkeypatch, stage, end
             "--image", tmp_path / name / "out.png", "--max-memory", size,
         )  # fmt: skip
         assert code == 0, err
-        assert bool(slabs_used) == (name == "slabs")
+        assert bool(blocks_used) == (name == "slabs")
     assert contents(tmp_path / "whole") == contents(tmp_path / "slabs")
 
 
-def test_maps_that_are_no_p5_are_read_whole_and_worked_on_by_slabs(
+def test_maps_that_are_no_p5_are_read_whole_and_processed_block_by_block(
     command, building, tmp_path, monkeypatch
 ):
     made = []
-    real = large.MadeRows
+    real = memory.lazy_layer
 
     def watched(*arguments, **options):
         made.append(real(*arguments, **options))
         return made[-1]
 
-    monkeypatch.setattr(large, "MadeRows", watched)
+    monkeypatch.setattr(memory, "lazy_layer", watched)
     code, _, _ = command("inflate", building, "-o", tmp_path / "in.npz", "--radius", 0)
     assert (code, made) == (0, [])
     outputs = []
@@ -189,13 +190,13 @@ class Watched:
 @pytest.mark.parametrize("images", [True, False])
 @pytest.mark.parametrize("recipe", ["default", "seed-real", "seed-sim"])
 def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, images):
-    for memory in (10**12, size_of(LITTLE, "") if images else size_of(LITTLE, "") - 4 * 10**6):
+    for size in (10**12, size_of(LITTLE, "") if images else size_of(LITTLE, "") - 4 * 10**6):
         watch = Watched()
         run_map(
-            building, tmp_path, load_recipe(recipe), options=RunOptions(images=images),
-            force=True, threads=2, max_memory=memory, watch=watch,
+            building, tmp_path, load_recipe(recipe),
+            Settings(force=True, threads=2, max_memory=size, images=images, progress=watch),
         )  # fmt: skip
-        if memory == 10**12:
+        if size == 10**12:
             assert watch.total is None
         else:
             assert len(watch.steps) > 20
@@ -207,12 +208,12 @@ def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, images)
 def test_progress_of_a_stage_ends_with_its_end(
     building, tmp_path, monkeypatch, stage, ending, parameters
 ):
-    monkeypatch.setattr(large, "_READ", 50.0)
+    monkeypatch.setattr(memory, "_READ", 50.0)
     watch = Watched()
     options = Settings(
         threads=2, image=tmp_path / "out.png", max_memory=size_of(LITTLE, ""), progress=watch
     )  # fmt: skip
-    one = step(stage, parameters if stage == "esdf" else {})
+    one = make_step(stage, parameters if stage == "esdf" else {})
     apply_to_file(building, tmp_path / f"out{ending}", one, options)
     assert sum(watch.steps) == watch.total > 0
 
@@ -266,15 +267,23 @@ def test_memory_stays_within_the_budget_i14(tmp_path, words, most):
     assert int(measured.stdout) * 1024 < most * 1_000_000  # in memory: 170 and 440 MB
 
 
-def test_a_mask_needs_the_whole_map(command, building, tmp_path, monkeypatch):
-    monkeypatch.setattr(large, "_READ", 50.0)
-    code, _, err = command(
-        "cost", building, "-o", tmp_path / "out.yaml", "--mask", building, "--threads", 2,
-        "--max-memory", LITTLE,
+def test_a_mask(command, building, tmp_path, monkeypatch, blocks_used):
+    monkeypatch.setattr(memory, "_READ", 50.0)
+    command(
+        "edit", "circle", building, "--blank", "--background", "-1", "--point", "12,9",
+        "--radius", "5", "--value", "60", "-o", tmp_path / "mask.yaml",
     )  # fmt: skip
-    assert code == 2
-    assert "mask: is for maps that fit into memory" in err
-    assert list(tmp_path.iterdir()) == []
+    for name, size in (("whole", PLENTY), ("blocks", LITTLE)):
+        code, _, err = command(
+            "cost", building, "-o", tmp_path / name / "out.npz", "--mask", tmp_path / "mask.yaml",
+            "--threads", 2, "--max-memory", size,
+        )  # fmt: skip
+        assert (code, err) == (0, "")
+        assert bool(blocks_used) == (name == "blocks")
+    assert contents(tmp_path / "whole") == contents(tmp_path / "blocks")
+    cost = read_map(tmp_path / "whole" / "out.npz")
+    row, col = cost.frame.bounded_rowcol_from_xy([(12.0, 9.0)])[0][0]
+    assert cost.cost[row, col] >= 152
 
 
 @pytest.mark.parametrize(
@@ -285,14 +294,14 @@ def test_a_mask_needs_the_whole_map(command, building, tmp_path, monkeypatch):
     ],
 )  # fmt: skip
 def test_the_default_is_half_of_what_is_free_or_all_of_little(monkeypatch, free, jobs, budget):
-    monkeypatch.setattr(large, "free_memory", lambda: free * 1_000_000)
-    assert large.memory_budget(None, jobs) == budget * 1_000_000
-    assert large.memory_budget(123, jobs) == 123
+    monkeypatch.setattr(memory, "free_memory", lambda: free * 1_000_000)
+    assert memory.memory_budget(None, jobs) == budget * 1_000_000
+    assert memory.memory_budget(123, jobs) == 123
 
 
 def test_without_knowledge_of_free_memory_all_is_in_memory(monkeypatch):
-    monkeypatch.setattr(large, "free_memory", lambda: None)
-    assert large.memory_budget(None) > 10**15
+    monkeypatch.setattr(memory, "free_memory", lambda: None)
+    assert memory.memory_budget(None) > 10**15
 
 
 def test_the_manifest_does_not_tell_how_much_memory_there_was(command, building, tmp_path):

@@ -105,13 +105,13 @@ def test_ctrl_c_is_said_and_leaves_nothing(tmp_path):
 
 INTERRUPTED_RUN = """
 import sys
-import mapdeal.pipeline.folder as folder
+from mapdeal.grid.framed import Framed
 from mapdeal.cli.process import run_process
 
 def interrupted(*_):
     raise KeyboardInterrupt
 
-folder.figures_of = interrupted
+Framed.figures = interrupted
 sys.argv = ["mapdeal", "run", sys.argv[1], "-o", sys.argv[2]]
 run_process()
 """

@@ -24,7 +24,7 @@ from mapdeal import (
     read_map,
     write_map,
 )
-from mapdeal.formats.maps import read_header, read_source
+from mapdeal.formats.maps import open_map, read_source
 from strategies import occupancies
 
 IN_A_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -198,9 +198,9 @@ def test_the_size_of_a_map_is_told_from_its_header(tmp_path):
         ("a.yaml", ["a.yaml", "a.pgm"]), ("b.yaml", ["b.yaml", "b.png"]),
         ("c.npz", ["c.npz"]), ("d.npz", ["d.npz"]), ("e.npz", ["e.npz"]),
     ):  # fmt: skip
-        header = read_header(tmp_path / name)
-        assert (header.height, header.width) == (2, 4), name
-        assert [path.name for path in header.files] == files
+        with open_map(tmp_path / name) as file:
+            assert file.shape() == (2, 4), name
+            assert [path.name for path in file.files] == files
 
 
 def test_headers_of_real_maps_tell_the_size_that_is_read(real_maps, mapdeal_warnings):
@@ -210,8 +210,8 @@ def test_headers_of_real_maps_tell_the_size_that_is_read(real_maps, mapdeal_warn
             source = read_source(path)
         except mapdeal.MapdealError:
             continue
-        header = read_header(path)
-        assert (header.height, header.width) == source.grid.shape, path
-        assert header.files == source.files
+        with open_map(path) as file:
+            assert file.shape() == source.grid.shape, path
+            assert file.files == source.files
         told += 1
     assert told > 20

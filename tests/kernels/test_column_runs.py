@@ -1,4 +1,4 @@
-"""Distances by slabs of rows: exact across borders, whatever the slabs."""
+"""Distances by blocks of rows: exact across borders, whatever the blocks."""
 
 import itertools
 
@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from mapdeal.kernels.column_runs import joined, runs_of
+from mapdeal.kernels.column_runs import halos_of, runs_of
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.row_minima import row_minima
 from strategies import masks
@@ -25,22 +25,22 @@ def cut_masks(draw, longest=12):
     return marked, [slice(*pair) for pair in itertools.pairwise(cuts)]
 
 
-def by_slabs(marked, slabs, **measure):
-    beside = joined([runs_of(marked[slab]) for slab in slabs])
+def by_blocks(marked, blocks, **measure):
+    halo = halos_of([runs_of(marked[block]) for block in blocks])
     parts = [
-        signed_distance(marked[slab], **measure, beside=one)
-        for slab, one in zip(slabs, beside, strict=True)
+        signed_distance(marked[block], **measure, halo=one)
+        for block, one in zip(blocks, halo, strict=True)
     ]
     return np.vstack(parts)
 
 
 @pytest.mark.parametrize("convention", ["seed", "center", "border"])
 @given(cut=cut_masks())
-def test_slabs_of_any_height_equal_brute_force_over_the_whole(convention, cut):
-    marked, slabs = cut
+def test_blocks_of_any_height_equal_brute_force_over_the_whole(convention, cut):
+    marked, blocks = cut
     inside = {"seed": 0.3, "center": 0.0, "border": 0.15}[convention]
     outside = -0.15 if convention == "border" else 0.0
-    distance = by_slabs(marked, slabs, scale=0.3, inside_shift=inside, outside_shift=outside)
+    distance = by_blocks(marked, blocks, scale=0.3, inside_shift=inside, outside_shift=outside)
     expected = oracles.signed_distance(marked, 0.3, convention)
     finite = np.isfinite(expected)
     assert np.allclose(distance[finite], expected[finite], rtol=1e-6, atol=0)
@@ -49,20 +49,20 @@ def test_slabs_of_any_height_equal_brute_force_over_the_whole(convention, cut):
 
 
 @given(cut=cut_masks(longest=40), clip=st.sampled_from([np.inf, 0.7]))
-def test_slabs_equal_the_whole_bit_for_bit(cut, clip):
-    marked, slabs = cut
+def test_blocks_equal_the_whole_bit_for_bit(cut, clip):
+    marked, blocks = cut
     measure = {
         "scale": 0.05, "outside_shift": 0.0, "inside_shift": 0.05, "clip": clip, "gain": 1.5
     }  # fmt: skip
     whole = signed_distance(marked, **measure)
-    assert by_slabs(marked, slabs, **measure).tobytes() == whole.tobytes()
+    assert by_blocks(marked, blocks, **measure).tobytes() == whole.tobytes()
 
 
-def test_an_obstacle_is_seen_through_many_slabs_of_one_row():
+def test_an_obstacle_is_seen_through_many_blocks_of_one_row():
     marked = np.zeros((300, 7), dtype=bool)
     marked[2, 5] = True
-    slabs = [slice(row, row + 1) for row in range(300)]
-    distance = by_slabs(marked, slabs, scale=1.0, outside_shift=0.0, inside_shift=0.0)
+    blocks = [slice(row, row + 1) for row in range(300)]
+    distance = by_blocks(marked, blocks, scale=1.0, outside_shift=0.0, inside_shift=0.0)
     rows, cols = np.indices(marked.shape)
     expected = np.hypot(rows - 2, cols - 5)
     expected[2, 5] = -1
@@ -74,23 +74,23 @@ def test_squares_beyond_32_bits_are_exact(shape):
     marked = np.zeros(shape, dtype=bool)
     marked[0, 0] = True
     step = -(-shape[0] // 3)
-    slabs = [slice(first, min(first + step, shape[0])) for first in range(0, shape[0], step)]
+    blocks = [slice(first, min(first + step, shape[0])) for first in range(0, shape[0], step)]
     measure = {"scale": 1.0, "outside_shift": 0.0, "inside_shift": 0.0}
     rows, cols = np.indices(shape)
     expected = np.hypot(rows, cols)
     expected[0, 0] = -1
-    for distance in (by_slabs(marked, slabs, **measure), signed_distance(marked, **measure)):
+    for distance in (by_blocks(marked, blocks, **measure), signed_distance(marked, **measure)):
         assert np.array_equal(distance, expected.astype(np.float32))
 
 
 @given(cut=cut_masks())
 def test_runs_beside_are_those_of_the_columns(cut):
-    marked, slabs = cut
+    marked, blocks = cut
     height = len(marked)
-    for slab, beside in zip(slabs, joined([runs_of(marked[s]) for s in slabs]), strict=True):
-        assert beside.height == height
-        for side, rows in ((beside.before, marked[: slab.start][::-1]),
-                           (beside.after, marked[slab.stop :])):  # fmt: skip
+    for block, halo in zip(blocks, halos_of([runs_of(marked[s]) for s in blocks]), strict=True):
+        assert halo.height == height
+        for side, rows in ((halo.before, marked[: block.start][::-1]),
+                           (halo.after, marked[block.stop :])):  # fmt: skip
             assert (side is None) == (len(rows) == 0)
             if side is None:
                 continue
@@ -105,7 +105,7 @@ def test_runs_beside_are_those_of_the_columns(cut):
 
 
 @pytest.mark.parametrize("rows", [0, 1 << 16])
-def test_slabs_whose_runs_cannot_be_counted_are_refused(rows):
+def test_blocks_whose_runs_cannot_be_counted_are_refused(rows):
     with pytest.raises(ValueError, match="between 1 and 65535"):
         runs_of(np.zeros((rows, 1), dtype=bool))
 

@@ -16,7 +16,7 @@ from mapdeal.pipeline.batch import run_all, text_of
 from mapdeal.pipeline.jobs import Job, MapRun, jobs_of
 from mapdeal.pipeline.processes import ProcessWorkers
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.pipeline.run import RunOptions
+from mapdeal.pipeline.settings import Settings
 
 
 def jobs(names, output):
@@ -155,7 +155,7 @@ def test_errors_come_back_from_workers_as_they_were(error):
 
 @pytest.mark.parametrize("recipe", ["default", "nav2", "local", "seed-real", "seed-sim"])
 def test_runs_can_be_sent_to_workers(recipe):
-    run_one = MapRun(load_recipe(recipe), RunOptions(), threads=1)
+    run_one = MapRun(load_recipe(recipe), Settings(threads=1))
     copy = pickle.loads(pickle.dumps(run_one))  # noqa: S301 - our own
     assert copy == run_one
 

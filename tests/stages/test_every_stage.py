@@ -1,21 +1,19 @@
 """What holds for every stage."""
 
+import pickle
+
 import numpy as np
 import pytest
 
 import mapdeal
 from drawn import cells
 from mapdeal import MalformedInputError, OccupancyGrid, ParameterError
+from mapdeal.pipeline.products import files_of
+from mapdeal.pipeline.step import make_step
+from mapdeal.stages import catalogue
+from mapdeal.stages.definition import stages_among
 
-STAGES = {
-    "active": mapdeal.active_region,
-    "inflate": mapdeal.inflate,
-    "esdf": mapdeal.esdf,
-    "exponential": mapdeal.exponential_cost,
-    "threshold": mapdeal.threshold_cost,
-    "rings": mapdeal.ring_cost,
-    "potential": mapdeal.potential,
-}
+STAGES = {" ".join(filter(None, (one.name, one.model))): one.function for one in catalogue.STAGES}
 MAPS = {
     "one free cell": ".",
     "one occupied cell": "#",
@@ -31,8 +29,7 @@ pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
 
 def _layers(grid):
-    names = [n for n in ("occupancy", "distance", "cost", "repulsive") if hasattr(grid, n)]
-    return {name: getattr(grid, name) for name in names}
+    return {name: getattr(grid, name) for name in grid.layer_names}
 
 
 @pytest.mark.parametrize("stage", STAGES.values(), ids=STAGES)
@@ -73,3 +70,42 @@ def test_mirroring_the_map_mirrors_the_result(stage):
 def test_a_bare_array_is_refused_with_what_to_pass(stage):
     with pytest.raises(ParameterError, match="OccupancyGrid"):
         stage(np.zeros((2, 3), np.int8))
+
+
+@pytest.mark.parametrize("stage", catalogue.STAGES, ids=STAGES)
+def test_the_record_says_all_that_others_ask_for(stage):
+    assert stage.summary.endswith(".")
+    assert stage.memory > 0
+    assert isinstance(stage.makes, type)
+    assert files_of(stage.makes).in_folder
+    assert all(stage.meanings.get(name) for name in stage.parameters), "a parameter has no text"
+    step = make_step(stage.name, {"model": stage.model} if stage.model else {})
+    assert step.title
+    assert isinstance(step.is_whole, bool)
+    if stage.robot is not None:
+        shape = stage.robot.parameters(mapdeal.Footprint.circle(0.3))
+        assert tuple(shape) == stage.robot.sets
+        assert {stage.robot.replaces, *shape} <= set(stage.parameters)
+    if stage.in_simulation is not None:
+        assert set(stage.in_simulation.parameters) <= set(stage.parameters)
+
+
+@pytest.mark.parametrize("stage", catalogue.STAGES, ids=STAGES)
+def test_a_stage_can_be_sent_to_other_processes(stage):
+    assert pickle.loads(pickle.dumps(stage)) is stage  # noqa: S301 - our own
+
+
+def test_products_of_different_stages_have_different_names():
+    products = {stage.name: stage.product for stage in catalogue.STAGES}
+    assert len(set(products.values())) == len(products)
+
+
+def test_unknown_stages_and_types_fail_loudly():
+    with pytest.raises(KeyError):
+        catalogue.stage_named("flatten")
+    with pytest.raises(ParameterError, match="no such stage, got 'flatten'"):
+        make_step("flatten", {})
+    with pytest.raises(TypeError, match="int"):
+        files_of(int)
+    with pytest.raises(ValueError, match="one name"):
+        stages_among({"a": mapdeal.esdf, "b": mapdeal.esdf})

@@ -20,7 +20,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.formats.shapes import read_shapes
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
-from mapdeal.grid.values import Overlay
+from mapdeal.grid.values import OverlayType
 from mapdeal.pipeline.edit import Editable, edit_file
 from mapdeal.pipeline.settings import Settings
 
@@ -225,7 +225,7 @@ class _Drawing:
 
     shapes: list[Shape]
     value: int | None
-    overlay: Overlay
+    overlay: OverlayType
     strict: bool
 
 

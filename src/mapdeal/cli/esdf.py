@@ -9,7 +9,7 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli.stage_command import file_options, run_stage, say_written
-from mapdeal.pipeline.stage_list import step
+from mapdeal.pipeline.step import make_step
 from mapdeal.stages.esdf import esdf as esdf_stage
 from mapdeal.stages.esdf import field_view
 
@@ -85,9 +85,9 @@ def esdf(
     if scheduler is None:
         run_stage("esdf", source, output, parameters, files)
         return
-    from mapdeal.pipeline.slab_jobs import esdf_by_workers  # slow to import
+    from mapdeal.pipeline.block_jobs import apply_by_workers  # slow to import
 
-    figures = esdf_by_workers(
-        source.absolute(), output.absolute(), step("esdf", parameters), files, scheduler
+    figures = apply_by_workers(
+        source.absolute(), output.absolute(), make_step("esdf", parameters), files, scheduler
     )
     say_written(output, figures)

@@ -14,15 +14,15 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError, ParameterError
+from mapdeal.grid.framed import Figures
 from mapdeal.mapping.local_map import LocalOptions
 from mapdeal.mapping.poses import check_pose
 from mapdeal.pipeline.batch import run_all
-from mapdeal.pipeline.figures import Figures, summary_of
-from mapdeal.pipeline.folder import Pictures
+from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.jobs import SUMMARY, Job, Outcome
 from mapdeal.pipeline.local import (
     LOCAL_RECIPE,
-    LocalSettings,
+    LocalCommon,
     local_from_cloud,
     only_cloud,
     other_folders,
@@ -31,6 +31,7 @@ from mapdeal.pipeline.local import (
 )
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import RunReport
+from mapdeal.pipeline.settings import Settings
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
 _ALL_AROUND = 2 * math.pi - 0.1
@@ -124,7 +125,10 @@ def local(
     if pose is not None and poses is not None:
         raise ParameterError("cannot be given together with --poses", source="--pose")
     shape = opt.robot_shape(footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon)
-    common = LocalSettings(
+    settings_ = Settings(
+        dialect.value, max_cells, force, threads, images=not no_images, image_max=image_max
+    )
+    common = LocalCommon(
         LocalOptions(
             frame.value,
             opt.pair(offset, "--offset"),
@@ -136,13 +140,9 @@ def local(
             max_range,
         ),
         load_recipe(recipe, footprint=shape, settings=settings or []),
-        Pictures(not no_images, image_max),
-        None
-        if global_map is None
-        else read_global_map(global_map, dialect=dialect.value, max_cells=max_cells),
+        settings_,
+        None if global_map is None else read_global_map(global_map, settings_),
         require_points,
-        force,
-        threads,
     )
     for one in common.recipe.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
@@ -155,7 +155,7 @@ def local(
 
 
 def _run_sequence(
-    clouds: list[str], poses_file: Path, output: Path, common: LocalSettings
+    clouds: list[str], poses_file: Path, output: Path, common: LocalCommon
 ) -> None:  # fmt: skip
     sequence = sequence_of(clouds, poses_file, output)
     poses = {job.folder: job.pose for job in sequence}

@@ -20,7 +20,8 @@ from mapdeal.pipeline.dispatch import Workers
 from mapdeal.pipeline.golden import differences_from_golden, store_golden
 from mapdeal.pipeline.jobs import Job, MapRun, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.pipeline.run import RunOptions, output_folder
+from mapdeal.pipeline.run import output_folder
+from mapdeal.pipeline.settings import Settings
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
 _MOST_PER_PROCESSOR = 4
@@ -125,16 +126,18 @@ def run(
     loaded = load_recipe(recipe, sim=sim, footprint=shape, settings=settings or [])
     for one in loaded.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
-    run_options = RunOptions(dialect.value, images=not no_images, image_max=image_max)
     memory = None if max_memory is None else opt.size_of(max_memory, "--max-memory")
+    options = Settings(
+        dialect.value, max_cells, force, threads, memory, images=not no_images, image_max=image_max
+    )
     if scheduler is not None:
         output = output.absolute()
     listing = list_maps(sources, output, lambda: b"".join(terminal.input_chunks()))
-    names = {path.name for path in output_folder(output, (), loaded, run_options).outputs()}
+    names = {path.name for path in output_folder(output, {}, loaded, options).outputs()}
     all_jobs = jobs_of(listing.maps, output, names)
     say_listing(listing)
     is_batch = listing.is_set or len(all_jobs) > 1
-    map_run = MapRun(loaded, run_options, force, threads, max_cells, memory)
+    map_run = MapRun(loaded, options)
     if scheduler is not None:
         all_jobs = [replace(job, path=job.path.absolute()) for job in all_jobs]
     size = None if scheduler is not None else _jobs_at_once(jobs, len(all_jobs))
@@ -150,7 +153,8 @@ def run(
 
             client = stack.enter_context(connected(scheduler, shared_folders(all_jobs[0])))
             workers = cluster = ClusterWorkers(client, scheduler, jobs)
-            map_run = replace(map_run, max_memory=memory or cluster.memory_of_each())
+            options = replace(options, max_memory=memory or cluster.memory_of_each())
+            map_run = replace(map_run, settings=options)
         elif size is not None and size > 1:
             from mapdeal.pipeline.processes import ProcessWorkers  # slow to import
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -54,7 +55,8 @@ def run_single(job: Job, run: MapRun, workers: Workers | None) -> None:
         If it failed.
     """
     if workers is None:
-        terminal.summary(lines_of(job.path, run(job, terminal.slabs_done)))
+        settings = replace(run.settings, progress=terminal.slabs_done)
+        terminal.summary(lines_of(job.path, replace(run, settings=settings)(job)))
         return
     outcomes: list[Outcome] = []
     dispatch(
@@ -198,7 +200,7 @@ def _planned(plan: Plan) -> tuple[str, ...]:
         return what, "-", size, "-", _failure(plan.error, plan.job)
     files = str(len(plan.writes)) if plan.writes else "-"
     memory = "-" if plan.need is None else _shown(plan.need.memory)
-    if plan.need is not None and plan.need.by_slabs:
+    if plan.need is not None and plan.need.by_blocks:
         memory += " in slabs"
     where = f"{plan.job.name} -> {plan.job.folder}"
     return plan.what, files, _size(plan.height, plan.width), memory, where

@@ -8,10 +8,11 @@ from pathlib import Path
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.formats.map_writer import Encoding
-from mapdeal.pipeline.figures import Figures, summary_of
+from mapdeal.grid.framed import Figures
+from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.single import apply_to_file
-from mapdeal.pipeline.stage_list import step
+from mapdeal.pipeline.step import make_step
 
 
 def file_options(
@@ -40,7 +41,7 @@ def run_stage(
     mask: Path | None = None,
 ) -> None:
     """Run a stage from file to file and say what came out."""
-    one = step(name, parameters)
+    one = make_step(name, parameters)
     terminal.detail(opt.described(name, one.described()[name]))
     started = time.perf_counter()
     figures = apply_to_file(source, output, one, options, encoding=encoding, mask=mask)

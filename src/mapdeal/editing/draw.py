@@ -10,7 +10,7 @@ from typing import Protocol, Self, TypeVar
 from mapdeal.errors import FindingError, MapdealWarning, ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.shapes import Shape
-from mapdeal.grid.values import Overlay
+from mapdeal.grid.values import OverlayType
 from mapdeal.kernels.spans import Spans
 
 
@@ -26,7 +26,7 @@ class Paintable(Protocol):
         """Return a value that the grid can hold, or raise."""
         ...
 
-    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: Overlay = "seq") -> Self:
+    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: OverlayType = "seq") -> Self:
         """Return the grid with spans of cells at new values."""
         ...
 
@@ -39,7 +39,7 @@ def draw(
     shapes: Iterable[Shape] | Shape,
     *,
     value: int | None = None,
-    overlay: Overlay = "seq",
+    overlay: OverlayType = "seq",
     strict: bool = False,
 ) -> G:
     """Return a grid with shapes drawn into it, one after the other.

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.rows import MadeRows, Rows
+from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy
 from mapdeal.kernels.threads import thread_count
 
 Buffer = Any  # bytes, or a contiguous memoryview
@@ -72,10 +72,10 @@ def deflated(parts: Iterable[Buffer]) -> Iterator[bytes]:
     yield _END
 
 
-def pieces(array: Rows) -> Iterator[Buffer]:
+def pieces(array: Layer) -> Iterator[Buffer]:
     """Cut the bytes of a contiguous array, in memory or not, into the same parts."""
-    if isinstance(array, MadeRows):
-        yield from _recut(array[slab] for slab in array.slabs())
+    if is_lazy(array):
+        yield from _recut(array[rows] for rows in blocks_of(array))
         return
     whole = array.reshape(-1).view(np.uint8).data
     for start in range(0, len(whole), PART):

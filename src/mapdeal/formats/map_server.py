@@ -14,10 +14,13 @@ from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.dialects import DIALECTS
 from mapdeal.formats.image import read_image
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, read_metadata
-from mapdeal.formats.picture import Picture
+from mapdeal.formats.picture import Picture, Samples
+from mapdeal.formats.pixel_rows import PixelRows
 from mapdeal.formats.source import exists
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import OCCUPIED
+from mapdeal.kernels.blocks import CacheBudget, lazy_layer
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,18 @@ def read_pair(
     """
     metadata = read_metadata(path, dialect=dialect)
     image_path = find_image(path, metadata.image)
+    return read_cells(path, metadata, image_path, dialect=dialect, max_cells=max_cells)
+
+
+def read_cells(
+    path: Path,
+    metadata: MapMetadata,
+    image_path: Path,
+    *,
+    dialect: Dialect = "nav2",
+    max_cells: int | None = None,
+) -> MapPair:
+    """Return the map in an image, given what its YAML file says; see `read_pair`."""
     picture = read_image(image_path, max_cells=max_cells)
     if metadata.cost_scale is not None:
         cost = np.ascontiguousarray(_costs_of(picture, image_path)[::-1])
@@ -76,6 +91,29 @@ def read_pair(
         warn_of_lost_values(picture, image_path)
     grid = OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
     return MapPair(grid, metadata, (path, image_path))
+
+
+def lazy_cells(
+    metadata: MapMetadata,
+    pixels: PixelRows,
+    *,
+    block_height: int,
+    budget: CacheBudget | None = None,
+    dialect: Dialect = "nav2",
+) -> OccupancyGrid:
+    """Return the map in an image whose rows are read when they are asked for.
+
+    It gives, cell by cell, what `read_cells` gives.
+    """
+
+    def occupancy(rows: slice) -> NDArray[np.int8]:
+        picture = Picture("PNM", "grey", pixels[rows], maxval=pixels.located.maxval)
+        return np.ascontiguousarray(DIALECTS[dialect](picture, metadata))
+
+    layer = lazy_layer(
+        pixels.shape, np.int8, occupancy, block_height=block_height, budget=budget
+    )  # fmt: skip
+    return OccupancyGrid(layer, metadata.resolution, metadata.origin)
 
 
 def find_image(yaml_path: Path, image: str) -> Path:
@@ -157,7 +195,23 @@ def warn_of_lost_values(picture: Picture, path: Path) -> None:
     """Warn of pixels of mode raw that hold no value of a map, if there are any."""
     if picture.colour != "grey" or picture.maxval != 255:
         return
-    lost = int(np.count_nonzero((picture.samples > 100) & (picture.samples < 255)))
+    _warn_of_lost(_count_of_lost(picture.samples), path)
+
+
+def warn_of_lost_rows(metadata: MapMetadata, pixels: PixelRows, block_height: int) -> None:
+    """Warn of the same as `warn_of_lost_values`, of an image that is read by rows."""
+    if metadata.mode != "raw" or pixels.located.maxval != 255:
+        return
+    height = pixels.shape[0]
+    blocks = (slice(k, min(k + block_height, height)) for k in range(0, height, block_height))
+    _warn_of_lost(sum(_count_of_lost(pixels[rows]) for rows in blocks), pixels.image)
+
+
+def _count_of_lost(samples: Samples) -> int:
+    return int(np.count_nonzero((samples > OCCUPIED) & (samples < 255)))
+
+
+def _warn_of_lost(lost: int, image: Path) -> None:
     if lost:
-        text = f"{path}: {lost} pixels of mode raw hold 101..254, read as unknown"
-        warnings.warn(MapdealWarning(text, "image.raw-values"), stacklevel=3)
+        text = f"{image}: {lost} pixels of mode raw hold 101..254, read as unknown"
+        warnings.warn(MapdealWarning(text, "image.raw-values"), stacklevel=4)

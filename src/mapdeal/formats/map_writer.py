@@ -18,12 +18,11 @@ from mapdeal.formats.temporary import Writer
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.framed import Framed
-from mapdeal.grid.large import LargeCosts, LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.scales import occupancy_from_cost
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
-from mapdeal.kernels.lookup import histogram, look_up
-from mapdeal.kernels.rows import MadeRows, Rows, counts_of_rows, looked_up
+from mapdeal.kernels.blocks import Layer, counts_of, looked_up, mapped
+from mapdeal.kernels.lookup import look_up
 
 Encoding = Literal["occupancy", "costmap2d"]
 
@@ -45,7 +44,7 @@ def pair_paths(output: Path) -> tuple[Path, Path]:
 def write_pair(
     transaction: Transaction,
     output: Path,
-    grid: OccupancyGrid | Costmap | LargeMap | LargeCosts,
+    grid: OccupancyGrid | Costmap,
     *,
     mode: Mode | None = None,
     encoding: Encoding = "occupancy",
@@ -75,7 +74,7 @@ def write_pair(
     """
     image, yaml_path = pair_paths(output)
     cost_scale: CostScale | None = None
-    if isinstance(grid, (Costmap, LargeCosts)):
+    if isinstance(grid, Costmap):
         if mode not in (None, "raw"):
             raise ParameterError("costs are written in mode raw", place="mode", got=mode)
         mode = "raw"
@@ -91,7 +90,7 @@ def write_pair(
             write_image = _pixel_writer(image, _published_pixels(grid), grid)
     else:
         mode = mode or ("raw" if _has_between(grid.occupancy) else "trinary")
-        if mode == "trinary" and isinstance(grid, OccupancyGrid):
+        if mode == "trinary":
             grid = in_trinary(grid)
         write_image = _occupancy_writer(image, grid, mode)
     scaled = mode == "scale"
@@ -114,30 +113,28 @@ def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
 
     As map_saver does by default: 0..25 free, 65..100 occupied, all else unknown.
     """
-    values = grid.occupancy
-    lost = int(histogram(values)[FREE + 1 : OCCUPIED].sum())
+    lost = int(counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].sum())
     if not lost:
         return grid
     text = f"{lost} values between 1 and 99 are lost in mode trinary"
     warnings.warn(text, MapdealWarning, stacklevel=3)
-    kept = np.full(values.shape, UNKNOWN, dtype=np.int8)
-    kept[(values >= FREE) & (values <= _TRINARY_FREE)] = FREE
-    kept[values >= _TRINARY_OCCUPIED] = OCCUPIED
-    return OccupancyGrid(kept, grid.resolution, grid.origin)
+    table = np.full(256, UNKNOWN, dtype=np.int8)
+    table[FREE : _TRINARY_FREE + 1] = FREE
+    table[_TRINARY_OCCUPIED : OCCUPIED + 1] = OCCUPIED
+    return grid.with_values(looked_up(grid.occupancy, table))
 
 
-def _has_between(values: Rows) -> bool:
-    return bool(counts_of_rows(values)[FREE + 1 : OCCUPIED].any())
+def _has_between(values: Layer) -> bool:
+    return bool(counts_of(values)[FREE + 1 : OCCUPIED].any())
 
 
-def _occupancy_writer(image: Path, grid: OccupancyGrid | LargeMap, mode: Mode) -> Writer:
+def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
     values = grid.occupancy
     if mode == "raw":
         return _pixel_writer(image, _raw_pixels(values), grid)
     if mode == "trinary":
         return _pixel_writer(image, looked_up(values, _trinary_table()), grid)
-    if isinstance(values, MadeRows):
-        raise ParameterError("is for maps that fit into memory", place="mode", got=mode)
+    values = np.asarray(values)  # the opacity of unknown cells is a second layer
     scaled = look_up(values, _scale_table())
     unknown = values == UNKNOWN
     if not unknown.any():
@@ -150,7 +147,7 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid | LargeMap, mode: Mode) -
     return lambda file: write_rgba_png(file, np.ascontiguousarray(rgba[::-1]))
 
 
-def _pixel_writer(image: Path, pixels: Rows, grid: Framed | LargeMap | LargeCosts) -> Writer:
+def _pixel_writer(image: Path, pixels: Layer, grid: Framed) -> Writer:
     """Return what writes grey pixels given south first, as cells are."""
     comment = f"CREATOR: mapdeal {grid.resolution!r} m/pix"
     if image.suffix == ".png":
@@ -159,17 +156,15 @@ def _pixel_writer(image: Path, pixels: Rows, grid: Framed | LargeMap | LargeCost
     return lambda file: write_pgm_from_south(file, pixels, comment=comment)
 
 
-def _published_pixels(costmap: Costmap | LargeCosts) -> Rows:
+def _published_pixels(costmap: Costmap) -> Layer:
     """Return the values that ROS would publish, as mode raw has them."""
     if costmap.scale == "occupancy":
         return _raw_pixels(costmap.cost)
     return looked_up(costmap.cost, occupancy_from_cost().view(np.uint8))
 
 
-def _raw_pixels(values: Rows) -> Rows:
-    if isinstance(values, MadeRows):
-        return values.mapped(np.uint8, lambda part: part.view(np.uint8))
-    return values.view(np.uint8)  # -1 is 255 already
+def _raw_pixels(values: Layer) -> Layer:
+    return mapped(values, np.uint8, lambda part: part.view(np.uint8))  # -1 is 255 already
 
 
 def _trinary_table() -> NDArray[np.uint8]:

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.errors import MalformedInputError, MapdealError, MapdealWarning, ParameterError
 from mapdeal.formats.image import read_image_size
-from mapdeal.formats.map_server import find_image, read_pair
+from mapdeal.formats.map_server import find_image, lazy_cells, read_cells, warn_of_lost_rows
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
-from mapdeal.formats.npz import AnyGrid, Grid, npz_size, read_npz, write_npz
+from mapdeal.formats.npz import Grid, npz_size, read_npz, write_npz
+from mapdeal.formats.picture import LARGEST_CELLS, check_size
+from mapdeal.formats.pixel_rows import PixelRows, open_pixel_rows
 from mapdeal.formats.source import exists, status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.large import LargeField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
+from mapdeal.kernels.blocks import CacheBudget
 
 _IMAGE_SUFFIXES = (".pgm", ".pbm", ".ppm", ".pnm", ".png", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg")
 
@@ -43,7 +46,176 @@ class Source:
 
     grid: Grid
     files: tuple[Path, ...]
-    metadata: MapMetadata | None = field(default=None)
+    metadata: MapMetadata | None = None
+
+
+class MapFile:
+    """A map whose header is known and whose cells have yet to be read: all at once, or by rows.
+
+    Parameters
+    ----------
+    path : Path
+        The YAML file, or the npz.
+    dialect : {'nav2', 'humble', 'ros1'}
+        Whose reading of the image to follow.
+    max_cells : int, optional
+        Cells up to which it is read.
+    metadata : MapMetadata, optional
+        What the YAML file says, if it is one.
+    image : Path, optional
+        The image that it names.
+    pixels : PixelRows, optional
+        The pixels of the image, if their rows can be read one by one.
+    remarks : sequence of warning
+        What there is to warn of in the header of such an image.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        dialect: Dialect = "nav2",
+        max_cells: int | None = None,
+        metadata: MapMetadata | None = None,
+        image: Path | None = None,
+        pixels: PixelRows | None = None,
+        remarks: Sequence[Warning] = (),
+    ) -> None:
+        self.path = path
+        self.metadata = metadata
+        self._dialect: Dialect = dialect
+        self._max_cells = max_cells
+        self._image = image
+        self._pixels = pixels
+        self._remarks = remarks
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that hold the map, the named one first."""
+        return (self.path,) if self._image is None else (self.path, self._image)
+
+    @property
+    def shape_by_rows(self) -> tuple[int, int] | None:
+        """Rows and columns, if the map can be read by rows."""
+        return None if self._pixels is None else self._pixels.shape
+
+    def shape(self) -> tuple[int, int]:
+        """Return rows and columns, as far as headers tell.
+
+        Raises
+        ------
+        FileAccessError, MalformedInputError
+            As `read`, as far as headers tell.
+        """
+        if self._image is None:
+            return npz_size(self.path)
+        return read_image_size(self._image, max_cells=self._max_cells)
+
+    def read(self) -> Source:
+        """Return the map, all of it in memory.
+
+        Raises
+        ------
+        FileAccessError
+            If a file cannot be read.
+        MalformedInputError
+            If a file is malformed.
+        """
+        if self.metadata is None or self._image is None:
+            return Source(read_npz(self.path, max_cells=self._max_cells), self.files)
+        pair = read_cells(
+            self.path,
+            self.metadata,
+            self._image,
+            dialect=self._dialect,
+            max_cells=self._max_cells,
+        )
+        return Source(pair.grid, pair.files, pair.metadata)
+
+    def by_rows(
+        self,
+        *,
+        block_height: int,
+        budget: CacheBudget | None = None,
+        warns_of_values: bool = True,
+    ) -> Source:
+        """Return the map, its rows read when they are asked for; `shape_by_rows` must be known.
+
+        Parameters
+        ----------
+        block_height : int
+            Rows that are best read together.
+        budget : CacheBudget, optional
+            What layers that are made of it may take to keep their rows.
+        warns_of_values : bool
+            Whether all pixels of mode raw are looked at now, to warn of those without a meaning.
+
+        Raises
+        ------
+        MalformedInputError
+            If it has too many cells; of pixels, when they are read.
+        """
+        pixels, metadata = self._pixels, self.metadata
+        if pixels is None or metadata is None:
+            raise ValueError(f"{self.path} cannot be read by rows")
+        height, width = pixels.shape
+        limit = LARGEST_CELLS if self._max_cells is None else self._max_cells
+        check_size(pixels.image, width, height, limit)
+        for remark in self._remarks:
+            warnings.warn(remark, stacklevel=2)
+        grid = lazy_cells(
+            metadata, pixels, block_height=block_height, budget=budget, dialect=self._dialect
+        )
+        if warns_of_values:
+            warn_of_lost_rows(metadata, pixels, block_height)
+        return Source(grid, self.files, metadata)
+
+    def sum_of_pixels(self) -> str | None:
+        """Return the sha256 of an image of which rows are read, by way of the same open file."""
+        return None if self._pixels is None else self._pixels.sha256()
+
+
+@contextmanager
+def open_map(
+    path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
+) -> Iterator[MapFile]:
+    """Open the map in a ``.yaml`` pair or an ``.npz``: its header is read, its cells are not.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    dialect : {'nav2', 'humble', 'ros1'}
+        Whose reading of the image to follow.
+    max_cells : int, optional
+        Cells up to which it is read; by default 2e8 of compressed images, 1e9 of others.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read, and, in the end, if one that was read by rows has changed.
+    MalformedInputError
+        If a file is malformed, or not of these two kinds.
+    """
+    if path.suffix.lower() == ".npz":
+        yield MapFile(path, max_cells=max_cells)
+        return
+    _refuse_image(path)
+    metadata = read_metadata(path, dialect=dialect)
+    image = find_image(path, metadata.image)
+    with ExitStack() as stack:
+        pixels: PixelRows | None = None
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", MapdealWarning)
+            # What is wrong with the header is the business of who reads the map.
+            if metadata.cost_scale is None:
+                with suppress(MapdealError):
+                    pixels = stack.enter_context(open_pixel_rows(image))
+        remarks = [one.message for one in caught if isinstance(one.message, Warning)]
+        yield MapFile(
+            path, dialect=dialect, max_cells=max_cells, metadata=metadata, image=image,
+            pixels=pixels, remarks=remarks,
+        )  # fmt: skip
 
 
 def read_source(
@@ -58,45 +230,8 @@ def read_source(
     MalformedInputError
         If a file is malformed, or not of these two kinds.
     """
-    if path.suffix.lower() == ".npz":
-        return Source(read_npz(path, max_cells=max_cells), (path,))
-    _refuse_image(path)
-    pair = read_pair(path, dialect=dialect, max_cells=max_cells)
-    return Source(pair.grid, pair.files, pair.metadata)
-
-
-@dataclass(frozen=True)
-class SourceHeader:
-    """What is known of a map before its cells are read.
-
-    Parameters
-    ----------
-    height, width : int
-        Cells.
-    files : tuple of Path
-        All files that hold it, the named one first.
-    """
-
-    height: int
-    width: int
-    files: tuple[Path, ...]
-
-
-def read_header(
-    path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
-) -> SourceHeader:  # fmt: skip
-    """Return size and files of what `read_source` would read, from headers alone.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        As `read_source`, as far as headers tell.
-    """
-    if path.suffix.lower() == ".npz":
-        return SourceHeader(*npz_size(path), (path,))
-    _refuse_image(path)
-    image = find_image(path, read_metadata(path, dialect=dialect).image)
-    return SourceHeader(*read_image_size(image, max_cells=max_cells), (path, image))
+    with open_map(path, dialect=dialect, max_cells=max_cells) as file:
+        return file.read()
 
 
 def _refuse_image(path: Path) -> None:
@@ -172,7 +307,7 @@ def output_paths(output: Path) -> tuple[Path, ...]:
 def write_grid(
     transaction: Transaction,
     output: Path,
-    grid: AnyGrid,
+    grid: Grid,
     *,
     mode: Mode | None = None,
     encoding: Encoding = "occupancy",
@@ -185,7 +320,7 @@ def write_grid(
             raise ParameterError("an npz has no mode", place="mode", got=mode)
         transaction.write(output, lambda file: write_npz(file, grid, more=more))
         return
-    if isinstance(grid, (DistanceField, LargeField, PotentialField)):
+    if isinstance(grid, (DistanceField, PotentialField)):
         what = "a potential" if isinstance(grid, PotentialField) else "a distance"
         raise ParameterError(f"{what} field is written as npz", source=output)
     write_pair(transaction, output, grid, mode=mode, encoding=encoding, extra=extra)

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError
 from mapdeal.formats.deflate import pieces
-from mapdeal.kernels.rows import Rows
+from mapdeal.kernels.blocks import Layer
 
 
-def write_npy(file: BinaryIO, array: Rows) -> None:
+def write_npy(file: BinaryIO, array: Layer) -> None:
     """Write an array."""
     file.write(npy_header(array.shape, array.dtype))
     file.writelines(pieces(array))

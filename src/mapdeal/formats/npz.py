@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -23,20 +23,17 @@ from mapdeal.formats.npz_reader import NpzReader
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.large import LargeCosts, LargeField, LargeGrid
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
-from mapdeal.kernels.rows import MadeRows, Rows
+from mapdeal.kernels.blocks import Layer, is_lazy
 
 FORMAT = "mapdeal/1"
 
 Grid = OccupancyGrid | Costmap | DistanceField | PotentialField
-AnyGrid = Grid | LargeGrid
-"""A grid in memory, or one that is too large for that."""
 
 
 def write_npz(
-    file: BinaryIO, grid: AnyGrid, *, more: Mapping[str, NDArray[Any]] | None = None
+    file: BinaryIO, grid: Grid, *, more: Mapping[str, NDArray[Any]] | None = None
 ) -> None:
     """Write a grid, all its layers and its geometry, and `more` layers, which no reader needs.
 
@@ -46,17 +43,17 @@ def write_npz(
         "format": FORMAT,
         "resolution": np.float64(grid.resolution),
         "origin": np.asarray(grid.origin, dtype=np.float64),
-        **_entries_of(grid),
+        **grid.entries(),
         **(more or {}),
     }
     with zipfile.ZipFile(file, "w") as archive:
         for name, value in entries.items():
-            array = value if isinstance(value, MadeRows) else np.asarray(value, order="C")
+            array = value if is_lazy(value) else np.asarray(value, order="C")
             _write_entry(file, archive, f"{name}.npy", array)
 
 
 def _write_entry(
-    file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Rows
+    file: BinaryIO, archive: zipfile.ZipFile, name: str, array: Layer
 ) -> None:  # fmt: skip
     """Add an array, compressed in threads.
 
@@ -107,13 +104,7 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
         origin = reader.small("origin", np.float64, (3,)).tolist()
         names = reader.names()
         try:
-            if "cost" in names:
-                return _read_costmap(reader, resolution, origin)
-            if "distance" in names:
-                return _read_field(reader, resolution, origin)
-            if "repulsive" in names:
-                return _read_potential(reader, resolution, origin)
-            return OccupancyGrid(reader.layer("occupancy", np.int8), resolution, origin)
+            return _READERS[_own_layer(names)](reader, resolution, origin)
         except ParameterError as error:
             raise error.in_file(path) from None
 
@@ -128,8 +119,7 @@ def npz_size(path: Path) -> tuple[int, int]:
     """
     with NpzReader(path, LARGEST_CELLS) as reader:
         _check_format(reader, path)
-        names = reader.names()
-        layer = next((name for name in ("cost", "distance") if name in names), "occupancy")
+        layer = _own_layer(reader.names())
         shape = reader.shape(layer)
         if len(shape) != 2:
             rule = f"must have two axes, has {len(shape)}"
@@ -144,46 +134,6 @@ def _check_format(reader: NpzReader, path: Path) -> None:
     found = reader.text("format", None)
     if found != FORMAT:
         raise MalformedInputError(f"must be {FORMAT}", source=path, place="format", got=found)
-
-
-def _entries_of(grid: AnyGrid) -> dict[str, Any]:
-    if isinstance(grid, (Costmap, LargeCosts)):
-        entries: dict[str, Any] = {"cost": grid.cost, "cost_scale": grid.scale}
-        if grid.circumscribed_cost is not None:
-            entries["circumscribed_cost"] = np.int64(grid.circumscribed_cost)
-        return entries
-    if isinstance(grid, (DistanceField, LargeField)):
-        limit = np.inf if grid.max_distance is None else grid.max_distance
-        return {
-            "distance": grid.distance,
-            "occupancy": grid.occupancy,
-            "convention": grid.convention,
-            "strength": np.float64(grid.strength),
-            "max_distance": np.float64(limit),
-            "lethal_threshold": np.int64(grid.lethal_threshold),
-            "unknown": grid.unknown,
-        }
-    if isinstance(grid, PotentialField):
-        return _potential_entries(grid)
-    return {"occupancy": grid.occupancy}
-
-
-def _potential_entries(field: PotentialField) -> dict[str, Any]:
-    entries: dict[str, Any] = {"repulsive": field.repulsive, "normalised": field.normalised}
-    if field.goal is not None:
-        entries |= {
-            "attractive": field.attractive,
-            "potential": field.potential,
-            "gradient": field.gradient,
-            "gradient_magnitude": field.gradient_magnitude,
-            "goal": np.array(field.goal),
-        }
-    return entries | {
-        "occupancy": field.occupancy,
-        "attractive_gain": np.float64(field.attractive_gain),
-        "repulsive_gain": np.float64(field.repulsive_gain),
-        "repulsive_cap": np.float64(field.repulsive_cap),
-    }
 
 
 def _read_costmap(reader: NpzReader, resolution: float, origin: Any) -> Costmap:
@@ -226,3 +176,20 @@ def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> Potent
         repulsive_gain=reader.number("repulsive_gain"),
         repulsive_cap=reader.number("repulsive_cap"),
     )
+
+
+def _read_occupancy(reader: NpzReader, resolution: float, origin: Any) -> OccupancyGrid:
+    return OccupancyGrid(reader.layer("occupancy", np.int8), resolution, origin)
+
+
+_READERS: dict[str, Callable[[NpzReader, float, Any], Grid]] = {
+    "cost": _read_costmap,
+    "distance": _read_field,
+    "repulsive": _read_potential,
+    "occupancy": _read_occupancy,
+}
+"""By the layer that a grid is about; fields hold the occupancy that they are of, too."""
+
+
+def _own_layer(names: Collection[str]) -> str:
+    return next((layer for layer in _READERS if layer in names), "occupancy")

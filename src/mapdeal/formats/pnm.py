@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealWarning
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
-from mapdeal.kernels.rows import MadeRows, Rows
+from mapdeal.kernels.blocks import Layer, blocks_of
 
 _TOKEN = re.compile(rb"(?:[ \t\n\v\f\r]|#[^\n\r]*)*([^ \t\n\v\f\r#]+)")
 _COMMENT = re.compile(rb"#[^\n\r]*")
@@ -221,14 +221,12 @@ def write_pbm(file: BinaryIO, packed: NDArray[np.uint8], width: int) -> None:
     _write_rows(file, packed)
 
 
-def write_pgm_from_south(file: BinaryIO, pixels: Rows, *, comment: str = "") -> None:
-    """Write a P5 file of 8-bit pixels, shape (H, W), row 0 in the south, in memory or not."""
-    if not isinstance(pixels, MadeRows):
-        write_pgm(file, pixels[::-1], comment=comment)
-        return
-    _write_pgm_header(file, pixels.shape, comment)
-    for slab in reversed(list(pixels.slabs())):
-        _write_rows(file, pixels[slab][::-1])
+def write_pgm_from_south(file: BinaryIO, pixels: Layer, *, comment: str = "") -> None:
+    """Write a P5 file of 8-bit pixels, shape (H, W), row 0 in the south."""
+    height, width = pixels.shape
+    _write_pgm_header(file, (height, width), comment)
+    for rows in reversed(list(blocks_of(pixels))):
+        _write_rows(file, pixels[rows][::-1])
 
 
 def _write_pgm_header(file: BinaryIO, shape: tuple[int, int], comment: str) -> None:

@@ -6,6 +6,8 @@ import hashlib
 import os
 import stat
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError
@@ -22,6 +24,24 @@ def exists(path: Path) -> bool:
         return path.exists()
     except (OSError, ValueError):
         return False
+
+
+_sums: ContextVar[dict[Path, str] | None] = ContextVar("sums", default=None)
+
+
+@contextmanager
+def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
+    """Give a mapping that gets the sha256 of each file that `read_file` reads meanwhile.
+
+    It is of the very bytes that were read, whatever becomes of the file after that. Empty if it
+    is not wanted, since it takes time.
+    """
+    sums: dict[Path, str] = {}
+    token = _sums.set(sums if is_wanted else None)
+    try:
+        yield sums
+    finally:
+        _sums.reset(token)
 
 
 def read_file(
@@ -72,6 +92,9 @@ def read_file(
         raise FileAccessError(rule, source=path) from None
     if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
         raise FileAccessError("changed while it was read", source=path)
+    sums = _sums.get()
+    if sums is not None:
+        sums[path] = hashlib.sha256(data).hexdigest()
     return data
 
 

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin, Point
-from mapdeal.grid.framed import Framed, as_layer
+from mapdeal.grid.framed import Figures, Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.shapes import Circle, Line
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, Overlay
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, OverlayType
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.spans import Spans, paint_bits, set_bits
 from mapdeal.kernels.threads import for_rows
@@ -59,6 +59,9 @@ class BitMap(Framed):
     ([[64], [32]], [True, False])
     """
 
+    kind = "bit map"
+    layer_names = ("packed",)
+
     packed: NDArray[np.uint8]
     width: int
     resolution: float
@@ -75,9 +78,9 @@ class BitMap(Framed):
             packed[:, -1] &= 0xFF ^ padding
         self._freeze(packed=packed)
 
-    @property
-    def _layer(self) -> NDArray[Any]:
-        return self.packed
+    def _own_figures(self) -> Figures:
+        ones, cells = self.count(), self.shape[0] * self.shape[1]
+        return {"occupied": ones, "free": cells - ones, "unknown": 0, "between": 0}
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -242,7 +245,7 @@ class BitMap(Framed):
         """Return a bit map of the same geometry with other bits."""
         return replace(self, packed=packed)
 
-    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: Overlay = "seq") -> BitMap:
+    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: OverlayType = "seq") -> BitMap:
         """Return a bit map in which the cells of spans have their values, one after the other.
 
         With overlay ``max`` only ones are painted, with ``min`` only zeros.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin
-from mapdeal.grid.framed import ValueGrid, as_layer
+from mapdeal.grid.framed import Figures, ValueGrid, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.scales import (
     cost_from_occupancy,
@@ -19,11 +19,14 @@ from mapdeal.grid.scales import (
 )
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
     NO_INFORMATION,
     OCCUPIED,
     UNKNOWN,
     CostScale,
 )
+from mapdeal.kernels.blocks import counts_of, is_lazy
 from mapdeal.kernels.lookup import look_up
 
 
@@ -53,6 +56,9 @@ class Costmap(ValueGrid):
         If the costs do not fit the scale.
     """
 
+    kind = "costmap"
+    layer_names = ("cost",)
+
     cost: NDArray[np.uint8] | NDArray[np.int8]
     resolution: float
     origin: Origin = (0.0, 0.0, 0.0)
@@ -65,13 +71,33 @@ class Costmap(ValueGrid):
             raise ParameterError(rule, got=self.scale)
         cost = as_layer(self.cost, np.uint8 if self.scale == "costmap2d" else np.int8, "cost")
         self._freeze(cost=cost)
+        if is_lazy(cost):
+            return
         if self.scale == "occupancy" and (cost.min() < UNKNOWN or cost.max() > OCCUPIED):
             rule = "costs on the occupancy scale must lie in -1..100"
             raise ParameterError(rule, got=(int(cost.min()), int(cost.max())))
 
-    @property
-    def _layer(self) -> NDArray[Any]:
-        return self.cost
+    def _own_figures(self) -> Figures:
+        counts = counts_of(self.cost)
+        figures: Figures = {"cost_scale": self.scale, "free": int(counts[0])}
+        if self.scale == "costmap2d":
+            figures["lethal"] = int(counts[LETHAL_OBSTACLE])
+            figures["inscribed"] = int(counts[INSCRIBED_INFLATED_OBSTACLE])
+            figures["unknown"] = int(counts[NO_INFORMATION])
+            figures["circumscribed_cost"] = self.circumscribed_cost
+        else:
+            figures["lethal"] = int(counts[OCCUPIED])
+            figures["unknown"] = int(counts[UNKNOWN])
+        named = sum(figures.get(name, 0) for name in ("free", "lethal", "inscribed", "unknown"))
+        figures["graded"] = int(counts.sum()) - named
+        return figures
+
+    def entries(self) -> dict[str, Any]:
+        """Return the costs, their scale, and the circumscribed cost if it is known."""
+        entries: dict[str, Any] = {"cost": self.cost, "cost_scale": self.scale}
+        if self.circumscribed_cost is not None:
+            entries["circumscribed_cost"] = np.int64(self.circumscribed_cost)
+        return entries
 
     @property
     def value_range(self) -> tuple[int, int]:

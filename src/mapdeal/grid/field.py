@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -11,14 +12,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin
-from mapdeal.grid.framed import Framed, as_layer
+from mapdeal.grid.framed import Figures, Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, UnknownPolicy
 from mapdeal.kernels.bilinear import interpolate
+from mapdeal.kernels.blocks import blocks_of, is_lazy, mapped
 from mapdeal.kernels.threads import in_parallel
 
 _POINTS_TOGETHER = 1 << 13
 """Whose arrays stay in the cache on their way through the steps."""
+
+
+class DistanceRange(NamedTuple):
+    """The range of some distances, and of how many obstacle cells."""
+
+    lowest: float
+    highest: float
+    obstacles: int
 
 
 class FieldSamples(NamedTuple):
@@ -67,6 +77,10 @@ class DistanceField(Framed):
         What unknown cells count as.
     """
 
+    kind = "distance field"
+    layer_names = ("distance", "occupancy")
+    parameter_names = ("unknown", "max_distance", "strength", "lethal_threshold")
+
     distance: NDArray[np.float32]
     occupancy: NDArray[np.int8]
     resolution: float
@@ -90,16 +104,32 @@ class DistanceField(Framed):
             rule = "lethal_threshold must lie between 1 and 100"
             raise ParameterError(rule, got=self.lethal_threshold)
         distance = as_layer(self.distance, np.float32, "distance")
-        if distance.size and np.isnan(distance.min()):  # min hands nan on
+        if not is_lazy(distance) and distance.size and np.isnan(distance.min()):  # min hands nan on
             raise ParameterError("distance must not hold nan")
         self._freeze(
             distance=distance,
             occupancy=as_occupancy_layer(self.occupancy),
         )
 
-    @property
-    def _layer(self) -> NDArray[Any]:
-        return self.distance
+    def _own_figures(self) -> Figures:
+        obstacles = self.obstacles()
+        parts = (
+            range_of(self.distance[rows], obstacles[rows]) for rows in blocks_of(self.distance)
+        )
+        return range_figures(parts, self.convention)
+
+    def entries(self) -> dict[str, Any]:
+        """Return the distances, the map they were made from, and how."""
+        limit = np.inf if self.max_distance is None else self.max_distance
+        return {
+            "distance": self.distance,
+            "occupancy": self.occupancy,
+            "convention": self.convention,
+            "strength": np.float64(self.strength),
+            "max_distance": np.float64(limit),
+            "lethal_threshold": np.int64(self.lethal_threshold),
+            "unknown": self.unknown,
+        }
 
     @property
     def grid(self) -> OccupancyGrid:
@@ -108,10 +138,7 @@ class DistanceField(Framed):
 
     def obstacles(self) -> NDArray[np.bool_]:
         """Return the mask of cells that the field counts as obstacles."""
-        occupied = self.occupancy >= self.lethal_threshold
-        if self.unknown == "occupied":
-            occupied |= self.occupancy == UNKNOWN
-        return occupied
+        return obstacles_in(self.occupancy, self.lethal_threshold, self.unknown)
 
     def query(self, points_xy: ArrayLike) -> FieldSamples:
         """Return distance and gradient at points, interpolated between the centres of cells.
@@ -186,3 +213,39 @@ class DistanceField(Framed):
             distance[outside] = np.nan
             gradient[outside] = np.nan
         return distance, gradient, inside
+
+
+def obstacles_in(
+    occupancy: NDArray[np.int8], lethal_threshold: int, unknown: UnknownPolicy
+) -> NDArray[np.bool_]:
+    """Return the mask of cells that count as obstacles for a distance field."""
+
+    def are_obstacles(values: NDArray[np.int8]) -> NDArray[np.bool_]:
+        occupied: NDArray[np.bool_] = values >= lethal_threshold
+        if unknown == "occupied":
+            occupied |= values == UNKNOWN
+        return occupied
+
+    return mapped(occupancy, bool, are_obstacles)
+
+
+def range_of(distance: NDArray[np.float32], obstacles: NDArray[np.bool_]) -> DistanceRange:
+    """Return the range of the distances of a field, or of some of its rows."""
+    return DistanceRange(
+        float(distance.min()), float(distance.max()), int(np.count_nonzero(obstacles))
+    )
+
+
+def range_figures(parts: Iterable[DistanceRange], convention: Convention) -> Figures:
+    """Return the figures of a field, given the ranges of all its parts."""
+    obstacles, lowest, highest = 0, math.inf, -math.inf
+    for part in parts:
+        obstacles += part.obstacles
+        lowest, highest = min(lowest, part.lowest), max(highest, part.highest)
+    finite = math.isfinite(lowest) and math.isfinite(highest)
+    return {
+        "convention": convention,
+        "obstacles": obstacles,
+        "lowest_distance": lowest if finite else None,
+        "highest_distance": highest if finite else None,
+    }

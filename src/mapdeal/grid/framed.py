@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from typing import Any, Self
+from copy import copy
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,33 +13,95 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.values import Overlay
+from mapdeal.grid.values import OverlayType
+from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.spans import Spans, paint
+
+Figures = dict[str, Any]
+"""What is told of a grid, as JSON can hold it."""
 
 
 class Framed(ABC):
-    """What every grid type shares: a resolution, an origin, and a frame made of both."""
+    """What every grid type shares: layers, a resolution, an origin, and a frame.
+
+    Layers are arrays, or lazy layers (`mapdeal.kernels.blocks`) of a map that is processed block
+    by block. Whoever reads `layer[rows]` need not know which.
+    """
+
+    kind: ClassVar[str]
+    """What a person calls such a grid."""
+
+    layer_names: ClassVar[tuple[str, ...]]
+    """The attributes that hold layers, the grid's own first."""
+
+    parameter_names: ClassVar[tuple[str, ...]] = ()
+    """The attributes that tell what the grid was made with."""
 
     resolution: float
     origin: Origin
 
     @property
-    @abstractmethod
-    def _layer(self) -> NDArray[Any]:
-        """The layer that all others have the shape of."""
+    def layer(self) -> Layer:
+        """The layer that the grid is about, of which all others have the shape."""
+        own: Layer = getattr(self, self.layer_names[0])
+        return own
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
-        height, width = self._layer.shape
+        height, width = self.layer.shape
         return height, width
+
+    @property
+    def is_lazy(self) -> bool:
+        """Whether the layers are made block by block, when they are asked for."""
+        return is_lazy(self.layer)
+
+    def part(self, rows: slice) -> Self:
+        """Return some rows, in memory, at the place that they have in the whole."""
+        first, end, _ = rows.indices(self.shape[0])
+        if not self.is_lazy and (first, end) == (0, self.shape[0]):
+            return self
+        part = copy(self)
+        frame = self.frame.window(first, 0, end - first, self.shape[1])
+        object.__setattr__(part, "origin", frame.origin)
+        for name in self.layer_names:
+            object.__setattr__(part, name, getattr(self, name)[rows])
+        return part
+
+    def with_layer(self, layer: Layer) -> Self:
+        """Return the grid with another layer of the same values in place of its own."""
+        other = copy(self)
+        object.__setattr__(other, self.layer_names[0], layer)
+        return other
+
+    def figures(self) -> Figures:
+        """Return size, place and counts of the grid, as JSON can hold them."""
+        return {**self.frame_figures(), **self._own_figures()}
+
+    def frame_figures(self) -> Figures:
+        """Return size and place of the grid, as JSON can hold them."""
+        return {
+            "width": self.shape[1],
+            "height": self.shape[0],
+            "resolution": self.resolution,
+            "origin": list(self.origin),
+        }
+
+    @abstractmethod
+    def _own_figures(self) -> Figures:
+        """Return the figures that only this type of grid has."""
+
+    def entries(self) -> dict[str, Any]:
+        """Return what an npz holds besides the geometry: layers and parameters by their keys."""
+        return {name: getattr(self, name) for name in self.layer_names}
 
     @property
     def frame(self) -> Frame:
         """The geometry of the grid."""
         return Frame(*self.shape, self.resolution, self.origin)
 
-    def _freeze(self, **layers: NDArray[Any]) -> None:
+    def _freeze(self, **layers: Layer) -> None:
         """Check the geometry and store each layer as a read-only view."""
         object.__setattr__(self, "resolution", check_resolution(self.resolution))
         object.__setattr__(self, "origin", check_origin(self.origin))
@@ -46,8 +109,11 @@ class Framed(ABC):
         if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
             rule = "layers must be two-dimensional, of one shape and not empty"
             raise ParameterError(rule, got=sorted(shapes))
-        for name, array in layers.items():
-            view = np.ascontiguousarray(array).view()
+        for name, layer in layers.items():
+            if is_lazy(layer):
+                object.__setattr__(self, name, layer)
+                continue
+            view = np.ascontiguousarray(layer).view()
             view.flags.writeable = False
             object.__setattr__(self, name, view)
 
@@ -68,13 +134,13 @@ class ValueGrid(Framed):
     @property
     def values(self) -> NDArray[Any]:
         """The values, shape (H, W), read-only."""
-        return self._layer
+        return self.layer
 
     @abstractmethod
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Self:
         """Return a grid of the same kind with other values, at another origin if one is given."""
 
-    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: Overlay = "seq") -> Self:
+    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: OverlayType = "seq") -> Self:
         """Return a grid in which the cells of spans have their values, one after the other.
 
         What a cell has already gives way to any value (``seq``), to a larger (``max``) or to a
@@ -106,8 +172,13 @@ class ValueGrid(Framed):
         return int(value)
 
 
-def as_layer(values: ArrayLike, dtype: type[np.generic], name: str) -> NDArray[Any]:
-    """Return `values` as an array of `dtype`, refusing conversions that change a value."""
+def as_layer(values: ArrayLike, dtype: type[np.generic], name: str) -> Layer:
+    """Return `values` as a layer of `dtype`, refusing conversions that change a value.
+
+    The values of a lazy layer are the business of who makes them.
+    """
+    if isinstance(values, LazyLayer) and values.dtype == dtype:
+        return cast("Layer", values)
     array = np.asarray(values)
     if array.dtype != dtype:
         converted = array.astype(dtype)

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin
-from mapdeal.grid.framed import ValueGrid, as_layer
+from mapdeal.grid.framed import Figures, ValueGrid, as_layer
 from mapdeal.grid.scales import amcl_from_occupancy
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.blocks import counts_of, is_lazy, mapped
 from mapdeal.kernels.lookup import look_up
 
 
@@ -42,6 +43,9 @@ class OccupancyGrid(ValueGrid):
     ((1, 3), [[False, True, False]])
     """
 
+    kind = "occupancy grid"
+    layer_names = ("occupancy",)
+
     occupancy: NDArray[np.int8]
     resolution: float
     origin: Origin = (0.0, 0.0, 0.0)
@@ -49,9 +53,8 @@ class OccupancyGrid(ValueGrid):
     def __post_init__(self) -> None:
         self._freeze(occupancy=as_occupancy_layer(self.occupancy))
 
-    @property
-    def _layer(self) -> NDArray[Any]:
-        return self.occupancy
+    def _own_figures(self) -> Figures:
+        return occupancy_figures(counts_of(self.occupancy))
 
     @property
     def value_range(self) -> tuple[int, int]:
@@ -92,18 +95,25 @@ class OccupancyGrid(ValueGrid):
 
     def occupied(self, lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD) -> NDArray[np.bool_]:
         """Return the mask of obstacle cells, those of at least `lethal_threshold`."""
-        occupied: NDArray[np.bool_] = self.occupancy >= lethal_threshold
-        return occupied
+        return mapped(self.occupancy, bool, lambda values: values >= lethal_threshold)
 
     def unknown(self) -> NDArray[np.bool_]:
         """Return the mask of unknown cells."""
-        unknown: NDArray[np.bool_] = self.occupancy == UNKNOWN
-        return unknown
+        return mapped(self.occupancy, bool, lambda values: values == UNKNOWN)
+
+
+def occupancy_figures(counts: NDArray[np.int64]) -> Figures:
+    """Return the figures of a map, given how often each byte occurs in it."""
+    occupied, free, unknown = (int(counts[value]) for value in (OCCUPIED, FREE, UNKNOWN))
+    between = int(counts.sum()) - occupied - free - unknown
+    return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
 
 
 def as_occupancy_layer(values: ArrayLike) -> NDArray[np.int8]:
     """Return `values` as int8, refusing what is not in -1..100."""
     occupancy = as_layer(values, np.int8, "occupancy")
+    if is_lazy(occupancy):
+        return occupancy
     if occupancy.size and (occupancy.min() < UNKNOWN or occupancy.max() > OCCUPIED):
         rule = "occupancy must lie in -1..100"
         raise ParameterError(rule, got=(int(occupancy.min()), int(occupancy.max())))

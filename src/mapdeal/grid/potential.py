@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin, Point, check_point
-from mapdeal.grid.framed import Framed, as_layer
+from mapdeal.grid.framed import Figures, Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.values import OCCUPIED
 
@@ -50,6 +50,10 @@ class PotentialField(Framed):
         If a value is negative or beyond all maps, or the occupancy not in -1..100.
     """
 
+    kind = "potential field"
+    layer_names = ("repulsive", "occupancy")
+    parameter_names = ("attractive_gain", "repulsive_gain", "repulsive_cap")
+
     repulsive: NDArray[np.float64]
     occupancy: NDArray[np.int8]
     resolution: float
@@ -76,9 +80,31 @@ class PotentialField(Framed):
             object.__setattr__(self, "goal", check_point(self.goal, "goal"))
         self._freeze(repulsive=repulsive, occupancy=as_occupancy_layer(self.occupancy))
 
-    @property
-    def _layer(self) -> NDArray[Any]:
-        return self.repulsive
+    def _own_figures(self) -> Figures:
+        return {
+            "goal": None if self.goal is None else list(self.goal),
+            "obstacles": int(np.count_nonzero(self.obstacles())),
+            "lowest_potential": float(self.potential.min()),
+            "highest_potential": float(self.potential.max()),
+        }
+
+    def entries(self) -> dict[str, Any]:
+        """Return all layers that there are, the map, and the numbers they were made with."""
+        entries: dict[str, Any] = {"repulsive": self.repulsive, "normalised": self.normalised}
+        if self.goal is not None:
+            entries |= {
+                "attractive": self.attractive,
+                "potential": self.potential,
+                "gradient": self.gradient,
+                "gradient_magnitude": self.gradient_magnitude,
+                "goal": np.array(self.goal),
+            }
+        return entries | {
+            "occupancy": self.occupancy,
+            "attractive_gain": np.float64(self.attractive_gain),
+            "repulsive_gain": np.float64(self.repulsive_gain),
+            "repulsive_cap": np.float64(self.repulsive_cap),
+        }
 
     @property
     def grid(self) -> OccupancyGrid:

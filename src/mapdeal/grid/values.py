@@ -22,5 +22,5 @@ DEFAULT_LETHAL_THRESHOLD: Final = 100
 
 CostScale = Literal["costmap2d", "occupancy"]
 UnknownPolicy = Literal["free", "occupied"]
-Overlay = Literal["seq", "max", "min"]
+OverlayType = Literal["seq", "max", "min"]
 Convention = Literal["seed", "center", "border"]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.column_runs import Beside, Mask, Runs
+from mapdeal.kernels.column_runs import Halo, Mask, Runs
 from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, in_parallel, use_threads
 
@@ -53,21 +53,21 @@ def metres(
     inside_shift: float,
     clip: float,
     gain: float,
-    beside: Beside | None = None,
+    halo: Halo | None = None,
 ) -> NDArray[np.float32]:
     """Return signed distances."""
     distance = np.empty(marked.shape, np.float32)
     transform = _transform(
         marked, distance, _square_beyond(clip, scale, outside_shift, inside_shift)
     )
-    if beside is not None:
-        transform.place(beside.height, _beside(beside.before), _beside(beside.after))
+    if halo is not None:
+        transform.place(halo.height, _row_of(halo.before), _row_of(halo.after))
     transform.to_metres(scale, outside_shift, inside_shift, clip, gain)
     _run(transform, distance.size)
     return distance
 
 
-def _beside(row: tuple[Mask, Runs] | None) -> tuple[NDArray[np.uint8], Runs] | None:
+def _row_of(row: tuple[Mask, Runs] | None) -> tuple[NDArray[np.uint8], Runs] | None:
     return None if row is None else (np.ascontiguousarray(row[0]).view(np.uint8), row[1])
 
 

@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.column_runs import Beside
+from mapdeal.kernels.column_runs import Halo
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.squares import SquaredDistances, unreachable
 
@@ -84,7 +84,7 @@ def signed_distance(
     inside_shift: float = 0.0,
     clip: float = math.inf,
     gain: float = 1.0,
-    beside: Beside | None = None,
+    halo: Halo | None = None,
 ) -> NDArray[np.float32]:
     """Return each cell's signed distance to the nearest cell of the other kind.
 
@@ -100,9 +100,9 @@ def signed_distance(
         What both signs are then clipped to, above 0.
     gain : float
         Factor of the distances of free cells, applied last.
-    beside : Beside, optional
-        What lies before and after the rows, if they are a slab of a grid, as
-        `mapdeal.kernels.column_runs.joined` has it.
+    halo : Halo, optional
+        What lies before and after the rows, if they are a block of a grid, as
+        `mapdeal.kernels.column_runs.halos_of` has it.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def signed_distance(
     >>> signed_distance(np.array([[True, True, False, False]]), scale=0.5, inside_shift=0.5)
     array([[-0.5,  0. ,  0.5,  1. ]], dtype=float32)
     """
-    height = len(occupied) if beside is None else beside.height
+    height = len(occupied) if halo is None else halo.height
     return _engine(occupied, height).metres(  # type: ignore[no-any-return]
         occupied,
         scale=scale,
@@ -124,7 +124,7 @@ def signed_distance(
         inside_shift=inside_shift,
         clip=clip,
         gain=gain,
-        beside=beside,
+        halo=halo,
     )
 
 

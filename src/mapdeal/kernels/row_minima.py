@@ -1,4 +1,4 @@
-"""Squared distances in a slab of rows of a larger grid, on numpy: for scipy_distance.py.
+"""Squared distances in a block of rows of a larger grid, on numpy: for scipy_distance.py.
 
 scipy's transform knows nothing of rows beside those that it is given. So heights, the distances
 within the columns, are counted here, and each cell's square is the smallest of (x - i)^2 +
@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.column_runs import Beside, Mask, Runs
+from mapdeal.kernels.column_runs import Halo, Mask, Runs
 
 Squares = NDArray[np.int64]
 
@@ -19,14 +19,14 @@ _CELLS_TOGETHER = 1 << 18
 _NONE = np.iinfo(np.int64).max
 
 
-def squares_of_slab(marked: Mask, beside: Beside) -> Squares:
+def squares_of_block(marked: Mask, halo: Halo) -> Squares:
     """Return each cell's squared distance to the nearest cell of the other kind in the grid.
 
     Parameters
     ----------
     marked : numpy.ndarray of bool, shape (rows, W)
-        The cells of the slab.
-    beside : Beside
+        The cells of the block.
+    halo : Halo
         What lies before and after it.
 
     Returns
@@ -34,8 +34,8 @@ def squares_of_slab(marked: Mask, beside: Beside) -> Squares:
     numpy.ndarray of int64, shape (rows, W)
         `mapdeal.kernels.squares.unreachable` where there is no such cell.
     """
-    heights = np.minimum(_counts(marked, beside.before), _counts(marked[::-1], beside.after)[::-1])
-    has_none = heights > beside.height
+    heights = np.minimum(_counts(marked, halo.before), _counts(marked[::-1], halo.after)[::-1])
+    has_none = heights > halo.height
     own = np.where(has_none, 0, heights) ** 2
     squares = np.empty(marked.shape, dtype=np.int64)
     step = max(1, _CELLS_TOGETHER // marked.shape[1])

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.column_runs import Beside
-from mapdeal.kernels.row_minima import squares_of_slab
+from mapdeal.kernels.column_runs import Halo
+from mapdeal.kernels.row_minima import squares_of_block
 from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares, unreachable
 
 
@@ -43,13 +43,13 @@ def metres(
     inside_shift: float,
     clip: float,
     gain: float,
-    beside: Beside | None = None,
+    halo: Halo | None = None,
 ) -> NDArray[np.float32]:
     """Return signed distances; the steps are those of `metres_of` in distance_columns.h."""
-    if beside is None:
+    if halo is None:
         squared = np.abs(squares(marked, both_kinds=True, limit=None))
     else:
-        squared = squares_of_slab(marked, beside)
+        squared = squares_of_block(marked, halo)
     endless = squared == unreachable(squared)
     distance = np.sqrt(squared, dtype=np.float64)
     distance *= scale

@@ -12,10 +12,10 @@ from mapdeal.formats.bit_maps import bit_map_paths, read_bit_map_pair, write_bit
 from mapdeal.formats.maps import as_occupancy, output_paths, write_grid
 from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.framed import Figures
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN
 from mapdeal.kernels.lookup import histogram
-from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.files import add_picture, outputs_of, read_input
 from mapdeal.pipeline.settings import Settings
 
@@ -52,7 +52,7 @@ def pack_file(
         write_bit_map_pair(transaction, output, bits)
         if options.image is not None:
             add_picture(transaction, options, bits.to_occupancy(), f"{path.stem}: bit map")
-    return figures_of(bits)
+    return bits.figures()
 
 
 def unpack_file(path: Path, output: Path, options: Settings) -> Figures:
@@ -63,4 +63,4 @@ def unpack_file(path: Path, output: Path, options: Settings) -> Figures:
         grid = bits.to_occupancy()
         write_grid(transaction, output, grid, extra=dict(metadata.extra))
         add_picture(transaction, options, grid, path.stem)
-    return figures_of(grid)
+    return grid.figures()

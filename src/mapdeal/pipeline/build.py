@@ -16,9 +16,9 @@ from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import write_npz
 from mapdeal.formats.scans.source import ScanSource
 from mapdeal.grid.coordinates import Point
+from mapdeal.grid.framed import Figures
 from mapdeal.mapping.beams import BeamLimits, Scans
 from mapdeal.mapping.build import BuiltMap, Extent, MapBuilder, Method, frame_of, reach_behind
-from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.settings import Settings
 
@@ -115,7 +115,7 @@ def build_file(
             transaction.write(layers, lambda file: write_npz(file, built.grid, more=built.layers))
         title = f"{output.stem}: map, {settings.method}"
         add_picture(transaction, options, built.grid, title)
-    return {**figures_of(built.grid), **asdict(built.counts)}
+    return {**built.grid.figures(), **asdict(built.counts)}
 
 
 def _built(source: ScanSource, settings: BuildSettings, advance: Advance) -> BuiltMap:

@@ -13,9 +13,9 @@ from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
-from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
 from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.esdf import field_view
@@ -68,7 +68,7 @@ def convert_file(
             more = {"amcl": grid.amcl_states()}
         write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra, more=more)
         add_picture(transaction, options, grid, path.stem)
-    return figures_of(grid)
+    return grid.figures()
 
 
 def _converted(

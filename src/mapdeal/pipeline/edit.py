@@ -9,8 +9,8 @@ from mapdeal.errors import ParameterError
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.pipeline.figures import Figures, figures_of
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
 from mapdeal.pipeline.settings import Settings
 
@@ -79,4 +79,4 @@ def change_file(
             extra=dict(metadata.extra) if metadata else {},
         )
         add_picture(transaction, options, grid, f"{path.stem}: {what}")
-    return figures_of(grid)
+    return grid.figures()

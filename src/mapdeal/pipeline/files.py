@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mapdeal.errors import MapdealError, MapdealWarning, ParameterError, one_line
 from mapdeal.formats.maps import Source, read_source
-from mapdeal.formats.npz import AnyGrid, Grid
+from mapdeal.formats.npz import Grid
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.potential import PotentialField
 from mapdeal.kernels.threads import use_threads
@@ -18,40 +18,40 @@ from mapdeal.pipeline.settings import Settings
 from mapdeal.render.overlay import Overlay
 
 
-def read_input(path: Path, options: Settings) -> Source:
-    """Return the grid in a file, read as the options say."""
-    with use_threads(options.threads):
-        return read_source(path, dialect=options.dialect, max_cells=options.max_cells)
+def read_input(path: Path, settings: Settings) -> Source:
+    """Return the grid in a file, read as the settings say."""
+    with use_threads(settings.threads):
+        return read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
 
 
 @contextmanager
 def outputs_of(
-    outputs: Sequence[Path], inputs: Sequence[Path], options: Settings
+    outputs: Sequence[Path], inputs: Sequence[Path], settings: Settings
 ) -> Iterator[Transaction]:
     """Have `outputs` and the picture written together, or not at all."""
-    image = options.image
+    image = settings.image
     if image is not None and image.suffix != ".png":
         raise ParameterError("a picture must end in .png", place="--image", got=str(image))
     if image is not None and image in outputs:
         raise ParameterError("is an output already", place="--image", got=str(image))
     all_outputs = [*outputs, *([image] if image is not None else [])]
     with (
-        use_threads(options.threads),
-        Transaction(all_outputs, inputs=inputs, force=options.force) as transaction,
+        use_threads(settings.threads),
+        Transaction(all_outputs, inputs=inputs, force=settings.force) as transaction,
     ):
         yield transaction
 
 
 def add_picture(
     transaction: Transaction,
-    options: Settings,
-    grid: AnyGrid,
+    settings: Settings,
+    grid: Grid,
     title: str,
     overlay: Overlay | None = None,
 ) -> None:
     """Write the picture that was asked for, if one was."""
-    if options.image is not None:
-        write_picture(transaction, options.image, grid, one_line(title), overlay=overlay)
+    if settings.image is not None:
+        write_picture(transaction, settings.image, grid, one_line(title), overlay=overlay)
 
 
 def warn_of_potential(grid: Grid, path: Path) -> None:

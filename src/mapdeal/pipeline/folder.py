@@ -8,36 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.formats.json_text import json_of, read_json
-from mapdeal.formats.npz import AnyGrid
+from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import exists, holds
 from mapdeal.formats.transaction import Transaction, remove_if_unchanged
-from mapdeal.pipeline.figures import Figures, figures_of
-from mapdeal.pipeline.products import paths_of, write_products
-from mapdeal.pipeline.progress import passes_of, written
-from mapdeal.pipeline.settings import ProgressCallback
-from mapdeal.pipeline.stage_list import Step
+from mapdeal.grid.framed import Figures
+from mapdeal.pipeline.products import passes_of, paths_of, write_products
+from mapdeal.pipeline.progress import written
+from mapdeal.pipeline.settings import ProgressCallback, Settings
+from mapdeal.pipeline.step import Step
 from mapdeal.render.overlay import Overlay
-from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.version import __version__
 
 MANIFEST = "manifest.json"
 _FORMAT = "mapdeal-run/1"
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """Which pictures a folder gets.
-
-    Parameters
-    ----------
-    images : bool
-        Whether it gets any.
-    image_max : int
-        Longest side in pixels; 0 for one pixel per cell.
-    """
-
-    images: bool = True
-    image_max: int = DEFAULT_IMAGE_MAX
 
 
 @dataclass(frozen=True)
@@ -48,14 +31,14 @@ class Product:
     ----------
     step : Step
         The step.
-    grid : OccupancyGrid, Costmap, DistanceField, PotentialField or a large one
+    grid : OccupancyGrid, Costmap, DistanceField or PotentialField
         Its result.
     figures : mapping
         What to tell of it beside the figures that every grid has.
     """
 
     step: Step
-    grid: AnyGrid
+    grid: Grid
     figures: Figures = field(default_factory=dict)
 
 
@@ -73,15 +56,15 @@ class OutputFolder:
         The name of each file that was read, and its sha256.
     options : mapping
         What shaped the products beside the parameters of the steps, as JSON can hold it.
-    pictures : Pictures
-        Which pictures it gets.
+    settings : Settings
+        How it is written: with which pictures, and whether outputs that exist are replaced.
     """
 
     path: Path
     steps: tuple[Step, ...]
     inputs: Mapping[str, str]
     options: Mapping[str, Any]
-    pictures: Pictures
+    settings: Settings
 
     def existing(self) -> list[Path]:
         """Return the files that `fill` would write and that are there already."""
@@ -107,9 +90,8 @@ class OutputFolder:
         *,
         stem: str,
         files: Iterable[Path],
-        force: bool,
         overlay: Overlay | None = None,
-        watch: ProgressCallback | None = None,
+        progress: ProgressCallback | None = None,
     ) -> dict[str, Figures]:
         """Write all files, together, the manifest last; return the figures of each step.
 
@@ -121,40 +103,36 @@ class OutputFolder:
             What pictures call the input.
         files : iterable of Path
             All that was read: none of it may be written.
-        force : bool
-            Whether outputs that exist are replaced.
         overlay : Overlay, optional
             What is drawn over each picture.
-        watch : callable, optional
-            Told how far the writing is of grids that are too large for memory.
+        progress : callable, optional
+            Progress of the writing of grids that are processed block by block.
         """
         old = read_json(self.path / MANIFEST)
-        hint = "--force replaces it"
-        if isinstance(old, dict) and self.unchanged_figures() is None:
-            hint += "; the run in this folder had other inputs, parameters, or its files were"
-            hint += " changed"
-        elif isinstance(old, dict):
-            hint += "; this folder holds the same already"
         figures: dict[str, Figures] = {}
         passes = sum(passes_of(step, path.suffix) for step in self.steps
                      for path in self._outputs_of(step))  # fmt: skip
         with (
-            written(watch, passes) as progress,
+            written(progress, passes) as watch,
             Transaction(
-                self.outputs(), inputs=tuple(files), force=force, hint=hint, checksums=True
+                self.outputs(),
+                inputs=tuple(files),
+                force=self.settings.force,
+                hint="" if self.settings.force else self._hint(old),
+                checksums=True,
             ) as transaction,
         ):
             for product in products:
                 step, grid = product.step, product.grid
-                figures[step.name] = {**figures_of(grid), **product.figures}
+                figures[step.name] = {**grid.figures(), **product.figures}
                 write_products(
                     transaction,
                     step,
-                    progress.watched(grid),
+                    watch.watched(grid),
                     self.path,
                     stem=stem,
-                    images=self.pictures.images,
-                    image_max=self.pictures.image_max,
+                    images=self.settings.images,
+                    image_max=self.settings.image_max,
                     overlay=overlay,
                 )
             sums = {path.name: digest for path, digest in transaction.checksums().items()}
@@ -163,6 +141,16 @@ class OutputFolder:
         if isinstance(old, dict):
             self._remove_left_over(old)
         return figures
+
+    def _hint(self, old: object) -> str:
+        """Return what to do about outputs that are there already."""
+        hint = "--force replaces it"
+        if not isinstance(old, dict):
+            return hint
+        if self.unchanged_figures() is not None:
+            return f"{hint}; this folder holds the same already"
+        why = "the run in this folder had other inputs, parameters, or its files were changed"
+        return f"{hint}; {why}"
 
     def _manifest(self) -> dict[str, Any]:
         return {
@@ -179,7 +167,7 @@ class OutputFolder:
         return [*paths, self.path / MANIFEST]
 
     def _outputs_of(self, step: Step) -> list[Path]:
-        return paths_of(step, self.path, images=self.pictures.images)
+        return paths_of(step, self.path, images=self.settings.images)
 
     def _remove_left_over(self, old: dict[str, Any]) -> None:
         """Remove outputs of the replaced run that are not made any more, if nobody changed them."""

@@ -8,9 +8,9 @@ from typing import Any
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.json_text import json_of, read_json
 from mapdeal.formats.transaction import Transaction
-from mapdeal.pipeline.figures import Figures
+from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.folder import MANIFEST
-from mapdeal.pipeline.products import product_name
+from mapdeal.stages.catalogue import models_of
 
 _SHOWN = 3
 _PICTURE = ".png"
@@ -105,12 +105,17 @@ def _parameters(manifest: dict[str, Any], stage: str) -> dict[str, Any]:
 
 
 def _files(manifest: dict[str, Any], stage: str) -> dict[str, str]:
-    stem = product_name(stage)
+    stem = _product_of(stage)
     return {
         name: str(digest)
         for name, digest in manifest["outputs"].items()
         if Path(name).stem == stem and Path(name).suffix != _PICTURE
     }
+
+
+def _product_of(stage: str) -> str:
+    """Return what the files of a stage are called; of one that is no recipe's, its name."""
+    return next((one.product for one in models_of(stage).values()), stage)
 
 
 def _differs(name: str, old: dict[str, str], new: dict[str, str]) -> bool:

@@ -11,14 +11,8 @@ import numpy as np
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import read_source
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField
-from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.pipeline.figures import figures_of
 
-_SHOWN_OF_FIELDS = ("unknown", "max_distance", "strength", "lethal_threshold")
-_SHOWN_OF_POTENTIALS = ("attractive_gain", "repulsive_gain", "repulsive_cap")
 _SHOWN_KEYS = ("image", "mode", "negate", "occupied_thresh", "free_thresh")
 
 
@@ -32,28 +26,15 @@ def describe_file(
     """
     source = read_source(path, dialect=dialect, max_cells=max_cells)
     grid = source.grid
-    report: dict[str, Any] = {"file": str(path)}
-    if isinstance(grid, OccupancyGrid):
-        report["kind"] = "occupancy grid"
-        layer: Any = grid.occupancy
-    elif isinstance(grid, DistanceField):
-        report["kind"] = "distance field"
-        layer = grid.distance
-        report |= {key: getattr(grid, key) for key in _SHOWN_OF_FIELDS}
-    elif isinstance(grid, PotentialField):
-        report["kind"] = "potential field"
-        layer = grid.repulsive
-        report |= {key: getattr(grid, key) for key in _SHOWN_OF_POTENTIALS}
-    else:
-        report["kind"] = "costmap"
-        layer = grid.cost
-    report |= figures_of(grid)
+    report: dict[str, Any] = {"file": str(path), "kind": grid.kind}
+    report |= {name: getattr(grid, name) for name in grid.parameter_names}
+    report |= grid.figures()
     if source.metadata is not None:
         report["dialect"] = dialect
         report |= {key: getattr(source.metadata, key) for key in _SHOWN_KEYS}
     if not isinstance(grid, Costmap):
         report["known_box"] = _known_box(grid.occupancy)
-    report["sha256"] = hashlib.sha256(layer.tobytes()).hexdigest()
+    report["sha256"] = hashlib.sha256(grid.layer.tobytes()).hexdigest()
     return report
 
 

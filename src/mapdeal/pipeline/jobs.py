@@ -19,10 +19,10 @@ from mapdeal.errors import (
 from mapdeal.formats.map_listing import ListedMap
 from mapdeal.formats.source import ignores_case
 from mapdeal.kernels.threads import available_threads
-from mapdeal.pipeline.large import memory_budget
+from mapdeal.pipeline.memory import memory_budget
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.run import RunOptions, RunReport, run_map
-from mapdeal.pipeline.settings import ProgressCallback
+from mapdeal.pipeline.run import RunReport, run_map
+from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
 
 SUMMARY = "summary.json"
 
@@ -86,45 +86,25 @@ class MapRun:
     ----------
     recipe : Recipe
         The stages.
-    options : RunOptions
-        How to read and draw.
-    force : bool
-        Whether outputs that exist are replaced.
-    threads : int, optional
-        Threads to compute and write with; all processors if not given.
-    max_cells : int, optional
-        Cells up to which maps are read.
-    max_memory : int, optional
-        Bytes of memory that each may take; half of what is free if not given.
+    settings : Settings
+        How to read, compute, draw and write.
     """
 
     recipe: Recipe
-    options: RunOptions
-    force: bool = False
-    threads: int | None = None
-    max_cells: int | None = None
-    max_memory: int | None = None
+    settings: Settings = DEFAULT_SETTINGS
 
     def sharing(self, jobs: int) -> MapRun:
         """Return it with a job's part of processors and memory, where there is no other rule."""
         if jobs == 1:
             return self
-        threads = self.threads or max(1, available_threads() // jobs)
-        return replace(self, threads=threads, max_memory=memory_budget(self.max_memory, jobs))
+        threads = self.settings.threads or max(1, available_threads() // jobs)
+        memory = memory_budget(self.settings.max_memory, jobs)
+        return replace(self, settings=replace(self.settings, threads=threads, max_memory=memory))
 
-    def __call__(self, job: Job, watch: ProgressCallback | None = None) -> RunReport:
-        """Run the map of a job into its folder; `watch` is told how far a giant map is."""
-        return run_map(
-            job.path,
-            job.folder,
-            self.recipe,
-            options=self.options,
-            force=self.force or job.is_new,
-            threads=self.threads,
-            max_cells=self.max_cells,
-            max_memory=self.max_memory,
-            watch=watch,
-        )
+    def __call__(self, job: Job) -> RunReport:
+        """Run the map of a job into its folder."""
+        settings = replace(self.settings, force=self.settings.force or job.is_new)
+        return run_map(job.path, job.folder, self.recipe, settings)
 
 
 def attempt(run_one: Callable[[Any], Any], job: Job) -> Outcome:

@@ -13,23 +13,35 @@ from mapdeal.formats.listing import list_files, numbered_folders
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import as_occupancy, read_source
 from mapdeal.formats.poses import read_poses
-from mapdeal.formats.source import is_same_file, sha256_of
+from mapdeal.formats.source import is_same_file, sha256_of, sums_of_reads
+from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.resample import frames_overlap
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions
+from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, local_map
 from mapdeal.mapping.poses import Pose
-from mapdeal.pipeline.figures import Figures
 from mapdeal.pipeline.files import errors_named
-from mapdeal.pipeline.folder import OutputFolder, Pictures, Product
+from mapdeal.pipeline.folder import OutputFolder, Product
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import RunReport, products_of
-from mapdeal.pipeline.stage_list import Step
+from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.step import Step
 from mapdeal.render.pose import PoseOverlay
+from mapdeal.stages.definition import Stage
 
 LOCAL_RECIPE = "local"
 _DIGITS = 4
+
+
+_LOCAL = Stage(
+    local_map,
+    name="local",
+    summary="Make maps around a robot from point clouds.",
+    title=lambda _: "local map",
+    memory=6.0,
+)
+"""What comes before the recipe: it takes a cloud, so that no recipe can hold it."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +55,7 @@ class GlobalMap:
 
 
 @dataclass(frozen=True)
-class LocalSettings:
+class LocalCommon:
     """What all local maps of a command have in common.
 
     Parameters
@@ -52,36 +64,31 @@ class LocalSettings:
         How they are made of clouds.
     recipe : Recipe
         What is made of them.
-    pictures : Pictures
-        Which pictures there are.
+    settings : Settings
+        How to compute, draw and write.
     global_map : GlobalMap, optional
         Whose obstacles are taken over.
     require_points : bool
         Whether a cloud without a point in the window is an error.
-    force : bool
-        Whether outputs that exist are replaced.
-    threads : int, optional
-        Threads to compute and write with; all processors if not given.
     """
 
     options: LocalOptions
     recipe: Recipe
-    pictures: Pictures
+    settings: Settings
     global_map: GlobalMap | None = None
     require_points: bool = False
-    force: bool = False
-    threads: int | None = None
 
 
-def read_global_map(path: Path, *, dialect: Dialect, max_cells: int | None) -> GlobalMap:
-    """Return the map in a file, as `LocalSettings` takes it."""
-    source = read_source(path, dialect=dialect, max_cells=max_cells)
-    sums = {file.name: sha256_of(file) for file in source.files}
-    return GlobalMap(as_occupancy(source.grid, str(path)), source.files, sums, dialect)
+def read_global_map(path: Path, settings: Settings) -> GlobalMap:
+    """Return the map in a file, as `LocalCommon` takes it."""
+    with sums_of_reads() as sums:
+        source = read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
+    named = {file.name: sums.get(file) or sha256_of(file) for file in source.files}
+    return GlobalMap(as_occupancy(source.grid, str(path)), source.files, named, settings.dialect)
 
 
 def local_from_cloud(
-    cloud: Path, pose: Sequence[float], folder: Path, settings: LocalSettings, *, skip: bool = False
+    cloud: Path, pose: Sequence[float], folder: Path, common: LocalCommon, *, skip: bool = False
 ) -> RunReport:
     """Make a local map of a cloud, apply the recipe and write everything into a folder.
 
@@ -93,7 +100,7 @@ def local_from_cloud(
         x, y (metres) and yaw (radians) of the robot in the map frame.
     folder : Path
         Where outputs go; it is made if missing. They appear together, the manifest last.
-    settings : LocalSettings
+    common : LocalCommon
         The rest.
     skip : bool
         Whether nothing is done if the manifest shows that the folder holds all this already.
@@ -108,31 +115,33 @@ def local_from_cloud(
     MapdealWarning
         If no point marks a cell.
     """
-    known = settings.global_map
+    known = common.global_map
     mapper = LocalMapper(
         pose,
-        settings.options,
+        common.options,
         None if known is None else known.grid,
-        lethal_threshold=_threshold_of(settings.recipe),
+        lethal_threshold=_threshold_of(common.recipe),
     )
-    parameters = {"pose": mapper.pose, **asdict(settings.options)}
-    first = Step("local", {**parameters, "require_points": settings.require_points}, {})
+    parameters = {"pose": mapper.pose, **asdict(common.options)}
+    first = Step(_LOCAL, {**parameters, "require_points": common.require_points})
     target = OutputFolder(
         folder,
-        (first, *settings.recipe.steps),
+        (first, *common.recipe.steps),
         {cloud.name: sha256_of(cloud), **(known.sums if known is not None else {})},
-        {**({"dialect": known.dialect} if known is not None else {}), **asdict(settings.pictures)},
-        settings.pictures,
+        {
+            **({"dialect": known.dialect} if known is not None else {}),
+            **common.settings.picture_options,
+        },
+        common.settings,
     )
-    figures = target.unchanged_figures() if skip and not settings.force else None
+    figures = target.unchanged_figures() if skip and not common.settings.force else None
     if figures is not None:
         return RunReport(folder, "unchanged", figures)
-    with use_threads(settings.threads):
+    with use_threads(common.settings.threads):
         figures = target.fill(
-            _products(first, cloud, mapper, settings),
+            _products(first, cloud, mapper, common),
             stem=cloud.stem,
             files=(cloud, *(known.files if known is not None else ())),
-            force=settings.force,
             overlay=PoseOverlay(mapper.pose),
         )
     return RunReport(folder, "done", figures)
@@ -145,21 +154,21 @@ def _threshold_of(recipe: Recipe) -> int:
 
 
 def _products(
-    first: Step, cloud: Path, mapper: LocalMapper, settings: LocalSettings
+    first: Step, cloud: Path, mapper: LocalMapper, common: LocalCommon
 ) -> Iterator[Product]:
     with errors_named(cloud):
         for points in cloud_chunks(cloud):
             mapper.add(points)
     made = mapper.result()
-    _check_points(made, cloud, required=settings.require_points)
-    known = settings.global_map
+    _check_points(made, cloud, required=common.require_points)
+    known = common.global_map
     if known is not None and not frames_overlap(made.grid.frame, known.grid.frame):
         x, y = made.pose[:2]
         text = f"{known.files[0]}: the map does not reach into the window around {x:.10g}, {y:.10g}"
         warnings.warn(text, MapdealWarning, stacklevel=2)
     yield Product(first, made.grid, _figures_of(made, has_map=known is not None))
-    for product in products_of(settings.recipe, made.grid, cloud):
-        if product.step.name == "inflate" and isinstance(product.grid, OccupancyGrid):
+    for product in products_of(common.recipe, made.grid, cloud):
+        if product.step.stage.robot is not None and isinstance(product.grid, OccupancyGrid):
             _check_robot(product.grid, made, cloud)
         yield product
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Literal
 
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning
-from mapdeal.formats.maps import read_header
-from mapdeal.formats.source import is_same_file
+from mapdeal.formats.maps import open_map
+from mapdeal.formats.source import is_same_file, sha256_of, sums_of_reads
 from mapdeal.pipeline.jobs import Job, MapRun
-from mapdeal.pipeline.large import Need, need_of
+from mapdeal.pipeline.memory import Need, need_of
 from mapdeal.pipeline.run import output_folder
 
 
@@ -47,34 +47,37 @@ class Plan:
 
 def plan_of(job: Job, run: MapRun) -> Plan:
     """Return what a run would do with a map, as far as headers, sums and the manifest tell."""
-    options = run.options
+    settings, steps = run.settings, run.recipe.steps
     size = (0, 0)
     try:
-        with warnings.catch_warnings():
+        with (
+            warnings.catch_warnings(),
+            sums_of_reads() as sums,
+            open_map(job.path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
+        ):
             warnings.simplefilter("ignore", MapdealWarning)  # the run itself warns
-            header = read_header(job.path, dialect=options.dialect, max_cells=run.max_cells)
-        size = (header.height, header.width)
+            size, files = file.shape(), file.files
+            is_by_rows = file.shape_by_rows is not None
         need = need_of(
-            job.path,
-            size,
-            run.recipe.steps,
-            image_max=options.picture_size,
-            max_memory=run.max_memory,
-            threads=run.threads,
-        )
-        target = output_folder(job.folder, header.files, run.recipe, options)
-        is_unchanged = not run.force and target.unchanged_figures() is not None
+            job.path, size, steps, settings,
+            image_max=settings.picture_size, is_by_rows=is_by_rows,
+        )  # fmt: skip
+        if not settings.force:
+            sums = {one: sums.get(one) or sha256_of(one) for one in files}
+        named = {one.name: digest for one, digest in sums.items()}
+        target = output_folder(job.folder, named, run.recipe, settings)
+        is_unchanged = not settings.force and target.unchanged_figures() is not None
     except MapdealError as error:
         return Plan(job, "failed", *size, error=error)
     if is_unchanged:
-        return Plan(job, "unchanged", *size, reads=header.files)
+        return Plan(job, "unchanged", *size, reads=files)
     existing = target.existing()
     outputs = tuple(target.outputs())
-    refusal = _refusal(existing, header.files, force=run.force)
+    refusal = _refusal(existing, files, force=settings.force)
     if refusal is not None:
-        return Plan(job, "refused", *size, reads=header.files, error=refusal)
+        return Plan(job, "refused", *size, reads=files, error=refusal)
     what: Literal["new", "replace"] = "replace" if existing else "new"
-    return Plan(job, what, *size, need, header.files, outputs)
+    return Plan(job, what, *size, need, files, outputs)
 
 
 def _refusal(

@@ -1,57 +1,141 @@
-"""Which files a stage's result becomes, and how they are written."""
+"""Which files a grid becomes, and how they are written: one row a type of grid."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from mapdeal.errors import one_line
-from mapdeal.formats.map_writer import write_pair
-from mapdeal.formats.maps import write_grid
-from mapdeal.formats.npz import AnyGrid
+from mapdeal.errors import ParameterError, one_line
+from mapdeal.formats.map_writer import Encoding
+from mapdeal.formats.maps import output_paths, write_grid
+from mapdeal.formats.npy import write_npy
+from mapdeal.formats.npz import Grid
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.transaction import Transaction
+from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.large import LargeCosts, LargeField, LargeMap
+from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
-from mapdeal.pipeline.stage_list import Step
+from mapdeal.pipeline.step import Step
 from mapdeal.render.canvas import Image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
-from mapdeal.stages.esdf import field_view
-from mapdeal.stages.large import large_field_view
 
-_NAMES = {
-    "local": "local",
-    "active": "active",
-    "inflate": "inflated",
-    "esdf": "esdf",
-    "potential": "potential",
-    "cost": "cost",
-}
+PICTURE = ".png"
 
 
-def product_name(stage: str) -> str:
-    """Return what the files of a stage are called, without their endings."""
-    return _NAMES.get(stage, stage)
+@dataclass(frozen=True)
+class GridFiles:
+    """How grids of a type are written.
+
+    Parameters
+    ----------
+    endings : tuple of str
+        Those that the output of a command can have, the usual one first.
+    in_folder : tuple of str
+        The files in a folder of outputs, in the order of writing, the picture aside.
+    draw : callable
+        Returns the picture.
+    passes : mapping of str to int
+        How often the rows of a lazy layer are gone through to write a file of an ending.
+    """
+
+    endings: tuple[str, ...]
+    in_folder: tuple[str, ...]
+    draw: Callable[..., Image]
+    passes: Mapping[str, int]
+
+
+_FILES: dict[type[Any], GridFiles] = {
+    OccupancyGrid: GridFiles(
+        (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image,
+        {".npz": 1, ".yaml": 2, PICTURE: 1},  # trinary, unless a value lies in between
+    ),
+    Costmap: GridFiles(
+        (".yaml", ".yml", ".npz"), (".npz", ".pgm", ".yaml"), cost_image,
+        {".npz": 1, ".yaml": 1, PICTURE: 1},
+    ),
+    DistanceField: GridFiles(
+        (".yaml", ".yml", ".npz", ".npy"), (".npz", ".pgm", ".yaml"), field_image,
+        {".npz": 1, ".npy": 1, ".yaml": 1, PICTURE: 2},  # its colours depend on its range
+    ),
+    PotentialField: GridFiles((".npz",), (".npz",), potential_image, {".npz": 1, PICTURE: 1}),
+}  # fmt: skip
+
+
+def files_of(made: type[Any]) -> GridFiles:
+    """Return how grids of a type are written.
+
+    Raises
+    ------
+    TypeError
+        If the type has no row.
+    """
+    if made not in _FILES:
+        raise TypeError(f"it is not known how a {made.__name__} is written")
+    return _FILES[made]
 
 
 def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
     """Return the files that a step of a run writes into `folder`, in the order of writing."""
-    name = _NAMES[step.name]
-    endings = [".npz"] if step.name in ("esdf", "potential", "cost") else []
-    endings += [] if step.name == "potential" else [".pgm", ".yaml"]
-    endings += [".png"] if images else []
-    return [folder / f"{name}{ending}" for ending in endings]
+    endings = [*files_of(step.stage.makes).in_folder, *([PICTURE] if images else [])]
+    return [folder / f"{step.stage.product}{ending}" for ending in endings]
+
+
+def passes_of(step: Step, ending: str) -> int:
+    """Return how often the rows of a step's product are gone through to write a file."""
+    ending = ".yaml" if ending == ".yml" else ending
+    passes = files_of(step.stage.makes).passes.get(ending, 0)  # an image comes with its YAML
+    return passes * step.stage.view_passes(step.view) if ending == ".yaml" else passes
+
+
+def output_of(step: Step, output: Path) -> list[Path]:
+    """Return the files that a step's product becomes if it is written to `output`.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be written to a file of that ending.
+    """
+    endings = files_of(step.stage.makes).endings
+    if output.suffix not in endings:
+        hint = "--image writes a picture" if output.suffix == PICTURE else None
+        rule = f"the output must end in {' or '.join(e for e in endings if e != '.yml')}"
+        raise ParameterError(rule, source=output, hint=hint)
+    if output.suffix == ".npy":
+        return [output, output.with_suffix(".yaml")]
+    return list(output_paths(output))
+
+
+def write_product(
+    transaction: Transaction,
+    output: Path,
+    grid: Grid,
+    step: Step,
+    *,
+    encoding: Encoding = "occupancy",
+) -> None:
+    """Write a step's product to a file, and the other one of a pair."""
+    if isinstance(grid, DistanceField) and output.suffix == ".npy":
+        transaction.write(output, lambda file: write_npy(file, grid.distance))
+        document = yaml_document(geometry_of_npy(grid, grid, output))
+        transaction.write_bytes(output.with_suffix(".yaml"), document)
+    elif isinstance(grid, DistanceField) and output.suffix != ".npz":
+        write_grid(transaction, output, step.view_of(grid), mode="raw")
+    else:
+        write_grid(transaction, output, grid, encoding=encoding)
 
 
 def write_products(
     transaction: Transaction,
     step: Step,
-    grid: AnyGrid,
+    grid: Grid,
     folder: Path,
     *,
     stem: str,
@@ -59,76 +143,50 @@ def write_products(
     image_max: int = DEFAULT_IMAGE_MAX,
     overlay: Overlay | None = None,
 ) -> None:
-    """Write all files of a step's result, those of `paths_of`."""
-    base = folder / _NAMES[step.name]
-    if step.name in ("esdf", "potential", "cost"):
-        write_grid(transaction, base.with_suffix(".npz"), grid)
-    pair = base.with_suffix(".yaml")
-    if isinstance(grid, (DistanceField, LargeField)):
-        write_pair(transaction, pair, view_of(grid, step), mode="raw")
-    elif not isinstance(grid, PotentialField):
-        write_pair(transaction, pair, grid)
-    if images:
-        title = one_line(f"{stem}: {title_of(step)}")
-        path = base.with_suffix(".png")
-        write_picture(transaction, path, grid, title, image_max=image_max, overlay=overlay)
-
-
-def view_of(field: DistanceField | LargeField, step: Step) -> OccupancyGrid | LargeMap:
-    """Return the 0..100 view that a step asks for."""
-    if isinstance(field, LargeField):
-        return large_field_view(field, **step.view)
-    return field_view(field, **step.view)
+    """Write all files of a step's product, those of `paths_of`."""
+    for path in paths_of(step, folder, images=images):
+        if path.suffix == PICTURE:
+            title = one_line(f"{stem}: {step.title}")
+            write_picture(transaction, path, grid, title, image_max=image_max, overlay=overlay)
+        elif path.suffix != ".pgm":  # it is written with its YAML
+            write_product(transaction, path, grid, step)
 
 
 def write_picture(
     transaction: Transaction,
     path: Path,
-    grid: AnyGrid,
+    grid: Grid,
     title: str,
     *,
     image_max: int = DEFAULT_IMAGE_MAX,
     overlay: Overlay | None = None,
 ) -> None:
     """Write the picture of a grid; it is drawn in the thread that writes it."""
-
-    def draw() -> Image:
-        if isinstance(grid, (DistanceField, LargeField)):
-            return field_image(grid, title=title, image_max=image_max, overlay=overlay)
-        if isinstance(grid, (Costmap, LargeCosts)):
-            return cost_image(grid, title=title, image_max=image_max, overlay=overlay)
-        if isinstance(grid, PotentialField):
-            return potential_image(grid, title=title, image_max=image_max)
-        return occupancy_image(grid, title=title, image_max=image_max, overlay=overlay)
+    draw = files_of(type(grid)).draw
 
     def write(file: object) -> None:
-        image = draw()
+        image = draw(grid, title=title, image_max=image_max, overlay=overlay)
         write_indexed_png(file, image.indices, image.palette)  # type: ignore[arg-type]
 
     transaction.write(path, write)
 
 
-def title_of(step: Step) -> str:
-    """Return what a step has done, as a picture's title says it."""
-    parameters = step.parameters
-    if step.name == "local":
-        return "local map"
-    if step.name == "active":
-        return "active region"
-    if step.name == "inflate":
-        footprint = parameters["footprint"]
-        radius = footprint.circumscribed_radius if footprint else parameters["radius"]
-        return f"inflated by {radius:.4g} m ({parameters['kernel']})"
-    if step.name == "esdf":
-        return "signed distance field"
-    if step.name == "potential":
-        return "potential field" if parameters["goal"] else "repulsive field"
-    if step.model == "exponential":
-        return (
-            f"cost, inscribed {parameters['inscribed_radius']:.4g} m, "
-            f"inflation {parameters['inflation_radius']:.4g} m, "
-            f"factor {parameters['cost_scaling_factor']:.4g}"
-        )
-    if step.model == "rings":
-        return f"cost, rings {', '.join(str(value) for value in parameters['values'])}"
-    return f"cost, thresholds {parameters['down']:g} and {parameters['up']:g}, {parameters['view']}"
+def geometry_of_npy(grid: Framed, rule: Any, output: Path) -> dict[str, Any]:
+    """Return what the YAML beside a bare ``.npy`` says of the field: geometry and parameters.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or DistanceField
+        Whose geometry it has.
+    rule : DistanceField or FieldRule
+        What holds the parameters.
+    output : Path
+        The ``.npy``.
+    """
+    names = ("convention", "strength", "max_distance", "lethal_threshold", "unknown")
+    return {
+        "distance": output.name,
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
+        **{name: getattr(rule, name) for name in names},
+    }

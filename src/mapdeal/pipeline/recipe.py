@@ -13,7 +13,9 @@ from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.source import exists
 from mapdeal.formats.yaml_text import read_mapping
 from mapdeal.grid.footprint import Footprint
-from mapdeal.pipeline.stage_list import STAGES, Step, step
+from mapdeal.pipeline.step import Step, make_step
+from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
+from mapdeal.stages.definition import Stage
 from mapdeal.stages.parameters import unknown_name
 
 BUILT_IN = ("default", "nav2", "local", "seed-real", "seed-sim")
@@ -72,7 +74,7 @@ def load_recipe(
         _adapt_to_footprint(draft, footprint, name)
     for setting in settings:
         _apply_setting(draft, setting, name)
-    steps = tuple(step(stage, given) for stage, given in draft)
+    steps = tuple(make_step(stage, given) for stage, given in draft)
     _warn_of_double_radius(steps)
     return Recipe(steps)
 
@@ -101,12 +103,12 @@ def _parse(path: Path, name: str) -> Draft:
     draft: Draft = []
     for item in listed:
         stage, given = _stage_of(item, name)
-        if stage not in STAGES:
-            raise _in_file(unknown_name("stage", stage, STAGES), path)
+        if not models_of(stage):
+            raise _in_file(unknown_name("stage", stage, STAGE_NAMES), path)
         if stage in (done for done, _ in draft):
             raise ParameterError("a stage can run once", source=name, place=stage)
-        if draft and draft[-1][0] == "cost":
-            rule = "no stage can follow cost"
+        if draft and next(iter(models_of(draft[-1][0]).values())).is_last:
+            rule = f"no stage can follow {draft[-1][0]}"
             raise ParameterError(rule, source=name, place=stage)
         draft.append((stage, given))
     return draft
@@ -135,26 +137,36 @@ def _find(draft: Draft, stage: str) -> dict[str, object] | None:
     return next((given for done, given in draft if done == stage), None)
 
 
+def _stage_in(draft_item: tuple[str, Mapping[str, object]]) -> Stage:
+    """Return the stage of an item, in the model that it asks for; an unknown one fails later."""
+    name, given = draft_item
+    models = models_of(name)
+    model = given.get("model")
+    known = models.get(model) if isinstance(model, str) else None
+    return known or next(iter(models.values()))
+
+
 def _adapt_to_sim(draft: Draft) -> None:
-    if _find(draft, "active") is None:
-        draft.insert(0, ("active", {}))
-    field = _find(draft, "esdf")
-    if field is not None:
-        field["unknown"] = "occupied"
+    for stage in reversed(STAGES):
+        rule = stage.in_simulation
+        given = _find(draft, stage.name)
+        if rule is not None and given is None and rule.is_added:
+            given = {}
+            draft.insert(0, (stage.name, given))
+        if rule is not None and given is not None:
+            given.update(rule.parameters)
 
 
 def _adapt_to_footprint(draft: Draft, footprint: Footprint, name: str) -> None:
-    inflated = _find(draft, "inflate")
-    if inflated is not None:
-        inflated.pop("radius", None)
-        inflated["footprint"] = footprint
-        return
-    cost = _find(draft, "cost")
-    if cost is None or cost.get("model", "exponential") != "exponential":
-        rule = "the recipe has no stage that a robot's shape could go into"
-        raise ParameterError(rule, source=name)
-    cost["inscribed_radius"] = footprint.inscribed_radius
-    cost["circumscribed_radius"] = footprint.circumscribed_radius
+    """Give the robot's shape to the first stage that it matters to."""
+    for item in draft:
+        robot = _stage_in(item).robot
+        if robot is not None:
+            item[1].pop(robot.replaces, None)
+            item[1].update(robot.parameters(footprint))
+            return
+    rule = "the recipe has no stage that a robot's shape could go into"
+    raise ParameterError(rule, source=name)
 
 
 def _apply_setting(draft: Draft, setting: str, name: str) -> None:
@@ -165,24 +177,31 @@ def _apply_setting(draft: Draft, setting: str, name: str) -> None:
         raise ParameterError(rule, source="--set", got=setting)
     given = _find(draft, stage)
     if given is None:
-        if stage not in STAGES:
-            raise unknown_name("stage", stage, STAGES, place="--set")
+        if not models_of(stage):
+            raise unknown_name("stage", stage, STAGE_NAMES, place="--set")
         rule = f"recipe {name} has no stage {stage}"
         hint = f"its stages are {', '.join(done for done, _ in draft)}"
         raise ParameterError(rule, source="--set", got=setting, hint=hint)
-    if stage == "inflate" and parameter == "radius":
-        given.pop("footprint", None)
-    given[parameter.replace("-", "_")] = value.strip()
+    parameter = parameter.replace("-", "_")
+    robot = _stage_in((stage, given)).robot
+    if robot is not None and parameter == robot.replaces not in robot.sets:
+        for name_of_shape in robot.sets:
+            given.pop(name_of_shape, None)
+    given[parameter] = value.strip()
 
 
 def _warn_of_double_radius(steps: Sequence[Step]) -> None:
-    inflated = False
+    """Warn where the robot's radius counts in a stage, and once more in one after it."""
+    before: Step | None = None
     for one in steps:
-        inflated = inflated or one.name == "inflate"
-        inscribed = one.parameters.get("inscribed_radius", 0.0)
-        if inflated and one.name == "cost" and inscribed > 0:
+        robot = one.stage.robot
+        if robot is None:
+            continue
+        radius = one.parameters[robot.replaces]
+        if before is not None and radius > 0:
             text = (
-                f"cost: inscribed_radius {inscribed:g} m comes on top of the inflation before "
-                "it, so the robot's radius counts twice"
+                f"{one.name}: {robot.replaces} {radius:g} m comes on top of stage {before.name} "
+                "before it, so the robot's radius counts twice"
             )
             warnings.warn(text, MapdealWarning, stacklevel=3)
+        before = before or one

@@ -133,7 +133,7 @@ def _costs_of(source: Source, path: Path, footprint: Footprint | None) -> Costma
             warnings.warn(text, MapdealWarning, stacklevel=2)
     warn_of_potential(grid, path)
     for step in _recipe_for(footprint).steps:
-        if not (step.name == "esdf" and isinstance(grid, DistanceField)):
+        if not (step.stage.makes is DistanceField and isinstance(grid, DistanceField)):
             grid = step.apply(grid, path)
     if not isinstance(grid, Costmap):
         raise TypeError("the recipe of routes must end in costs")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
@@ -53,3 +54,16 @@ class Settings:
     images: bool = True
     image_max: int = DEFAULT_IMAGE_MAX
     progress: ProgressCallback | None = None
+
+    @property
+    def picture_size(self) -> int | None:
+        """`image_max` of the pictures in a folder, None if it gets none."""
+        return self.image_max if self.images else None
+
+    @property
+    def picture_options(self) -> dict[str, Any]:
+        """What shapes the pictures in a folder, as JSON can hold it."""
+        return {"images": self.images, "image_max": self.image_max}
+
+
+DEFAULT_SETTINGS = Settings()

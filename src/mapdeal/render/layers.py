@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.large import LargeCosts, LargeField, LargeMap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     INSCRIBED_INFLATED_OBSTACLE,
@@ -20,8 +19,8 @@ from mapdeal.grid.values import (
     OCCUPIED,
     UNKNOWN,
 )
+from mapdeal.kernels.blocks import blocks_of, looked_up
 from mapdeal.kernels.lookup import histogram, look_up, set_where
-from mapdeal.kernels.rows import looked_up, slabs_of
 from mapdeal.kernels.threads import for_rows
 from mapdeal.render import colours
 from mapdeal.render.canvas import (
@@ -42,7 +41,7 @@ _FIELD_LEVELS = _FREE_LEVELS + _OBSTACLE_LEVELS
 
 
 def occupancy_image(
-    grid: OccupancyGrid | LargeMap,
+    grid: OccupancyGrid,
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
@@ -78,7 +77,7 @@ def occupancy_image(
 
 
 def field_image(
-    field: DistanceField | LargeField,
+    field: DistanceField,
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
@@ -123,7 +122,7 @@ def field_image(
 
 
 def _field_pixels(
-    field: DistanceField | LargeField, raster: Raster, ends: _Ends
+    field: DistanceField, raster: Raster, ends: _Ends
 ) -> tuple[NDArray[np.uint8], int | None]:
     """Return palette indices, and one that shows what unknown cells look like, if there are any.
 
@@ -138,7 +137,7 @@ def _field_pixels(
 
 
 def _field_levels(
-    field: DistanceField | LargeField, raster: Raster, ends: _Ends, obstacles: NDArray[np.bool_]
+    field: DistanceField, raster: Raster, ends: _Ends, obstacles: NDArray[np.bool_]
 ) -> tuple[NDArray[np.uint8], int | None]:
     distance = raster.smallest(field.distance)
     is_unknown = np.zeros(256, dtype=np.bool_)
@@ -160,7 +159,7 @@ def _field_levels(
 
 
 def cost_image(
-    costmap: Costmap | LargeCosts,
+    costmap: Costmap,
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
@@ -267,7 +266,7 @@ class _Ends:
         return math.isfinite(self.highest) and math.isfinite(self.lowest)
 
     @classmethod
-    def of(cls, field: DistanceField | LargeField) -> _Ends:
+    def of(cls, field: DistanceField) -> _Ends:
         """Return the ends of a field; where nothing is known, its unknown cells count."""
         known: list[tuple[float, float]] = []
         every: list[tuple[float, float]] = []
@@ -280,8 +279,8 @@ class _Ends:
                 finite = np.where(is_known & np.isfinite(distance), distance, np.float32(0))
                 known.append((float(finite.max()), float(finite.min())))
 
-        for slab in slabs_of(field.distance):
-            distances, occupancies = field.distance[slab], field.occupancy[slab]
+        for block in blocks_of(field.distance):
+            distances, occupancies = field.distance[block], field.occupancy[block]
             for_rows(look, distances.shape)
         highest, lowest = max(end[0] for end in every), min(end[1] for end in every)
         if known:

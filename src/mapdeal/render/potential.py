@@ -11,7 +11,7 @@ from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.render import colours
 from mapdeal.render.canvas import ColourBar, Image, Swatch, corner_of, frame_text, sheet
-from mapdeal.render.overlay import Brush, brush_on
+from mapdeal.render.overlay import Brush, Overlay, brush_on
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
 
 _LEVELS = 100
@@ -21,13 +21,17 @@ _ARROW_SPACING = 26.0
 
 
 def potential_image(
-    field: PotentialField, *, title: str, image_max: int = DEFAULT_IMAGE_MAX
+    field: PotentialField,
+    *,
+    title: str,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    overlay: Overlay | None = None,
 ) -> Image:
     """Return the normalised potential in an even scale, with arrows that point downhill.
 
     Obstacles are black, unknown cells faded. Where cells share a pixel the highest potential
     shows, and an obstacle before all. The arrows stand on a coarse lattice and tell the
-    direction alone.
+    direction alone. An overlay is drawn over all.
     """
     raster = Raster.fitting(field.shape, image_max)
     obstacles = raster.largest(field.obstacles())
@@ -50,12 +54,17 @@ def potential_image(
     scale_colours = colours.potential_scale(_LEVELS)
     faded = colours.mixed(scale_colours, colours.RVIZ_UNKNOWN, 0.6)
     palette = np.vstack([scale_colours, faded, [colours.LETHAL, colours.ARROW, colours.GOAL]])
+    texts = [frame_text(field.frame), _range_text(field)]
+    if overlay is not None:
+        swatches = swatches + overlay.draw(pixels, field.frame, raster, len(palette))
+        palette = np.vstack([palette, overlay.colours])
+        texts.append(overlay.text)
     ticks = [(value / 10, f"{value}") for value in range(0, 11, 2)]
     return sheet(
         pixels,
         palette.astype(np.uint8),
         title=title,
-        subtitle=f"{frame_text(field.frame)}; {_range_text(field)}",
+        subtitle="; ".join(texts),
         metres_per_pixel=raster.metres_per_pixel(field.resolution),
         corner_xy=corner_of(field.frame),
         bar=ColourBar(range(_LEVELS), ticks, "normalised"),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.rows import Rows
+from mapdeal.kernels.blocks import Layer
 from mapdeal.kernels.threads import for_rows
 
 _SMALL_SIDE = 600
@@ -47,15 +47,15 @@ class Raster:
         """Return the length of a pixel's side."""
         return resolution * self.reduce / self.enlarge
 
-    def largest(self, layer: Rows) -> NDArray[Any]:
+    def largest(self, layer: Layer) -> NDArray[Any]:
         """Return the largest value of the cells under each pixel, before enlarging."""
         return self._pooled(layer, np.maximum)
 
-    def smallest(self, layer: Rows) -> NDArray[Any]:
+    def smallest(self, layer: Layer) -> NDArray[Any]:
         """Return the smallest value of the cells under each pixel, before enlarging."""
         return self._pooled(layer, np.minimum)
 
-    def _pooled(self, layer: Rows, choose: np.ufunc) -> NDArray[Any]:
+    def _pooled(self, layer: Layer, choose: np.ufunc) -> NDArray[Any]:
         if self.reduce == 1:
             return layer[:]
         step = self.reduce

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Literal
 
 import numpy as np
@@ -11,17 +12,28 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import UNKNOWN
+from mapdeal.kernels.blocks import blocks_of, made_by_rows
 from mapdeal.kernels.neighbourhood import drop_small_groups
-from mapdeal.stages.parameters import AT_LEAST_0, stage
+from mapdeal.stages.definition import InSimulation, stage
+from mapdeal.stages.parameters import AT_LEAST_0, CELLS, METRES
+
+Mask = NDArray[np.bool_]
 
 
-@stage
+@stage(
+    name="active",
+    summary="Cut out the known part of a map, its active region.",
+    title=lambda _: "active region",
+    memory=1.5,
+    is_whole=lambda parameters: parameters["min_component"] > 1,
+    in_simulation=InSimulation({}, is_added=True),
+)
 def active_region(
     grid: OccupancyGrid,
     *,
-    margin: Annotated[float, AT_LEAST_0] = 0.0,
+    margin: Annotated[float, AT_LEAST_0, METRES] = 0.0,
     canvas: Literal["crop", "full"] = "crop",
-    min_component: Annotated[int, AT_LEAST_0] = 0,
+    min_component: Annotated[int, AT_LEAST_0, CELLS] = 0,
 ) -> OccupancyGrid:
     """Return the bounding box of all known cells.
 
@@ -33,13 +45,15 @@ def active_region(
     grid : OccupancyGrid
         The map.
     margin : float
-        Metres to grow the box by on every side; it is clipped to the grid.
+        Metres to grow the box by on every side, rounded up to whole cells; it is clipped to the
+        grid.
     canvas : {'crop', 'full'}
+        Whether the canvas is cropped to the box, or the rest of it is blanked.
         ``crop``: the grid shrinks to the box and its origin moves with it, whatever the yaw.
         ``full``: the grid keeps its size, and cells outside of the box become unknown.
     min_component : int
-        8-connected groups of known cells smaller than this don't count for the box, so that a
-        stray beam does not blow it up. Inside of the box they stay.
+        Known cells in smaller 8-connected groups do not count for the box. So a stray beam does
+        not blow it up; inside of the box its cells stay.
 
     Returns
     -------
@@ -62,20 +76,49 @@ def active_region(
     >>> region.occupancy.tolist(), region.origin
     ([[0, 100]], (1.5, 2.5, 0.0))
     """
-    known = drop_small_groups(grid.occupancy != UNKNOWN, min_component)
-    if not known.any() and min_component > 1:
-        rule = f"no active cells: no group of {min_component} known cells or more"
-        raise MalformedInputError(rule)
-    in_rows, in_cols = np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
-    rows, cols = box_around(in_rows, in_cols, margin, grid.resolution)
+    rows, cols = box_around(*_known_lines(grid, min_component), margin, grid.resolution)
     if canvas == "full":
-        occupancy = np.full(grid.shape, UNKNOWN, dtype=np.int8)
-        occupancy[rows, cols] = grid.occupancy[rows, cols]
+        occupancy = made_by_rows(grid.occupancy, np.int8, _masked(grid.occupancy, rows, cols))
         return OccupancyGrid(occupancy, grid.resolution, grid.origin)
-    frame = grid.frame.window(
-        rows.start, cols.start, rows.stop - rows.start, cols.stop - cols.start
-    )
-    return OccupancyGrid(grid.occupancy[rows, cols], grid.resolution, frame.origin)
+    shape = (rows.stop - rows.start, cols.stop - cols.start)
+    frame = grid.frame.window(rows.start, cols.start, *shape)
+
+    def cut_out(part: slice) -> NDArray[np.int8]:
+        return grid.occupancy[rows.start + part.start : rows.start + part.stop][:, cols]
+
+    occupancy = made_by_rows(grid.occupancy, np.int8, cut_out, shape=shape)
+    return OccupancyGrid(occupancy, grid.resolution, frame.origin)
+
+
+def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
+    """Return in which rows and in which columns anything is known that counts."""
+    if min_component > 1:
+        known = drop_small_groups(np.asarray(grid.occupancy) != UNKNOWN, min_component)
+        if not known.any():
+            rule = f"no active cells: no group of {min_component} known cells or more"
+            raise MalformedInputError(rule)
+        return np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
+    in_rows, in_cols = np.zeros(grid.shape[0], dtype=bool), np.zeros(grid.shape[1], dtype=bool)
+    for block in blocks_of(grid.occupancy):
+        known = grid.occupancy[block] != UNKNOWN
+        in_rows[block] = known.any(axis=1)
+        in_cols |= known.any(axis=0)
+    return in_rows, in_cols
+
+
+def _masked(
+    layer: NDArray[np.int8], rows: slice, cols: slice
+) -> Callable[[slice], NDArray[np.int8]]:
+    """Return what makes rows of a layer with everything outside of a box unknown."""
+
+    def make(part: slice) -> NDArray[np.int8]:
+        values = np.full((part.stop - part.start, layer.shape[1]), UNKNOWN, dtype=np.int8)
+        low, high = max(part.start, rows.start), min(part.stop, rows.stop)
+        if low < high:
+            values[low - part.start : high - part.start, cols] = layer[low:high][:, cols]
+        return values
+
+    return make
 
 
 def box_around(

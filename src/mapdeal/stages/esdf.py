@@ -10,8 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.field import DistanceField
-from mapdeal.grid.large import LargeField
+from mapdeal.grid.field import DistanceField, obstacles_in
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
@@ -20,121 +19,28 @@ from mapdeal.grid.values import (
     Convention,
     UnknownPolicy,
 )
-from mapdeal.kernels.column_runs import Beside
+from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows
+from mapdeal.kernels.column_runs import Halo, halos_of, runs_of
 from mapdeal.kernels.distance import signed_distance
-from mapdeal.kernels.lookup import set_where
+from mapdeal.kernels.lookup import look_up, set_where
+from mapdeal.stages.definition import InSimulation, checked, stage
 from mapdeal.stages.field_values import (
     bytes_of_metres,
     deepest_in,
     furthest_kept,
     largest_distance_in,
 )
-from mapdeal.stages.parameters import ABOVE_0, LETHAL, STRENGTH, stage
+from mapdeal.stages.parameters import ABOVE_0, FACTOR, METRES, STRENGTH, LethalThreshold
 
 View = Literal["metric", "seed"]
 
 
-@stage
-def esdf(
-    grid: OccupancyGrid,
-    *,
-    unknown: UnknownPolicy = "free",
-    convention: Convention = "seed",
-    max_distance: Annotated[float, ABOVE_0] | None = None,
-    lethal_threshold: Annotated[int, LETHAL] = DEFAULT_LETHAL_THRESHOLD,
-    strength: Annotated[float, STRENGTH] = 1.0,
-) -> DistanceField:
-    """Return the signed distance of every cell to the nearest obstacle's edge.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    unknown : {'free', 'occupied'}
-        What unknown cells count as.
-    convention : {'seed', 'center', 'border'}
-        With d the distance from a free cell's centre to the nearest obstacle cell's centre, and
-        d_in from an obstacle cell's centre to the nearest free cell's, in metres:
-        ``seed`` d and resolution - d_in, so 0 on the outermost obstacle cells (Fast-Planner
-        and design document 000); ``center`` d and -d_in; ``border`` d - resolution / 2 and
-        resolution / 2 - d_in, zero on the edge between the cells (grid_map).
-    max_distance : float, optional
-        Metres to clip both signs to.
-    lethal_threshold : int
-        Occupancy from which a cell is an obstacle.
-    strength : float
-        Factor for the positive distances, applied after clipping: the k of design document 000.
-
-    Returns
-    -------
-    DistanceField
-        float32 metres, exact squared distances rounded once. All +inf for a map without
-        obstacles, all -inf for one without free cells, before clipping.
-
-    Examples
-    --------
-    >>> grid = OccupancyGrid([[100, 100, 0, 0]], resolution=0.5)
-    >>> esdf(grid).distance.tolist()
-    [[-0.5, 0.0, 0.5, 1.0]]
-    >>> esdf(grid, convention="border").distance.tolist()
-    [[-0.75, -0.25, 0.25, 0.75]]
-    """
-    measuring = Measuring(unknown, convention, max_distance, lethal_threshold, strength)
-    distance = measuring.distance(measuring.obstacles(grid), grid.resolution)
-    return DistanceField(
-        distance,
-        grid.occupancy,
-        grid.resolution,
-        grid.origin,
-        convention=convention,
-        strength=strength,
-        max_distance=max_distance,
-        lethal_threshold=lethal_threshold,
-        unknown=unknown,
-    )
-
-
-@dataclass(frozen=True)
-class Measuring:
-    """How distances are made of a map, or of some of its rows: the parameters of `esdf`."""
-
-    unknown: UnknownPolicy
-    convention: Convention
-    max_distance: float | None
-    lethal_threshold: int
-    strength: float
-
-    def obstacles(self, grid: OccupancyGrid) -> NDArray[np.bool_]:
-        """Return the mask of cells that count as obstacles."""
-        occupied = grid.occupied(self.lethal_threshold)
-        return occupied | grid.unknown() if self.unknown == "occupied" else occupied
-
-    def distance(
-        self, obstacles: NDArray[np.bool_], resolution: float, beside: Beside | None = None
-    ) -> NDArray[np.float32]:
-        """Return the signed distances of a grid, or of rows of one with what lies beside them."""
-        outside_shift, inside_shift = {
-            "seed": (0.0, resolution),
-            "center": (0.0, 0.0),
-            "border": (-0.5 * resolution, 0.5 * resolution),
-        }[self.convention]
-        return signed_distance(
-            obstacles,
-            scale=resolution,
-            outside_shift=outside_shift,
-            inside_shift=inside_shift,
-            clip=math.inf if self.max_distance is None else self.max_distance,
-            gain=self.strength,
-            beside=beside,
-        )
-
-
-@stage
+@checked
 def field_view(
     field: DistanceField,
     *,
     view: View = "metric",
-    view_range: Annotated[float, ABOVE_0] = 2.0,
+    view_range: Annotated[float, ABOVE_0, METRES] = 2.0,
 ) -> OccupancyGrid:
     """Return the field as values 0..100 that grow towards obstacles.
 
@@ -144,11 +50,12 @@ def field_view(
         The field; its convention and strength make no difference, since the view is of the
         distance between cell centres.
     view : {'metric', 'seed'}
-        ``metric``: trunc(100 (1 - min(d, view_range) / view_range)), the same on every map.
-        ``seed``: trunc(100 (D - d) / (D - resolution + I)), scaled between the map's own
-        largest free distance D and deepest obstacle I, as design document 000 has it.
+        How distances become 0..100. ``metric``: trunc(100 (1 - min(d, view_range) /
+        view_range)), the same on every map. ``seed``: trunc(100 (D - d) / (D - resolution + I)),
+        scaled between the map's own largest free distance D and deepest obstacle I, as design
+        document 000 has it.
     view_range : float
-        Metres at which the metric view reaches 0.
+        Where the metric view is 0.
 
     Returns
     -------
@@ -199,15 +106,33 @@ class ViewScale:
         cls, field: DistanceField, obstacles: NDArray[np.bool_], *, view: View, view_range: float
     ) -> ViewScale:
         """Return the scale of a field."""
-        has_obstacles, has_others = bool(obstacles.any()), not obstacles.all()
+        has_obstacles = not holds_everywhere(obstacles, np.logical_not)
+        has_others = not holds_everywhere(obstacles, lambda values: values)
         farthest = deepest = 0.0
         if view == "seed" and has_obstacles:
-            farthest = largest_distance_in(field, obstacles)
-            deepest = deepest_in(field, obstacles)
+            for block in blocks_of(obstacles):
+                part, mask = field.part(block), obstacles[block]
+                farthest = max(farthest, largest_distance_in(part, mask))
+                deepest = max(deepest, deepest_in(part, mask))
         return cls(view, view_range, field.shape, has_obstacles, has_others, farthest, deepest)
 
-    def values_of(self, field: DistanceField, obstacles: NDArray[np.bool_]) -> NDArray[np.int8]:
-        """Return the view of a field, or of some rows of the whole one."""
+    def values_of(
+        self,
+        field: DistanceField,
+        obstacles: NDArray[np.bool_],
+        table: NDArray[np.int8] | None = None,
+    ) -> NDArray[np.int8]:
+        """Return the view of a field, or what a table makes of its values."""
+
+        def values(rows: slice) -> NDArray[np.int8]:
+            made = self._values_of_rows(field.part(rows), obstacles[rows])
+            return made if table is None else look_up(made, table)
+
+        return made_by_rows(field.distance, np.int8, values, is_kept=table is not None)
+
+    def _values_of_rows(
+        self, field: DistanceField, obstacles: NDArray[np.bool_]
+    ) -> NDArray[np.int8]:  # fmt: skip
         if not self.has_obstacles:
             values = np.zeros(field.shape, dtype=np.int8)
         elif not self.has_others:
@@ -234,7 +159,120 @@ class ViewScale:
         return lambda metres: 100 * (self.farthest - np.minimum(metres, self.farthest)) / span
 
 
-def reach_is_kept(field: DistanceField | LargeField, reach: float) -> bool:
+@stage(
+    name="esdf",
+    summary="Compute the exact signed distance field of a map.",
+    title=lambda _: "signed distance field",
+    memory=6.0,
+    view=field_view,
+    view_passes=lambda view: 2 if view["view"] == "seed" else 1,
+    in_simulation=InSimulation({"unknown": "occupied"}),
+    rows_alone=lambda parameters: FieldRule(**parameters),
+)
+def esdf(
+    grid: OccupancyGrid,
+    *,
+    unknown: UnknownPolicy = "free",
+    convention: Convention = "seed",
+    max_distance: Annotated[float, ABOVE_0, METRES] | None = None,
+    lethal_threshold: LethalThreshold = DEFAULT_LETHAL_THRESHOLD,
+    strength: Annotated[float, STRENGTH, FACTOR] = 1.0,
+) -> DistanceField:
+    """Return the signed distance of every cell to the nearest obstacle's edge.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    unknown : {'free', 'occupied'}
+        What unknown cells count as.
+    convention : {'seed', 'center', 'border'}
+        Where zero lies; see the documentation. With d the distance from a free cell's centre to
+        the nearest obstacle cell's centre, and d_in from an obstacle cell's centre to the
+        nearest free cell's, in metres:
+        ``seed`` d and resolution - d_in, so 0 on the outermost obstacle cells (Fast-Planner
+        and design document 000); ``center`` d and -d_in; ``border`` d - resolution / 2 and
+        resolution / 2 - d_in, zero on the edge between the cells (grid_map).
+    max_distance : float, optional
+        Clip both signs to this.
+    lethal_threshold : int
+        Occupancy of an obstacle, 1..100.
+    strength : float
+        Factor of positive distances. It is applied after clipping: the k of design document 000.
+
+    Returns
+    -------
+    DistanceField
+        float32 metres, exact squared distances rounded once. All +inf for a map without
+        obstacles, all -inf for one without free cells, before clipping.
+
+    Examples
+    --------
+    >>> grid = OccupancyGrid([[100, 100, 0, 0]], resolution=0.5)
+    >>> esdf(grid).distance.tolist()
+    [[-0.5, 0.0, 0.5, 1.0]]
+    >>> esdf(grid, convention="border").distance.tolist()
+    [[-0.75, -0.25, 0.25, 0.75]]
+    """
+    rule = FieldRule(unknown, convention, max_distance, lethal_threshold, strength)
+    obstacles = rule.obstacles(grid)
+    blocks = list(blocks_of(obstacles))
+    halos: list[Halo | None] = [None]
+    if len(blocks) > 1:
+        halos = [*halos_of([runs_of(obstacles[block]) for block in blocks])]
+    by_start = {block.start: halo for block, halo in zip(blocks, halos, strict=True)}
+
+    def distances(rows: slice) -> NDArray[np.float32]:
+        return rule.distance(obstacles[rows], grid.resolution, by_start[rows.start])
+
+    return DistanceField(
+        made_by_rows(obstacles, np.float32, distances, is_kept=True),
+        grid.occupancy,
+        grid.resolution,
+        grid.origin,
+        convention=convention,
+        strength=strength,
+        max_distance=max_distance,
+        lethal_threshold=lethal_threshold,
+        unknown=unknown,
+    )
+
+
+@dataclass(frozen=True)
+class FieldRule:
+    """How distances are made of a map, or of some of its rows: the parameters of `esdf`."""
+
+    unknown: UnknownPolicy
+    convention: Convention
+    max_distance: float | None
+    lethal_threshold: int
+    strength: float
+
+    def obstacles(self, grid: OccupancyGrid) -> NDArray[np.bool_]:
+        """Return the mask of cells that count as obstacles."""
+        return obstacles_in(grid.occupancy, self.lethal_threshold, self.unknown)
+
+    def distance(
+        self, obstacles: NDArray[np.bool_], resolution: float, halo: Halo | None = None
+    ) -> NDArray[np.float32]:
+        """Return the signed distances of a grid, or of rows of one with what lies around them."""
+        outside_shift, inside_shift = {
+            "seed": (0.0, resolution),
+            "center": (0.0, 0.0),
+            "border": (-0.5 * resolution, 0.5 * resolution),
+        }[self.convention]
+        return signed_distance(
+            obstacles,
+            scale=resolution,
+            outside_shift=outside_shift,
+            inside_shift=inside_shift,
+            clip=math.inf if self.max_distance is None else self.max_distance,
+            gain=self.strength,
+            halo=halo,
+        )
+
+
+def reach_is_kept(field: DistanceField, reach: float) -> bool:
     """Return whether the field tells all distances up to `reach` metres apart.
 
     A clipped field does not know its cells at exactly the clip from those beyond it.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -15,7 +16,7 @@ from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.large import LargeField
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.values import (
     FREE_SPACE,
     INSCRIBED_INFLATED_OBSTACLE,
@@ -23,26 +24,55 @@ from mapdeal.grid.values import (
     NO_INFORMATION,
     UNKNOWN,
 )
+from mapdeal.kernels.blocks import blocks_of, made_by_rows, made_by_windows
 from mapdeal.kernels.distance import bytes_by_distance
 from mapdeal.kernels.lookup import set_where
 from mapdeal.kernels.threads import for_rows
+from mapdeal.stages.cost import cost_model
+from mapdeal.stages.definition import Parameters, RobotShape
 from mapdeal.stages.esdf import reach_is_kept
 from mapdeal.stages.field_values import bytes_in
 from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold, obstacles_of
-from mapdeal.stages.parameters import AT_LEAST_0, LETHAL, stage
+from mapdeal.stages.parameters import (
+    AT_LEAST_0,
+    METRES,
+    PER_METRE,
+    FromRobot,
+    LethalThreshold,
+)
 
 
-@stage
+def _title(parameters: Parameters) -> str:
+    return (
+        f"cost, inscribed {parameters['inscribed_radius']:.4g} m, "
+        f"inflation {parameters['inflation_radius']:.4g} m, "
+        f"factor {parameters['cost_scaling_factor']:.4g}"
+    )
+
+
+def _radii_of(footprint: Footprint) -> dict[str, object]:
+    return {
+        "inscribed_radius": footprint.inscribed_radius,
+        "circumscribed_radius": footprint.circumscribed_radius,
+    }
+
+
+@cost_model(
+    "exponential",
+    title=_title,
+    memory=3.0,
+    robot=RobotShape("inscribed_radius", ("inscribed_radius", "circumscribed_radius"), _radii_of),
+)
 def exponential_cost(
     source: ObstacleSource,
     *,
-    inscribed_radius: Annotated[float, AT_LEAST_0] = 0.0,
-    inflation_radius: Annotated[float, AT_LEAST_0] = 0.55,
-    cost_scaling_factor: Annotated[float, AT_LEAST_0] = 10.0,
+    inscribed_radius: Annotated[float, AT_LEAST_0, METRES] = 0.0,
+    inflation_radius: Annotated[float, AT_LEAST_0, METRES] = 0.55,
+    cost_scaling_factor: Annotated[float, AT_LEAST_0, PER_METRE] = 10.0,
     inflate_unknown: bool = False,
     inflate_around_unknown: bool = False,
-    lethal_threshold: Annotated[int, LETHAL] | None = None,
-    circumscribed_radius: Annotated[float, AT_LEAST_0] | None = None,
+    lethal_threshold: LethalThreshold | None = None,
+    circumscribed_radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] | None = None,
 ) -> Costmap:
     """Return the costs of costmap_2d's inflation layer.
 
@@ -51,19 +81,20 @@ def exponential_cost(
     source : OccupancyGrid or DistanceField
         The map, or its distance field: obstacles then are the field's, distances its own.
     inscribed_radius : float
-        Metres within which the robot collides whatever its heading: cost 253.
+        Cost 253 up to here. Within it the robot collides whatever its heading.
     inflation_radius : float
-        Metres that the costs reach, rounded up to whole cells.
+        Costs reach this far. It is rounded up to whole cells.
     cost_scaling_factor : float
-        Rate of the fall-off, per metre; larger is steeper.
+        Steepness, per metre; larger is steeper.
     inflate_unknown : bool
-        Whether unknown cells take any cost above 0, or only 253 and more.
+        Unknown cells take any cost. Otherwise they only take 253 and more.
     inflate_around_unknown : bool
-        Whether costs spread from unknown cells too, which become lethal themselves.
+        Unknown cells are lethal and spread costs.
     lethal_threshold : int, optional
-        Occupancy from which a cell is lethal; 100 for a map, a field's own for a field.
+        Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
     circumscribed_radius : float, optional
-        Metres outside of which the robot cannot collide; only reports `circumscribed_cost`.
+        The robot cannot collide farther away. It only sets `circumscribed_cost`, and a robot's
+        shape gives it.
 
     Returns
     -------
@@ -100,7 +131,7 @@ def exponential_cost(
     [[254, 253, 253, 152, 92, 0]]
     """
     lethal_threshold = check_lethal_threshold(source, lethal_threshold)
-    fall_off = FallOff.of(
+    profile = CostProfile.of(
         inscribed_radius,
         inflation_radius,
         cost_scaling_factor,
@@ -109,31 +140,58 @@ def exponential_cost(
         resolution=source.resolution,
         shape=source.shape,
     )
-    circumscribed_cost = fall_off.cost_at(circumscribed_radius)
+    circumscribed_cost = profile.cost_at(circumscribed_radius)
     obstacles = obstacles_of(source, lethal_threshold)
-    cost = costs_before(source, obstacles)
-    if fall_off.reach > 0:
-        has_more = inflate_around_unknown and bool((cost == NO_INFORMATION).any())
-        if isinstance(source, DistanceField) and not has_more and fall_off.is_in(source):
-            fall_off.raise_from_field(cost, source, obstacles)
-        else:
-            fall_off.raise_around_seeds(cost, obstacles)
+
+    def around_seeds(rows: slice) -> NDArray[np.uint8]:
+        cost = costs_before(source.occupancy[rows], obstacles[rows])
+        if profile.reach > 0:
+            profile.raise_around_seeds(cost, obstacles[rows])
+        return cost
+
+    def from_field(field: DistanceField) -> Callable[[slice], NDArray[np.uint8]]:
+        def make(rows: slice) -> NDArray[np.uint8]:
+            cost = costs_before(field.occupancy[rows], obstacles[rows])
+            profile.raise_from_field(cost, field.part(rows), obstacles[rows])
+            return cost
+
+        return make
+
+    if (
+        isinstance(source, DistanceField)
+        and profile.reach > 0
+        and not (inflate_around_unknown and _has_unknown_besides(source, obstacles))
+        and profile.is_in(source)
+    ):
+        cost = made_by_rows(source.occupancy, np.uint8, from_field(source), is_kept=True)
+    else:
+        cost = made_by_windows(source.occupancy, np.uint8, around_seeds, halo=profile.cells)
     return Costmap(
         cost, source.resolution, source.origin, circumscribed_cost=circumscribed_cost
     )  # fmt: skip
 
 
-def costs_before(source: ObstacleSource, obstacles: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def _has_unknown_besides(source: DistanceField, obstacles: NDArray[np.bool_]) -> bool:
+    """Return whether there are unknown cells that the field does not count as obstacles."""
+    occupancy = source.occupancy
+    return any(
+        ((occupancy[rows] == UNKNOWN) & ~obstacles[rows]).any() for rows in blocks_of(occupancy)
+    )
+
+
+def costs_before(
+    occupancy: NDArray[np.int8], obstacles: NDArray[np.bool_]
+) -> NDArray[np.uint8]:  # fmt: skip
     """Return the costs before they spread: lethal obstacles, no information, and 0."""
-    cost = np.zeros(source.shape, dtype=np.uint8)
-    set_where(cost, source.occupancy == UNKNOWN, NO_INFORMATION)
+    cost = np.zeros(occupancy.shape, dtype=np.uint8)
+    set_where(cost, occupancy == UNKNOWN, NO_INFORMATION)
     set_where(cost, obstacles, LETHAL_OBSTACLE)
     return cost
 
 
 @dataclass(frozen=True, eq=False)
-class FallOff:
-    """How costs fall off around obstacles: the parameters of `exponential_cost`, in cells.
+class CostProfile:
+    """The profile of costs around obstacles: the parameters of `exponential_cost`, in cells.
 
     Parameters
     ----------
@@ -169,8 +227,8 @@ class FallOff:
         inflate_around_unknown: bool,
         resolution: float,
         shape: tuple[int, int],
-    ) -> FallOff:
-        """Return the fall-off on a grid; `shape` is that of the whole grid."""
+    ) -> CostProfile:
+        """Return the profile on a grid; `shape` is that of the whole grid."""
         if inscribed_radius > inflation_radius:
             text = (
                 f"cost: inscribed_radius {inscribed_radius:g} m is larger than inflation_radius "
@@ -205,7 +263,7 @@ class FallOff:
             self.cost_scaling_factor,
         )
 
-    def is_in(self, field: DistanceField | LargeField) -> bool:
+    def is_in(self, field: DistanceField) -> bool:
         """Return whether a field tells all distances apart that the costs depend on.
 
         Raises

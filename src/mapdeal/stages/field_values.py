@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.large import LargeField
 from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
 from mapdeal.kernels.threads import for_rows
 
@@ -117,7 +116,7 @@ def deepest_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> float:
     return max(shift[field.convention] - lowest, 0.0)
 
 
-def furthest_kept(field: DistanceField | LargeField) -> float:
+def furthest_kept(field: DistanceField) -> float:
     """Return the metres between centres beyond which the field was clipped."""
     if field.max_distance is None:
         return math.inf

@@ -14,24 +14,39 @@ from mapdeal.errors import MapdealWarning
 from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
+from mapdeal.kernels.blocks import holds_everywhere, made_by_windows
 from mapdeal.kernels.distance import within_distance
 from mapdeal.kernels.lookup import set_where
 from mapdeal.kernels.neighbourhood import dilate_square
-from mapdeal.stages.parameters import AT_LEAST_0, LETHAL, stage
+from mapdeal.stages.definition import Parameters, RobotShape, stage
+from mapdeal.stages.parameters import AT_LEAST_0, METRES, LethalThreshold
 
 _RADIUS_TOLERANCE = 1e-9
 """In metres: cells whose centre lies exactly on the radius belong to the disc."""
 
 
-@stage
+def _title(parameters: Parameters) -> str:
+    footprint = parameters["footprint"]
+    radius = footprint.circumscribed_radius if footprint else parameters["radius"]
+    return f"inflated by {radius:.4g} m ({parameters['kernel']})"
+
+
+@stage(
+    name="inflate",
+    product="inflated",
+    summary="Grow obstacles by a radius or by a robot's shape.",
+    title=_title,
+    memory=2.0,
+    robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
+)
 def inflate(
     grid: OccupancyGrid,
     *,
-    radius: Annotated[float, AT_LEAST_0] = 0.3,
+    radius: Annotated[float, AT_LEAST_0, METRES] = 0.3,
     footprint: Footprint | None = None,
     kernel: Literal["disc", "square"] = "disc",
-    lethal_threshold: Annotated[int, LETHAL] = DEFAULT_LETHAL_THRESHOLD,
+    lethal_threshold: LethalThreshold = DEFAULT_LETHAL_THRESHOLD,
     inflate_unknown: bool = True,
 ) -> OccupancyGrid:
     """Return the map with every obstacle grown by a radius.
@@ -41,17 +56,19 @@ def inflate(
     grid : OccupancyGrid
         The map.
     radius : float
-        Metres to grow by.
+        Metres to grow obstacles by.
     footprint : Footprint, optional
-        The robot's shape; its circumscribed radius takes the place of `radius`.
+        The robot's corners; their circumscribed radius takes the place of `radius`.
     kernel : {'disc', 'square'}
+        Whether obstacles grow to a disc, or to a square of cells.
         ``disc``: cells whose centre lies within `radius` of an obstacle cell's centre.
         ``square``: cells within ceil(radius / resolution) cells along both axes, as design
         document 000 has it.
     lethal_threshold : int
-        Occupancy from which a cell is an obstacle.
+        Occupancy of an obstacle, 1..100.
     inflate_unknown : bool
-        Whether unknown cells inside the kernel become occupied too, or stay unknown.
+        Whether unknown cells are covered. Those inside the kernel then become occupied, too;
+        otherwise they stay unknown.
 
     Returns
     -------
@@ -69,20 +86,27 @@ def inflate(
     >>> inflate(grid, radius=0.2).occupancy.tolist()
     [[0, 0, 100, 100, 100]]
     """
-    growth = Growth.of(radius, footprint, kernel, lethal_threshold, inflate_unknown)
-    growth.warn_of_no_effect(grid.resolution)
-    occupied = grid.occupied(lethal_threshold)
-    grown = growth.grown(grid, occupied)
-    if grown.all() and not occupied.all():
-        growth.warn_of_nothing_free()
-    occupancy = grid.occupancy.copy()
-    set_where(occupancy, grown, OCCUPIED)
+    inflation = Inflation.of(radius, footprint, kernel, lethal_threshold, inflate_unknown)
+    inflation.warn_of_no_effect(grid.resolution)
+
+    def inflated(rows: slice) -> NDArray[np.int8]:
+        values = grid.occupancy[rows]
+        covered = inflation.covered(values, grid.resolution)
+        values = values.copy()
+        set_where(values, covered, OCCUPIED)
+        return values
+
+    halo = inflation.halo(grid.resolution, max(grid.shape))
+    occupancy = made_by_windows(grid.occupancy, np.int8, inflated, halo=halo)
+    is_full = holds_everywhere(occupancy, lambda values: values == OCCUPIED)
+    if is_full and not holds_everywhere(grid.occupancy, lambda v: v >= lethal_threshold):
+        inflation.warn_of_nothing_free()
     return OccupancyGrid(occupancy, grid.resolution, grid.origin)
 
 
 @dataclass(frozen=True)
-class Growth:
-    """How obstacles grow: the parameters of `inflate`, and what they do to a mask of cells."""
+class Inflation:
+    """How obstacles are inflated: the parameters of `inflate`, and what they do to cells."""
 
     radius: float
     kernel: Literal["disc", "square"]
@@ -97,28 +121,29 @@ class Growth:
         kernel: Literal["disc", "square"],
         lethal_threshold: int,
         inflate_unknown: bool,
-    ) -> Growth:
-        """Return the growth that the parameters of `inflate` ask for."""
+    ) -> Inflation:
+        """Return the inflation that the parameters of `inflate` ask for."""
         if footprint is not None:
             radius = footprint.circumscribed_radius
         return cls(radius, kernel, lethal_threshold, inflate_unknown)
 
-    def grown(self, grid: OccupancyGrid, occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return the mask of cells that are occupied once the obstacles have grown."""
+    def covered(self, values: NDArray[np.int8], resolution: float) -> NDArray[np.bool_]:
+        """Return the mask of cells that the inflated obstacles cover, given the occupancy."""
+        occupied = values >= self.lethal_threshold
         if self.kernel == "square":
-            extent = max(grid.shape) * grid.resolution
-            reach = cells_to_cover(min(self.radius, extent), grid.resolution)
-            grown = dilate_square(occupied, reach)
+            extent = max(values.shape) * resolution
+            cells = cells_to_cover(min(self.radius, extent), resolution)
+            covered = dilate_square(occupied, cells)
         else:
-            extent = math.hypot(*grid.shape) * grid.resolution
-            limit = largest_square_within(min(self.radius, extent), grid.resolution)
-            grown = within_distance(occupied, limit)
+            extent = math.hypot(*values.shape) * resolution
+            limit = largest_square_within(min(self.radius, extent), resolution)
+            covered = within_distance(occupied, limit)
         if not self.inflate_unknown:
-            grown &= ~grid.unknown() | occupied
-        return grown
+            covered &= (values != UNKNOWN) | occupied
+        return covered
 
-    def reach(self, resolution: float, longest: int) -> int:
-        """Return how many cells away an obstacle can be that matters to a cell."""
+    def halo(self, resolution: float, longest: int) -> int:
+        """Return how many rows away an obstacle can be that matters to a cell."""
         return cells_to_cover(min(self.radius, longest * resolution), resolution) + 1
 
     def warn_of_no_effect(self, resolution: float) -> None:

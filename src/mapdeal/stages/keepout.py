@@ -15,6 +15,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.scales import cost_from_occupancy
+from mapdeal.kernels.blocks import blocks_of, made_by_rows
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
 
@@ -63,29 +64,43 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
         values = look_up(mask.occupancy, cost_from_occupancy())
     height, width = mask.shape
     unknown = costmap.unknown_value
-    cost = costmap.cost.copy()
     covered: list[int] = []
     freed: list[int] = []
 
-    def lay_over(rows: slice) -> None:
+    def lay_over(old: NDArray[Any], rows: slice) -> None:
+        """Raise the costs of some rows, in place, and count what that does."""
         at_row, at_col = _cells_at_centres(mask.frame, costmap.frame, rows)
         inside = (at_row >= 0) & (at_row < height) & (at_col >= 0) & (at_col < width)
         found = values[np.clip(at_row, 0, height - 1), np.clip(at_col, 0, width - 1)]
         known = inside & (found != unknown)
-        old = cost[rows]
         taken = known & ((found > old) | (old == unknown))
         covered.append(int(np.count_nonzero(known)))
         freed.append(int(np.count_nonzero(taken & (old == unknown) & (found == 0))))
         np.copyto(old, found, where=taken)
 
-    for_rows(lay_over, costmap.shape)
-    if not sum(covered):
+    def covered_rows(rows: slice) -> NDArray[Any]:
+        cost = costmap.cost[rows].copy()
+
+        def part(some: slice) -> None:
+            lay_over(cost[some], slice(rows.start + some.start, rows.start + some.stop))
+
+        for_rows(part, cost.shape)
+        return cost
+
+    layer = made_by_rows(costmap.cost, costmap.cost.dtype, covered_rows, is_kept=True)
+    for rows in blocks_of(layer):  # for the counts; of an array it is done already
+        layer[rows]
+    _warn(sum(covered), sum(freed))
+    return costmap.with_values(layer)
+
+
+def _warn(covered: int, freed: int) -> None:
+    if not covered:
         text = "the mask covers no cell of the costs: nothing of it is known there"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
-    if sum(freed):
-        text = f"{sum(freed)} unknown cells became free where the mask is 0, as in Nav2"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
-    return costmap.with_values(cost)
+        warnings.warn(text, MapdealWarning, stacklevel=3)
+    if freed:
+        text = f"{freed} unknown cells became free where the mask is 0, as in Nav2"
+        warnings.warn(text, MapdealWarning, stacklevel=3)
 
 
 def _cells_at_centres(

@@ -31,9 +31,9 @@ def obstacles_of(source: ObstacleSource, lethal_threshold: int) -> NDArray[np.bo
 
 
 def occupancy_with_obstacles(
-    source: ObstacleSource, obstacles: NDArray[np.bool_]
+    occupancy: NDArray[np.int8], obstacles: NDArray[np.bool_]
 ) -> NDArray[np.int8]:  # fmt: skip
     """Return a copy of the occupancy in which every obstacle is 100."""
-    occupancy = source.occupancy.copy()
-    occupancy[obstacles] = OCCUPIED
-    return occupancy
+    copy = np.array(occupancy)
+    copy[obstacles] = OCCUPIED
+    return copy

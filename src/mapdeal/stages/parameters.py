@@ -13,17 +13,11 @@ import math
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from os import PathLike
-from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from typing import get_type_hints as hints_of
-
-import numpy as np
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -42,14 +36,50 @@ LETHAL = Bound("between 1 and 100", lambda value: 1 <= value <= 100)
 
 
 @dataclass(frozen=True)
+class Unit:
+    """What a parameter is measured in.
+
+    Parameters
+    ----------
+    symbol : str
+        For tables.
+    metavar : str
+        What stands for a value in ``--help``.
+    """
+
+    symbol: str
+    metavar: str
+
+
+METRES = Unit("m", "M")
+CELLS = Unit("cells", "CELLS")
+PER_METRE = Unit("1/m", "K")
+FACTOR = Unit("", "K")
+OCCUPANCY = Unit("occupancy", "N")
+COST = Unit("cost", "N")
+VIEW_VALUE = Unit("view", "V")
+POINT = Unit("m", "X,Y")
+
+
+class FromRobot:
+    """Marks a parameter that a robot's shape sets: recipes can, the command line has no option."""
+
+
+LethalThreshold = Annotated[int, LETHAL, OCCUPANCY]
+"""Occupancy from which a cell is an obstacle."""
+
+
+@dataclass(frozen=True)
 class Parameter:
-    """One parameter of a stage: its name, default and what it may be."""
+    """One parameter of a stage: its name, default, what it may be, and its unit."""
 
     name: str
     default: object
     kind: Any
     optional: bool
     bounds: tuple[Bound, ...]
+    unit: Unit | None = None
+    from_robot: bool = False
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -114,26 +144,6 @@ class Parameter:
         return ParameterError(f"must be {rule}", place=self.name, got=value)
 
 
-def stage(function: Callable[P, R]) -> Callable[P, R]:
-    """Make `function` check and convert its keyword arguments by its own signature."""
-    known = parameters_of(function)
-
-    @functools.wraps(function)
-    def checked(*args: P.args, **kwargs: P.kwargs) -> R:
-        accepted: dict[str, Any] = {
-            name: known[name].accept(value) if name in known else value
-            for name, value in kwargs.items()
-        }
-        if args and isinstance(args[0], np.ndarray):
-            rule = "takes a grid: OccupancyGrid(array, resolution, origin)"
-            raise ParameterError(rule, source=function.__name__)
-        if args and isinstance(args[0], (str, PathLike)):
-            raise ParameterError("takes a grid: read_map(path)", source=function.__name__)
-        return function(*args, **accepted)
-
-    return checked
-
-
 @functools.cache
 def parameters_of(function: Callable[..., Any]) -> dict[str, Parameter]:
     """Return the parameters of a stage's function: its keyword-only arguments."""
@@ -143,14 +153,22 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, Parameter]:
     for name, argument in inspect.signature(function).parameters.items():
         if argument.kind is not inspect.Parameter.KEYWORD_ONLY:
             continue
-        kind, bounds = _split_annotated(hints[name])
+        kind, marks = _split_annotated(hints[name])
         optional = False
         if get_origin(kind) in (Union, types.UnionType):
             (kind,) = (arm for arm in get_args(kind) if arm is not type(None))
             optional = True
-            kind, inner_bounds = _split_annotated(kind)
-            bounds += inner_bounds
-        found[name] = Parameter(name, argument.default, kind, optional, bounds)
+            kind, inner_marks = _split_annotated(kind)
+            marks += inner_marks
+        found[name] = Parameter(
+            name,
+            argument.default,
+            kind,
+            optional,
+            tuple(mark for mark in marks if isinstance(mark, Bound)),
+            next((mark for mark in marks if isinstance(mark, Unit)), None),
+            FromRobot in marks,
+        )
     return found
 
 
@@ -198,10 +216,10 @@ def unknown_name(
     return ParameterError(f"no such {what}", place=place, got=name, hint=hint)
 
 
-def _split_annotated(hint: Any) -> tuple[Any, tuple[Bound, ...]]:
+def _split_annotated(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     if get_origin(hint) is Annotated:
-        kind, *extras = get_args(hint)
-        return kind, tuple(extra for extra in extras if isinstance(extra, Bound))
+        kind, *marks = get_args(hint)
+        return kind, tuple(marks)
     return hint, ()
 
 

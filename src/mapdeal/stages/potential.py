@@ -11,13 +11,14 @@ from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.grid.coordinates import check_point
 from mapdeal.grid.potential import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
 from mapdeal.kernels.inverse_distance import sum_of_inverse_distances
+from mapdeal.stages.definition import stage
 from mapdeal.stages.obstacle_source import (
     ObstacleSource,
     check_lethal_threshold,
     obstacles_of,
     occupancy_with_obstacles,
 )
-from mapdeal.stages.parameters import LETHAL, Bound, stage
+from mapdeal.stages.parameters import FACTOR, PER_METRE, POINT, Bound, LethalThreshold
 
 GAIN = Bound(f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN)
 CAP = Bound(f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION)
@@ -26,15 +27,24 @@ LEAST_DISTANCE = 0.001
 """Metres up to which a term is left out, of a cell's distance to itself above all."""
 
 
-@stage
+@stage(
+    name="potential",
+    summary="Compute repulsion from all obstacles, and attraction to a goal.",
+    details="Repulsion is the sum of 1 / distance to every obstacle cell. MAP may also be a "
+    "distance field, whose obstacles then count.",
+    title=lambda parameters: "potential field" if parameters["goal"] else "repulsive field",
+    memory=110.0,
+    is_whole=lambda _: True,
+    hands_on=False,
+)
 def potential(
     source: ObstacleSource,
     *,
-    goal: tuple[float, float] | None = None,
-    repulsive_cap: Annotated[float, CAP] = 1e5,
-    attractive_gain: Annotated[float, GAIN] = 1.0,
-    repulsive_gain: Annotated[float, GAIN] = 1.0,
-    lethal_threshold: Annotated[int, LETHAL] | None = None,
+    goal: Annotated[tuple[float, float], POINT] | None = None,
+    repulsive_cap: Annotated[float, CAP, PER_METRE] = 1e5,
+    attractive_gain: Annotated[float, GAIN, FACTOR] = 1.0,
+    repulsive_gain: Annotated[float, GAIN, FACTOR] = 1.0,
+    lethal_threshold: LethalThreshold | None = None,
 ) -> PotentialField:
     """Return the artificial potential field of a map.
 
@@ -43,13 +53,16 @@ def potential(
     source : OccupancyGrid or DistanceField
         The map, or its distance field: obstacles then are the field's.
     goal : tuple of float, optional
-        x and y of the goal in the map frame, metres; without one there is only repulsion.
+        Attraction to a point of the map frame, x and y in metres. Without one there is only
+        repulsion.
     repulsive_cap : float
-        The most that repulsion can be, per metre.
-    attractive_gain, repulsive_gain : float
-        Factors of the two parts in the potential.
+        The most that repulsion can be.
+    attractive_gain : float
+        Factor of the distance to the goal.
+    repulsive_gain : float
+        Factor of repulsion.
     lethal_threshold : int, optional
-        Occupancy from which a cell is an obstacle; 100 for a map, a field's own for a field.
+        Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
 
     Returns
     -------
@@ -89,7 +102,7 @@ def potential(
     [[1.5, 1.0, 0.5, 0.0]]
     """
     lethal_threshold = check_lethal_threshold(source, lethal_threshold)
-    obstacles = obstacles_of(source, lethal_threshold)
+    obstacles = np.asarray(obstacles_of(source, lethal_threshold))
     if goal is not None:
         _check_goal(source, obstacles, goal)
     repulsive = sum_of_inverse_distances(
@@ -97,7 +110,7 @@ def potential(
     )
     return PotentialField(
         np.minimum(repulsive, repulsive_cap),
-        occupancy_with_obstacles(source, obstacles),
+        occupancy_with_obstacles(source.occupancy, obstacles),
         source.resolution,
         source.origin,
         goal=goal,

@@ -9,22 +9,28 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
+from mapdeal.kernels.blocks import made_by_windows
 from mapdeal.kernels.neighbourhood import dilate_square
+from mapdeal.stages.cost import cost_model
 from mapdeal.stages.obstacle_source import (
     ObstacleSource,
     check_lethal_threshold,
     obstacles_of,
     occupancy_with_obstacles,
 )
-from mapdeal.stages.parameters import LETHAL, PERCENT, stage
+from mapdeal.stages.parameters import COST, PERCENT, LethalThreshold
 
 
-@stage
+@cost_model(
+    "rings",
+    title=lambda parameters: f"cost, rings {', '.join(map(str, parameters['values']))}",
+    memory=5.0,
+)
 def ring_cost(
     source: ObstacleSource,
     *,
-    values: Annotated[tuple[int, ...], PERCENT] = (90, 70, 50),
-    lethal_threshold: Annotated[int, LETHAL] | None = None,
+    values: Annotated[tuple[int, ...], PERCENT, COST] = (90, 70, 50),
+    lethal_threshold: LethalThreshold | None = None,
 ) -> Costmap:
     """Return costs that fall off ring by ring around obstacles.
 
@@ -33,9 +39,10 @@ def ring_cost(
     source : OccupancyGrid or DistanceField
         The map, or a field whose map and obstacles are taken.
     values : sequence of int
-        Costs of the cells at Chebyshev distance 1, 2, 3, ... from the nearest obstacle.
+        Cost of each ring of cells, inside out: at Chebyshev distance 1, 2, 3, ... from the
+        nearest obstacle.
     lethal_threshold : int, optional
-        Occupancy from which a cell is an obstacle; 100 for a map, a field's own for a field.
+        Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
 
     Returns
     -------
@@ -54,26 +61,19 @@ def ring_cost(
     >>> ring_cost(grid).cost.tolist()
     [[100, 90, 70, 50, 0, -1]]
     """
-    check_rings(values)
-    threshold = check_lethal_threshold(source, lethal_threshold)
-    cost = rings_around(source, values, threshold)
-    return Costmap(cost, source.resolution, source.origin, scale="occupancy")
-
-
-def check_rings(values: tuple[int, ...]) -> None:
-    """Refuse costs without any ring."""
     if not values:
         raise ParameterError("needs at least one number", place="values", got=values)
+    threshold = check_lethal_threshold(source, lethal_threshold)
+    obstacles = obstacles_of(source, threshold)
 
+    def rings(rows: slice) -> NDArray[np.int8]:
+        inner = obstacles[rows]
+        cost = occupancy_with_obstacles(source.occupancy[rows], inner)
+        for value in values:
+            outer = dilate_square(inner, 1)
+            cost[outer & ~inner] = value
+            inner = outer
+        return cost
 
-def rings_around(
-    source: ObstacleSource, values: tuple[int, ...], lethal_threshold: int
-) -> NDArray[np.int8]:
-    """Return the costs of `ring_cost`, shape (H, W)."""
-    inner = obstacles_of(source, lethal_threshold)
-    cost = occupancy_with_obstacles(source, inner)
-    for value in values:
-        outer = dilate_square(inner, 1)
-        cost[outer & ~inner] = value
-        inner = outer
-    return cost
+    cost = made_by_windows(source.occupancy, np.int8, rings, halo=len(values))
+    return Costmap(cost, source.resolution, source.origin, scale="occupancy")

@@ -11,25 +11,38 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.kernels.lookup import look_up
-from mapdeal.stages.esdf import View, esdf, field_view
+from mapdeal.kernels.blocks import blocks_of
+from mapdeal.stages.cost import cost_model
+from mapdeal.stages.esdf import View, ViewScale, esdf
 from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold
-from mapdeal.stages.parameters import ABOVE_0, AT_LEAST_0, LETHAL, PERCENT, stage
+from mapdeal.stages.parameters import (
+    ABOVE_0,
+    AT_LEAST_0,
+    FACTOR,
+    METRES,
+    PERCENT,
+    VIEW_VALUE,
+    LethalThreshold,
+)
 
 _HIGHEST_BELOW_OBSTACLE = 99
 
 
-@stage
+@cost_model(
+    "threshold",
+    title=lambda p: f"cost, thresholds {p['down']:g} and {p['up']:g}, {p['view']}",
+    memory=9.0,
+)
 def threshold_cost(
     source: ObstacleSource,
     *,
-    down: Annotated[float, PERCENT] = 45,
-    up: Annotated[float, PERCENT] = 54,
-    down_factor: Annotated[float, AT_LEAST_0] = 0.0,
-    up_factor: Annotated[float, AT_LEAST_0] = 1.5,
+    down: Annotated[float, PERCENT, VIEW_VALUE] = 45,
+    up: Annotated[float, PERCENT, VIEW_VALUE] = 54,
+    down_factor: Annotated[float, AT_LEAST_0, FACTOR] = 0.0,
+    up_factor: Annotated[float, AT_LEAST_0, FACTOR] = 1.5,
     view: View = "metric",
-    view_range: Annotated[float, ABOVE_0] = 2.0,
-    lethal_threshold: Annotated[int, LETHAL] | None = None,
+    view_range: Annotated[float, ABOVE_0, METRES] = 2.0,
+    lethal_threshold: LethalThreshold | None = None,
 ) -> Costmap:
     """Return costs by thresholds on the 0..100 view of the distance field.
 
@@ -37,16 +50,20 @@ def threshold_cost(
     ----------
     source : OccupancyGrid or DistanceField
         The field; a map is made into one first, with unknown cells free.
-    down, up : float
-        View values that separate far, middle and near.
-    down_factor, up_factor : float
-        Factors of the middle and the near range.
+    down : float
+        View values up to here cost 0.
+    up : float
+        End of the middle range.
+    down_factor : float
+        Factor of the middle range.
+    up_factor : float
+        Factor of the near range.
     view : {'metric', 'seed'}
-        Which view, see `mapdeal.field_view`.
+        How distances become 0..100; see `mapdeal.field_view`.
     view_range : float
-        Metres at which the metric view reaches 0.
+        Where the metric view is 0.
     lethal_threshold : int, optional
-        Occupancy from which a cell is an obstacle; 100 for a map, a field's own for a field.
+        Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
 
     Returns
     -------
@@ -74,9 +91,12 @@ def threshold_cost(
     threshold = check_lethal_threshold(source, lethal_threshold)
     if not isinstance(source, DistanceField):
         source = esdf(source, lethal_threshold=threshold)
-    check_clip(source, down, view, view_range)
-    values = field_view(source, view=view, view_range=view_range).occupancy
-    cost = look_up(values, table)
+    if source.max_distance is not None:
+        for rows in blocks_of(source.distance):
+            check_clip(source.part(rows), down, view, view_range)
+    obstacles = source.obstacles()
+    scale = ViewScale.of(source, obstacles, view=view, view_range=view_range)
+    cost = scale.values_of(source, obstacles, table)
     return Costmap(cost, source.resolution, source.origin, scale="occupancy")
 
 

@@ -1,5 +1,6 @@
 """Maps by rows hold what the same files hold when they are read whole."""
 
+import hashlib
 import os
 import warnings
 
@@ -8,8 +9,9 @@ import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealError
 from mapdeal.formats.free_memory import free_memory
-from mapdeal.formats.large_maps import open_pair, shape_of_pair
-from mapdeal.formats.map_server import read_pair
+from mapdeal.formats.maps import open_map, read_source
+from mapdeal.formats.source import sums_of_reads
+from mapdeal.kernels.blocks import blocks_of
 
 HEIGHT, WIDTH = 37, 53
 PIXELS = np.random.default_rng(7).integers(0, 256, (HEIGHT, WIDTH)).astype(np.uint8)
@@ -33,11 +35,19 @@ def pair(tmp_path, header=HEADERS["plain"], body=None, **more):
     return tmp_path / "map.yaml"
 
 
-def rows_of(path, together=8, **options):
-    with open_pair(path, together=together, **options) as source:
+def rows_of(path, block_height=8, **options):
+    with open_map(path, **options) as file:
+        if file.shape_by_rows is None:
+            return file.read(), None
+        source = file.by_rows(block_height=block_height)
         layer = source.grid.occupancy
-        values = np.vstack([layer[slab] for slab in layer.slabs()])
+        values = np.vstack([layer[rows] for rows in blocks_of(layer)])
         return source, values
+
+
+def shape_by_rows(path):
+    with open_map(path) as file:
+        return file.shape_by_rows
 
 
 def told(read, *arguments, **options):
@@ -59,7 +69,7 @@ def told(read, *arguments, **options):
 def test_values_and_warnings_are_those_of_the_whole(tmp_path, header, keys, dialect):
     body = (PIXELS % 101).tobytes() if b"\n100\n" in header else None
     path = pair(tmp_path, header, body, **keys)
-    whole, of_whole = told(read_pair, path, dialect=dialect)
+    whole, of_whole = told(read_source, path, dialect=dialect)
     (source, values), of_rows = told(rows_of, path, dialect=dialect)
     assert np.array_equal(values, whole.grid.occupancy)
     assert source.files == whole.files
@@ -81,7 +91,7 @@ def test_values_and_warnings_are_those_of_the_whole(tmp_path, header, keys, dial
 )
 def test_malformed_images_get_the_same_line(tmp_path, header, body):
     path = pair(tmp_path, header, body)
-    whole, of_whole = told(read_pair, path)
+    whole, of_whole = told(read_source, path)
     rows, of_rows = told(rows_of, path)
     if isinstance(whole, tuple):
         assert rows == whole
@@ -101,23 +111,36 @@ def test_malformed_images_get_the_same_line(tmp_path, header, body):
 )
 def test_other_kinds_of_images_are_left_to_be_read_whole(tmp_path, header, body):
     path = pair(tmp_path, header, body)
-    assert shape_of_pair(path) is None
-    with open_pair(path, together=1) as source:
-        assert source is None
+    assert shape_by_rows(path) is None
 
 
 def test_the_shape_is_told_from_the_header_alone(tmp_path, recwarn):
     path = pair(tmp_path, b"P5\n50000 40000\n255\n", b"")
     with open(tmp_path / "map.pgm", "r+b") as file:
         file.truncate(2_000_000_019)  # sparse: nobody reads it
-    assert shape_of_pair(path) == (40000, 50000)
-    assert shape_of_pair(tmp_path / "map.pgm") is None
-    assert shape_of_pair(tmp_path / "none.yaml") is None
+    assert shape_by_rows(path) == (40000, 50000)
+    with open_map(path) as file:
+        assert file.shape() == (40000, 50000)
     assert not recwarn.list
 
 
+def test_checksums_are_of_the_bytes_that_were_read(tmp_path):
+    path = pair(tmp_path)
+    expected = {
+        one: hashlib.sha256(one.read_bytes()).hexdigest() for one in (path, tmp_path / "map.pgm")
+    }
+    with sums_of_reads() as sums:
+        read_source(path)
+        (tmp_path / "map.pgm").write_bytes(b"replaced")
+    assert sums == expected
+    pair(tmp_path)
+    with sums_of_reads() as sums, open_map(path) as file:
+        assert sums == {path: expected[path]}
+        assert file.sum_of_pixels() == expected[tmp_path / "map.pgm"]
+
+
 def test_costs_are_left_to_be_read_whole(tmp_path):
-    assert shape_of_pair(pair(tmp_path, mode="raw", cost_scale="costmap2d")) is None
+    assert shape_by_rows(pair(tmp_path, mode="raw", cost_scale="costmap2d")) is None
 
 
 def test_more_cells_than_asked_for_are_refused(tmp_path):
@@ -135,8 +158,8 @@ def test_a_pixel_above_maxval_is_found_though_it_may_be_another_one(tmp_path):
 
 def test_a_file_that_gets_shorter_meanwhile_is_an_error(tmp_path):
     path = pair(tmp_path)
-    with open_pair(path, together=8) as source:
-        layer = source.grid.occupancy
+    with open_map(path) as file:
+        layer = file.by_rows(block_height=8).grid.occupancy
         status = (tmp_path / "map.pgm").stat()
         with open(tmp_path / "map.pgm", "r+b") as file:
             file.truncate(100)
@@ -150,8 +173,9 @@ def test_a_file_that_is_written_to_meanwhile_is_an_error(tmp_path):
     path = pair(tmp_path)
     with (
         pytest.raises(FileAccessError, match="changed while it was read"),
-        open_pair(path, together=8),
+        open_map(path) as file,
     ):
+        file.by_rows(block_height=8)
         (tmp_path / "map.pgm").write_bytes(b"P5\n1 1\n255\n\0")
 
 

@@ -1,8 +1,8 @@
-"""A distance field worked out by workers that share a folder, each some slabs of rows at a time.
+"""A distance field worked out by workers that share a folder, each some blocks of rows at a time.
 
-The two passes of `mapdeal.stages.large.large_esdf`, as jobs that know nothing of each other: first
-the runs of equal cells at each slab's borders, which are joined here; then the distances of each
-slab, which its worker writes into their place in the output.
+The two passes of a distance field, as jobs that know nothing of each other: first
+the runs of equal cells at each block's borders, which are joined here; then the distances of each
+block, which its worker writes into their place in the output.
 """
 
 from __future__ import annotations
@@ -16,41 +16,41 @@ from typing import Any
 import numpy as np
 
 from mapdeal.errors import MapdealError, ParameterError
-from mapdeal.formats.large_maps import LargeSource, open_pair
 from mapdeal.formats.map_yaml import Dialect
+from mapdeal.formats.maps import MapFile, Source, open_map
 from mapdeal.formats.npy import begin_npy, write_rows
 from mapdeal.formats.yaml_text import yaml_document
-from mapdeal.grid.large import LargeMap
+from mapdeal.grid.field import DistanceRange, range_figures, range_of
+from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.kernels.column_runs import Beside, SlabRuns, joined, runs_of
+from mapdeal.kernels.column_runs import BlockRuns, Halo, halos_of, runs_of
 from mapdeal.pipeline.cluster import ClusterWorkers, connected, shared_folders
 from mapdeal.pipeline.dispatch import dispatch
-from mapdeal.pipeline.figures import Extent, Figures, extent_of, field_figures, frame_figures
 from mapdeal.pipeline.files import outputs_of
 from mapdeal.pipeline.jobs import Job, Outcome, attempt
-from mapdeal.pipeline.large import bytes_of_slab, cells_of_slab, too_large
-from mapdeal.pipeline.progress import nobody
+from mapdeal.pipeline.memory import bytes_of_block, cells_of_block, too_large
+from mapdeal.pipeline.products import geometry_of_npy
+from mapdeal.pipeline.progress import report_nothing
 from mapdeal.pipeline.settings import Settings
-from mapdeal.pipeline.single import geometry_of_npy
-from mapdeal.pipeline.stage_list import Step
-from mapdeal.stages.esdf import Measuring
+from mapdeal.pipeline.step import Step
+from mapdeal.stages.definition import RowsAlone
 
 _CELLS = 1 << 24
-"""Of a job's slab: enough for all that comes with a job to be little beside it."""
+"""Of a job's block: enough for all that comes with a job to be little beside it."""
 
 _MOST_ROWS = (1 << 16) - 1
 _DISTANCE = np.dtype(np.float32)
 
 
 @dataclass(frozen=True)
-class SlabJob(Job):
+class BlockJob(Job):
     """Some rows of a map.
 
     Parameters
     ----------
     first, end : int
         The rows, from the south.
-    beside : Beside, optional
+    halo : Halo, optional
         What lies before and after them.
     target : Path, optional
         The file that their distances go into.
@@ -60,18 +60,18 @@ class SlabJob(Job):
 
     first: int = 0
     end: int = 0
-    beside: Beside | None = None
+    halo: Halo | None = None
     target: Path | None = None
     offset: int = 0
 
 
 @dataclass(frozen=True)
-class SlabWork:
+class BlockWork:
     """What a worker does with rows of a map; it is sent along with each job.
 
     Parameters
     ----------
-    measuring : Measuring
+    rule : RowsAlone
         How distances are made.
     dialect : {'nav2', 'humble', 'ros1'}
         Whose reading of the image to follow.
@@ -79,44 +79,42 @@ class SlabWork:
         Cells up to which the map is read.
     """
 
-    measuring: Measuring
+    rule: RowsAlone
     dialect: Dialect
     max_cells: int | None
 
-    def runs(self, job: SlabJob) -> SlabRuns:
-        """Return what other slabs must know of this one."""
-        return runs_of(self.measuring.obstacles(self._rows(job)))
+    def runs(self, job: BlockJob) -> BlockRuns:
+        """Return what other blocks must know of this one."""
+        return runs_of(self.rule.obstacles(self._rows(job)))
 
-    def distances(self, job: SlabJob) -> Extent:
+    def distances(self, job: BlockJob) -> DistanceRange:
         """Write the distances into the target; return how far they reach."""
         if job.target is None:
             raise ValueError("a job of the first pass has no target")
         grid = self._rows(job)
-        obstacles = self.measuring.obstacles(grid)
-        distance = self.measuring.distance(obstacles, grid.resolution, job.beside)
+        obstacles = self.rule.obstacles(grid)
+        distance = self.rule.distance(obstacles, grid.resolution, job.halo)
         write_rows(job.target, job.offset, distance)
-        return extent_of(distance, obstacles)
+        return range_of(distance, obstacles)
 
-    def _rows(self, job: SlabJob) -> OccupancyGrid:
-        with open_pair(
-            job.path, together=job.end - job.first, dialect=self.dialect,
-            max_cells=self.max_cells, is_read=False,
-        ) as source:  # fmt: skip
-            return _large(source, job.path).part(slice(job.first, job.end))
+    def _rows(self, job: BlockJob) -> OccupancyGrid:
+        with open_map(job.path, dialect=self.dialect, max_cells=self.max_cells) as file:
+            source = _by_rows(file, job.end - job.first)
+            return source.grid.part(slice(job.first, job.end))  # type: ignore[return-value]
 
 
-def esdf_by_workers(
-    path: Path, output: Path, step: Step, options: Settings, scheduler: str
+def apply_by_workers(
+    path: Path, output: Path, step: Step, settings: Settings, scheduler: str
 ) -> Figures:
-    """Have workers compute the distance field of a map into an ``.npy``; return its figures.
+    """Have workers compute a distance field into an ``.npy``; return its figures.
 
     Parameters
     ----------
     path, output : Path
         The map, a pair with a P5 image, and the field, both absolute: workers open them, too.
     step : Step
-        The stage ``esdf``.
-    options : Settings
+        A stage whose rows workers can compute alone.
+    settings : Settings
         How the map is read and the output written.
     scheduler : str
         The address of the workers' scheduler.
@@ -128,60 +126,59 @@ def esdf_by_workers(
     MapdealError
         If the map cannot be read, or a worker has failed; no output is left then.
     """
-    if output.suffix != ".npy" or options.image is not None:
+    if step.stage.rows_alone is None:
+        raise ParameterError("is computed on one machine", source="--scheduler", got=step.name)
+    if output.suffix != ".npy" or settings.image is not None:
         rule = "workers write a field as .npy, without a picture"
         raise ParameterError(rule, source="--scheduler", got=output.name)
-    work = SlabWork(Measuring(**step.parameters), options.dialect, options.max_cells)
-    whole = SlabJob(path, output, path.name, output.name)
+    work = BlockWork(step.stage.rows_alone(step.parameters), settings.dialect, settings.max_cells)
+    whole = BlockJob(path, output, path.name, output.name)
     with (
         connected(scheduler, shared_folders(whole)) as client,
-        open_pair(
-            path, together=1, dialect=options.dialect, max_cells=options.max_cells, is_read=False
-        ) as source,
+        open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
     ):
         workers = ClusterWorkers(client, scheduler)
-        grid = _large(source, path)
-        files = source.files if source else ()
-        jobs = _slabs(whole, grid.shape, options.max_memory or workers.memory_of_each())
-        parts: list[Extent] = []
+        grid, files = _by_rows(file, 1).grid, file.files
+        jobs = _blocks(whole, grid.shape, settings.max_memory or workers.memory_of_each())
+        parts: list[DistanceRange] = []
 
         def fill(target: Path) -> None:
             """Go through both passes; the target is the output under another name."""
             start = begin_npy(target, grid.shape, _DISTANCE)
-            runs: list[SlabRuns] = _done(jobs, work.runs, workers, tell)
+            runs: list[BlockRuns] = _done(jobs, work.runs, workers, tell)
             row = grid.shape[1] * _DISTANCE.itemsize
-            known = zip(jobs, joined(runs), strict=True)
+            known = zip(jobs, halos_of(runs), strict=True)
             parts.extend(_done(
-                [replace(job, beside=beside, target=target, offset=start + job.first * row)
-                 for job, beside in known],
+                [replace(job, halo=halo, target=target, offset=start + job.first * row)
+                 for job, halo in known],
                 work.distances, workers, tell,
             ))  # fmt: skip
 
         outputs = [output, output.with_suffix(".yaml")]
         with (
-            (options.progress or nobody)(2 * len(jobs)) as tell,
-            outputs_of(outputs, files, options) as transaction,
+            (settings.progress or report_nothing)(2 * len(jobs)) as tell,
+            outputs_of(outputs, files, settings) as transaction,
         ):
             transaction.fill_in_place(output, fill)
-            document = yaml_document(geometry_of_npy(grid, work.measuring, output))
+            document = yaml_document(geometry_of_npy(grid, work.rule, output))
             transaction.write_bytes(outputs[1], document)
-    return {**frame_figures(grid), **field_figures(parts, work.measuring.convention)}
+    return {**grid.frame_figures(), **range_figures(parts, work.rule.convention)}
 
 
-def _large(source: LargeSource | None, path: Path) -> LargeMap:
-    if source is None:
+def _by_rows(file: MapFile, block_height: int) -> Source:
+    if file.shape_by_rows is None:
         rule = "workers read maps with a binary .pgm image of 8 bits"
-        raise ParameterError(rule, source=path)
-    return source.grid
+        raise ParameterError(rule, source=file.path)
+    return file.by_rows(block_height=block_height, warns_of_values=False)
 
 
-def _slabs(whole: SlabJob, shape: tuple[int, int], memory: int | None) -> list[SlabJob]:
+def _blocks(whole: BlockJob, shape: tuple[int, int], memory: int | None) -> list[BlockJob]:
     """Return jobs for all rows of a map, none of which takes more memory than a worker has."""
     height, width = shape
-    cells = _CELLS if memory is None else min(_CELLS, cells_of_slab(memory))
+    cells = _CELLS if memory is None else min(_CELLS, cells_of_block(memory))
     rows = min(cells // width, _MOST_ROWS)
     if rows < 1:
-        raise too_large(whole.path, shape, bytes_of_slab(width), memory or 0)
+        raise too_large(whole.path, shape, bytes_of_block(width), memory or 0)
     return [
         replace(whole, first=first, end=min(first + rows, height))
         for first in range(0, height, rows)
@@ -189,7 +186,7 @@ def _slabs(whole: SlabJob, shape: tuple[int, int], memory: int | None) -> list[S
 
 
 def _done(
-    jobs: Sequence[SlabJob], run_one: Callable[[SlabJob], Any], workers: ClusterWorkers,
+    jobs: Sequence[BlockJob], run_one: Callable[[BlockJob], Any], workers: ClusterWorkers,
     tell: Callable[[int], object],
 ) -> list[Any]:  # fmt: skip
     """Return what workers have made of jobs, in their order; the first failure ends all."""

@@ -1,0 +1,308 @@
+"""Layers of a grid: arrays, or blocks of rows that are made when they are asked for.
+
+A stage is written once, on some rows of a layer. Of an array these are all rows, and the result
+is an array; of a lazy layer the result is another lazy layer, which pulls its blocks through the
+stages before it. So a map in memory is a map of one block.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from threading import Lock
+from typing import Any, NoReturn, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.lookup import histogram, look_up
+from mapdeal.kernels.threads import thread_count
+
+Layer = NDArray[Any]
+"""An array of shape (H, W), or a `LazyLayer`, which stands for one."""
+
+MakeRows = Callable[[slice], NDArray[Any]]
+
+_LOOKED_AT_TOGETHER = 1 << 20
+
+
+class CacheBudget:
+    """Memory that layers may take to keep what they have made: one for all layers of a map.
+
+    Parameters
+    ----------
+    size : int
+        Bytes.
+    """
+
+    def __init__(self, size: int = 0) -> None:
+        self._left = size
+        self._lock = Lock()
+
+    def take(self, size: int) -> bool:
+        """Take that many bytes if they are left; return whether they were."""
+        with self._lock:
+            if size > self._left:
+                return False
+            self._left -= size
+            return True
+
+
+class LazyLayer:
+    """A two-dimensional array whose rows are made when they are asked for, block by block.
+
+    Any rows can be requested; the whole array exists only for who asks for all of it.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns.
+    dtype : numpy type
+        Of the values.
+    make : callable
+        Returns the rows of a slice, an array of shape (rows, W).
+    block_height : int
+        Rows of a block, the best number to request at a time.
+    keep : int
+        0: `make` is cheap and is called for exactly the rows that are requested. Otherwise it
+        is called for whole blocks, and this many of them are kept.
+    budget : CacheBudget, optional
+        What layers that are made of this one may take to keep all their blocks.
+    """
+
+    ndim = 2
+    __array_ufunc__ = None  # arithmetic with arrays fails, rather than to work on the whole
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        dtype: Any,
+        make: MakeRows,
+        *,
+        block_height: int,
+        keep: int = 0,
+        budget: CacheBudget | None = None,
+    ) -> None:
+        self.shape = shape
+        self.dtype = np.dtype(dtype)
+        self.block_height = block_height
+        self.budget = CacheBudget() if budget is None else budget
+        self._make = make
+        self._keep = keep
+        self._kept: OrderedDict[int, Future[NDArray[Any]]] = OrderedDict()
+        self._lock = Lock()
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that all the values would take."""
+        height, width = self.shape
+        return height * width * int(self.dtype.itemsize)
+
+    @property
+    def size(self) -> int:
+        """Cells."""
+        return self.shape[0] * self.shape[1]
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __eq__(self, _: object) -> NoReturn:
+        raise TypeError("a lazy layer is compared rows by rows")
+
+    __hash__ = object.__hash__
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return all rows, for what needs the whole."""
+        return self[:].astype(dtype or self.dtype, copy=bool(copy))
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        first, end, step = rows.indices(self.shape[0])
+        if step != 1:
+            raise IndexError("rows of a lazy layer are requested one after the other")
+        end = max(first, end)
+        if self._keep == 0:
+            return self._make(slice(first, end))
+        parts = []
+        for number in range(first // self.block_height, -(-end // self.block_height)):
+            start = number * self.block_height
+            parts.append(self._block(number)[max(first - start, 0) : end - start])
+        if not parts:
+            return np.empty((0, self.shape[1]), dtype=self.dtype)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def blocks(self) -> Iterator[slice]:
+        """Yield the rows of each block, from the first to the last."""
+        for first in range(0, self.shape[0], self.block_height):
+            yield slice(first, min(first + self.block_height, self.shape[0]))
+
+    def made_into(
+        self, dtype: Any, make: MakeRows, *, shape: tuple[int, int] | None, is_kept: bool
+    ) -> LazyLayer:
+        """Return another layer of the same map.
+
+        If its blocks are to be kept, they are all kept as long as the budget has room, and
+        otherwise one for each thread and one more.
+        """
+        shape = shape or self.shape
+        keep = 0
+        if is_kept:
+            keep = thread_count() + 1
+            if self.budget.take(shape[0] * shape[1] * np.dtype(dtype).itemsize):
+                keep = max(keep, -(-shape[0] // self.block_height))
+        return LazyLayer(
+            shape, dtype, make, block_height=self.block_height, keep=keep, budget=self.budget
+        )
+
+    def _block(self, number: int) -> NDArray[Any]:
+        """Return a block, made here unless another thread has made it, or does so just now."""
+        with self._lock:
+            block = self._kept.get(number)
+            is_mine = block is None
+            if block is None:
+                block = self._kept[number] = Future()
+                while len(self._kept) > self._keep:
+                    self._kept.popitem(last=False)
+            else:
+                self._kept.move_to_end(number)
+        if is_mine:
+            first = number * self.block_height
+            try:
+                rows = self._make(slice(first, min(first + self.block_height, self.shape[0])))
+                rows.flags.writeable = False  # others are given the same
+                block.set_result(rows)
+            except BaseException as error:
+                block.set_exception(error)
+                with self._lock:
+                    self._kept.pop(number, None)
+                raise
+        return block.result()
+
+
+def is_lazy(layer: Layer) -> bool:
+    """Return whether a layer is made block by block, and not an array."""
+    return isinstance(layer, LazyLayer)
+
+
+def lazy_layer(
+    shape: tuple[int, int],
+    dtype: Any,
+    make: MakeRows,
+    *,
+    block_height: int,
+    budget: CacheBudget | None = None,
+) -> Layer:
+    """Return the first lazy layer of a map, whose rows are read when they are asked for."""
+    layer = LazyLayer(shape, dtype, make, block_height=block_height, budget=budget)
+    return cast("Layer", layer)
+
+
+def blocks_of(layer: Layer) -> Iterator[slice]:
+    """Yield the rows of each block of a layer; an array is one block.
+
+    Examples
+    --------
+    >>> list(blocks_of(np.zeros((4, 3))))
+    [slice(0, 4, None)]
+    """
+    if isinstance(layer, LazyLayer):
+        yield from layer.blocks()
+    else:
+        yield slice(0, len(layer))
+
+
+def made_by_rows(
+    source: Layer,
+    dtype: Any,
+    make: MakeRows,
+    *,
+    shape: tuple[int, int] | None = None,
+    is_kept: bool = False,
+) -> Layer:
+    """Return a layer of the kind of `source`: made at once, or block by block when asked for.
+
+    Parameters
+    ----------
+    source : array or LazyLayer
+        What the layer is made of.
+    dtype : numpy type
+        Of its values.
+    make : callable
+        Returns the rows of a slice. Of an array it is called once, for all rows.
+    shape : tuple of int, optional
+        Rows and columns, those of `source` if not given.
+    is_kept : bool
+        Whether the rows are worth to be kept: they are made of whole blocks then. Cheap ones
+        are made again each time, exactly as many as are requested.
+
+    Examples
+    --------
+    >>> source = np.array([[1, 2], [3, 4]])
+    >>> made_by_rows(source, bool, lambda rows: source[rows] > 2)
+    array([[False, False],
+           [ True,  True]])
+    """
+    if isinstance(source, LazyLayer):
+        made = source.made_into(dtype, make, shape=shape, is_kept=is_kept)
+        return cast("Layer", made)
+    return make(slice(0, (shape or source.shape)[0]))
+
+
+def made_by_windows(
+    source: Layer, dtype: Any, change: Callable[[slice], NDArray[Any]], *, halo: int
+) -> Layer:
+    """Return what `change` makes of rows together with a halo on both sides.
+
+    Parameters
+    ----------
+    source : array or LazyLayer
+        What the layer is made of.
+    dtype : numpy type
+        Of its values.
+    change : callable
+        Returns the values of a slice of rows; those of the halo are cut off again.
+    halo : int
+        Rows beyond those requested that their values depend on.
+    """
+    height = source.shape[0]
+
+    def make(rows: slice) -> NDArray[Any]:
+        first, end = max(rows.start - halo, 0), min(rows.stop + halo, height)
+        return change(slice(first, end))[rows.start - first : rows.stop - first]
+
+    return made_by_rows(source, dtype, make, is_kept=True)
+
+
+def mapped(layer: Layer, dtype: Any, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Layer:
+    """Return the layer of what `change` makes of the values of any rows."""
+    return made_by_rows(layer, dtype, lambda rows: change(layer[rows]))
+
+
+def looked_up(layer: Layer, table: NDArray[Any]) -> Layer:
+    """Return the table's entry for each value, as `mapdeal.kernels.lookup.look_up` does."""
+    return mapped(layer, table.dtype, lambda values: look_up(values, table))
+
+
+def counts_of(layer: Layer) -> NDArray[np.int64]:
+    """Return how often each byte occurs, as `mapdeal.kernels.lookup.histogram` does."""
+    parts = (histogram(layer[rows]) for rows in blocks_of(layer))
+    return sum(parts, start=np.zeros(256, dtype=np.int64))
+
+
+def holds_everywhere(
+    layer: Layer, test: Callable[[NDArray[Any]], NDArray[np.bool_]]
+) -> bool:  # fmt: skip
+    """Return whether a test holds for all cells; looks no further than it must.
+
+    Examples
+    --------
+    >>> holds_everywhere(np.array([[1, 2], [3, 4]]), lambda values: values > 1)
+    False
+    """
+    step = max(1, _LOOKED_AT_TOGETHER // layer.shape[1])
+    for block in blocks_of(layer):
+        values = layer[block]
+        bands = (values[first : first + step] for first in range(0, len(values), step))
+        if not all(test(band).all() for band in bands):
+            return False
+    return True

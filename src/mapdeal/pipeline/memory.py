@@ -1,0 +1,293 @@
+"""Maps in memory or block by block: which of the two a map needs, and how it is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.free_memory import free_memory
+from mapdeal.formats.maps import MapFile, Source, open_map
+from mapdeal.formats.npz import Grid
+from mapdeal.formats.source import sha256_of, sums_of_reads
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.kernels.blocks import CacheBudget, lazy_layer
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.threads import thread_count, use_threads
+from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.step import Step
+
+_PER_PIXEL = 10
+"""Bytes that pictures take while they are drawn, two at the same time."""
+
+_READ = 2.0
+"""Bytes that reading takes for each cell of a map in memory."""
+
+
+@dataclass(frozen=True)
+class _Demand:
+    """What an engine takes of memory.
+
+    Parameters
+    ----------
+    base : int
+        Bytes of the interpreter and its libraries.
+    more : float
+        Bytes for each cell of a map in memory, beside its layers.
+    block : int
+        Bytes for each cell of a block, in each thread: all layers of a recipe, some twice.
+    """
+
+    base: int
+    more: float
+    block: int
+
+
+_DEMANDS = {
+    "compiled": _Demand(50_000_000, 0.0, 40), "scipy": _Demand(100_000_000, 12.0, 90)
+}  # fmt: skip
+
+_PER_COLUMN_OF_BLOCK = 20
+"""Bytes for each column of each block, for its halo: `mapdeal.kernels.column_runs`."""
+
+_BLOCK_CELLS = 1 << 22
+_LEAST = 128_000_000
+_SMALL = 256_000_000
+"""Small maps are not cut into blocks: all of little memory is taken, and the least in any case,
+also by each of many jobs."""
+
+
+def bytes_in_memory(
+    shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
+) -> int:  # fmt: skip
+    """Return about how many bytes of memory it takes to apply stages to a map in memory."""
+    per_cell = _DEMANDS[engine_name()].more + _READ + sum(step.stage.memory for step in steps)
+    return _base(shape, image_max) + int(per_cell * shape[0] * shape[1])
+
+
+def bytes_of_block(cells: int) -> int:
+    """Return about how many bytes of memory it takes to work on one block, and on no other."""
+    demand = _DEMANDS[engine_name()]
+    return demand.base + demand.block * cells
+
+
+def cells_of_block(memory: int) -> int:
+    """Return of how many cells such a block may be; less than 1 if the memory is for none."""
+    demand = _DEMANDS[engine_name()]
+    return (memory - demand.base) // demand.block
+
+
+def _base(shape: tuple[int, int], image_max: int | None) -> int:
+    """Return the bytes that are taken in either way."""
+    base = _DEMANDS[engine_name()].base
+    if image_max is None:
+        return base
+    height, width = shape
+    step = max(1, -(-max(shape) // image_max)) if image_max else 1
+    return base + _PER_PIXEL * -(-height // step) * -(-width // step)
+
+
+@dataclass(frozen=True)
+class OpenedMap:
+    """A map that stages can be applied to, whole or block by block.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid, Costmap, DistanceField or PotentialField
+        The cells.
+    files : tuple of Path
+        All files that hold it, the named one first.
+    sums : mapping of str to str
+        The names of the files and the sha256 of what was read of them, if it was asked for.
+    """
+
+    grid: Grid
+    files: tuple[Path, ...]
+    sums: Mapping[str, str]
+
+
+@contextmanager
+def opened_map(
+    path: Path,
+    steps: Sequence[Step],
+    settings: Settings,
+    *,
+    image_max: int | None,
+    with_sums: bool = False,
+) -> Iterator[OpenedMap]:
+    """Open a map to which stages are to be applied: in memory if it fits, else block by block.
+
+    Parameters
+    ----------
+    path : Path
+        The map.
+    steps : sequence of Step
+        The stages.
+    settings : Settings
+        How it is read, and how much memory may be taken.
+    image_max : int, optional
+        Longest side of the pictures that will be drawn, 0 for a pixel per cell; None for none.
+    with_sums : bool
+        Whether the checksums of the files are wanted.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read.
+    MalformedInputError
+        If a file is malformed, or the map is too large for the memory in either way.
+    """
+    with ExitStack() as stack:
+        with sums_of_reads(is_wanted=with_sums) as sums:
+            file = stack.enter_context(
+                open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
+            )
+            source = _read(file, steps, settings, image_max)
+        if with_sums:
+            for one in set(source.files) - sums.keys():  # not read whole, or not by `read_file`
+                sums[one] = file.sum_of_pixels() or sha256_of(one)
+        named = {one.name: sums[one] for one in source.files if one in sums}
+        yield OpenedMap(source.grid, source.files, named)
+
+
+def _read(
+    file: MapFile, steps: Sequence[Step], settings: Settings, image_max: int | None
+) -> Source:
+    """Return the map in a file, whole or lazy, as the memory demands it."""
+    budget = memory_budget(settings.max_memory)
+    shape = file.shape_by_rows
+    if shape is not None:
+        needed = bytes_in_memory(shape, steps, image_max)
+        if needed > budget:
+            base = _base(shape, image_max)
+            block_height, cache = _cut(file.path, shape, steps, budget, base, needed=needed)
+            return file.by_rows(block_height=block_height, budget=cache)
+    source = file.read()
+    grid = source.grid
+    needed = bytes_in_memory(grid.shape, steps, image_max)
+    if needed <= budget:
+        return source
+    if not isinstance(grid, OccupancyGrid):
+        raise too_large(file.path, grid.shape, needed, budget)
+    base = _base(grid.shape, image_max) + grid.occupancy.nbytes
+    block_height, cache = _cut(file.path, grid.shape, steps, budget, base, needed=needed)
+    return replace(source, grid=_in_blocks(grid, block_height, cache))
+
+
+def _in_blocks(grid: OccupancyGrid, block_height: int, cache: CacheBudget) -> OccupancyGrid:
+    """Return a map that is in memory as one of which blocks are requested."""
+    values = grid.occupancy
+    layer = lazy_layer(
+        grid.shape, np.int8, lambda rows: values[rows], block_height=block_height, budget=cache
+    )
+    return grid.with_values(layer)
+
+
+@dataclass(frozen=True)
+class Need:
+    """What a run takes of memory.
+
+    Parameters
+    ----------
+    memory : int
+        About how many bytes.
+    by_blocks : bool
+        Whether the map is processed block by block, since the whole would need too much.
+    """
+
+    memory: int
+    by_blocks: bool
+
+
+def need_of(
+    path: Path,
+    shape: tuple[int, int],
+    steps: Sequence[Step],
+    settings: Settings,
+    *,
+    image_max: int | None,
+    is_by_rows: bool,
+) -> Need:
+    """Return the memory that `opened_map` and the stages will take, from the size alone.
+
+    Raises
+    ------
+    MalformedInputError
+        If there is too little.
+    """
+    budget = memory_budget(settings.max_memory)
+    needed = bytes_in_memory(shape, steps, image_max)
+    if needed <= budget:
+        return Need(needed, by_blocks=False)
+    with use_threads(settings.threads):
+        read = 0 if is_by_rows else shape[0] * shape[1]
+        _cut(path, shape, steps, budget, _base(shape, image_max) + read, needed=needed)
+    return Need(budget, by_blocks=True)  # layers are kept as long as there is room
+
+
+def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
+    """Return the bytes that each job may take: those given, or its part of half of what is free."""
+    if max_memory is not None:
+        return max_memory
+    free = free_memory()
+    if free is None:
+        return 1 << 62
+    if jobs > 1:
+        return max(free // 2 // jobs, _LEAST)
+    return max(free // 2, min(free, _SMALL), _LEAST)
+
+
+def _cut(
+    path: Path,
+    shape: tuple[int, int],
+    steps: Sequence[Step],
+    budget: int,
+    base: int,
+    *,
+    needed: int,
+) -> tuple[int, CacheBudget]:
+    """Return how many rows make a block, and what of the budget the layers may keep.
+
+    Blocks, what is kept of each, and `base`, which is taken anyhow, fit the budget.
+
+    Raises
+    ------
+    MalformedInputError
+        If nothing fits, or one of the steps needs the whole map in memory.
+    """
+    if any(step.is_whole for step in steps):
+        raise too_large(path, shape, needed, budget)
+    height, width = shape
+    per_row = _DEMANDS[engine_name()].block * width * (thread_count() + 1)
+
+    def fitting(left: int) -> tuple[int, int]:
+        """Return the least and the most rows, half of the memory for blocks, a quarter for runs."""
+        least = -(-_PER_COLUMN_OF_BLOCK * width * height // max(left // 4, 1))
+        return max(least, 1), left // 2 // per_row
+
+    left = budget - base
+    least, most = fitting(left)
+    if most < least:
+        while most < least:
+            left = max(left + left // 50, per_row)
+            least, most = fitting(left)
+        raise too_large(path, shape, int(1.01 * (base + left)), budget)
+    rows = int(min(max(_BLOCK_CELLS // width, least), most, height, (1 << 16) - 1))
+    runs = _PER_COLUMN_OF_BLOCK * width * -(-height // rows)
+    return rows, CacheBudget(left - per_row * rows - runs)
+
+
+def too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
+    """Return the error of a map that takes more memory than it may."""
+    height, width = shape
+    rule = f"{width} x {height} cells need {_told(needed)} of memory, {_told(budget)} may be taken"
+    hint = "raise --max-memory if there is more; .pgm maps take least"
+    return MalformedInputError(rule, source=path, hint=hint)
+
+
+def _told(count: int) -> str:
+    return f"{count / 1e9:.3g} GB" if count >= 1e9 else f"{count / 1e6:.3g} MB"

@@ -1,0 +1,126 @@
+"""A step: one stage with all its parameters, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import MapdealError, ParameterError
+from mapdeal.formats.maps import as_occupancy
+from mapdeal.formats.npz import Grid
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.stages.catalogue import STAGE_NAMES, models_of
+from mapdeal.stages.definition import Stage
+from mapdeal.stages.esdf import field_view
+from mapdeal.stages.parameters import accept_parameters, unknown_name
+
+
+@dataclass(frozen=True)
+class Step:
+    """One stage of a recipe with all its parameters, checked.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage, in one of its models.
+    parameters : mapping
+        Every parameter of the stage's function.
+    view : mapping
+        The parameters of its view, if it has one.
+    """
+
+    stage: Stage
+    parameters: Mapping[str, Any]
+    view: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The name of the stage."""
+        return self.stage.name
+
+    @property
+    def title(self) -> str:
+        """What the step has done, for a picture's title."""
+        return self.stage.title(self.parameters)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the whole map must be in memory at once."""
+        return self.stage.is_whole(self.parameters)
+
+    def apply(self, grid: Grid, source: Path) -> Grid:
+        """Return what the stage makes of `grid`; errors name the file it came from."""
+        try:
+            takes_it = self.stage.takes_field and isinstance(grid, DistanceField)
+            taken = grid if takes_it else as_occupancy(grid)
+            made: Grid = self.stage.function(taken, **self.parameters)
+        except MapdealError as error:
+            raise error.found_in(source) from None
+        return made
+
+    def view_of(self, product: DistanceField) -> OccupancyGrid:
+        """Return the map that stands for a product which holds no values of a map."""
+        made: OccupancyGrid = (self.stage.view or field_view)(product, **self.view)
+        return made
+
+    def described(self) -> dict[str, Any]:
+        """Return stage, model and parameters as JSON can hold them."""
+        model = {"model": self.stage.model} if self.stage.model else {}
+        values = {**model, **self.parameters, **self.view}
+        return {self.name: {key: _plain(value) for key, value in values.items()}}
+
+
+def make_step(name: str, given: Mapping[str, object]) -> Step:
+    """Return the step of a stage with the given parameters, all checked.
+
+    Parameters
+    ----------
+    name : str
+        The stage.
+    given : mapping
+        Parameters, those of the view among them, and of a stage with several models ``model``.
+
+    Raises
+    ------
+    ParameterError
+        If the stage or a parameter is not known, or a value not allowed.
+    """
+    models = models_of(name)
+    if not models:
+        raise unknown_name("stage", name, STAGE_NAMES)
+    stage, given = _in_model(name, models, dict(given))
+    for key in given:
+        if key not in stage.parameters:
+            raise unknown_name("parameter", key, stage.parameters, place=name)
+    own, view = ({key: value for key, value in given.items() if key in known}
+                 for known in (stage.own_parameters, stage.view_parameters))  # fmt: skip
+    parameters = accept_parameters(stage.function, own, name)
+    return Step(stage, parameters, accept_parameters(stage.view, view, name) if stage.view else {})
+
+
+def _in_model(
+    name: str, models: Mapping[str | None, Stage], given: dict[str, object]
+) -> tuple[Stage, dict[str, object]]:
+    """Return the stage in the model that is asked for, and the other parameters."""
+    if None in models:
+        return models[None], given
+    model = given.pop("model", next(iter(models)))
+    if not isinstance(model, str) or model not in models:
+        known = [str(one) for one in models]
+        raise unknown_name(f"{name} model", model, known, place=f"{name}.model")
+    stage = models[model]
+    for key in given:
+        others = [str(m) for m, other in models.items() if key in other.parameters]
+        if others and key not in stage.parameters:
+            rule = f"is a parameter of model {' and '.join(others)}, not of {model}"
+            raise ParameterError(rule, place=f"{name}.{key}")
+    return stage, given
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "vertices"):
+        return [list(vertex) for vertex in value.vertices] or {"radius": value.radius}
+    return list(value) if isinstance(value, tuple) else value

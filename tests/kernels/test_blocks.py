@@ -1,0 +1,188 @@
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mapdeal.kernels.blocks import (
+    CacheBudget,
+    LazyLayer,
+    blocks_of,
+    counts_of,
+    holds_everywhere,
+    is_lazy,
+    looked_up,
+    made_by_rows,
+    made_by_windows,
+    mapped,
+)
+from mapdeal.kernels.threads import use_threads
+
+WHOLE = np.arange(23 * 4).reshape(23, 4).astype(np.uint8)
+
+
+def lazy(block_height=5, keep=0, asked=None):
+    def make(rows):
+        if asked is not None:
+            asked.append((rows.start, rows.stop))
+        return WHOLE[rows]
+
+    return LazyLayer(WHOLE.shape, np.uint8, make, block_height=block_height, keep=keep)
+
+
+@given(
+    st.integers(-30, 30), st.integers(-30, 30), st.integers(1, 30), st.integers(0, 3)
+)  # fmt: skip
+def test_any_slice_is_that_of_the_array(first, end, block_height, keep):
+    layer = lazy(block_height, keep)
+    assert np.array_equal(layer[first:end], WHOLE[first:end])
+    assert layer[first:end].dtype == WHOLE.dtype
+
+
+def test_it_says_what_it_is():
+    layer = lazy()
+    assert (layer.shape, layer.ndim, len(layer)) == ((23, 4), 2, 23)
+    assert (layer.dtype, layer.nbytes) == (np.uint8, WHOLE.nbytes)
+    assert [(s.start, s.stop) for s in layer.blocks()] == [
+        (0, 5), (5, 10), (10, 15), (15, 20), (20, 23)
+    ]  # fmt: skip
+    with pytest.raises(IndexError):
+        layer[::2]
+
+
+def test_kept_blocks_are_made_whole_and_once():
+    asked = []
+    layer = lazy(keep=2, asked=asked)
+    layer[3:7], layer[4:6], layer[9:10]
+    assert asked == [(0, 5), (5, 10)]
+    layer[22:]
+    layer[0:1]  # gone: two are kept, and two others were asked for since
+    assert asked == [(0, 5), (5, 10), (20, 23), (0, 5)]
+
+
+def test_a_block_that_two_threads_ask_for_is_made_once():
+    begun, may_end, count = threading.Event(), threading.Event(), []
+
+    def make(rows):
+        count.append(rows.start)
+        begun.set()
+        assert may_end.wait(10)
+        return WHOLE[rows]
+
+    layer = LazyLayer(WHOLE.shape, np.uint8, make, block_height=23, keep=1)
+    with ThreadPoolExecutor(2) as pool:
+        one = pool.submit(lambda: layer[0:3])
+        assert begun.wait(10)
+        other = pool.submit(lambda: layer[2:9])
+        may_end.set()
+        assert np.array_equal(one.result(), WHOLE[0:3])
+        assert np.array_equal(other.result(), WHOLE[2:9])
+    assert count == [0]
+
+
+def test_an_error_is_raised_to_whoever_asks_and_not_kept():
+    outcomes = iter([OSError("gone"), None])
+
+    def make(rows):
+        problem = next(outcomes)
+        if problem:
+            raise problem
+        return WHOLE[rows]
+
+    layer = LazyLayer(WHOLE.shape, np.uint8, make, block_height=23, keep=1)
+    with pytest.raises(OSError, match="gone"):
+        layer[0:3]
+    assert np.array_equal(layer[0:3], WHOLE[0:3])
+
+
+def test_a_lazy_layer_can_be_had_whole_and_is_never_compared_by_accident():
+    layer = lazy(keep=1)
+    assert np.array_equal(np.asarray(layer), WHOLE)
+    assert np.asarray(layer, dtype=np.int64).dtype == np.int64
+    for wrong in (lambda: layer == 3, lambda: layer > 3, lambda: layer + WHOLE, lambda: layer[3]):
+        with pytest.raises((TypeError, AttributeError)):
+            wrong()
+
+
+def test_tables_and_counts_work_on_both_kinds():
+    table = np.roll(np.arange(256), 3).astype(np.int8)
+    for layer in (WHOLE, lazy()):
+        assert np.array_equal(looked_up(layer, table)[:], table[WHOLE])
+        assert looked_up(layer, table).dtype == np.int8
+        assert counts_of(layer).tolist() == np.bincount(WHOLE.ravel(), minlength=256).tolist()
+        assert sum(len(layer[rows]) for rows in blocks_of(layer)) == 23
+        assert is_lazy(mapped(layer, np.int8, lambda part: part)) == (layer is not WHOLE)
+
+
+@given(st.integers(1, 30), st.integers(0, 30))
+def test_a_window_has_its_halo_and_gives_its_rows(block_height, halo):
+    def largest_around(layer):
+        def change(rows):
+            part = layer[rows].astype(np.int64)
+            reached = [part[max(k - halo, 0) : k + halo + 1].max(axis=0) for k in range(len(part))]
+            return np.array(reached)
+
+        return change
+
+    layer = lazy(block_height)
+    expected = np.array([WHOLE[max(k - halo, 0) : k + halo + 1].max(axis=0) for k in range(23)])
+    for source in (WHOLE, layer):
+        made = made_by_windows(source, np.int64, largest_around(source), halo=halo)
+        assert is_lazy(made) == (source is layer)
+        assert np.array_equal(made[:], expected)
+        assert np.array_equal(made[4:9], expected[4:9])
+
+
+def test_what_holds_everywhere_is_looked_for_no_further_than_needed():
+    asked = []
+    layer = lazy(asked=asked)
+    assert holds_everywhere(WHOLE, lambda values: values < 92)
+    assert not holds_everywhere(WHOLE, lambda values: values < 91)
+    assert not holds_everywhere(layer, lambda values: values != 21)
+    assert asked == [(0, 5), (5, 10)]
+
+
+def test_changed_rows_are_made_of_the_rows_asked_for():
+    doubled = mapped(lazy(keep=1), np.int64, lambda part: 2 * part.astype(np.int64))
+    assert np.array_equal(doubled[7:12], 2 * WHOLE[7:12].astype(np.int64))
+
+
+@pytest.mark.parametrize(("size", "times"), [(23 * 4 * 8, 1), (23 * 4 * 8 - 1, 2)])
+def test_a_layer_is_kept_whole_if_the_budget_has_room(size, times):
+    asked = []
+
+    def make(rows):
+        asked.append(rows.start)
+        return WHOLE[rows].astype(np.int64)
+
+    source = LazyLayer(
+        WHOLE.shape, np.uint8, WHOLE.__getitem__, block_height=5, budget=CacheBudget(size)
+    )
+    with use_threads(1):
+        layer = made_by_rows(source, np.int64, make, is_kept=True)
+    for _ in range(2):
+        pieces = [layer[first : first + 3] for first in range(0, 23, 3)]
+        assert np.array_equal(np.vstack(pieces), WHOLE)
+    assert asked == [0, 5, 10, 15, 20] * times
+    assert (layer.block_height, layer.dtype) == (5, np.int64)
+
+
+def test_the_budget_is_shared_by_all_layers_of_a_map():
+    budget = CacheBudget(100)
+    source = LazyLayer((10, 4), np.uint8, WHOLE.__getitem__, block_height=5, budget=budget)
+    layer = made_by_rows(source, np.uint8, WHOLE.__getitem__, is_kept=True)
+    narrow = made_by_rows(layer, np.int8, lambda rows: WHOLE[rows, :3], shape=(10, 3))
+    made_by_rows(narrow, np.int8, lambda rows: WHOLE[rows, :3], is_kept=True)
+    assert budget.take(30)
+    assert not budget.take(1)
+
+
+def test_nobody_can_change_what_others_are_given_too():
+    def make(rows):
+        return np.zeros((rows.stop - rows.start, 3), np.uint8)
+
+    layer = LazyLayer((4, 3), np.uint8, make, block_height=2, keep=1)
+    with pytest.raises(ValueError, match="read-only"):
+        layer[0:2][0, 0] = 1

@@ -1,0 +1,189 @@
+"""Stages on maps in blocks give, cell by cell, what they give on maps of one block.
+
+Those have oracles of their own. Blocks have any height, and layers are asked for in pieces of any
+other height. Every stage has a case; what is missing is named by the last tests.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mapdeal
+from drawn import cells
+from mapdeal import Costmap, DistanceField, MapdealError, MapdealWarning, OccupancyGrid
+from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.stages.catalogue import STAGES
+from strategies import occupancies
+
+pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+
+# The parameters that are drawn, for each stage and model.
+DRAWN = {
+    ("active", None): {
+        "margin": [0.0, 0.3], "canvas": ["crop", "full"], "min_component": [0, 3],
+    },
+    ("inflate", None): {
+        "radius": [0.0, 0.3, 1.0, 50.0], "kernel": ["disc", "square"],
+        "lethal_threshold": [50, 100], "inflate_unknown": [True, False],
+    },
+    ("esdf", None): {
+        "unknown": ["free", "occupied"], "convention": ["seed", "center", "border"],
+        "max_distance": [None, 0.5, 3.0], "lethal_threshold": [50, 100], "strength": [1.0, 2.5],
+    },
+    ("potential", None): {"goal": [None, (1.5, -2.0)], "lethal_threshold": [None, 50]},
+    ("cost", "exponential"): {
+        "inscribed_radius": [0.2], "circumscribed_radius": [0.4],
+        "inflation_radius": [0.2, 0.55, 3.0], "cost_scaling_factor": [0.0, 1.0, 10.0],
+        "inflate_unknown": [True, False], "inflate_around_unknown": [True, False],
+    },
+    ("cost", "threshold"): {
+        "down": [20.0, 40.0], "up": [60.0], "down_factor": [0.5], "view": ["seed", "metric"],
+    },
+    ("cost", "rings"): {"values": [(60,), (90, 70, 50, 30, 10)]},
+}  # fmt: skip
+FIELDS = DRAWN["esdf", None]
+
+
+def in_blocks(grid, block_height):
+    values = grid.occupancy
+    layer = lazy_layer(grid.shape, np.int8, values.__getitem__, block_height=block_height)
+    return OccupancyGrid(layer, grid.resolution, grid.origin)
+
+
+def assert_same(whole, blocks, step):
+    assert type(whole) is type(blocks)
+    assert (whole.shape, whole.resolution, whole.origin) == (
+        blocks.shape, blocks.resolution, blocks.origin
+    )  # fmt: skip
+    assert whole.figures() == blocks.figures()
+    for name in whole.layer_names:
+        expected, layer = getattr(whole, name), getattr(blocks, name)
+        pieces = [layer[first : first + step] for first in range(0, whole.shape[0], step)]
+        assert np.vstack(pieces).dtype == expected.dtype
+        assert np.array_equal(np.vstack(pieces), expected), name
+
+
+def outcome(function, *arguments, **parameters):
+    try:
+        return function(*arguments, **parameters)
+    except MapdealError as error:
+        return str(error)
+
+
+@st.composite
+def cases(draw):
+    """A map, how it is cut, and how its layers are asked for."""
+    occupancy = draw(occupancies(longest=24))
+    grid = OccupancyGrid(occupancy, draw(st.sampled_from([0.05, 0.25, 1.0])), (1.5, -2.0, 0.4))
+    return grid, draw(st.integers(1, 26)), draw(st.integers(1, 26))
+
+
+def drawn(choices):
+    return st.fixed_dictionaries({name: st.sampled_from(some) for name, some in choices.items()})
+
+
+@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: f"{stage.name} {stage.model or ''}")
+@settings(max_examples=60)
+@given(data=st.data())
+def test_every_stage_on_maps_and_fields(stage, data):
+    grid, block_height, step = data.draw(cases())
+    chosen = data.draw(drawn(DRAWN[stage.name, stage.model]))
+    whole, blocks = grid, in_blocks(grid, block_height)
+    if stage.takes_field and data.draw(st.booleans()):
+        of_field = data.draw(drawn(FIELDS))
+        whole, blocks = (mapdeal.esdf(source, **of_field) for source in (whole, blocks))
+    expected, made = (outcome(stage.function, source, **chosen) for source in (whole, blocks))
+    if isinstance(expected, str):
+        assert made == expected
+        return
+    assert made.is_lazy != stage.is_whole({**dict.fromkeys(stage.parameters), **chosen}) or (
+        stage.name == "active"  # what is whole is the search for the box
+    )
+    assert_same(expected, made, step)
+    assert getattr(expected, "scale", None) == getattr(made, "scale", None)
+    assert getattr(expected, "circumscribed_cost", 0) == getattr(made, "circumscribed_cost", 0)
+
+
+@given(cases(), drawn(FIELDS), st.sampled_from(["seed", "metric"]))
+def test_the_view_of_a_field(case, parameters, view):
+    grid, block_height, step = case
+    whole, blocks = (
+        mapdeal.field_view(mapdeal.esdf(source, **parameters), view=view)
+        for source in (grid, in_blocks(grid, block_height))
+    )
+    assert_same(whole, blocks, step)
+
+
+@settings(max_examples=40)
+@given(cases(), drawn(FIELDS))
+def test_a_chain_of_stages(case, of_field):
+    grid, block_height, step = case
+    if (grid.occupancy == -1).all():
+        return
+    ends = []
+    for source in (grid, in_blocks(grid, block_height)):
+        inflated = mapdeal.inflate(mapdeal.active_region(source))
+        field = mapdeal.esdf(inflated, **of_field)
+        ends.append(outcome(mapdeal.exponential_cost, field, inscribed_radius=0.2))
+    if isinstance(ends[0], str):  # the field is clipped below the reach of the costs
+        assert ends[1] == ends[0]
+    else:
+        assert_same(*ends, step)
+
+
+def mask_of(grid, values):
+    return OccupancyGrid(values, 2 * grid.resolution, (1.6, -1.9, 0.3))
+
+
+@settings(max_examples=40)
+@given(cases(), occupancies(longest=9))
+def test_a_keepout_mask(case, values):
+    grid, block_height, step = case
+    for model in (mapdeal.exponential_cost, mapdeal.ring_cost):
+        whole, blocks = (
+            mapdeal.apply_keepout_mask(model(source), mask_of(grid, values))
+            for source in (grid, in_blocks(grid, block_height))
+        )
+        assert_same(whole, blocks, step)
+
+
+@pytest.mark.parametrize("block_height", [1, 3, 4])
+def test_parts_lie_where_they_are_in_the_whole(block_height):
+    grid = OccupancyGrid(cells("..#\n?..\n...\n..+"), 0.5, (1.5, -2.0, 0.4))
+    for source in (grid, in_blocks(grid, block_height)):
+        field = mapdeal.esdf(source, unknown="occupied", lethal_threshold=50)
+        part = field.part(slice(1, 3))
+        assert not part.is_lazy
+        assert (part.unknown, part.lethal_threshold) == ("occupied", 50)
+        assert np.array_equal(part.occupancy, cells("?..\n..."))
+        assert np.allclose(
+            part.frame.xy_from_rowcol([[0, 0]]), field.frame.xy_from_rowcol([[1, 0]])
+        )
+        assert np.array_equal(field.obstacles()[0:4], cells("..#\n#..\n...\n..#") == 100)
+
+
+@pytest.mark.parametrize(
+    ("drawing", "parameters", "text"),
+    [("..#..\n.....\n.....", {"radius": 0.1}, "no effect"), ("..#\n...", {"radius": 9.0}, "free")],
+)
+def test_warnings_are_those_of_maps_of_one_block(drawing, parameters, text):
+    grid = OccupancyGrid(cells(drawing), 0.5)
+    texts = []
+    for source in (grid, in_blocks(grid, 1)):
+        with pytest.warns(MapdealWarning, match=text) as caught:
+            mapdeal.inflate(source, **parameters)
+        texts.append([str(one.message) for one in caught])
+    assert texts[0] == texts[1]
+
+
+def test_every_stage_has_its_parameters_drawn():
+    assert {(stage.name, stage.model) for stage in STAGES} == set(DRAWN)
+
+
+def test_every_type_of_grid_knows_its_layers():
+    grid = OccupancyGrid(cells("..#"), 0.5)
+    for made in (grid, mapdeal.esdf(grid), mapdeal.exponential_cost(grid), mapdeal.potential(grid)):
+        assert made.layer is getattr(made, made.layer_names[0])
+        assert set(made.layer_names) <= set(made.entries())
+    assert {Costmap.kind, DistanceField.kind} == {"costmap", "distance field"}
