@@ -8,13 +8,16 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
-from mapdeal.cli.stage_command import file_options, run_stage
+from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.stage_command import run_stage
+from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.active import active_region
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options("files", "max_memory")
 def active(
     source: opt.MapArgument,
     output: Annotated[Path, opt.output_argument("OUT", "The result: .yaml (with .pgm) or .npz.")],
@@ -35,17 +38,9 @@ def active(
             metavar="CELLS",
         ),
     ] = None,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    max_memory: opt.MaxMemory = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Cut out the known part of a map, its active region."""
-    opt.start(quiet=quiet, verbose=verbose)
     parameters = opt.given(margin=margin, canvas=canvas, min_component=min_component)
-    files = file_options(dialect, max_cells, force, threads, image, max_memory)
-    run_stage("active", source, output, parameters, files)
+    run_stage("active", source, output, parameters, settings)

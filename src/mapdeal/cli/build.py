@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -10,26 +9,22 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.stage_command import file_options, say_written
+from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.stage_command import say_written
 from mapdeal.errors import ParameterError
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.formats.scans.source import DEFAULT_MAX_BAD, ScanSource
 from mapdeal.formats.scans.text import ScanTexts
 from mapdeal.mapping.beams import BeamLimits
+from mapdeal.mapping.build import Method
 from mapdeal.pipeline.build import BuildSettings, build_file
+from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
-class MethodName(StrEnum):
-    """How evidence becomes a map."""
-
-    log_odds = "log-odds"
-    counting = "counting"
-    tsdf = "tsdf"
-
-
 @app.command()
+@shared_options("image", "force", "threads")
 def build(
     output: opt.GridOutput,
     log: Annotated[
@@ -50,9 +45,7 @@ def build(
         bool,
         typer.Option("--flip-y", help="With --poses: y of the poses points to the right."),
     ] = False,
-    method: Annotated[
-        MethodName, typer.Option(help="How evidence becomes a map.")
-    ] = MethodName.log_odds,
+    method: Annotated[Method, typer.Option(help="How evidence becomes a map.")] = "log-odds",
     resolution: Annotated[float, typer.Option(metavar="R", help="Metres per cell.")] = 0.05,
     size: Annotated[
         str | None,
@@ -107,32 +100,28 @@ def build(
         int,
         typer.Option(metavar="N", min=0, help="Lines of a log that may be wrong."),
     ] = DEFAULT_MAX_BAD,
-    image: opt.Image = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Make a map from laser scans with known poses.
 
     Cells that a beam passes become free, those that it ends in occupied; what no beam reaches
     stays unknown. The methods are compared in docs/mapping.md.
     """
-    opt.start(quiet=quiet, verbose=verbose)
-    own = {
-        MethodName.log_odds: opt.given(
+    own: dict[Method, dict[str, object]] = {
+        "log-odds": opt.given(
             log_free=log_free, log_occ=log_occ, log_min=log_min, log_max=log_max,
             values=values or None,
         ),
-        MethodName.counting: opt.given(ratio=ratio),
-        MethodName.tsdf: opt.given(truncation=truncation),
+        "counting": opt.given(ratio=ratio),
+        "tsdf": opt.given(truncation=truncation),
     }  # fmt: skip
     for other, given in own.items():
         if other != method and given:
             option = f"--{next(iter(given)).replace('_', '-')}"
-            raise ParameterError(f"is not for --method {method.value}", source=option)
-    settings = BuildSettings(
-        method.value,
+            raise ParameterError(f"is not for --method {method}", source=option)
+    how = BuildSettings(
+        method,
         BeamLimits(range_min, range_max, clear_max),
         resolution,
         None if size is None else opt.pair(size, "--size"),
@@ -140,13 +129,13 @@ def build(
         own[method],
     )
     source = _source_of(log, poses, angles, ranges, flip_y=flip_y, max_bad=max_bad)
-    passes = 2 if settings.sizes_itself else 1
+    passes = 2 if how.sizes_itself else 1
     with terminal.progress(passes * source.count) as bar:
         figures = build_file(
             source,
             output,
+            how,
             settings,
-            file_options(opt.DialectName.nav2, None, force, threads, image),
             layers=layers,
             advance=bar.advance,
         )

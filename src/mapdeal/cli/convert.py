@@ -8,14 +8,18 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
-from mapdeal.cli.stage_command import file_options, say_written
+from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.stage_command import say_written
 from mapdeal.errors import ParameterError
-from mapdeal.pipeline.convert import convert_file
+from mapdeal.formats.map_yaml import Mode
+from mapdeal.pipeline.convert import Scale, convert_file
+from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options("files")
 def convert(
     source: opt.MapArgument,
     output: Annotated[
@@ -25,14 +29,14 @@ def convert(
         ),
     ],
     encoding: Annotated[
-        opt.ScaleName | None,
+        Scale | None,
         typer.Option(
             help="Scale of the values: what ROS publishes, costmap_2d's bytes, or the map that "
             "is left to amcl.  [default: an .npz keeps its own, pixels of costs are occupancy]",
         ),
     ] = None,
     mode: Annotated[
-        opt.ModeName | None,
+        Mode | None,
         typer.Option(
             help="How values become pixels.  [default: raw if a value lies in 1..99, else trinary]",
         ),
@@ -76,16 +80,10 @@ def convert(
             "as before and in ROS 1.  [default: 99]",
         ),
     ] = None,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Write a grid in another format or on another scale."""
-    opt.start(quiet=quiet, verbose=verbose)
     layer = opt.given(
         lethal_threshold=lethal_threshold, trinary=trinary_costmap, track_unknown=track_unknown
     )
@@ -96,13 +94,12 @@ def convert(
         name = next(iter(layer))
         option = words.get(name, f"--{name.replace('_', '-')}")
         raise ParameterError("needs --static-layer", source=option)
-    files = file_options(dialect, max_cells, force, threads, image)
     figures = convert_file(
         source,
         output,
-        files,
-        encoding=encoding.value if encoding else None,
-        mode=mode.value if mode else None,
+        settings,
+        encoding=encoding,
+        mode=mode,
         static_layer=layer if static_layer else None,
     )
     say_written(output, figures)

@@ -8,8 +8,12 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
-from mapdeal.cli.stage_command import file_options, run_stage
+from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.stage_command import run_stage
 from mapdeal.errors import ParameterError
+from mapdeal.formats.map_writer import Encoding
+from mapdeal.grid.footprint import Footprint
+from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.exponential_cost import exponential_cost
 from mapdeal.stages.ring_cost import ring_cost
 from mapdeal.stages.threshold_cost import threshold_cost
@@ -18,6 +22,10 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options(
+    "robot", "inflate_unknown", "inflate_around_unknown", "down", "up", "down_factor", "up_factor",
+    "view", "view_range", "values", "lethal_threshold", "mask", "encoding", "files", "max_memory",
+)  # fmt: skip
 def cost(
     source: Annotated[
         Path, typer.Argument(metavar="MAP|ESDF.npz", help="A map, or the distance field of one.")
@@ -50,10 +58,6 @@ def cost(
             metavar="K",
         ),
     ] = None,
-    footprint: opt.FootprintText = None,
-    robot_radius: opt.RobotRadius = None,
-    footprint_padding: opt.FootprintPadding = 0.0,
-    robot_16_gon: opt.Robot16Gon = False,
     inflate_unknown: Annotated[
         bool | None,
         opt.stage_option(
@@ -122,31 +126,24 @@ def cost(
         ),
     ] = None,
     encoding: Annotated[
-        opt.EncodingName,
+        Encoding,
         typer.Option(help="Pixels of a .yaml: what ROS would publish, or costmap_2d's bytes."),
-    ] = opt.EncodingName.occupancy,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    max_memory: opt.MaxMemory = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    ] = "occupancy",
+    *,
+    settings: Settings,
+    footprint: Footprint | None,
 ) -> None:
     """Turn a map or its distance field into a costmap."""
-    opt.start(quiet=quiet, verbose=verbose)
-    shape = opt.robot_shape(footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon)
-    if shape is not None and model != "exponential":
+    if footprint is not None and model != "exponential":
         rule = "only costs of model exponential depend on the robot's shape"
         raise ParameterError(rule, source="--model", got=model)
-    if shape is not None and inscribed_radius is not None:
+    if footprint is not None and inscribed_radius is not None:
         rule = "cannot be given together with a robot's shape"
         raise ParameterError(rule, source="--inscribed-radius")
     parameters = opt.given(
         model=model,
-        inscribed_radius=shape.inscribed_radius if shape else inscribed_radius,
-        circumscribed_radius=shape.circumscribed_radius if shape else None,
+        inscribed_radius=footprint.inscribed_radius if footprint else inscribed_radius,
+        circumscribed_radius=footprint.circumscribed_radius if footprint else None,
         inflation_radius=inflation_radius,
         cost_scaling_factor=cost_scaling_factor,
         inflate_unknown=inflate_unknown,
@@ -160,5 +157,4 @@ def cost(
         values=values,
         lethal_threshold=lethal_threshold,
     )
-    files = file_options(dialect, max_cells, force, threads, image, max_memory)
-    run_stage("cost", source, output, parameters, files, encoding=encoding.value, mask=mask)
+    run_stage("cost", source, output, parameters, settings, encoding=encoding, mask=mask)

@@ -9,16 +9,17 @@ from typing import Annotated
 import typer
 
 from mapdeal.checks.difference import STATES, Difference, WallShift
-from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.stage_command import file_options
+from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import one_line
 from mapdeal.pipeline.diff import DiffReport, diff_files
+from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options("files")
 def diff(
     first: Annotated[Path, typer.Argument(metavar="A", help="A map: .yaml or .npz.")],
     second: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
@@ -27,22 +28,15 @@ def diff(
         typer.Option(metavar="CELLS", help="Let cells pass whose like is so near in the other."),
     ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Tell what differs between two maps.
 
     Size, origin and resolution may differ: cells are compared where both maps have some. The
     exit code is 0 if they are equal within the tolerance, 1 if not.
     """
-    opt.start(quiet=quiet, verbose=verbose)
-    options = file_options(dialect, max_cells, force, threads, image)
-    report = diff_files(first, second, options, tolerance=tolerance)
+    report = diff_files(first, second, settings, tolerance=tolerance)
     if as_json:
         terminal.result(json.dumps(report.document(), indent=2))
     else:

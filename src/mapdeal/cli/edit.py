@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +11,8 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.stage_command import file_options, say_written
+from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.stage_command import say_written
 from mapdeal.editing.draw import draw
 from mapdeal.editing.window import blank as blank_of
 from mapdeal.editing.window import reset_region
@@ -23,15 +23,6 @@ from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import OverlayType
 from mapdeal.pipeline.edit import Editable, edit_file
 from mapdeal.pipeline.settings import Settings
-
-
-class OverlayName(StrEnum):
-    """Which of two values wins, by the words of Nav2's vector object server."""
-
-    seq = "seq"
-    max = "max"
-    min = "min"
-
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -54,7 +45,7 @@ File = Annotated[
     ),
 ]
 OverlayOption = Annotated[
-    OverlayName,
+    Overlay,
     typer.Option(
         help="What wins in a cell: the later (seq), the larger (max) or the smaller value (min). "
         "Unknown gives way to all."
@@ -87,36 +78,31 @@ def edit() -> None:
 
 
 @app.command()
+@shared_options("files")
 def polygon(
     source: opt.MapArgument,
     output: opt.GridOutput,
     point: Points = None,
     file: File = None,
     value: Value = None,
-    overlay: OverlayOption = OverlayName.seq,
+    overlay: OverlayOption = "seq",
     blank: Blank = False,
     background: Background = None,
     strict: Strict = False,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Draw a filled polygon, or the shapes of a file.
 
     A convex polygon gets the cells that costmap_2d's setConvexPolygonCost sets.
     """
-    opt.start(quiet=quiet, verbose=verbose)
-    files = file_options(dialect, max_cells, force, threads, image)
     own: list[Shape] = [Polygon(_points(point))] if point else []
-    drawing = _Drawing(_gathered(file, own), value, overlay.value, strict)
-    _draw(source, output, files, drawing, _start(blank, background), file)
+    drawing = _Drawing(_gathered(file, own), value, overlay, strict)
+    _draw(source, output, settings, drawing, _start(blank, background), file)
 
 
 @app.command()
+@shared_options("files")
 def line(
     source: opt.MapArgument,
     output: opt.GridOutput,
@@ -127,28 +113,22 @@ def line(
     ] = None,
     file: File = None,
     value: Value = None,
-    overlay: OverlayOption = OverlayName.seq,
+    overlay: OverlayOption = "seq",
     blank: Blank = False,
     background: Background = None,
     strict: Strict = False,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Draw a line through points, or the shapes of a file."""
-    opt.start(quiet=quiet, verbose=verbose)
-    files = file_options(dialect, max_cells, force, threads, image)
     _refuse_without_points("--thickness", thickness, point)
     own: list[Shape] = [Line(_points(point), thickness or 0.0)] if point else []
-    drawing = _Drawing(_gathered(file, own), value, overlay.value, strict)
-    _draw(source, output, files, drawing, _start(blank, background), file)
+    drawing = _Drawing(_gathered(file, own), value, overlay, strict)
+    _draw(source, output, settings, drawing, _start(blank, background), file)
 
 
 @app.command()
+@shared_options("files")
 def circle(
     source: opt.MapArgument,
     output: opt.GridOutput,
@@ -158,30 +138,24 @@ def circle(
     ] = None,
     file: File = None,
     value: Value = None,
-    overlay: OverlayOption = OverlayName.seq,
+    overlay: OverlayOption = "seq",
     blank: Blank = False,
     background: Background = None,
     strict: Strict = False,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Draw filled circles around points, or the shapes of a file."""
-    opt.start(quiet=quiet, verbose=verbose)
-    files = file_options(dialect, max_cells, force, threads, image)
     _refuse_without_points("--radius", radius, point)
     if point and radius is None:
         raise ParameterError("is needed for a circle", source="--radius")
     own: list[Shape] = [Circle(center, radius or 0.0) for center in _points(point)]
-    drawing = _Drawing(_gathered(file, own), value, overlay.value, strict)
-    _draw(source, output, files, drawing, _start(blank, background), file)
+    drawing = _Drawing(_gathered(file, own), value, overlay, strict)
+    _draw(source, output, settings, drawing, _start(blank, background), file)
 
 
 @app.command()
+@shared_options("files")
 def reset(
     source: opt.MapArgument,
     output: opt.GridOutput,
@@ -198,25 +172,18 @@ def reset(
     blank: Blank = False,
     background: Background = None,
     strict: Strict = False,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Give a rectangle along the map's axes one value."""
-    opt.start(quiet=quiet, verbose=verbose)
     region = opt.region(size, at, corner)
-    files = file_options(dialect, max_cells, force, threads, image)
 
     start = _start(blank, background)
 
     def change(grid: Editable) -> Editable:
         return reset_region(start(grid), value=value, strict=strict, **region)
 
-    say_written(output, edit_file(source, output, files, change, what="region reset"))
+    say_written(output, edit_file(source, output, settings, change, what="region reset"))
 
 
 @dataclass(frozen=True)
@@ -249,7 +216,7 @@ def _gathered(file: Path | None, own: list[Shape]) -> list[Shape]:
 def _draw(
     source: Path,
     output: Path,
-    files: Settings,
+    settings: Settings,
     drawing: _Drawing,
     start: Callable[[Editable], Editable],
     file: Path | None,
@@ -274,7 +241,7 @@ def _draw(
     kinds = dict.fromkeys(shape.kind for shape in drawing.shapes)
     what = f"{', '.join(kinds)} drawn"
     inputs = [] if file is None else [file]
-    say_written(output, edit_file(source, output, files, change, what=what, inputs=inputs))
+    say_written(output, edit_file(source, output, settings, change, what=what, inputs=inputs))
 
 
 def _start(blank: bool, background: int | None) -> Callable[[Editable], Editable]:

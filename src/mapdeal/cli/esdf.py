@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
-from mapdeal.cli.stage_command import file_options, run_stage, say_written
+from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.stage_command import run_stage, say_written
+from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.esdf import esdf as esdf_stage
 from mapdeal.stages.esdf import field_view
@@ -17,6 +19,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options("files", "max_memory", "scheduler")
 def esdf(
     source: opt.MapArgument,
     output: Annotated[
@@ -53,12 +56,6 @@ def esdf(
         float | None,
         opt.stage_option(field_view, "view_range", "Where the metric view is 0.", metavar="M"),
     ] = None,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    max_memory: opt.MaxMemory = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
@@ -67,11 +64,10 @@ def esdf(
             "rows at a time.  [needs mapdeal[cluster]]",
         ),
     ] = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Compute the exact signed distance field of a map."""
-    opt.start(quiet=quiet, verbose=verbose)
     parameters = opt.given(
         unknown=unknown,
         convention=convention,
@@ -81,13 +77,12 @@ def esdf(
         view=view,
         view_range=view_range,
     )
-    files = file_options(dialect, max_cells, force, threads, image, max_memory)
     if scheduler is None:
-        run_stage("esdf", source, output, parameters, files)
+        run_stage("esdf", source, output, parameters, settings)
         return
     from mapdeal.pipeline.block_jobs import apply_by_workers  # slow to import
 
     figures = apply_by_workers(
-        source.absolute(), output.absolute(), make_step("esdf", parameters), files, scheduler
+        source.absolute(), output.absolute(), make_step("esdf", parameters), settings, scheduler
     )
     say_written(output, figures)

@@ -8,11 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
-from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
+from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import one_line
 from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.inspect import describe_file
+from mapdeal.pipeline.settings import Settings
 
 _NAMES = {"distance field": "distances", "potential field": "values"}
 
@@ -20,6 +21,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options("dialect", "max_cells")
 def info(
     sources: Annotated[
         list[Path], typer.Argument(metavar="MAP...", help="Maps, costmaps or fields.")
@@ -27,15 +29,12 @@ def info(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per file, each on a line.")
     ] = False,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Tell size, origin, cell counts and checksum of files."""
-    opt.start(quiet=quiet, verbose=verbose)
     for index, source in enumerate(sources):
-        report = describe_file(source, dialect=dialect.value, max_cells=max_cells)
+        report = describe_file(source, dialect=settings.dialect, max_cells=settings.max_cells)
         if as_json:
             terminal.result(json.dumps(report))
         else:

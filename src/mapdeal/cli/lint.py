@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 from collections import Counter
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from mapdeal.checks.finding import SEVERITIES, Finding
 from mapdeal.checks.lint import lint_file
-from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
+from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.pipeline.repair import repair_file
 from mapdeal.pipeline.settings import Settings
@@ -24,15 +23,8 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 _COMMANDS = {"error": "error", "warning": "warning", "note": "notice"}
 
 
-class FormatName(StrEnum):
-    """How findings are printed."""
-
-    text = "text"
-    json = "json"
-    github = "github"
-
-
 @app.command()
+@shared_options("max_cells", "force")
 def lint(
     sources: Annotated[
         list[Path],
@@ -44,9 +36,9 @@ def lint(
         bool, typer.Option("--strict", help="Warnings, too, make the exit code 1.")
     ] = False,
     form: Annotated[
-        FormatName,
+        Literal["text", "json", "github"],
         typer.Option("--format", help="Text, one JSON document, or annotations of a workflow."),
-    ] = FormatName.text,
+    ] = "text",
     fix: Annotated[
         bool, typer.Option("--fix", help="Write a map without the traps that can be taken out.")
     ] = False,
@@ -54,24 +46,21 @@ def lint(
         Path | None,
         typer.Option("--output", "-o", metavar="OUT", help="With --fix: .yaml, .pgm, .png, .npz."),
     ] = None,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Say what is wrong with maps, by named checks.
 
     Errors make the exit code 1: they make a map wrong or unsafe for some reader. Warnings are
     traps, notes are good to know. A file that cannot be read is a finding; the others go on.
     """
-    opt.start(quiet=quiet, verbose=verbose)
     if fix or output is not None:
-        _fix(sources, output, Settings(max_cells=max_cells, force=force), wanted=fix)
+        _fix(sources, output, settings, wanted=fix)
         return
-    found = {path: lint_file(path, max_cells=max_cells) for path in sources}
+    found = {path: lint_file(path, max_cells=settings.max_cells) for path in sources}
     findings = [finding for path in sources for finding in found[path]]
     counts = Counter(finding.severity for finding in findings)
-    if form == FormatName.json:
+    if form == "json":
         maps = [
             {"file": str(path), "findings": [_listed(f) for f in found[path]]} for path in found
         ]
@@ -79,9 +68,9 @@ def lint(
         terminal.result(json.dumps({"maps": maps, **summary}, indent=2))
     else:
         for finding in findings:
-            terminal.result(_text(finding) if form == FormatName.text else _annotation(finding))
+            terminal.result(_text(finding) if form == "text" else _annotation(finding))
         told = ", ".join(f"{counts[name]} {name}{'s' * (counts[name] != 1)}" for name in SEVERITIES)
-        if form == FormatName.text:
+        if form == "text":
             terminal.summary([f"{len(found)} map{'s' * (len(found) != 1)}: {told}"])
     if counts["error"] or (strict and counts["warning"]):
         raise typer.Exit(1)

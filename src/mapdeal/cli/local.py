@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,9 +12,11 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
+from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import BatchError, MapdealError, ParameterError
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
-from mapdeal.mapping.local_map import LocalOptions
+from mapdeal.mapping.local_map import CloudFrame, LocalOptions
 from mapdeal.mapping.poses import check_pose
 from mapdeal.pipeline.batch import run_all
 from mapdeal.pipeline.figures import summary_of
@@ -32,7 +33,6 @@ from mapdeal.pipeline.local import (
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import RunReport
 from mapdeal.pipeline.settings import Settings
-from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
 _ALL_AROUND = 2 * math.pi - 0.1
 """Radians: with gaps as short as this there is no direction that a cloud does not cover."""
@@ -40,18 +40,12 @@ _ALL_AROUND = 2 * math.pi - 0.1
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
-class FrameName(StrEnum):
-    """What the coordinates of a cloud are."""
-
-    robot = "robot"
-    map = "map"
-
-
 def _limit(help_text: str) -> Any:
     return typer.Option(metavar="M", help=help_text)
 
 
 @app.command()
+@shared_options("robot", "image_max", "no_images", "dialect", "max_cells", "force", "threads")
 def local(
     clouds: Annotated[
         list[str],
@@ -74,9 +68,9 @@ def local(
         typer.Option(metavar="FILE", help="A pose for each cloud, a line each: x y yaw, or TUM's."),
     ] = None,
     frame: Annotated[
-        FrameName,
+        CloudFrame,
         typer.Option(help="What the points' coordinates are: the robot's, or the map's already."),
-    ] = FrameName.robot,
+    ] = "robot",
     offset: Annotated[
         str, typer.Option(metavar="DX,DY", help="Taken off the points' map coordinates.")
     ] = "0,0",
@@ -99,19 +93,10 @@ def local(
         typer.Option("--require-points", help="Fail (3) if no point of a cloud marks a cell."),
     ] = False,
     recipe: run_opt.Recipe = LOCAL_RECIPE,
-    settings: run_opt.Settings = None,
-    footprint: opt.FootprintText = None,
-    robot_radius: opt.RobotRadius = None,
-    footprint_padding: opt.FootprintPadding = 0.0,
-    robot_16_gon: opt.Robot16Gon = False,
-    image_max: run_opt.ImageMax = DEFAULT_IMAGE_MAX,
-    no_images: run_opt.NoImages = False,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    changes: run_opt.Changes = None,
+    *,
+    settings: Settings,
+    footprint: Footprint | None,
 ) -> None:
     """Make maps around a robot from point clouds.
 
@@ -119,18 +104,13 @@ def local(
     field, rings of costs. A sequence, given by --poses, gets a numbered folder for each cloud;
     one whose manifest shows that nothing has changed is skipped.
     """
-    opt.start(quiet=quiet, verbose=verbose)
     if pose is None and poses is None:
         raise ParameterError("--pose or --poses must be given", source="--pose")
     if pose is not None and poses is not None:
         raise ParameterError("cannot be given together with --poses", source="--pose")
-    shape = opt.robot_shape(footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon)
-    settings_ = Settings(
-        dialect.value, max_cells, force, threads, images=not no_images, image_max=image_max
-    )
     common = LocalCommon(
         LocalOptions(
-            frame.value,
+            frame,
             opt.pair(offset, "--offset"),
             opt.pair(size, "--size"),
             resolution,
@@ -139,9 +119,9 @@ def local(
             min_range,
             max_range,
         ),
-        load_recipe(recipe, footprint=shape, settings=settings or []),
-        settings_,
-        None if global_map is None else read_global_map(global_map, settings_),
+        load_recipe(recipe, footprint=footprint, settings=changes or []),
+        settings,
+        None if global_map is None else read_global_map(global_map, settings),
         require_points,
     )
     for one in common.recipe.steps:

@@ -1,10 +1,9 @@
-"""Options that several commands share, and the one way to make a stage's options."""
+"""Arguments and values of options, and the one way to make a stage's options."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,95 +14,9 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.stages.parameters import parameters_of
 
-
-class DialectName(StrEnum):
-    """The readers whose reading of images can be followed."""
-
-    nav2 = "nav2"
-    humble = "humble"
-    ros1 = "ros1"
-
-
-class EncodingName(StrEnum):
-    """What pixels of costs can hold."""
-
-    occupancy = "occupancy"
-    costmap2d = "costmap2d"
-
-
-class ScaleName(StrEnum):
-    """The scales that values can be converted to."""
-
-    occupancy = "occupancy"
-    costmap2d = "costmap2d"
-    amcl = "amcl"
-
-
-class ModeName(StrEnum):
-    """How values can become pixels."""
-
-    trinary = "trinary"
-    scale = "scale"
-    raw = "raw"
-
-
 MapArgument = Annotated[
     Path, typer.Argument(metavar="MAP", help="A map_server .yaml, or an .npz of mapdeal's.")
 ]
-Dialect = Annotated[
-    DialectName,
-    typer.Option(help="Whose reading of the image: nav2 (jazzy and newer), humble, or ros1."),
-]
-MaxCells = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N",
-        min=1,
-        help="Refuse larger images before memory is taken.  "
-        "[default: 2e8 for compressed images, 1e9 for others]",
-    ),
-]
-Force = Annotated[bool, typer.Option("--force", help="Replace outputs that exist.")]
-Threads = Annotated[
-    int | None,
-    typer.Option(metavar="N", min=1, help="Threads to use.  [default: all processors]"),
-]
-MaxMemory = Annotated[
-    str | None,
-    typer.Option(
-        metavar="SIZE",
-        help="Memory to take, like 4G or 500M; maps that need more are worked on by slabs of "
-        "rows.  [default: half of what is free]",
-    ),
-]
-Image = Annotated[
-    Path | None, typer.Option(metavar="FILE.png", help="Write a picture of the result, too.")
-]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Say nothing but errors and asked-for results.")
-]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say what is read and done.")]
-FootprintText = Annotated[
-    str | None,
-    typer.Option(
-        "--footprint", metavar="[[X,Y],...]", help="The robot's corners around its centre."
-    ),
-]
-RobotRadius = Annotated[
-    float | None, typer.Option(metavar="M", help="The radius of a round robot.")
-]
-Robot16Gon = Annotated[
-    bool,
-    typer.Option(
-        "--robot-16-gon/--no-robot-16-gon",
-        help="Take a round robot as costmap_2d does, as a polygon of 16 corners.  [default: no]",
-        show_default=False,
-    ),
-]
-FootprintPadding = Annotated[
-    float, typer.Option(metavar="M", help="Move the shape's edges outwards; ROS pads by 0.01.")
-]
-
 
 _COUNTS = {2: "two", 3: "three"}
 
@@ -159,20 +72,24 @@ def given(**options: object) -> dict[str, object]:
 
 
 def robot_shape(
-    text: str | None, radius: float | None, padding: float, *, as_16_gon: bool
+    *,
+    footprint: str | None,
+    robot_radius: float | None,
+    footprint_padding: float,
+    robot_16_gon: bool,
 ) -> Footprint | None:
     """Return the robot's shape that the options describe, if they do."""
-    if as_16_gon and radius is None:
+    if robot_16_gon and robot_radius is None:
         raise ParameterError("needs --robot-radius", source="--robot-16-gon")
-    if text is not None and radius is not None:
+    if footprint is not None and robot_radius is not None:
         rule = "cannot be given together with --robot-radius"
         raise ParameterError(rule, source="--footprint")
-    if text is not None:
-        return Footprint.parse(text).padded(padding)
-    if radius is not None:
-        shape = Footprint.sixteen_gon(radius) if as_16_gon else Footprint.circle(radius)
-        return shape.padded(padding)
-    if padding:
+    if footprint is not None:
+        return Footprint.parse(footprint).padded(footprint_padding)
+    if robot_radius is not None:
+        make = Footprint.sixteen_gon if robot_16_gon else Footprint.circle
+        return make(robot_radius).padded(footprint_padding)
+    if footprint_padding:
         rule = "needs --footprint or --robot-radius"
         raise ParameterError(rule, source="--footprint-padding")
     return None
@@ -238,10 +155,3 @@ def described(stage: str, parameters: Mapping[str, object]) -> str:
         for name, value in parameters.items()
     )
     return f"{stage}: {', '.join(pairs)}"
-
-
-def start(*, quiet: bool, verbose: bool) -> None:
-    """Set how much a command says."""
-    if quiet and verbose:
-        raise ParameterError("cannot be given together with --quiet", source="--verbose")
-    terminal.configure(quiet=quiet, verbose=verbose)

@@ -8,13 +8,16 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
-from mapdeal.cli.stage_command import file_options, say_written
+from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.stage_command import say_written
 from mapdeal.pipeline.bits import pack_file
+from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options("files")
 def pack(
     source: opt.MapArgument,
     output: Annotated[
@@ -29,15 +32,8 @@ def pack(
             help="Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.",
         ),
     ] = None,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Write the obstacles of a map as a bit map (PBM P4)."""
-    opt.start(quiet=quiet, verbose=verbose)
-    files = file_options(dialect, max_cells, force, threads, image)
-    say_written(output, pack_file(source, output, files, lethal_threshold=lethal_threshold))
+    say_written(output, pack_file(source, output, settings, lethal_threshold=lethal_threshold))

@@ -8,13 +8,16 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
-from mapdeal.cli.stage_command import file_options, run_stage
+from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.stage_command import run_stage
+from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.potential import potential as potential_stage
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options("files", "max_memory")
 def potential(
     source: opt.MapArgument,
     output: Annotated[Path, opt.output_argument("OUT.npz", "The field, with all its layers.")],
@@ -49,21 +52,14 @@ def potential(
             metavar="N",
         ),
     ] = None,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    max_memory: opt.MaxMemory = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Compute repulsion from all obstacles, and attraction to a goal.
 
     Repulsion is the sum of 1 / distance to every obstacle cell. MAP may also be a distance
     field, whose obstacles then count.
     """
-    opt.start(quiet=quiet, verbose=verbose)
     parameters = opt.given(
         goal=None if goal is None else opt.pair(goal, "--goal"),
         attractive_gain=attractive_gain,
@@ -71,5 +67,4 @@ def potential(
         repulsive_cap=repulsive_cap,
         lethal_threshold=lethal_threshold,
     )
-    files = file_options(dialect, max_cells, force, threads, image, max_memory)
-    run_stage("potential", source, output, parameters, files)
+    run_stage("potential", source, output, parameters, settings)

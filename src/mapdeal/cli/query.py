@@ -11,6 +11,7 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
+from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import FindingError, ParameterError
 from mapdeal.formats.points import PointLines, read_points
 from mapdeal.formats.source import chunks_of
@@ -25,6 +26,7 @@ _STDIN = Path("-")
 
 
 @app.command()
+@shared_options("dialect", "max_cells", "threads")
 def query(
     source: Annotated[
         Path,
@@ -57,27 +59,23 @@ def query(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 1 if a point lies outside of the map.")
     ] = False,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:  # fmt: skip
     """Tell distance, gradient and state at points, as lines of JSON.
 
     Distances and gradients are interpolated between the centres of cells. The gradient points
     away from obstacles, in the map frame. One line comes out for each point, in order.
     """
-    opt.start(quiet=quiet, verbose=verbose)
     if not at and points is None:
         raise ParameterError("one of the two is needed", source="--at, --points")
     asked = _of_options(at or [])
     parameters = opt.given(
         unknown=unknown, convention=convention, lethal_threshold=lethal_threshold
     )
-    field = field_to_ask(source, Settings(dialect.value, max_cells), parameters)
+    field = field_to_ask(source, settings, parameters)
     count = outside = bad = 0
-    with use_threads(threads):
+    with use_threads(settings.threads):
         for some in _asked(asked, points):
             answers = answers_of(field, some)
             if answers.lines:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,23 +10,19 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.stage_command import file_options
+from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import ParameterError
-from mapdeal.grid.route import Route
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.route import Method, Route
 from mapdeal.pipeline.route import check_reached, route_file
+from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.potential import potential as potential_stage
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
-class MethodName(StrEnum):
-    """How a route is sought."""
-
-    astar = "astar"
-    descent = "descent"
-
-
 @app.command()
+@shared_options("robot", "files")
 def route(
     source: Annotated[
         Path, typer.Argument(metavar="MAP", help="Costs (.npz), or a map to make costs of.")
@@ -39,9 +34,9 @@ def route(
         typer.Option("--output", "-o", metavar="OUT.json", help="Write the answer to a file."),
     ] = None,
     method: Annotated[
-        MethodName,
+        Method,
         typer.Option(help="The cheapest route, or the one that the potential leads down."),
-    ] = MethodName.astar,
+    ] = "astar",
     through_unknown: Annotated[
         bool, typer.Option("--through-unknown", help="Open unknown cells, at the highest cost.")
     ] = False,
@@ -75,24 +70,15 @@ def route(
             metavar="V",
         ),
     ] = None,
-    footprint: opt.FootprintText = None,
-    robot_radius: opt.RobotRadius = None,
-    footprint_padding: opt.FootprintPadding = 0.0,
-    robot_16_gon: opt.Robot16Gon = False,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
+    footprint: Footprint | None,
 ) -> None:  # fmt: skip
     """Find a route from point to point.
 
     Lethal, inscribed and unknown cells are closed. A map gets the costs of the recipe nav2; the
     shape of a robot replaces its radius of 0.22 m. Without -o the answer is printed, as JSON.
     """
-    opt.start(quiet=quiet, verbose=verbose)
     gains = opt.given(
         attractive_gain=attractive_gain, repulsive_gain=repulsive_gain, repulsive_cap=repulsive_cap
     )
@@ -105,13 +91,11 @@ def route(
     report = route_file(
         source,
         output,
-        file_options(dialect, max_cells, force, threads, image),
+        settings,
         start=opt.pair(start, "--from"),
         goal=opt.pair(goal, "--to"),
-        method=method.value,
-        footprint=opt.robot_shape(
-            footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon
-        ),
+        method=method,
+        footprint=footprint,
         weights=weights,
         gains=gains,
     )
@@ -123,14 +107,14 @@ def route(
 
 
 def _refuse_options_of_others(
-    method: MethodName, gains: dict[str, object], field_weight: float | None
+    method: Method, gains: dict[str, object], field_weight: float | None
 ) -> None:
-    names = list(gains) if method == MethodName.astar else []
-    if method == MethodName.descent and field_weight is not None:
+    names = list(gains) if method == "astar" else []
+    if method == "descent" and field_weight is not None:
         names = ["field_weight"]
     for name in names:
         option = f"--{name.replace('_', '-')}"
-        raise ParameterError(f"is not for --method {method.value}", source=option)
+        raise ParameterError(f"is not for --method {method}", source=option)
 
 
 def _summary_of(route: Route) -> str:

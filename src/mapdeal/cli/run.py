@@ -13,8 +13,10 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
 from mapdeal.cli.run_batch import run_batch, run_single, say_listing, say_plans
+from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import FindingError, ParameterError, one_line
 from mapdeal.formats.map_listing import list_maps
+from mapdeal.grid.footprint import Footprint
 from mapdeal.kernels.threads import available_threads
 from mapdeal.pipeline.dispatch import Workers
 from mapdeal.pipeline.golden import differences_from_golden, store_golden
@@ -22,7 +24,6 @@ from mapdeal.pipeline.jobs import Job, MapRun, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import output_folder
 from mapdeal.pipeline.settings import Settings
-from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
 _MOST_PER_PROCESSOR = 4
 _LEAST_CAP = 8
@@ -31,6 +32,15 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options(
+    "robot", "image_max", "no_images", "golden", "update_golden", "dialect", "max_cells", "jobs",
+    "scheduler", "dry_run", "force", "threads", "max_memory",
+    help_texts={
+        "threads": "Threads of each job.  [default: all processors, shared out]",
+        "max_memory": "Memory that each job may take, like 4G or 500M; maps that need more are "
+        "worked on by slabs of rows.  [default: half of what is free, shared out]",
+    },
+)  # fmt: skip
 def run(
     sources: Annotated[
         list[str],
@@ -46,13 +56,7 @@ def run(
             "--sim", help="The map is of a simulated world: cut out its active region first."
         ),
     ] = False,
-    settings: run_opt.Settings = None,
-    footprint: opt.FootprintText = None,
-    robot_radius: opt.RobotRadius = None,
-    footprint_padding: opt.FootprintPadding = 0.0,
-    robot_16_gon: opt.Robot16Gon = False,
-    image_max: run_opt.ImageMax = DEFAULT_IMAGE_MAX,
-    no_images: run_opt.NoImages = False,
+    changes: run_opt.Changes = None,
     golden: Annotated[
         Path | None,
         typer.Option(
@@ -62,8 +66,6 @@ def run(
     update_golden: Annotated[
         bool, typer.Option("--update-golden", help="Store the runs in --golden instead.")
     ] = False,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -89,23 +91,9 @@ def run(
             help="Say what would be read, written, skipped and refused, and the memory it takes.",
         ),
     ] = False,
-    force: opt.Force = False,
-    threads: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="Threads of each job.  [default: all processors, shared out]"
-        ),
-    ] = None,
-    max_memory: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SIZE",
-            help="Memory that each job may take, like 4G or 500M; maps that need more are worked "
-            "on by slabs of rows.  [default: half of what is free, shared out]",
-        ),
-    ] = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
+    footprint: Footprint | None,
 ) -> None:
     """Run maps through a recipe: inflate, field, costmap.
 
@@ -119,25 +107,20 @@ def run(
     One map's failure does not stop the others: the exit code is 5 then, and DIR/summary.json
     tells what became of each.
     """
-    opt.start(quiet=quiet, verbose=verbose)
     if update_golden and golden is None:
         raise ParameterError("needs --golden DIR", source="--update-golden")
-    shape = opt.robot_shape(footprint, robot_radius, footprint_padding, as_16_gon=robot_16_gon)
-    loaded = load_recipe(recipe, sim=sim, footprint=shape, settings=settings or [])
+    loaded = load_recipe(recipe, sim=sim, footprint=footprint, settings=changes or [])
     for one in loaded.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
-    memory = None if max_memory is None else opt.size_of(max_memory, "--max-memory")
-    options = Settings(
-        dialect.value, max_cells, force, threads, memory, images=not no_images, image_max=image_max
-    )
+    settings = replace(settings, progress=None)  # of a single map alone, see `run_single`
     if scheduler is not None:
         output = output.absolute()
     listing = list_maps(sources, output, lambda: b"".join(terminal.input_chunks()))
-    names = {path.name for path in output_folder(output, {}, loaded, options).outputs()}
+    names = {path.name for path in output_folder(output, {}, loaded, settings).outputs()}
     all_jobs = jobs_of(listing.maps, output, names)
     say_listing(listing)
     is_batch = listing.is_set or len(all_jobs) > 1
-    map_run = MapRun(loaded, options)
+    map_run = MapRun(loaded, settings)
     if scheduler is not None:
         all_jobs = [replace(job, path=job.path.absolute()) for job in all_jobs]
     size = None if scheduler is not None else _jobs_at_once(jobs, len(all_jobs))
@@ -153,8 +136,8 @@ def run(
 
             client = stack.enter_context(connected(scheduler, shared_folders(all_jobs[0])))
             workers = cluster = ClusterWorkers(client, scheduler, jobs)
-            options = replace(options, max_memory=memory or cluster.memory_of_each())
-            map_run = replace(map_run, settings=options)
+            memory = settings.max_memory or cluster.memory_of_each()
+            map_run = replace(map_run, settings=replace(settings, max_memory=memory))
         elif size is not None and size > 1:
             from mapdeal.pipeline.processes import ProcessWorkers  # slow to import
 

@@ -11,14 +11,9 @@ from mapdeal.pipeline.recipe import BUILT_IN
 Recipe = Annotated[
     str, typer.Option(metavar="NAME|FILE", help=f"One of {', '.join(BUILT_IN)}, or a file.")
 ]
-Settings = Annotated[
+Changes = Annotated[
     list[str] | None,
     typer.Option(
         "--set", metavar="STAGE.PARAMETER=VALUE", help="Change a parameter; can be repeated."
     ),
 ]
-ImageMax = Annotated[
-    int,
-    typer.Option(metavar="PIXELS", min=0, help="Longest side of pictures; 0 for a pixel per cell."),
-]
-NoImages = Annotated[bool, typer.Option("--no-images", help="Write no pictures.")]

@@ -8,14 +8,17 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.stage_command import file_options, say_written
+from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.stage_command import say_written
 from mapdeal.editing.window import shift_origin
 from mapdeal.pipeline.edit import edit_file
+from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options("files")
 def shift(
     source: opt.MapArgument,
     output: opt.GridOutput,
@@ -30,25 +33,22 @@ def shift(
             help="Value of cells that come in.  [default: unknown, -1 of a map, 255 of costs]",
         ),
     ] = None,
-    image: opt.Image = None,
-    dialect: opt.Dialect = opt.DialectName.nav2,
-    max_cells: opt.MaxCells = None,
-    force: opt.Force = False,
-    threads: opt.Threads = None,
-    quiet: opt.Quiet = False,
-    verbose: opt.Verbose = False,
+    *,
+    settings: Settings,
 ) -> None:
     """Move the window that a map or costmap shows.
 
     As costmap_2d's updateOrigin: cells that both places have in common are kept. The new
     origin is the corner of the cell that holds the point asked for.
     """
-    opt.start(quiet=quiet, verbose=verbose)
     to = opt.pair(origin, "--origin")
     shown = "unknown" if default is None else default
     terminal.detail(f"shift: origin {to[0]:.10g}, {to[1]:.10g}, default {shown}")
-    files = file_options(dialect, max_cells, force, threads, image)
     figures = edit_file(
-        source, output, files, lambda grid: shift_origin(grid, to, default=default), what="shifted"
+        source,
+        output,
+        settings,
+        lambda grid: shift_origin(grid, to, default=default),
+        what="shifted",
     )
     say_written(output, figures, with_origin=True)

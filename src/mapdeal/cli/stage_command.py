@@ -15,21 +15,6 @@ from mapdeal.pipeline.single import apply_to_file
 from mapdeal.pipeline.step import make_step
 
 
-def file_options(
-    dialect: opt.DialectName,
-    max_cells: int | None,
-    force: bool,
-    threads: int | None,
-    image: Path | None,
-    max_memory: str | None = None,
-) -> Settings:
-    """Return the shared options as the pipeline takes them."""
-    limit = None if max_memory is None else opt.size_of(max_memory, "--max-memory")
-    return Settings(
-        dialect.value, max_cells, force, threads, limit, image, progress=terminal.slabs_done
-    )
-
-
 def run_stage(
     name: str,
     source: Path,

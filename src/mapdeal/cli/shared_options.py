@@ -1,0 +1,314 @@
+"""Options that many commands share: each is declared once, and a command asks for it by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import typer
+
+from mapdeal.cli import terminal
+from mapdeal.cli.options import robot_shape, size_of
+from mapdeal.errors import ParameterError
+from mapdeal.formats.map_yaml import Dialect
+from mapdeal.pipeline.settings import Settings
+
+Command = Callable[..., None]
+
+_ROBOT, _ALWAYS = "robot", "always"
+
+
+class SharedOption(NamedTuple):
+    """An option that many commands have.
+
+    Parameters
+    ----------
+    kind : type
+        Type of the value, as in the annotation of a command's parameter.
+    option : typer.models.OptionInfo
+        What ``typer.Option`` returns.
+    default : object
+        Value if the option is not given.
+    group : str, optional
+        Name that stands for this option and the others of the group.
+    field : str, optional
+        Field of `Settings` that the option sets. Those of the group ``robot`` have none:
+        together they are the arguments of `robot_shape`.
+    value_of : callable, optional
+        Converts what was given to the value of the field.
+    """
+
+    kind: Any
+    option: Any
+    default: object = None
+    group: str | None = None
+    field: str | None = None
+    value_of: Callable[[Any], object] | None = None
+
+
+SHARED_OPTIONS = {
+    "footprint": SharedOption(
+        str | None,
+        typer.Option(
+            "--footprint", metavar="[[X,Y],...]", help="The robot's corners around its centre."
+        ),
+        group="robot",
+    ),
+    "robot_radius": SharedOption(
+        float | None,
+        typer.Option(metavar="M", help="The radius of a round robot."),
+        group="robot",
+    ),
+    "footprint_padding": SharedOption(
+        float,
+        typer.Option(metavar="M", help="Move the shape's edges outwards; ROS pads by 0.01."),
+        default=0.0,
+        group="robot",
+    ),
+    "robot_16_gon": SharedOption(
+        bool,
+        typer.Option(
+            "--robot-16-gon/--no-robot-16-gon",
+            help="Take a round robot as costmap_2d does, as a polygon of 16 corners.  "
+            "[default: no]",
+            show_default=False,
+        ),
+        default=False,
+        group="robot",
+    ),
+    "image": SharedOption(
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Write a picture of the result, too."),
+        group="files",
+        field="image",
+    ),
+    "dialect": SharedOption(
+        Dialect,
+        typer.Option(help="Whose reading of the image: nav2 (jazzy and newer), humble, or ros1."),
+        default=Settings.dialect,
+        group="files",
+        field="dialect",
+    ),
+    "max_cells": SharedOption(
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Refuse larger images before memory is taken.  "
+            "[default: 2e8 for compressed images, 1e9 for others]",
+        ),
+        group="files",
+        field="max_cells",
+    ),
+    "force": SharedOption(
+        bool,
+        typer.Option("--force", help="Replace outputs that exist."),
+        default=False,
+        group="files",
+        field="force",
+    ),
+    "threads": SharedOption(
+        int | None,
+        typer.Option(metavar="N", min=1, help="Threads to use.  [default: all processors]"),
+        group="files",
+        field="threads",
+    ),
+    "max_memory": SharedOption(
+        str | None,
+        typer.Option(
+            metavar="SIZE",
+            help="Memory to take, like 4G or 500M; maps that need more are worked on by slabs of "
+            "rows.  [default: half of what is free]",
+        ),
+        field="max_memory",
+        value_of=lambda text: None if text is None else size_of(text, "--max-memory"),
+    ),
+    "image_max": SharedOption(
+        int,
+        typer.Option(
+            metavar="PIXELS", min=0, help="Longest side of pictures; 0 for a pixel per cell."
+        ),
+        default=Settings.image_max,
+        field="image_max",
+    ),
+    "no_images": SharedOption(
+        bool,
+        typer.Option("--no-images", help="Write no pictures."),
+        default=False,
+        field="images",
+        value_of=lambda without: not without,
+    ),
+    "quiet": SharedOption(
+        bool,
+        typer.Option("--quiet", "-q", help="Say nothing but errors and asked-for results."),
+        default=False,
+        group="always",
+    ),
+    "verbose": SharedOption(
+        bool,
+        typer.Option("--verbose", "-v", help="Say what is read and done."),
+        default=False,
+        group="always",
+    ),
+}
+"""By name of the parameter; a group has this order. Every command ends with ``always``."""
+
+
+def shared_options(
+    *names: str, help_texts: Mapping[str, str] | None = None
+) -> Callable[[Command], Command]:
+    """Return a decorator that adds shared options to those of a command.
+
+    The command takes an argument ``settings``, and ``footprint`` if the group ``robot`` is among
+    the names; all its other arguments are options and arguments of the command line.
+
+    Parameters
+    ----------
+    *names : str
+        Shared options and groups of them, in the order of ``--help``. A command's own options
+        come first, except those that are named here, too.
+    help_texts : mapping, optional
+        Help texts that differ from the shared ones, by option.
+
+    Raises
+    ------
+    ValueError
+        When the command is defined: if it lacks one of the two arguments, or as
+        `with_shared_options`.
+
+    Examples
+    --------
+    >>> @shared_options("force", "jobs", "threads")
+    ... def count(source: Path, jobs: int = 1, *, settings: Settings) -> None: ...
+    >>> list(signature(count).parameters)
+    ['source', 'force', 'jobs', 'threads', 'quiet', 'verbose']
+    """
+
+    def decorate(function: Command) -> Command:
+        own = dict(signature(function, eval_str=True).parameters)
+        made = ["settings", "footprint"] if _of_robot(_members(names)) else ["settings"]
+        for name in made:
+            if own.pop(name, None) is None:
+                raise ValueError(f"{function.__name__}: no argument {name!r}")
+        return with_shared_options(function, own.values(), names, help_texts=help_texts)
+
+    return decorate
+
+
+def with_shared_options(
+    function: Command,
+    own: Iterable[Parameter],
+    names: Sequence[str],
+    *,
+    help_texts: Mapping[str, str] | None = None,
+) -> Command:
+    """Return a command with options of its own and shared ones.
+
+    When it is called, it sets how much is said, makes `Settings` and the robot's shape, and
+    hands them to the function with the values of its own options.
+
+    Parameters
+    ----------
+    function : callable
+        Takes the values of `own` as keywords, ``settings``, and ``footprint`` if the group
+        ``robot`` is among the names. The command has its name and docstring.
+    own : iterable of inspect.Parameter
+        The command's own options, annotated for typer. They need not be in the signature of the
+        function, which may take any keywords.
+    names, help_texts
+        As for `shared_options`.
+
+    Returns
+    -------
+    callable
+        Typer reads its options from ``__signature__`` and ``__annotations__``.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, or an option comes twice.
+    """
+    parameters = _spliced(function.__name__, {one.name: one for one in own}, names, help_texts)
+    shared = [name for name in SHARED_OPTIONS if name in _members([*names, _ALWAYS])]
+    robot = _of_robot(shared)
+
+    @wraps(function)
+    def command(**values: Any) -> None:
+        given = {name: values.pop(name) for name in shared}
+        _start(quiet=given["quiet"], verbose=given["verbose"])
+        values["settings"] = _settings_of(given)
+        if robot:
+            values["footprint"] = robot_shape(**{name: given[name] for name in robot})
+        function(**values)
+
+    typed: Any = command
+    typed.__signature__ = Signature(parameters, return_annotation=None)
+    typed.__annotations__ = {one.name: one.annotation for one in parameters} | {"return": None}
+    return command
+
+
+def _members(names: Iterable[str]) -> list[str]:
+    """Return names with the options of a group in its place."""
+    groups: dict[str, list[str]] = {}
+    for name, option in SHARED_OPTIONS.items():
+        if option.group is not None:
+            groups.setdefault(option.group, []).append(name)
+    return [member for name in names for member in groups.get(name, [name])]
+
+
+def _of_robot(names: Iterable[str]) -> list[str]:
+    robot = _members([_ROBOT])
+    return [name for name in names if name in robot]
+
+
+def _spliced(
+    command: str,
+    own: Mapping[str, Parameter],
+    names: Sequence[str],
+    help_texts: Mapping[str, str] | None,
+) -> list[Parameter]:
+    """Return the parameters of a command: its own that are not named, and what is named."""
+    ordered = _members([*names, _ALWAYS])
+    for name in ordered:
+        if name not in own and name not in SHARED_OPTIONS:
+            raise ValueError(f"{command}: no option or group {name!r}")
+        if ordered.count(name) > 1 or (name in own and name in SHARED_OPTIONS):
+            raise ValueError(f"{command}: option {name!r} comes twice")
+    texts = dict(help_texts or {})
+    parameters = {name: one for name, one in own.items() if name not in ordered}
+    for name in ordered:
+        parameters[name] = own.get(name) or _parameter(name, texts.pop(name, None))
+    if texts:
+        raise ValueError(f"{command}: no shared option {next(iter(texts))!r}")
+    return [one.replace(kind=Parameter.KEYWORD_ONLY) for one in parameters.values()]
+
+
+def _parameter(name: str, help_text: str | None) -> Parameter:
+    shared = SHARED_OPTIONS[name]
+    option = copy(shared.option)
+    option.help = help_text or option.help
+    return Parameter(
+        name,
+        Parameter.KEYWORD_ONLY,
+        default=shared.default,
+        annotation=Annotated[shared.kind, option],
+    )
+
+
+def _start(*, quiet: bool, verbose: bool) -> None:
+    if quiet and verbose:
+        raise ParameterError("cannot be given together with --quiet", source="--verbose")
+    terminal.configure(quiet=quiet, verbose=verbose)
+
+
+def _settings_of(given: Mapping[str, Any]) -> Settings:
+    fields: dict[str, Any] = {}
+    for name, value in given.items():
+        option = SHARED_OPTIONS[name]
+        if option.field is not None:
+            fields[option.field] = option.value_of(value) if option.value_of else value
+    return Settings(**fields, progress=terminal.slabs_done)

@@ -1,0 +1,257 @@
+import inspect
+from pathlib import Path
+from typing import Annotated, get_type_hints
+
+import pytest
+import typer
+
+from drawn import grid_from_text
+from mapdeal import Footprint, write_map
+from mapdeal.cli import terminal
+from mapdeal.cli.main import COMMANDS, app
+from mapdeal.cli.shared_options import SHARED_OPTIONS, shared_options, with_shared_options
+from mapdeal.errors import ParameterError
+from mapdeal.pipeline.settings import Settings
+
+
+@pytest.fixture
+def room(tmp_path):
+    write_map(tmp_path / "room.yaml", grid_from_text("...#\n..?.\n....", 0.1, (1.5, -2.0, 0.4)))
+    return tmp_path / "room.yaml"
+
+
+def _run(function, *words):
+    """Call a command as typer does, with what the words say."""
+    single = typer.Typer(rich_markup_mode=None, add_completion=False)
+    single.command()(function)
+    command = typer.main.get_command(single)
+    return command.main(args=list(words), prog_name="test", standalone_mode=False)
+
+
+def _options(function):
+    return list(inspect.signature(function).parameters)
+
+
+def _commands(group, path=()):
+    for name in group.list_commands(None):
+        command = group.get_command(None, name)
+        if hasattr(command, "list_commands"):
+            yield from _commands(command, (*path, name))
+        else:
+            yield (*path, name), command
+
+
+ALL_COMMANDS = dict(_commands(typer.main.get_command(app)))
+
+
+def test_shared_options_follow_those_of_the_command():
+    @shared_options("image", "threads")
+    def draw(source: Path, size: int = 3, *, settings: Settings) -> None: ...
+
+    assert _options(draw) == ["source", "size", "image", "threads", "quiet", "verbose"]
+
+
+def test_an_own_option_that_is_named_stands_where_it_is_named():
+    @shared_options("dialect", "jobs", "force")
+    def draw(jobs: int = 1, *, source: Path, settings: Settings) -> None: ...
+
+    assert _options(draw) == ["source", "dialect", "jobs", "force", "quiet", "verbose"]
+
+
+def test_a_group_stands_for_all_of_its_options():
+    @shared_options("files", "max_memory")
+    def draw(*, settings: Settings) -> None: ...
+
+    files = ["image", "dialect", "max_cells", "force", "threads"]
+    assert _options(draw) == [*files, "max_memory", "quiet", "verbose"]
+
+
+def test_annotations_and_signature_agree():
+    @shared_options("robot", "files")
+    def draw(source: Path, *, settings: Settings, footprint: Footprint | None) -> None: ...
+
+    hints = get_type_hints(draw, include_extras=True)
+    assert hints.pop("return") is type(None)
+    assert hints == {
+        name: parameter.annotation
+        for name, parameter in inspect.signature(draw, eval_str=True).parameters.items()
+    }
+
+
+def test_options_become_settings():
+    seen = []
+
+    @shared_options("files", "max_memory", "image_max", "no_images")
+    def draw(source: Path, *, settings: Settings) -> None:
+        seen.append((source, settings))
+
+    _run(draw, "a.yaml", "--image", "a.png", "--dialect", "ros1", "--max-cells", "9", "--force",
+         "--threads", "2", "--max-memory", "3K", "--image-max", "7", "--no-images")  # fmt: skip
+    expected = Settings(
+        "ros1", 9, True, 2, 3072, Path("a.png"), False, 7, progress=terminal.slabs_done
+    )
+    assert seen == [(Path("a.yaml"), expected)]
+
+
+def test_options_that_are_not_given_leave_the_defaults():
+    seen = []
+
+    @shared_options("files", "max_memory", "image_max", "no_images")
+    def draw(*, settings: Settings) -> None:
+        seen.append(settings)
+
+    _run(draw)
+    assert seen == [Settings(progress=terminal.slabs_done)]
+
+
+def test_robot_options_become_a_footprint():
+    seen = []
+
+    @shared_options("robot")
+    def draw(*, settings: Settings, footprint: Footprint | None) -> None:
+        seen.append(footprint)
+
+    _run(draw)
+    _run(draw, "--robot-radius", "0.2", "--footprint-padding", "0.1")
+    _run(draw, "--robot-radius", "0.2", "--robot-16-gon")
+    _run(draw, "--footprint", "[[1,1],[-1,1],[-1,-1],[1,-1]]")
+    assert seen == [
+        None,
+        Footprint.circle(0.2).padded(0.1),
+        Footprint.sixteen_gon(0.2),
+        Footprint.parse("[[1,1],[-1,1],[-1,-1],[1,-1]]"),
+    ]
+    with pytest.raises(ParameterError, match="needs --robot-radius"):
+        _run(draw, "--robot-16-gon")
+
+
+def test_quiet_and_verbose_exclude_each_other():
+    @shared_options()
+    def draw(*, settings: Settings) -> None:
+        pytest.fail("was called")
+
+    with pytest.raises(ParameterError, match=r"--verbose: cannot be given together"):
+        _run(draw, "-q", "-v")
+
+
+def test_a_help_text_of_the_command_replaces_the_shared_one():
+    @shared_options("threads", help_texts={"threads": "Threads of each job."})
+    def draw(*, settings: Settings) -> None: ...
+
+    [option] = inspect.signature(draw).parameters["threads"].annotation.__metadata__
+    assert option.help == "Threads of each job."
+    assert SHARED_OPTIONS["threads"].option.help.startswith("Threads to use.")
+
+
+@pytest.mark.parametrize(
+    ("names", "texts", "message"),
+    [
+        (["threds"], None, "draw: no option or group 'threds'"),
+        (["files", "force"], None, "draw: option 'force' comes twice"),
+        (["force", "force"], None, "draw: option 'force' comes twice"),
+        (["quiet"], None, "draw: option 'quiet' comes twice"),
+        (["own", "own"], None, "draw: option 'own' comes twice"),
+        (["image_max"], None, "draw: option 'image_max' comes twice"),
+        (["force"], {"threads": "Some."}, "draw: no shared option 'threads'"),
+        (["robot"], None, "draw: no argument 'footprint'"),
+    ],
+)
+def test_names_that_make_no_sense_fail_where_the_command_is_defined(names, texts, message):
+    def draw(own: int = 1, image_max: int = 3, *, settings: Settings) -> None: ...
+
+    with pytest.raises(ValueError, match=message):
+        shared_options(*names, help_texts=texts)(draw)
+
+
+def test_a_command_without_settings_fails_where_it_is_defined():
+    def draw(source: Path) -> None: ...
+
+    with pytest.raises(ValueError, match="draw: no argument 'settings'"):
+        shared_options("force")(draw)
+
+
+def test_own_options_can_be_made():
+    seen = []
+
+    def grow(**values: object) -> None:
+        """Grow obstacles."""
+        seen.append(values)
+
+    radius = inspect.Parameter(
+        "radius",
+        inspect.Parameter.POSITIONAL_OR_KEYWORD,
+        default=0.3,
+        annotation=Annotated[float, typer.Option(metavar="M", help="Radius.")],
+    )
+    command = with_shared_options(grow, [radius], ["robot", "radius", "force"])
+    _run(command, "--radius", "0.5", "--force", "--robot-radius", "1")
+    expected = Settings(force=True, progress=terminal.slabs_done)
+    circle = Footprint.circle(1.0)
+    assert seen == [{"radius": 0.5, "settings": expected, "footprint": circle}]
+    assert (command.__name__, command.__doc__) == ("grow", "Grow obstacles.")
+
+
+@pytest.mark.parametrize("path", ALL_COMMANDS, ids=" ".join)
+def test_every_command_ends_with_quiet_and_verbose(path):
+    parameters = [parameter.name for parameter in ALL_COMMANDS[path].params]
+    assert parameters[-3:-1] == ["quiet", "verbose"] or parameters[-2:] == ["quiet", "verbose"]
+    assert path[0] in COMMANDS
+
+
+@pytest.mark.parametrize("path", ALL_COMMANDS, ids=" ".join)
+def test_a_shared_option_is_the_same_in_all_commands(path):
+    for parameter in ALL_COMMANDS[path].params:
+        if parameter.name in SHARED_OPTIONS:
+            shared = SHARED_OPTIONS[parameter.name]
+            assert parameter.opts[0] == f"--{parameter.name.replace('_', '-')}"
+            assert parameter.default == shared.default
+            assert parameter.metavar == shared.option.metavar
+
+
+FLAGS = [
+    (path, name)
+    for path, command in ALL_COMMANDS.items()
+    for parameter in command.params
+    for name in parameter.opts
+    if parameter.secondary_opts
+]
+
+
+@pytest.mark.parametrize(("path", "name"), FLAGS, ids=lambda part: str(part))
+def test_every_flag_with_two_names_takes_yes_and_no(command, path, name):
+    code, _, err = command(*path, f"{name}=perhaps")
+    assert (code, err) == (2, f"error: {name}: must be yes or no, got 'perhaps'\n")
+    for words in ([name, "no"], [f"{name}=Off"], [name], [name, "TRUE"], [f"--no-{name[2:]}"]):
+        code, _, err = command(*path, *words)
+        assert (code, "missing" in err) == (2, True), err
+
+
+def test_flags_with_two_names_are_known():
+    names = {name for _, name in FLAGS}
+    assert names >= {"--inflate-unknown", "--robot-16-gon", "--trinary-costmap", "--track-unknown"}
+
+
+def test_trinary_costmap_no_keeps_graded_costs(command, room, tmp_path):
+    made = []
+    for index, words in enumerate((["--trinary-costmap", "no"], ["--no-trinary-costmap"], [])):
+        output = tmp_path / f"{index}.npz"
+        graded = tmp_path / "graded.yaml"
+        command("edit", "circle", room, "-o", graded, "--point", "1.6,-1.8", "--radius", 0.1,
+                "--value", 40, "--force")  # fmt: skip
+        code, _, err = command("convert", graded, "-o", output, "--encoding", "costmap2d",
+                               "--static-layer", *words)  # fmt: skip
+        assert (code, err) == (0, "")
+        made.append(output.read_bytes())
+    assert made[0] == made[1] != made[2]
+
+
+def test_a_flag_with_one_name_takes_no_word(command, room):
+    code, _, err = command("info", "--json", "no", room)
+    assert code == 4
+    assert "no: " in err
+
+
+def test_words_behind_two_dashes_are_no_options(command, room, tmp_path):
+    code, _, err = command("inflate", "-o", tmp_path / "a.npz", "--", room, "--inflate-unknown=no")
+    assert code == 2
+    assert "(--inflate-unknown=no)" in err
