@@ -34,9 +34,6 @@ COMMANDS = (
     "run", "local", "build", "active", "inflate", "esdf", "cost", "potential", "query", "route",
     "edit", "window", "shift", "convert", "pack", "unpack", "info", "lint", "diff",
 )  # fmt: skip
-_FLAGS = (
-    "inflate-unknown", "inflate-around-unknown", "robot-16-gon", "trinary-costmap", "track-unknown",
-)  # fmt: skip
 _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 
 _OF_POINTS = {"query": "--at", "edit": "--point"}
@@ -76,13 +73,14 @@ class _LazyGroup(TyperGroup):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 - click's signature
-        if cmd_name not in COMMANDS:
-            return None
+        if cmd_name in self.commands or cmd_name not in COMMANDS:
+            return self.commands.get(cmd_name)
         module = import_module(f"mapdeal.cli.{cmd_name}")
         collect_from_here()
         command = typer.main.get_command(module.app)
         command.name = cmd_name
         command.context_settings["help_option_names"] = ["-h", "--help"]
+        self.commands[cmd_name] = command
         return command
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
@@ -146,8 +144,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _forget_odd_epoch()
     command = typer.main.get_command(app)
     try:
-        words = _joined_flags(list(sys.argv[1:] if arguments is None else arguments))
-        words = _spread_points(words)
+        words = list(sys.argv[1:] if arguments is None else arguments)
+        words = _spread_points(_joined_flags(words, _yes_or_no_options(command, words)))
         code = command.main(args=words or ["--help"], prog_name="mapdeal", standalone_mode=False)
         terminal.finish()
     except MapdealError as error:
@@ -224,7 +222,21 @@ def _spread_points(words: list[str]) -> list[str]:
     return spread
 
 
-def _joined_flags(words: list[str]) -> list[str]:
+def _yes_or_no_options(command: Any, words: Sequence[str]) -> set[str]:
+    """Return the names of the options with a ``--no-`` form of the command that is asked for."""
+    for word in words:
+        if not isinstance(command, TyperGroup) or word.startswith("-"):
+            break
+        command = command.get_command(None, word)  # type: ignore[arg-type]
+    return {
+        name.removeprefix("--")
+        for parameter in getattr(command, "params", ())
+        for name in parameter.opts
+        if name.replace("--", "--no-", 1) in parameter.secondary_opts
+    }
+
+
+def _joined_flags(words: list[str], names: set[str]) -> list[str]:
     """Let flags be written as parameters are: ``--inflate-unknown no``, ``=no``.
 
     Recipes spell the parameter ``inflate_unknown: no``; its option is a pair of flags.
@@ -235,7 +247,7 @@ def _joined_flags(words: list[str]) -> list[str]:
         name, equals, value = words[index].removeprefix("--").partition("=")
         if words[index] == "--":
             return joined + words[index:]
-        if words[index].startswith("--") and name in _FLAGS:
+        if words[index].startswith("--") and name in names:
             if not equals and index + 1 < len(words) and words[index + 1].lower() in _WORDS:
                 index += 1
                 value = words[index]
