@@ -16,11 +16,11 @@ from mapdeal.checks.finding import CHECKS, Finding
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.dialects import DIALECTS
 from mapdeal.formats.image import read_image
+from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 from mapdeal.formats.map_server import find_image, warn_of_lost_values
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, read_metadata
 from mapdeal.formats.npz import read_npz
 from mapdeal.formats.picture import Picture
-from mapdeal.formats.pnm import pnm_comments
 from mapdeal.formats.source import head_of
 from mapdeal.formats.yaml_text import Entry, read_mapping
 from mapdeal.grid.costmap import Costmap
@@ -73,7 +73,7 @@ class PairFacts:
     readings : dict of str to numpy.ndarray
         The occupancy, row 0 in the south, as each reader has it; none of a costmap.
     comments : list of str
-        Those in the header of a PNM image.
+        Those in the header of the image.
     """
 
     path: Path
@@ -151,7 +151,7 @@ def _read_pair(path: Path, max_cells: int | None) -> PairFacts:
     metadata = read_metadata(path, mend=True)
     image_path = find_image(path, metadata.image)
     picture = read_image(image_path, max_cells=max_cells)
-    comments = pnm_comments(head_of(image_path, _HEAD)) if picture.file_format == "PNM" else []
+    comments = IMAGE_FORMATS[picture.file_format].comments(head_of(image_path, _HEAD))
     readings: dict[Dialect, NDArray[np.int8]] = {}
     if metadata.cost_scale is None:
         if metadata.mode == "raw":

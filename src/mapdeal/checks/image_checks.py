@@ -9,17 +9,11 @@ import numpy as np
 
 from mapdeal.checks.facts import PairFacts, counts_of
 from mapdeal.checks.finding import Told, check
+from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 
 _SAVERS_UNKNOWN = 205
 _CARTOGRAPHERS_UNKNOWN = 128
 _TRINARY = {0, _SAVERS_UNKNOWN, 254, 255}
-_ENDINGS = {
-    "PNM": (".pgm", ".ppm", ".pbm", ".pnm"),
-    "PNG": (".png",),
-    "BMP": (".bmp",),
-    "TIFF": (".tif", ".tiff"),
-    "JPEG": (".jpg", ".jpeg"),
-}
 _PER_PIXEL = re.compile(r"([0-9.]+)\s*m(?:eters?)?/pix")
 
 
@@ -73,7 +67,7 @@ def readers_differ(facts: PairFacts) -> Iterator[str]:
 def ending(facts: PairFacts) -> Iterator[Told]:
     """Compare name and contents; these decide, here and in ROS, but people are misled."""
     suffix, kind = facts.image_path.suffix.lower(), facts.picture.file_format
-    if suffix not in _ENDINGS[kind]:
+    if suffix not in IMAGE_FORMATS[kind].suffixes:
         yield Told(f"{facts.image_path.name} is a {kind} image", "image")
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealError, MapdealWarning, ParameterError
 from mapdeal.formats.image import read_image_size
+from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
 from mapdeal.formats.map_server import find_image, lazy_cells, read_cells, warn_of_lost_rows
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
@@ -26,8 +27,6 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.kernels.blocks import CacheBudget
-
-_IMAGE_SUFFIXES = (".pgm", ".pbm", ".ppm", ".pnm", ".png", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg")
 
 
 @dataclass(frozen=True)
@@ -235,7 +234,7 @@ def read_source(
 
 
 def _refuse_image(path: Path) -> None:
-    if path.suffix.lower() in _IMAGE_SUFFIXES:
+    if path.suffix.lower() in IMAGE_SUFFIXES:
         sibling = path.with_suffix(".yaml")
         hint = f"pass {sibling}" if exists(sibling) else "pass the .yaml that names the image"
         status_of(path)

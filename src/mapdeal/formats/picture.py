@@ -23,8 +23,9 @@ class Picture:
 
     Parameters
     ----------
-    file_format : {'PNM', 'PNG', 'BMP', 'TIFF', 'JPEG'}
-        Where the samples come from; the ROS 1 reader treats formats differently.
+    file_format : str
+        The name of the image format that the samples come from; the readers of ROS treat some
+        formats differently.
     colour : {'grey', 'rgb', 'palette'}
         What a sample is: brightness, a red, green, blue triple, or an index into `palette`.
     samples : numpy.ndarray of uint8 or uint16, shape (H, W) or (H, W, 3)
@@ -41,7 +42,7 @@ class Picture:
         What the file says about showing the picture, such as a gamma. No reader applies it.
     """
 
-    file_format: Literal["PNM", "PNG", "BMP", "TIFF", "JPEG"]
+    file_format: str
     colour: Literal["grey", "rgb", "palette"]
     samples: Samples
     maxval: int = 255

@@ -25,7 +25,7 @@ from mapdeal.kernels.blocks import Layer, blocks_of
 
 _TOKEN = re.compile(rb"(?:[ \t\n\v\f\r]|#[^\n\r]*)*([^ \t\n\v\f\r#]+)")
 _COMMENT = re.compile(rb"#[^\n\r]*")
-LONGEST_HEADER = 1 << 16
+_LONGEST_HEADER = 1 << 16
 _WRITTEN_TOGETHER = 1 << 20
 _TRAILING = 64
 
@@ -50,7 +50,7 @@ def is_pnm(data: bytes) -> bool:
     return re.match(rb"P[1-7fF](\s|#)", data) is not None
 
 
-def decode_pnm(data: bytes, source: Path, *, max_cells: int = LARGEST_CELLS) -> Picture:
+def decode_pnm(data: bytes, source: Path, max_cells: int = LARGEST_CELLS) -> Picture:
     """Return the picture in a netpbm file.
 
     Parameters
@@ -196,16 +196,11 @@ def pnm_comments(head: bytes) -> list[str]:
     return found
 
 
-def pnm_size(head: bytes, source: Path) -> tuple[int, int]:
-    """Return height and width, given the first bytes of a file."""
-    header = _read_header(head, source)
-    return header.height, header.width
-
-
-def check_pnm_header(head: bytes, source: Path, *, max_cells: int) -> None:
-    """Refuse a file by its first bytes alone, if its header is malformed or asks for too much."""
+def pnm_size(head: bytes, source: Path, max_cells: int) -> tuple[int, int]:
+    """Return height and width, given the first bytes of a file; raises as `decode_pnm` does."""
     header = _read_header(head, source)
     check_size(source, header.width, header.height, max_cells)
+    return header.height, header.width
 
 
 def write_pgm(file: BinaryIO, pixels: NDArray[np.uint8], *, comment: str = "") -> None:
@@ -254,7 +249,7 @@ def _read_header(data: bytes, source: Path) -> _Header:
     numbers: list[int] = []
     end = 2
     for name in names:
-        token = _TOKEN.match(data, end, end + LONGEST_HEADER)
+        token = _TOKEN.match(data, end, end + _LONGEST_HEADER)
         if token is None:
             raise MalformedInputError("the file ends early", source=source, place=f"header {name}")
         text = token[1].decode("latin-1")

@@ -1,0 +1,173 @@
+"""What the formats that are decoded by Pillow share.
+
+Pillow is imported by the functions that need it: most maps are PNM.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.formats.images.image_format import OtherContentsError
+from mapdeal.formats.picture import Picture, check_size
+
+_EXIF_ORIENTATION = 0x0112
+_PILLOW_LOG = logging.NullHandler()
+
+
+def open_image(file: BinaryIO, name: str, path: Path, max_cells: int) -> Any:
+    """Return Pillow's image of a file, its header read and checked, its pixels not yet decoded.
+
+    Parameters
+    ----------
+    file : binary file
+        Its contents.
+    name : str
+        The format, as Pillow calls it.
+    path : Path
+        The file's name, for messages.
+    max_cells : int
+        Cells up to which it is read.
+
+    Raises
+    ------
+    MalformedInputError
+        If the header is damaged, the picture is too large, or the file holds several.
+    OtherContentsError
+        If the file is not of this format.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with _no_size_limit(), _damage_refused(path):
+            image = Image.open(file, formats=(name,))
+            frames = getattr(image, "n_frames", 1)
+    except UnidentifiedImageError:
+        raise OtherContentsError from None
+    check_size(path, image.width, image.height, max_cells)
+    if frames > 1:
+        raise MalformedInputError("holds more than one picture", source=path)
+    return image
+
+
+def load(image: Any, path: Path, *, around: AbstractContextManager[None] | None = None) -> None:
+    """Decode the pixels of an image, within a context if one is given.
+
+    Raises
+    ------
+    MalformedInputError
+        If they are damaged.
+
+    Warns
+    -----
+    MapdealWarning
+        If the image has an EXIF orientation.
+    """
+    with _damage_refused(path), around or nullcontext():
+        image.load()
+        orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
+    if orientation != 1:
+        warn(path, "the EXIF orientation was not applied, as in ROS", "image.orientation")
+
+
+def size_by_pillow(name: str) -> Callable[[bytes, Path, int], tuple[int, int]]:
+    """Return the `size` function of a format that Pillow reads."""
+
+    def size(_head: bytes, path: Path, max_cells: int) -> tuple[int, int]:
+        with path.open("rb") as file, open_image(file, name, path, max_cells) as image:
+            return image.height, image.width
+
+    return size
+
+
+def picture_of(image: Any, name: str, path: Path) -> Picture:
+    """Return the samples of a decoded image.
+
+    Raises
+    ------
+    MalformedInputError
+        If its pixels are neither grey nor colours of 8 bits, such as floats.
+    """
+    mode = image.mode
+    if mode == "1":
+        return Picture(name, "grey", np.asarray(image, dtype=np.uint8) * np.uint8(255))
+    if mode == "L":
+        return Picture(name, "grey", np.asarray(image))
+    if mode.startswith("I;16"):
+        return wide_grey(image, name)
+    if mode == "P":
+        return Picture(name, "palette", np.asarray(image), palette=_palette(image))
+    if mode == "RGB":
+        return Picture(name, "rgb", np.asarray(image))
+    if mode == "LA":
+        return grey_and_alpha(image, name)
+    if mode == "RGBA":
+        pixels = np.asarray(image)
+        return Picture(name, "rgb", pixels[..., :3], alpha=pixels[..., 3])
+    raise MalformedInputError("pixels of this kind make no map", source=path, got=mode)
+
+
+def wide_grey(image: Any, name: str) -> Picture:
+    """Return the 16-bit samples of a grey image."""
+    return Picture(name, "grey", np.asarray(image).astype(np.uint16), maxval=65535)
+
+
+def grey_and_alpha(image: Any, name: str) -> Picture:
+    """Return the first and the last channel of an image as brightness and opacity."""
+    pixels = np.asarray(image)
+    return Picture(name, "grey", pixels[..., 0], alpha=pixels[..., -1])
+
+
+def warn(path: Path, text: str, check: str) -> None:
+    """Warn of a file, in the name of a check of lint."""
+    warnings.warn(MapdealWarning(f"{path}: {text}", check), stacklevel=4)
+
+
+def _palette(image: Any) -> NDArray[np.uint8]:
+    """Return red, green, blue, opacity of all 256 indices; those not defined are black."""
+    colours = np.array(image.getpalette("RGB"), dtype=np.uint8).reshape(-1, 3)
+    table = np.zeros((256, 4), dtype=np.uint8)
+    table[:, 3] = 255
+    table[: len(colours), :3] = colours
+    return table
+
+
+@contextmanager
+def _damage_refused(path: Path) -> Iterator[None]:
+    """Turn whatever damage leads Pillow's decoders to into one clear error."""
+    from PIL import UnidentifiedImageError
+
+    # Pillow warns of odd tags and logs what it cannot decode; neither decides anything here.
+    logging.getLogger("PIL").addHandler(_PILLOW_LOG)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except UnidentifiedImageError:
+        raise
+    except (OSError, SyntaxError, ValueError, EOFError, IndexError, KeyError, TypeError,
+            OverflowError, struct.error) as error:  # fmt: skip
+        rule = f"the image is damaged: {error}"
+        raise MalformedInputError(rule, source=path) from None
+
+
+@contextmanager
+def _no_size_limit() -> Iterator[None]:
+    """Put Pillow's own, lower limit aside: ours is checked before anything is decoded."""
+    from PIL import Image
+
+    before = Image.MAX_IMAGE_PIXELS
+    Image.MAX_IMAGE_PIXELS = None
+    try:
+        yield
+    finally:
+        Image.MAX_IMAGE_PIXELS = before
