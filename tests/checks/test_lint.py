@@ -12,7 +12,9 @@ import pytest
 from PIL import Image
 
 from mapdeal import OccupancyGrid, read_map, write_map
-from mapdeal.checks.finding import CHECKS
+from mapdeal.checks.check import check
+from mapdeal.checks.facts import GridFacts, PairFacts
+from mapdeal.checks.finding import CHECKS, Finding, Remark
 from mapdeal.checks.lint import lint_file
 
 GOOD_YAML = {
@@ -205,6 +207,65 @@ def test_an_npz_has_its_cells_checked(tmp_path):
     assert [f.check for f in lint_file(tmp_path / "bad.npz")] == ["file.malformed"]
 
 
+@pytest.fixture
+def restored_checks():
+    """Take what a test adds off the list of checks again."""
+    before = dict(CHECKS)
+    yield
+    CHECKS.clear()
+    CHECKS.update(before)
+
+
+def test_a_check_gets_the_facts_of_its_annotation(checks, tmp_path, restored_checks):
+    @check("test.pair", "note", "the mode")
+    def of_pair(facts: PairFacts):
+        yield Remark(f"mode {facts.metadata.mode}", "mode")
+
+    @check("test.grid", "note", "the cells")
+    def of_grid(facts: GridFacts):
+        yield f"{facts.grid.occupancy.size} cells"
+
+    file = str(tmp_path / "m.yaml")
+    assert checks()[1] == [
+        Finding("test.pair", "note", file, "mode trinary", 2),
+        Finding("test.grid", "note", file, "180 cells"),
+    ]
+    write_map(tmp_path / "m.npz", read_map(tmp_path / "m.yaml"))
+    assert [finding.check for finding in lint_file(tmp_path / "m.npz")] == ["test.grid"]
+
+
+def takes_nothing():
+    yield "nothing"
+
+
+def takes_anything(facts):
+    yield "anything"
+
+
+def takes_a_grid(facts: OccupancyGrid):
+    yield "a grid"
+
+
+def takes_both(pair: PairFacts, cells: GridFacts):
+    yield "both"
+
+
+@pytest.mark.parametrize("function", [takes_nothing, takes_anything, takes_a_grid, takes_both])
+def test_a_check_of_other_facts_is_refused_when_it_is_added(restored_checks, function):
+    rule = "check test.odd must have one parameter, annotated PairFacts or GridFacts, got "
+    with pytest.raises(TypeError, match=rule):
+        check("test.odd", "note", "anything")(function)
+    assert "test.odd" not in CHECKS
+
+
+def test_two_checks_of_one_name_are_refused(restored_checks):
+    def of_grid(facts: GridFacts):
+        yield "a grid"
+
+    with pytest.raises(ValueError, match=r"two checks are called map\.specks"):
+        check("map.specks", "note", "small patches")(of_grid)
+
+
 def test_a_folder_of_a_run_is_what_its_manifest_says(command, folder):
     assert command("run", "good.yaml", "-o", "out", "--no-images")[0] == 0
     assert lint_file(folder / "out" / "good") == []
@@ -367,7 +428,7 @@ def test_real_maps_are_all_linted(command, real_maps):
         for entry in json.loads(out)["maps"]
         for finding in entry["findings"]
     }
-    for name, check in [
+    for name, expected in [
         ("stata_basement.yaml", "yaml.origin-yaw"),
         ("depot.yaml", "thresholds.unknown-becomes-free"),
         ("frieburg.yaml", "readers.differ"),
@@ -376,4 +437,4 @@ def test_real_maps_are_all_linted(command, real_maps):
         ("skirk.yaml", "map.inside-out"),
         ("invalid_image.yaml", "file.access"),
     ]:
-        assert (name, check) in found
+        assert (name, expected) in found

@@ -28,6 +28,9 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
 
+MAP_SAVER_UNKNOWN = 205
+"""The grey that map_saver writes for unknown cells."""
+
 _HEAD = 1 << 16
 
 
@@ -126,7 +129,7 @@ def gather(
     pair: PairFacts | None = None
     cells: GridFacts | None = None
     try:
-        with _recorded(findings, path):
+        with _warnings_as_findings(findings, path):
             if path.suffix.lower() == ".npz":
                 grid = read_npz(path, max_cells=max_cells)
                 if not isinstance(grid, Costmap):
@@ -162,8 +165,8 @@ def _read_pair(path: Path, max_cells: int | None) -> PairFacts:
 
 
 @contextmanager
-def _recorded(findings: list[Finding], path: Path) -> Iterator[None]:
-    """Have mapdeal's warnings in the block become findings."""
+def _warnings_as_findings(findings: list[Finding], path: Path) -> Iterator[None]:
+    """Turn mapdeal's warnings in the block into findings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MapdealWarning)
         try:

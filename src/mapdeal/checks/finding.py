@@ -1,4 +1,4 @@
-"""What checks find, and the list of all checks."""
+"""Checks, their findings, and the list of all checks."""
 
 from __future__ import annotations
 
@@ -37,8 +37,16 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a check says: a message, and the key of the YAML that it is about."""
+class Remark:
+    """What a check has to say about a map.
+
+    Parameters
+    ----------
+    message : str
+        One line.
+    key : str, optional
+        The key of the YAML that it is about.
+    """
 
     message: str
     key: str | None = None
@@ -46,57 +54,57 @@ class Told:
 
 @dataclass(frozen=True)
 class Check:
-    """A check: its name, its severity, what it is about, and the function behind it.
+    """A check.
 
-    Checks without a function are found while files are read.
+    Parameters
+    ----------
+    name : str
+        ``area.name``.
+    severity : {'error', 'warning', 'note'}
+        That of all its findings.
+    about : str
+        What it finds.
+    run : callable, optional
+        Takes facts and yields remarks. A check without it is found while files are read.
+    facts : type, optional
+        The type of the facts that `run` takes.
     """
 
     name: str
     severity: Severity
     about: str
-    run: Callable[[Any], Iterator[Told | str]] | None = None
+    run: Callable[[Any], Iterator[Remark | str]] | None = None
+    facts: type | None = None
 
 
 CHECKS: dict[str, Check] = {}
-
-CheckFunction = Callable[[Any], Iterator[Told | str]]
-
-
-def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction], CheckFunction]:
-    """Add a function to the list of checks; it takes facts and yields what it has to say."""
-
-    def added(function: CheckFunction) -> CheckFunction:
-        _add(Check(name, severity, about, function))
-        return function
-
-    return added
+"""All checks by name, in the order in which they run."""
 
 
-def found_in_reading(name: str, severity: Severity, about: str) -> None:
-    """Add a check whose findings are warnings, or errors, of the readers."""
-    _add(Check(name, severity, about))
+def add_check(check: Check) -> None:
+    """Add a check to the list; raise ValueError if there is one of its name."""
+    if check.name in CHECKS:
+        raise ValueError(f"two checks are called {check.name}")
+    CHECKS[check.name] = check
 
 
-def _add(one: Check) -> None:
-    if one.name in CHECKS:
-        raise ValueError(f"two checks are called {one.name}")
-    CHECKS[one.name] = one
+def declare_check(name: str, severity: Severity, about: str) -> None:
+    """Add a check without a function: its findings come up while files are read."""
+    add_check(Check(name, severity, about))
 
 
-found_in_reading("file.access", "error", "a file is missing or cannot be read")
-found_in_reading("file.malformed", "error", "a file breaks its format's rules")
-found_in_reading("yaml.defaults", "warning", "negate or a threshold is missing; ROS requires them")
-found_in_reading(
-    "yaml.number-as-text", "warning", "a number such as 5e-2 that YAML 1.1 reads as text"
-)
-found_in_reading("yaml.nan-yaw", "error", "a yaw that is no number, which some map savers write")
-found_in_reading("yaml.legacy-mode", "warning", "the mode is written in an old way")
-found_in_reading("thresholds.equal", "warning", "free_thresh equals occupied_thresh")
-found_in_reading("image.foreign-path", "warning", "the image's path only makes sense elsewhere")
-found_in_reading("image.lossy", "warning", "the image is a JPEG: greys may have moved")
-found_in_reading("image.orientation", "warning", "an EXIF orientation that ROS does not apply")
-found_in_reading("image.depth", "warning", "16-bit colour, of which 8 bits were read")
-found_in_reading("image.transparent-colour", "warning", "a transparent colour (PNG tRNS)")
-found_in_reading("image.dos-header", "warning", "DOS line ends in the header of a PNM image")
-found_in_reading("image.trailing-bytes", "warning", "bytes behind the picture")
-found_in_reading("image.raw-values", "warning", "values of mode raw that mean nothing")
+declare_check("file.access", "error", "a file is missing or cannot be read")
+declare_check("file.malformed", "error", "a file breaks its format's rules")
+declare_check("yaml.defaults", "warning", "negate or a threshold is missing; ROS requires them")
+declare_check("yaml.number-as-text", "warning", "a number such as 5e-2 that YAML 1.1 reads as text")
+declare_check("yaml.nan-yaw", "error", "a yaw that is no number, which some map savers write")
+declare_check("yaml.legacy-mode", "warning", "the mode is written in an old way")
+declare_check("thresholds.equal", "warning", "free_thresh equals occupied_thresh")
+declare_check("image.foreign-path", "warning", "the image's path only makes sense elsewhere")
+declare_check("image.lossy", "warning", "the image is a JPEG: greys may have moved")
+declare_check("image.orientation", "warning", "an EXIF orientation that ROS does not apply")
+declare_check("image.depth", "warning", "16-bit colour, of which 8 bits were read")
+declare_check("image.transparent-colour", "warning", "a transparent colour (PNG tRNS)")
+declare_check("image.dos-header", "warning", "DOS line ends in the header of a PNM image")
+declare_check("image.trailing-bytes", "warning", "bytes behind the picture")
+declare_check("image.raw-values", "warning", "values of mode raw that mean nothing")

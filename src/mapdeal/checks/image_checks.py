@@ -7,33 +7,33 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mapdeal.checks.facts import PairFacts, counts_of
-from mapdeal.checks.finding import Told, check
+from mapdeal.checks.check import check
+from mapdeal.checks.facts import MAP_SAVER_UNKNOWN, PairFacts, counts_of
+from mapdeal.checks.finding import Remark
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 
-_SAVERS_UNKNOWN = 205
-_CARTOGRAPHERS_UNKNOWN = 128
-_TRINARY = {0, _SAVERS_UNKNOWN, 254, 255}
+_CARTOGRAPHER_UNKNOWN = 128
+_TRINARY = {0, MAP_SAVER_UNKNOWN, 254, 255}
 _PER_PIXEL = re.compile(r"([0-9.]+)\s*m(?:eters?)?/pix")
 
 
 @check("thresholds.unknown-becomes-free", "error", "map_saver's unknown, grey 205, is read as free")
-def unknown_becomes_free(facts: PairFacts) -> Iterator[Told]:
+def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
     """Count the cells that a free_thresh above 0.196 makes free, for each reader."""
-    if _SAVERS_UNKNOWN not in facts.greys or facts.metadata.mode == "raw":
+    if MAP_SAVER_UNKNOWN not in facts.greys or facts.metadata.mode == "raw":
         return
-    is_grey = facts.picture.samples[::-1] == _SAVERS_UNKNOWN
+    is_grey = facts.picture.samples[::-1] == MAP_SAVER_UNKNOWN
     free = {name: int((is_grey & (cells == 0)).sum()) for name, cells in facts.readings.items()}
     if any(free.values()):
-        told = ", ".join(f"{name} {count}" for name, count in free.items())
+        counts = ", ".join(f"{name} {count}" for name, count in free.items())
         rule = f"free_thresh {facts.metadata.free_thresh:g} makes cells of grey 205 free"
-        yield Told(
-            f"{rule}, which map_saver writes for unknown: {told}; 0.196 does not", "free_thresh"
+        yield Remark(
+            f"{rule}, which map_saver writes for unknown: {counts}; 0.196 does not", "free_thresh"
         )
 
 
 @check("thresholds.on-grey", "warning", "a threshold that is exactly a grey of the image")
-def on_grey(facts: PairFacts) -> Iterator[Told]:
+def on_grey(facts: PairFacts) -> Iterator[Remark]:
     """Look for equality: readers compare in different precision, some with and some without it."""
     if facts.metadata.mode == "raw":
         return
@@ -43,7 +43,7 @@ def on_grey(facts: PairFacts) -> Iterator[Told]:
             shade = (grey if facts.metadata.negate else 255 - grey) / 255
             if abs(shade - threshold) < 1e-6:
                 text = f"{threshold:g} is the shade of grey {grey} ({count} pixels)"
-                yield Told(f"{text}: readers disagree on it", key)
+                yield Remark(f"{text}: readers disagree on it", key)
 
 
 @check("readers.differ", "warning", "cells that nav2, humble and ROS 1 read differently")
@@ -56,19 +56,19 @@ def readers_differ(facts: PairFacts) -> Iterator[str]:
         other = facts.readings[name]
         cells = int(np.count_nonzero(base != other))
         if cells:
-            told = "; ".join(
+            counts = "; ".join(
                 f"{who}: {', '.join(f'{kind} {n}' for kind, n in counts_of(grid).items() if n)}"
                 for who, grid in (("nav2", base), (name, other))
             )
-            yield f"{cells} cells differ between nav2 and {name} ({told})"
+            yield f"{cells} cells differ between nav2 and {name} ({counts})"
 
 
 @check("image.ending", "note", "an image whose name ends as another format does")
-def ending(facts: PairFacts) -> Iterator[Told]:
+def ending(facts: PairFacts) -> Iterator[Remark]:
     """Compare name and contents; these decide, here and in ROS, but people are misled."""
     suffix, kind = facts.image_path.suffix.lower(), facts.picture.file_format
     if suffix not in IMAGE_FORMATS[kind].suffixes:
-        yield Told(f"{facts.image_path.name} is a {kind} image", "image")
+        yield Remark(f"{facts.image_path.name} is a {kind} image", "image")
 
 
 @check("image.maxval", "warning", "a brightness that does not end at 255")
@@ -91,10 +91,10 @@ def alpha(facts: PairFacts) -> Iterator[str]:
 
 @check("image.gamma", "note", "a gamma or colour profile (PNG gAMA, iCCP), which is not applied")
 def gamma(facts: PairFacts) -> Iterator[str]:
-    """Tell of it: viewers may show other greys than map readers take."""
+    """Look for them: viewers may show other greys than map readers take."""
     if facts.picture.display:
-        told = " and ".join(facts.picture.display)
-        yield f"{told}: viewers may show other greys than map readers, which ignore it, take"
+        display = " and ".join(facts.picture.display)
+        yield f"{display}: viewers may show other greys than map readers, which ignore it, take"
 
 
 @check("image.colour", "warning", "pixels that are no grey")
@@ -109,7 +109,7 @@ def colour(facts: PairFacts) -> Iterator[str]:
 
 @check("image.palette", "warning", "an image with a palette, of which ROS 1 reads the indices")
 def palette(facts: PairFacts) -> Iterator[str]:
-    """Tell of the palette: ROS 1 takes the indices for brightness."""
+    """Look for a palette: ROS 1 takes the indices for brightness."""
     if facts.picture.colour == "palette" and facts.picture.file_format != "BMP":
         yield "ROS 1 reads indices of the palette, not colours"
 
@@ -128,18 +128,18 @@ def greys(facts: PairFacts) -> Iterator[str]:
 @check("image.cartographer", "note", "Cartographer's grey for unknown, 128")
 def cartographer(facts: PairFacts) -> Iterator[str]:
     """Look for a tenth of the pixels and more."""
-    count = facts.greys.get(_CARTOGRAPHERS_UNKNOWN, 0)
+    count = facts.greys.get(_CARTOGRAPHER_UNKNOWN, 0)
     if count > facts.picture.samples.size / 10:
         yield f"{count} pixels have grey 128, Cartographer's unknown"
 
 
 @check("image.comment-resolution", "warning", "a resolution in the image that is not the YAML's")
-def comment_resolution(facts: PairFacts) -> Iterator[Told]:
+def comment_resolution(facts: PairFacts) -> Iterator[Remark]:
     """Read the comments that map_saver and Cartographer write into the image's header."""
     for comment in facts.comments:
         match = _PER_PIXEL.search(comment)
         if match is None:
             continue
-        told, used = float(match[1].strip(".") or "nan"), facts.metadata.resolution
-        if abs(told - used) > 0.51e-3 + 1e-6 * used:  # it is written with 3 decimals
-            yield Told(f"the image says {told:g} m per pixel, the YAML {used:g}", "resolution")
+        noted, used = float(match[1].strip(".") or "nan"), facts.metadata.resolution
+        if abs(noted - used) > 0.51e-3 + 1e-6 * used:  # it is written with 3 decimals
+            yield Remark(f"the image says {noted:g} m per pixel, the YAML {used:g}", "resolution")

@@ -6,13 +6,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mapdeal.checks import image_checks, map_checks, yaml_checks
-from mapdeal.checks.facts import GridFacts, PairFacts, gather
-from mapdeal.checks.finding import CHECKS, SEVERITIES, Check, Finding, Told
+# The modules of checks: importing one adds its checks to the list.
+from mapdeal.checks import (  # noqa: F401
+    image_checks,
+    map_checks,
+    yaml_checks,
+)
+from mapdeal.checks.facts import PairFacts, gather
+from mapdeal.checks.finding import CHECKS, SEVERITIES, Check, Finding, Remark
 from mapdeal.checks.run_checks import lint_run
-
-_OF_CELLS = map_checks.__name__
-_MODULES = (yaml_checks, image_checks, map_checks)  # importing them lists their checks
 
 
 def lint_file(path: Path, *, max_cells: int | None = None) -> list[Finding]:
@@ -28,21 +30,17 @@ def lint_file(path: Path, *, max_cells: int | None = None) -> list[Finding]:
     if path.is_dir():
         return lint_run(path)
     pair, cells, findings = gather(path, max_cells=max_cells)
-    for one in CHECKS.values():
-        if one.run is None:
-            continue
-        facts: PairFacts | GridFacts | None = cells if one.run.__module__ == _OF_CELLS else pair
-        if facts is not None:
-            findings += _findings_of(one, facts, path, pair)
+    facts_by_type = {type(facts): facts for facts in (pair, cells) if facts is not None}
+    for check in CHECKS.values():
+        if check.facts in facts_by_type:
+            findings += _findings_of(check, facts_by_type[check.facts], path, pair)
     return sorted(dict.fromkeys(findings), key=lambda found: SEVERITIES.index(found.severity))
 
 
-def _findings_of(
-    one: Check, facts: Any, path: Path, pair: PairFacts | None
-) -> Iterator[Finding]:  # fmt: skip
-    for told in one.run(facts) if one.run is not None else ():
-        said = told if isinstance(told, Told) else Told(told)
+def _findings_of(check: Check, facts: Any, path: Path, pair: PairFacts | None) -> Iterator[Finding]:
+    for found in check.run(facts) if check.run is not None else ():
+        remark = found if isinstance(found, Remark) else Remark(found)
         line = None
-        if said.key is not None and pair is not None and said.key in pair.entries:
-            line = pair.entries[said.key].node.start_mark.line + 1
-        yield Finding(one.name, one.severity, str(path), said.message, line)
+        if remark.key is not None and pair is not None and remark.key in pair.entries:
+            line = pair.entries[remark.key].node.start_mark.line + 1
+        yield Finding(check.name, check.severity, str(path), remark.message, line)

@@ -6,37 +6,37 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mapdeal.checks.check import check
 from mapdeal.checks.facts import GridFacts
-from mapdeal.checks.finding import check
 
-_ISLAND = 1.0
-"""Square metres from which on a patch of free space is worth a warning of its own."""
+_MIN_ISLAND_AREA = 1.0
+"""Square metres at or above which a component of free space is an island, not a speck."""
 
 
 @check("map.no-obstacle", "warning", "a map without any obstacle")
 def no_obstacle(facts: GridFacts) -> Iterator[str]:
-    """Tell of a map whose distance field is infinite everywhere."""
+    """Look for obstacles: without one the distance field is infinite everywhere."""
     if not facts.counts["occupied"] and facts.counts["unknown"] < facts.grid.occupancy.size:
         yield "no cell is occupied; are the thresholds and negate right?"
 
 
 @check("map.no-free", "warning", "a map without any free cell")
 def no_free(facts: GridFacts) -> Iterator[str]:
-    """Tell of a map that no robot can be on."""
+    """Look for free cells: without one there is no place for a robot."""
     if not facts.counts["free"] and facts.counts["unknown"] < facts.grid.occupancy.size:
         yield "no cell is free; are the thresholds and negate right?"
 
 
 @check("map.all-unknown", "error", "a map of which nothing is known")
 def all_unknown(facts: GridFacts) -> Iterator[str]:
-    """Tell of a map that is no use to anybody."""
+    """Look for known cells: without one the map is of no use."""
     if facts.counts["unknown"] == facts.grid.occupancy.size:
         yield "every cell is unknown"
 
 
 @check("map.mostly-unknown", "note", "a small known part on a large unknown canvas")
 def mostly_unknown(facts: GridFacts) -> Iterator[str]:
-    """Compare the box of known cells with the canvas, as gmapping saves it of simulated worlds."""
+    """Compare the bounding box of known cells with the map: gmapping saves much unknown space."""
     known = facts.grid.occupancy >= 0
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not rows.size:
@@ -58,9 +58,9 @@ def inside_out(facts: GridFacts) -> Iterator[str]:
 
 @check("map.islands", "warning", "free space that cannot be reached from the largest part")
 def islands(facts: GridFacts) -> Iterator[str]:
-    """Count patches of a square metre and more."""
-    areas = _patches(facts) * facts.grid.resolution**2
-    large = areas[1:][areas[1:] >= _ISLAND]
+    """Measure the connected components of a square metre or more."""
+    areas = _component_sizes(facts) * facts.grid.resolution**2
+    large = areas[1:][areas[1:] >= _MIN_ISLAND_AREA]
     if large.size:
         parts = "area" if large.size == 1 else "areas"
         yield (
@@ -71,9 +71,9 @@ def islands(facts: GridFacts) -> Iterator[str]:
 
 @check("map.specks", "note", "small patches of free space apart from the rest")
 def specks(facts: GridFacts) -> Iterator[str]:
-    """Count the others: stray beams, mostly."""
-    cells = _patches(facts)
-    small = cells[1:][cells[1:] * facts.grid.resolution**2 < _ISLAND]
+    """Count the smaller components: stray beams, mostly."""
+    cells = _component_sizes(facts)
+    small = cells[1:][cells[1:] * facts.grid.resolution**2 < _MIN_ISLAND_AREA]
     if small.size:
         yield f"{small.size} patches of free space are smaller than 1 m2, {small.sum()} cells"
 
@@ -88,8 +88,8 @@ def open_border(facts: GridFacts) -> Iterator[str]:
         yield f"{count} of {edges.size} cells on the border are free; is the map cut off?"
 
 
-def _patches(facts: GridFacts) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Return the cells of each patch of free space, connected over eight neighbours, falling."""
+def _component_sizes(facts: GridFacts) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Return the cells of each component of free space, 8-connected, the largest first."""
     from scipy import ndimage
 
     labels, count = ndimage.label(facts.grid.occupancy == 0, structure=np.ones((3, 3)))

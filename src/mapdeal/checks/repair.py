@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mapdeal.checks.facts import GridFacts, PairFacts
-from mapdeal.checks.yaml_checks import without_noise
+from mapdeal.checks.facts import MAP_SAVER_UNKNOWN, GridFacts, PairFacts
+from mapdeal.checks.rounding import without_rounding_noise
 from mapdeal.formats.dialects import DIALECTS
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -17,8 +17,6 @@ from mapdeal.grid.values import OCCUPIED, UNKNOWN
 
 _FREE_THRESH = 0.196
 """Below the shade of grey 205, which map_saver writes for unknown."""
-
-_SAVERS_UNKNOWN = 205
 
 
 def repaired(pair: PairFacts | None, cells: GridFacts) -> tuple[OccupancyGrid, list[str]]:
@@ -46,25 +44,25 @@ def repaired(pair: PairFacts | None, cells: GridFacts) -> tuple[OccupancyGrid, l
             pair.metadata, free_thresh=min(_FREE_THRESH, pair.metadata.free_thresh)
         )
         read_again = DIALECTS["nav2"](pair.picture.from_the_south(), thresholds)
-        freed = _SAVERS_UNKNOWN in pair.greys and not np.array_equal(read_again, grid.occupancy)
+        freed = MAP_SAVER_UNKNOWN in pair.greys and not np.array_equal(read_again, grid.occupancy)
         if freed:
             count = int(np.count_nonzero(read_again != grid.occupancy))
             done.append(f"{count} cells of unknown grey are not free any more")
             grid = grid.with_values(read_again)
-    resolution = without_noise(grid.resolution) or grid.resolution
-    x, y, yaw = (without_noise(value) or value for value in grid.origin)
+    resolution = without_rounding_noise(grid.resolution) or grid.resolution
+    x, y, yaw = (without_rounding_noise(value) or value for value in grid.origin)
     if (resolution, (x, y, yaw)) != (grid.resolution, grid.origin):
         done.append(f"resolution {resolution!r}, origin {x!r}, {y!r}, {yaw!r} without noise")
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, yaw))
     if is_turned(grid.frame):
         done.append(f"yaw {yaw:g} rad is in the cells now")
-        grid = _unturned(grid)
+        grid = _without_yaw(grid)
     elif yaw:
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, 0.0))
     return grid, done
 
 
-def _unturned(grid: OccupancyGrid) -> OccupancyGrid:
+def _without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
     """Return a map on a lattice along the axes, with every obstacle of the turned one."""
     lattice = Frame(1, 1, grid.resolution)
     frame = region_around(lattice, grid.frame).frame_in(lattice)

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mapdeal.checks.finding import CHECKS, Finding, found_in_reading
+from mapdeal.checks.finding import CHECKS, Finding, declare_check
 from mapdeal.formats.json_text import read_json
 from mapdeal.formats.source import exists, holds
 
 MANIFEST = "manifest.json"
 
-found_in_reading("run.no-manifest", "error", "a folder without the manifest of a run")
-found_in_reading("run.missing-file", "error", "a file that the manifest lists is gone")
-found_in_reading(
+declare_check("run.no-manifest", "error", "a folder without the manifest of a run")
+declare_check("run.missing-file", "error", "a file that the manifest lists is gone")
+declare_check(
     "run.other-file", "error", "a file is not the manifest's: changed, or of a run that was killed"
 )
 

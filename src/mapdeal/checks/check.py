@@ -1,0 +1,64 @@
+"""The decorator that adds a function to the list of checks."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar, get_type_hints
+
+from mapdeal.checks.facts import GridFacts, PairFacts
+from mapdeal.checks.finding import Check, Remark, Severity, add_check
+
+_FACTS = (PairFacts, GridFacts)
+
+CheckFunction = TypeVar(
+    "CheckFunction",
+    bound=Callable[[PairFacts], Iterator[Remark | str]]
+    | Callable[[GridFacts], Iterator[Remark | str]],
+)
+
+
+def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction], CheckFunction]:
+    """Add a function to the list of checks.
+
+    Parameters
+    ----------
+    name : str
+        ``area.name``, unique.
+    severity : {'error', 'warning', 'note'}
+        That of all its findings.
+    about : str
+        What it finds, as in docs/lint.md.
+
+    Returns
+    -------
+    callable
+        The decorator. The function takes the facts that its parameter is annotated with,
+        `PairFacts` or `GridFacts`, and yields its remarks; it is not called for files that have
+        no such facts.
+
+    Raises
+    ------
+    TypeError
+        If the parameter is annotated with another type, or not at all.
+    ValueError
+        If there is a check of this name.
+    """
+
+    def added(function: CheckFunction) -> CheckFunction:
+        add_check(Check(name, severity, about, function, _facts_of(name, function)))
+        return function
+
+    return added
+
+
+def _facts_of(name: str, function: Callable[..., Any]) -> type:
+    """Return the type of the facts that a check takes."""
+    hints = get_type_hints(function)
+    annotations = [hints.get(parameter) for parameter in inspect.signature(function).parameters]
+    for facts in _FACTS:
+        if annotations == [facts]:
+            return facts
+    known = " or ".join(facts.__name__ for facts in _FACTS)
+    rule = f"check {name} must have one parameter, annotated {known}"
+    raise TypeError(f"{rule}, got {annotations}")
