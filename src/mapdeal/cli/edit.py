@@ -45,7 +45,7 @@ File = Annotated[
     ),
 ]
 OverlayOption = Annotated[
-    Overlay,
+    OverlayType,
     typer.Option(
         help="What wins in a cell: the later (seq), the larger (max) or the smaller value (min). "
         "Unknown gives way to all."

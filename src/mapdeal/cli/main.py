@@ -30,9 +30,10 @@ from mapdeal.errors import (
 _UsageError: Any = typer.BadParameter.__mro__[1]
 _ClickError: Any = typer.BadParameter.__mro__[2]
 
-COMMANDS = (
-    "run", "local", "build", "active", "inflate", "esdf", "cost", "potential", "query", "route",
-    "edit", "window", "shift", "convert", "pack", "unpack", "info", "lint", "diff",
+_MAKERS = ("run", "local", "build")
+_OTHERS = (
+    "query", "route", "edit", "window", "shift", "convert", "pack", "unpack", "info", "lint",
+    "diff",
 )  # fmt: skip
 _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 
@@ -64,20 +65,32 @@ def _own_endings() -> Iterator[None]:
 
 
 class _LazyGroup(TyperGroup):
-    """A group that imports a command's module when the command is asked for.
+    """A group that imports a command when it is asked for.
 
-    Each lives in ``mapdeal.cli.<name>`` as a typer app with one command.
+    The commands of stages are made from their definitions. Each other one lives in
+    ``mapdeal.cli.<name>`` as a typer app with one command.
     """
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - click's signature
-        return list(COMMANDS)
+        from mapdeal.stages.catalogue import STAGE_NAMES
+
+        return [*_MAKERS, *STAGE_NAMES, *_OTHERS]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 - click's signature
-        if cmd_name in self.commands or cmd_name not in COMMANDS:
-            return self.commands.get(cmd_name)
-        module = import_module(f"mapdeal.cli.{cmd_name}")
+        if cmd_name in self.commands:
+            return self.commands[cmd_name]
+        if cmd_name in (*_MAKERS, *_OTHERS):
+            app = import_module(f"mapdeal.cli.{cmd_name}").app
+        else:
+            from mapdeal.stages.catalogue import STAGE_NAMES
+
+            if cmd_name not in STAGE_NAMES:
+                return None
+            from mapdeal.cli.stage_command import stage_app
+
+            app = stage_app(cmd_name)
         collect_from_here()
-        command = typer.main.get_command(module.app)
+        command = typer.main.get_command(app)
         command.name = cmd_name
         command.context_settings["help_option_names"] = ["-h", "--help"]
         self.commands[cmd_name] = command

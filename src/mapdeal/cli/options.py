@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
 
 from mapdeal.cli import terminal
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
-from mapdeal.stages.parameters import parameters_of
+from mapdeal.stages.parameters import Parameter, parameters_of
 
 MapArgument = Annotated[
     Path, typer.Argument(metavar="MAP", help="A map_server .yaml, or an .npz of mapdeal's.")
@@ -44,26 +44,36 @@ GridOutput = Annotated[
 ]
 
 
-def stage_option(
-    function: Callable[..., Any], name: str, help_text: str, *, metavar: str | None = None
-) -> Any:
+def stage_option(function: Callable[..., Any], name: str, help_text: str) -> Any:
+    """Return the option of a stage's parameter for a command that is not the stage's own."""
+    return option_of(parameters_of(function)[name], help_text)
+
+
+def option_of(parameter: Parameter, help_text: str) -> Any:
     """Return the option of a stage's parameter: its name with dashes, its default shown.
 
     The option's own default is None, "not given": the value stands in the stage's signature.
     """
-    parameter = parameters_of(function)[name]
-    dashed = name.replace("_", "-")
+    dashed = parameter.name.replace("_", "-")
     default = parameter.default
+    metavar = parameter.unit.metavar if parameter.unit else None
     name_on_line = f"--{dashed}"
     if parameter.kind is bool:
-        name_on_line = f"--{dashed}/--no-{dashed}"
+        name_on_line, metavar = f"--{dashed}/--no-{dashed}", None
         default = "yes" if default else "no"
     elif parameter.choices:
         metavar = "|".join(parameter.choices)
-    elif isinstance(default, tuple):
+    elif metavar is not None and get_args(parameter.kind)[1:] == (Ellipsis,):
+        metavar = f"{metavar},{metavar},..."
+    if isinstance(default, tuple):
         default = ",".join(str(value) for value in default)
     shown = "" if default is None else f"  [default: {default}]"
     return typer.Option(name_on_line, metavar=metavar, help=help_text + shown, show_default=False)
+
+
+def type_of(parameter: Parameter) -> Any:
+    """Return the type that typer reads a stage's parameter as; words and lists are text."""
+    return parameter.kind if parameter.kind in (bool, int, float) else str
 
 
 def given(**options: object) -> dict[str, object]:

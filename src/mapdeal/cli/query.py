@@ -52,9 +52,7 @@ def query(
     lethal_threshold: Annotated[
         int | None,
         opt.stage_option(
-            esdf_stage, "lethal_threshold", "Of a map: occupancy of an obstacle, 1..100.",
-            metavar="N",
-        ),
+            esdf_stage, "lethal_threshold", "Of a map: occupancy of an obstacle, 1..100."),
     ] = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 1 if a point lies outside of the map.")

@@ -53,22 +53,17 @@ def route(
     attractive_gain: Annotated[
         float | None,
         opt.stage_option(
-            potential_stage, "attractive_gain", "descent: factor of the distance to the goal.",
-            metavar="K",
-        ),
+            potential_stage, "attractive_gain", "descent: factor of the distance to the goal."),
     ] = None,
     repulsive_gain: Annotated[
         float | None,
         opt.stage_option(
-            potential_stage, "repulsive_gain", "descent: factor of repulsion.", metavar="K"
-        ),
+            potential_stage, "repulsive_gain", "descent: factor of repulsion."),
     ] = None,
     repulsive_cap: Annotated[
         float | None,
         opt.stage_option(
-            potential_stage, "repulsive_cap", "descent: the most that repulsion can be.",
-            metavar="V",
-        ),
+            potential_stage, "repulsive_cap", "descent: the most that repulsion can be."),
     ] = None,
     *,
     settings: Settings,

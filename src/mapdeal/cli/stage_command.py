@@ -1,37 +1,183 @@
-"""What the commands of single stages have in common."""
+"""The commands of stages, made from their definitions."""
 
 from __future__ import annotations
 
+import re
 import time
+from collections.abc import Iterator, Mapping
+from inspect import Parameter
 from pathlib import Path
+from typing import Annotated, Any
+
+import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
+from mapdeal.cli.shared_options import with_shared_options
+from mapdeal.errors import ParameterError
 from mapdeal.formats.map_writer import Encoding
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.figures import summary_of
+from mapdeal.pipeline.products import files_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.single import apply_to_file
-from mapdeal.pipeline.step import make_step
+from mapdeal.pipeline.step import Step, make_step
+from mapdeal.stages.catalogue import models_of
+from mapdeal.stages.definition import Stage
+
+_FIRST_SENTENCE = re.compile(r".*?\.(?=\s+[A-Z`]|$)")
+
+_MASK = Annotated[
+    Path | None,
+    typer.Option(metavar="MASK", help="A keepout mask, a map: costs are nowhere below its values."),
+]
+_ENCODING = Annotated[
+    Encoding,
+    typer.Option(help="Pixels of a .yaml: what ROS would publish, or costmap_2d's bytes."),
+]
+_SCHEDULER = Annotated[
+    str | None,
+    typer.Option(
+        metavar="tcp://HOST:PORT",
+        help="Have the workers of this dask scheduler compute an .npy, each some slabs of rows at "
+        "a time.  [needs mapdeal[cluster]]",
+    ),
+]
 
 
-def run_stage(
+def stage_app(name: str) -> typer.Typer:
+    """Return the command of a stage: its parameters as options, and those of all stages.
+
+    Parameters
+    ----------
+    name : str
+        A stage of the catalogue.
+    """
+    models = models_of(name)
+    first = next(iter(models.values()))
+    has_robot = any(stage.robot is not None for stage in models.values())
+
+    def command(
+        *,
+        source: Path,
+        output: Path,
+        settings: Settings,
+        footprint: Footprint | None = None,
+        scheduler: str | None = None,
+        encoding: Encoding = "occupancy",
+        mask: Path | None = None,
+        **given: Any,
+    ) -> None:
+        step = _step_of(name, models, footprint, given)
+        terminal.detail(opt.described(name, step.described()[name]))
+        started = time.perf_counter()
+        if scheduler is None:
+            figures = apply_to_file(source, output, step, settings, encoding=encoding, mask=mask)
+        else:
+            from mapdeal.pipeline.block_jobs import apply_by_workers  # slow to import
+
+            figures = apply_by_workers(
+                source.absolute(), output.absolute(), step, settings, scheduler
+            )
+        terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
+        say_written(output, figures)
+
+    command.__name__ = name
+    command.__doc__ = "\n\n".join(filter(None, [first.summary, first.details]))
+    own = list(_arguments(first, models))
+    shared = [one.name for one in own if one.name not in ("source", "output")]
+    if has_robot:
+        replaced = next(stage.robot.replaces for stage in models.values() if stage.robot)
+        shared.insert(shared.index(replaced) + 1, "robot")
+    shared += ["files", "max_memory"]
+    if first.makes is Costmap:
+        own += [_option("mask", _MASK, None), _option("encoding", _ENCODING, "occupancy")]
+        shared[-2:-2] = ["mask", "encoding"]
+    if first.rows_alone is not None:
+        own.append(_option("scheduler", _SCHEDULER, None))
+        shared.append("scheduler")
+    app = typer.Typer(rich_markup_mode=None, add_completion=False)
+    app.command()(with_shared_options(command, own, shared))
+    return app
+
+
+def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Parameter]:
+    """Yield what a stage's command takes beside the options that others have, too."""
+    metavar, about = "MAP", "A map_server .yaml, or an .npz of mapdeal's."
+    if first.takes_field:
+        metavar, about = "MAP|ESDF.npz", "A map, or the distance field of one."
+    argument = typer.Argument(metavar=metavar, help=about)
+    yield Parameter("source", Parameter.KEYWORD_ONLY, annotation=Annotated[Path, argument])
+    written = files_of(first.makes)
+    out = opt.output_argument(written.metavar, written.about)
+    yield Parameter("output", Parameter.KEYWORD_ONLY, annotation=Annotated[Path, out])
+    if None not in models:
+        names = [str(name) for name in models]
+        option = typer.Option(metavar="|".join(names), help=f"The rule of the {first.name}s.")
+        yield _option("model", Annotated[str, option], names[0])
+    for name in _in_order(models):
+        owners = {str(model): one for model, one in models.items() if name in one.parameters}
+        stage = next(iter(owners.values()))
+        parameter = stage.parameters[name]
+        if parameter.from_robot or parameter.kind is Footprint:
+            continue  # the robot's shape sets it
+        text = first_sentence(stage.meanings[name])
+        if len(owners) < len(models):
+            text = f"{', '.join(owners)}: {text[:1].lower()}{text[1:]}"
+        kind: Any = opt.type_of(parameter)
+        annotation: Any = Annotated[kind | None, opt.option_of(parameter, text)]
+        yield _option(name, annotation, None)
+
+
+def _in_order(models: Mapping[str | None, Stage]) -> list[str]:
+    """Return the parameters of all models, those last that every one of several has."""
+    names = dict.fromkeys(name for stage in models.values() for name in stage.parameters)
+    if len(models) == 1:
+        return list(names)
+    everywhere = [n for n in names if all(n in stage.parameters for stage in models.values())]
+    return [*(name for name in names if name not in everywhere), *everywhere]
+
+
+def _option(name: str, annotation: Any, default: object) -> Parameter:
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def first_sentence(text: str) -> str:
+    """Return the first sentence of a parameter's description, without its markup.
+
+    Examples
+    --------
+    >>> first_sentence("Occupancy of ``an`` obstacle, 1..100. The rest is for the docs.")
+    'Occupancy of an obstacle, 1..100.'
+    """
+    match = _FIRST_SENTENCE.match(text)
+    return (match[0] if match else text).replace("`", "")
+
+
+def _step_of(
     name: str,
-    source: Path,
-    output: Path,
-    parameters: dict[str, object],
-    options: Settings,
-    *,
-    encoding: Encoding = "occupancy",
-    mask: Path | None = None,
-) -> None:
-    """Run a stage from file to file and say what came out."""
-    one = make_step(name, parameters)
-    terminal.detail(opt.described(name, one.described()[name]))
-    started = time.perf_counter()
-    figures = apply_to_file(source, output, one, options, encoding=encoding, mask=mask)
-    terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
-    say_written(output, figures)
+    models: Mapping[str | None, Stage],
+    footprint: Footprint | None,
+    given: Mapping[str, object],
+) -> Step:
+    """Return the step that the options of a command ask for."""
+    parameters = opt.given(**given)
+    if footprint is not None:
+        model = parameters.get("model")
+        stage = models.get(str(model) if model is not None else None)
+        robot = stage.robot if stage is not None else None
+        if stage is not None and robot is None:
+            able = " and ".join(str(one.model) for one in models.values() if one.robot)
+            rule = f"only {name}s of model {able} depend on the robot's shape"
+            raise ParameterError(rule, source="--model", got=model)
+        if robot is not None and robot.replaces in parameters:
+            rule = "cannot be given together with a robot's shape"
+            raise ParameterError(rule, source=f"--{robot.replaces.replace('_', '-')}")
+        if robot is not None:
+            parameters |= robot.parameters(footprint)
+    return make_step(name, parameters)
 
 
 def say_written(output: Path, figures: Figures, *, with_origin: bool = False) -> None:

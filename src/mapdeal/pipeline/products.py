@@ -36,6 +36,8 @@ class GridFiles:
 
     Parameters
     ----------
+    metavar, about : str
+        What ``--help`` says of the output of a command that makes one.
     endings : tuple of str
         Those that the output of a command can have, the usual one first.
     in_folder : tuple of str
@@ -46,6 +48,8 @@ class GridFiles:
         How often the rows of a lazy layer are gone through to write a file of an ending.
     """
 
+    metavar: str
+    about: str
     endings: tuple[str, ...]
     in_folder: tuple[str, ...]
     draw: Callable[..., Image]
@@ -54,18 +58,24 @@ class GridFiles:
 
 _FILES: dict[type[Any], GridFiles] = {
     OccupancyGrid: GridFiles(
+        "OUT", "The result: .yaml (with .pgm) or .npz.",
         (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image,
         {".npz": 1, ".yaml": 2, PICTURE: 1},  # trinary, unless a value lies in between
     ),
     Costmap: GridFiles(
+        "OUT", "The costs: .yaml (with .pgm) or .npz.",
         (".yaml", ".yml", ".npz"), (".npz", ".pgm", ".yaml"), cost_image,
         {".npz": 1, ".yaml": 1, PICTURE: 1},
     ),
     DistanceField: GridFiles(
+        "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as .yaml (with .pgm).",
         (".yaml", ".yml", ".npz", ".npy"), (".npz", ".pgm", ".yaml"), field_image,
         {".npz": 1, ".npy": 1, ".yaml": 1, PICTURE: 2},  # its colours depend on its range
     ),
-    PotentialField: GridFiles((".npz",), (".npz",), potential_image, {".npz": 1, PICTURE: 1}),
+    PotentialField: GridFiles(
+        "OUT.npz", "The field, with all its layers.",
+        (".npz",), (".npz",), potential_image, {".npz": 1, PICTURE: 1},
+    ),
 }  # fmt: skip
 
 

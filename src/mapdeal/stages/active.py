@@ -45,10 +45,10 @@ def active_region(
     grid : OccupancyGrid
         The map.
     margin : float
-        Metres to grow the box by on every side, rounded up to whole cells; it is clipped to the
-        grid.
+        Metres to grow the box by. It grows on every side, rounded up to whole cells, and is
+        clipped to the grid.
     canvas : {'crop', 'full'}
-        Whether the canvas is cropped to the box, or the rest of it is blanked.
+        Crop, or blank the rest of the full canvas.
         ``crop``: the grid shrinks to the box and its origin moves with it, whatever the yaw.
         ``full``: the grid keeps its size, and cells outside of the box become unknown.
     min_component : int

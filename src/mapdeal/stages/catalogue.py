@@ -1,25 +1,11 @@
-"""All stages, in the order in which they are listed: a new one is a line here.
-
-The line makes the function part of the public API, too.
-"""
+"""All stages, in the order in which they are listed in `mapdeal.stages.listed`."""
 
 from __future__ import annotations
 
-# isort: off - the order counts; of models of one stage the first is the default
-from mapdeal.stages.active import active_region as active_region
+from mapdeal.stages import listed
 from mapdeal.stages.definition import Stage, stages_among
 
-# The order counts; of the models of one stage the first is the default.
-# isort: off
-from mapdeal.stages.inflate import inflate as inflate
-from mapdeal.stages.esdf import esdf as esdf
-from mapdeal.stages.potential import potential as potential
-from mapdeal.stages.exponential_cost import exponential_cost as exponential_cost
-from mapdeal.stages.threshold_cost import threshold_cost as threshold_cost
-from mapdeal.stages.ring_cost import ring_cost as ring_cost
-# isort: on
-
-STAGES: tuple[Stage, ...] = stages_among(globals())
+STAGES: tuple[Stage, ...] = stages_among(vars(listed))
 
 STAGE_NAMES: tuple[str, ...] = tuple(dict.fromkeys(stage.name for stage in STAGES))
 

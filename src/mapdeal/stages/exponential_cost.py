@@ -85,7 +85,7 @@ def exponential_cost(
     inflation_radius : float
         Costs reach this far. It is rounded up to whole cells.
     cost_scaling_factor : float
-        Steepness, per metre; larger is steeper.
+        Steepness, per metre. Larger is steeper.
     inflate_unknown : bool
         Unknown cells take any cost. Otherwise they only take 253 and more.
     inflate_around_unknown : bool

@@ -60,7 +60,7 @@ def inflate(
     footprint : Footprint, optional
         The robot's corners; their circumscribed radius takes the place of `radius`.
     kernel : {'disc', 'square'}
-        Whether obstacles grow to a disc, or to a square of cells.
+        Grow to a disc, or to a square of cells.
         ``disc``: cells whose centre lies within `radius` of an obstacle cell's centre.
         ``square``: cells within ceil(radius / resolution) cells along both axes, as design
         document 000 has it.

@@ -54,6 +54,7 @@ class Unit:
 METRES = Unit("m", "M")
 CELLS = Unit("cells", "CELLS")
 PER_METRE = Unit("1/m", "K")
+REPULSION = Unit("1/m", "V")
 FACTOR = Unit("", "K")
 OCCUPANCY = Unit("occupancy", "N")
 COST = Unit("cost", "N")

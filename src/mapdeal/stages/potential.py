@@ -18,7 +18,7 @@ from mapdeal.stages.obstacle_source import (
     obstacles_of,
     occupancy_with_obstacles,
 )
-from mapdeal.stages.parameters import FACTOR, PER_METRE, POINT, Bound, LethalThreshold
+from mapdeal.stages.parameters import FACTOR, POINT, REPULSION, Bound, LethalThreshold
 
 GAIN = Bound(f"between 0 and {LARGEST_GAIN:g}", lambda value: 0 <= value <= LARGEST_GAIN)
 CAP = Bound(f"above 0, at most {LARGEST_REPULSION:g}", lambda value: 0 < value <= LARGEST_REPULSION)
@@ -41,7 +41,7 @@ def potential(
     source: ObstacleSource,
     *,
     goal: Annotated[tuple[float, float], POINT] | None = None,
-    repulsive_cap: Annotated[float, CAP, PER_METRE] = 1e5,
+    repulsive_cap: Annotated[float, CAP, REPULSION] = 1e5,
     attractive_gain: Annotated[float, GAIN, FACTOR] = 1.0,
     repulsive_gain: Annotated[float, GAIN, FACTOR] = 1.0,
     lethal_threshold: LethalThreshold | None = None,
@@ -53,8 +53,7 @@ def potential(
     source : OccupancyGrid or DistanceField
         The map, or its distance field: obstacles then are the field's.
     goal : tuple of float, optional
-        Attraction to a point of the map frame, x and y in metres. Without one there is only
-        repulsion.
+        Attraction to a point of the map frame. Without one there is only repulsion.
     repulsive_cap : float
         The most that repulsion can be.
     attractive_gain : float

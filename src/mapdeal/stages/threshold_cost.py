@@ -59,7 +59,7 @@ def threshold_cost(
     up_factor : float
         Factor of the near range.
     view : {'metric', 'seed'}
-        How distances become 0..100; see `mapdeal.field_view`.
+        How distances become 0..100. See `mapdeal.field_view`.
     view_range : float
         Where the metric view is 0.
     lethal_threshold : int, optional

@@ -1,0 +1,13 @@
+"""The functions of all stages: a new stage is a line here, which makes it public, too.
+
+The order is that of lists; of the models of one stage the first is the default.
+"""
+
+# isort: off
+from mapdeal.stages.active import active_region as active_region
+from mapdeal.stages.inflate import inflate as inflate
+from mapdeal.stages.esdf import esdf as esdf
+from mapdeal.stages.potential import potential as potential
+from mapdeal.stages.exponential_cost import exponential_cost as exponential_cost
+from mapdeal.stages.threshold_cost import threshold_cost as threshold_cost
+from mapdeal.stages.ring_cost import ring_cost as ring_cost
