@@ -1,11 +1,15 @@
 """The commands in README and docs, run as they are printed."""
 
+import importlib.util
 import re
 import shlex
 import shutil
 from pathlib import Path
 
 import pytest
+
+from mapdeal.cli.main import COMMANDS
+from mapdeal.cli.shared_options import SHARED_OPTIONS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -21,6 +25,18 @@ def _commands(page):
             line = line.strip().removeprefix(".venv/bin/")
             if line.startswith("mapdeal "):
                 yield line
+
+
+@pytest.fixture
+def tables(tmp_path, monkeypatch):
+    """The script docs/tables.py, at work on a copy of the pages."""
+    spec = importlib.util.spec_from_file_location("tables", ROOT / "docs" / "tables.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    for page in script.PAGES:
+        shutil.copy(ROOT / "docs" / page, tmp_path)
+    monkeypatch.setattr(script, "DOCS", tmp_path)
+    return script
 
 
 @pytest.fixture
@@ -62,3 +78,56 @@ def test_ci_runs_the_two_commands_as_readme_prints_them():
     assert len(set_ups) == 2
     for line in set_ups:
         assert line in lines
+
+
+def test_tables_say_what_the_code_says(tables):
+    assert tables.main(["--check"]) == 0
+
+
+@pytest.mark.parametrize("cell", ["| 0.3 |", "Metres to grow obstacles by.", "all but `build`"])
+def test_a_cell_that_was_edited_is_found_and_put_right(tables, cell, capsys):
+    page = tables.DOCS / "cli.md"
+    text = page.read_text()
+    assert cell in text
+    page.write_text(text.replace(cell, "| 0.4 |", 1))
+    assert tables.main(["--check"]) == 1
+    assert page.read_text() != text
+    assert capsys.readouterr().out.startswith("cli.md: is out of date")
+    assert tables.main([]) == 0
+    assert page.read_text() == text
+    assert tables.main(["--check"]) == 0
+
+
+def test_prose_around_tables_is_left_alone(tables):
+    text = "Some.\n\n<!-- sum of 1 2 -->\n\n| 4 |\n\n<!-- end -->\n\nMore | of it.\n"
+    made = tables.with_tables(text, {"sum of": lambda rest: f"| {sum(map(int, rest.split()))} |\n"})
+    assert made == text.replace("4", "3")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<!-- options of inflate -->\n",
+        "<!-- end -->\n",
+        "<!-- option of inflate -->\n<!-- end -->\n",
+        "<!-- options of inflate -->\n<!-- options of esdf -->\n<!-- end -->\n",
+        "<!-- options of nothing -->\n<!-- end -->\n",
+        "<!-- shared options threds -->\n<!-- end -->\n",
+    ],
+)
+def test_a_comment_without_a_table_is_an_error(tables, text):
+    with pytest.raises(ValueError, match="no "):
+        tables.with_tables(text, tables.PAGES["cli.md"])
+
+
+def test_a_pipe_in_a_cell_is_escaped(tables):
+    made = tables.markdown_table(["a", "b"], [["`x|y`", ""]])
+    assert made == "| a | b |\n|---|---|\n| `x\\|y` | |\n"
+
+
+def test_every_option_is_in_a_table():
+    text = (ROOT / "docs" / "cli.md").read_text()
+    told = " ".join(re.findall("<!-- options of (.*) -->", text)).replace(",", "").split()
+    assert set(told) >= set(COMMANDS)
+    for name in SHARED_OPTIONS:
+        assert f"`--{name.replace('_', '-')}" in text

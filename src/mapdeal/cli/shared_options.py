@@ -158,6 +158,15 @@ SHARED_OPTIONS = {
 """By name of the parameter; a group has this order. Every command ends with ``always``."""
 
 
+def expanded(names: Iterable[str]) -> list[str]:
+    """Return names of options and groups as names of options."""
+    groups: dict[str, list[str]] = {}
+    for name, option in SHARED_OPTIONS.items():
+        if option.group is not None:
+            groups.setdefault(option.group, []).append(name)
+    return [member for name in names for member in groups.get(name, [name])]
+
+
 def shared_options(
     *names: str, help_texts: Mapping[str, str] | None = None
 ) -> Callable[[Command], Command]:
@@ -190,7 +199,7 @@ def shared_options(
 
     def decorate(function: Command) -> Command:
         own = dict(signature(function, eval_str=True).parameters)
-        made = ["settings", "footprint"] if _of_robot(_members(names)) else ["settings"]
+        made = ["settings", "footprint"] if _of_robot(expanded(names)) else ["settings"]
         for name in made:
             if own.pop(name, None) is None:
                 raise ValueError(f"{function.__name__}: no argument {name!r}")
@@ -233,7 +242,7 @@ def with_shared_options(
         If a name is unknown, or an option comes twice.
     """
     parameters = _spliced(function.__name__, {one.name: one for one in own}, names, help_texts)
-    shared = [name for name in SHARED_OPTIONS if name in _members([*names, _ALWAYS])]
+    shared = [name for name in SHARED_OPTIONS if name in expanded([*names, _ALWAYS])]
     robot = _of_robot(shared)
 
     @wraps(function)
@@ -251,17 +260,8 @@ def with_shared_options(
     return command
 
 
-def _members(names: Iterable[str]) -> list[str]:
-    """Return names with the options of a group in its place."""
-    groups: dict[str, list[str]] = {}
-    for name, option in SHARED_OPTIONS.items():
-        if option.group is not None:
-            groups.setdefault(option.group, []).append(name)
-    return [member for name in names for member in groups.get(name, [name])]
-
-
 def _of_robot(names: Iterable[str]) -> list[str]:
-    robot = _members([_ROBOT])
+    robot = expanded([_ROBOT])
     return [name for name in names if name in robot]
 
 
@@ -272,7 +272,7 @@ def _spliced(
     help_texts: Mapping[str, str] | None,
 ) -> list[Parameter]:
     """Return the parameters of a command: its own that are not named, and what is named."""
-    ordered = _members([*names, _ALWAYS])
+    ordered = expanded([*names, _ALWAYS])
     for name in ordered:
         if name not in own and name not in SHARED_OPTIONS:
             raise ValueError(f"{command}: no option or group {name!r}")
