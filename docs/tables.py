@@ -1,7 +1,7 @@
 """Write the tables in the documentation that repeat definitions of the code.
 
-Run it as ``python docs/tables.py`` after a change to an option; ``--check`` writes nothing and
-exits with 1 if a page would change.
+Run it as ``python docs/tables.py`` after a change to an option or a stage; ``--check`` writes
+nothing and exits with 1 if a page would change.
 
 A table stands between two comments. The words of the first say what it is made of::
 
@@ -26,8 +26,14 @@ from typing import Any
 
 import typer
 
-from mapdeal.cli.main import COMMANDS, app
+from mapdeal.cli.main import app, command_names
 from mapdeal.cli.shared_options import SHARED_OPTIONS, expanded
+from mapdeal.grid.footprint import Footprint
+from mapdeal.pipeline.products import paths_of
+from mapdeal.pipeline.step import make_step
+from mapdeal.stages.catalogue import STAGES, stage_named
+from mapdeal.stages.definition import Stage
+from mapdeal.stages.parameters import Parameter
 
 DOCS = Path(__file__).parent
 
@@ -122,12 +128,12 @@ def options_of(names: str) -> str:
 
 def shared_options(names: str) -> str:
     """Return the table of shared options, by their names and those of their groups."""
-    having = {name: {one.name: one for one in _parameters(name)} for name in COMMANDS}
+    having = {name: {one.name: one for one in _parameters(name)} for name in command_names()}
     rows = []
     for name in expanded(names.split(", ")):
         if name not in SHARED_OPTIONS:
             raise ValueError(f"no shared option {name!r}")
-        commands = [command for command in COMMANDS if name in having[command]]
+        commands = [command for command in command_names() if name in having[command]]
         same = [having[command][name] for command in commands if _is_shared(having[command][name])]
         rows.append((*_row(same[0]), _listed(commands)))
     return markdown_table(["option", "default", "meaning", "commands"], rows)
@@ -135,7 +141,7 @@ def shared_options(names: str) -> str:
 
 def _listed(commands: list[str]) -> str:
     """Return which commands have something, or which ones do not if these are fewer."""
-    others = [name for name in COMMANDS if name not in commands]
+    others = [name for name in command_names() if name not in commands]
     names = others if len(others) < len(commands) else commands
     listed = ", ".join(f"`{name}`" for name in names)
     if not others:
@@ -204,8 +210,65 @@ def _names(parameter: Any) -> str:
     return ", ".join(f"`{name}`" for name in names)
 
 
+def parameters_of(words: str) -> str:
+    """Return the table of a stage's parameters: of its name, and its model if it has several."""
+    try:
+        stage = stage_named(*words.split())
+    except KeyError:
+        raise ValueError(f"no stage {words!r}") from None
+    return markdown_table(
+        ["parameter", "default", "unit", "meaning"],
+        [
+            (
+                f"`{name}`",
+                _default_of(parameter),
+                parameter.unit.symbol if parameter.unit else "m" * (parameter.kind is Footprint),
+                stage.meanings[name].replace("``", "`"),
+            )
+            for name, parameter in stage.parameters.items()
+        ],
+    )
+
+
+def stages(_: str) -> str:
+    """Return the table of all stages: their files in a run, and the memory that they take."""
+    return markdown_table(
+        ["stage", "model", "files in a folder of outputs", "works on", "bytes a cell in memory"],
+        [
+            (
+                f"`{stage.name}`",
+                f"`{stage.model}`" if stage.model else "",
+                ", ".join(f"`{path.name}`" for path in _files(stage)),
+                "a map or a field" if stage.takes_field else "a map",
+                f"{stage.memory:g}",
+            )
+            for stage in STAGES
+        ],
+    )
+
+
+def _files(stage: Stage) -> list[Path]:
+    step = make_step(stage.name, {"model": stage.model} if stage.model else {})
+    return paths_of(step, Path(), images=True)
+
+
+def _default_of(parameter: Parameter) -> str:
+    default = parameter.default
+    if isinstance(default, bool):
+        return "yes" if default else "no"
+    if default is None:
+        return "none"
+    if isinstance(default, tuple):
+        return ", ".join(str(value) for value in default)
+    others = [f"`{choice}`" for choice in parameter.choices if choice != default]
+    if others:
+        return f"`{default}`, or {' or '.join(others)}"
+    return str(default)
+
+
 PAGES: dict[str, dict[str, MadeTable]] = {
     "cli.md": {"options of": options_of, "shared options": shared_options},
+    "stages.md": {"parameters of": parameters_of, "stages": stages},
 }
 """For each page, what makes a table, by the words that its comment begins with."""
 

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from mapdeal.cli.main import COMMANDS
+from mapdeal.cli.main import command_names
 from mapdeal.cli.shared_options import SHARED_OPTIONS
+from mapdeal.stages.catalogue import STAGES
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -72,6 +73,12 @@ def test_every_link_leads_somewhere(page):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: f"{stage.name} {stage.model or ''}")
+def test_every_stage_has_its_parameters_in_the_docs(stage):
+    words = " ".join(filter(None, ("parameters of", stage.name, stage.model)))
+    assert f"<!-- {words} -->" in (ROOT / "docs" / "stages.md").read_text()
+
+
 def test_ci_runs_the_two_commands_as_readme_prints_them():
     set_ups = [block.strip() for block in _blocks(ROOT / "README.md", "sh")][:2]
     lines = (ROOT / ".ci" / "run").read_text().splitlines()
@@ -128,6 +135,6 @@ def test_a_pipe_in_a_cell_is_escaped(tables):
 def test_every_option_is_in_a_table():
     text = (ROOT / "docs" / "cli.md").read_text()
     told = " ".join(re.findall("<!-- options of (.*) -->", text)).replace(",", "").split()
-    assert set(told) >= set(COMMANDS)
+    assert set(told) >= set(command_names())
     for name in SHARED_OPTIONS:
         assert f"`--{name.replace('_', '-')}" in text

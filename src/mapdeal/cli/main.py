@@ -45,6 +45,13 @@ _INTERRUPTED, _INTERNAL = 130, 70
 _EPOCH = "SOURCE_DATE_EPOCH"
 
 
+def command_names() -> list[str]:
+    """Return the names of all commands, in the order of ``--help``."""
+    from mapdeal.stages.catalogue import STAGE_NAMES  # which loads numpy
+
+    return [*_MAKERS, *STAGE_NAMES, *_OTHERS]
+
+
 class _ReaderGoneError(Exception):
     """Whoever read our output has seen enough."""
 
@@ -72,9 +79,7 @@ class _LazyGroup(TyperGroup):
     """
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - click's signature
-        from mapdeal.stages.catalogue import STAGE_NAMES
-
-        return [*_MAKERS, *STAGE_NAMES, *_OTHERS]
+        return command_names()
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 - click's signature
         if cmd_name in self.commands:
@@ -82,9 +87,7 @@ class _LazyGroup(TyperGroup):
         if cmd_name in (*_MAKERS, *_OTHERS):
             app = import_module(f"mapdeal.cli.{cmd_name}").app
         else:
-            from mapdeal.stages.catalogue import STAGE_NAMES
-
-            if cmd_name not in STAGE_NAMES:
+            if cmd_name not in command_names():
                 return None
             from mapdeal.cli.stage_command import stage_app
 
