@@ -17,7 +17,6 @@ from drawn import cells
 from mapdeal import MalformedInputError, read_map
 from mapdeal.formats.image import read_image, read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS, IMAGE_SUFFIXES
-from mapdeal.formats.maps import read_header
 
 ROOT = Path(__file__).parents[2]
 PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)
@@ -158,7 +157,7 @@ def test_the_default_limit_is_the_formats_own(tmp_path, monkeypatch, name, encod
 def test_an_image_alone_is_refused_by_its_name(tmp_path, suffix):
     (tmp_path / f"m{suffix}").write_bytes(b"")
     with pytest.raises(MalformedInputError, match="looks like an image"):
-        read_header(tmp_path / f"m{suffix}")
+        read_map(tmp_path / f"m{suffix}")
 
 
 @pytest.mark.parametrize("read", [read_image, read_image_size])
