@@ -119,9 +119,11 @@ def test_the_shape_is_told_from_the_header_alone(tmp_path, recwarn):
     with open(tmp_path / "map.pgm", "r+b") as file:
         file.truncate(2_000_000_019)  # sparse: nobody reads it
     assert shape_by_rows(path) == (40000, 50000)
-    with open_map(path) as file:
+    with open_map(path, max_cells=2_000_000_000) as file:
         assert file.shape() == (40000, 50000)
     assert not recwarn.list
+    with open_map(path) as file, pytest.raises(MalformedInputError, match="2000000000 cells"):
+        file.shape()
 
 
 def test_checksums_are_of_the_bytes_that_were_read(tmp_path):
