@@ -31,7 +31,7 @@ from mapdeal.cli.shared_options import SHARED_OPTIONS, expanded
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.products import paths_of
 from mapdeal.pipeline.step import make_step
-from mapdeal.stages.catalogue import STAGES, stage_named
+from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, stage_named
 from mapdeal.stages.definition import Stage
 from mapdeal.stages.parameters import Parameter
 
@@ -266,8 +266,19 @@ def _default_of(parameter: Parameter) -> str:
     return str(default)
 
 
+def stage_commands(_: str) -> str:
+    """Return the table of the commands that run one stage."""
+    first = {stage.name: stage for stage in reversed(STAGES)}
+    rows = [(f"`{name}`", first[name].summary) for name in STAGE_NAMES]
+    return markdown_table(["command", "what it does"], rows)
+
+
 PAGES: dict[str, dict[str, MadeTable]] = {
-    "cli.md": {"options of": options_of, "shared options": shared_options},
+    "cli.md": {
+        "options of": options_of,
+        "shared options": shared_options,
+        "stage commands": stage_commands,
+    },
     "stages.md": {"parameters of": parameters_of, "stages": stages},
 }
 """For each page, what makes a table, by the words that its comment begins with."""

@@ -135,6 +135,7 @@ def test_a_pipe_in_a_cell_is_escaped(tables):
 def test_every_option_is_in_a_table():
     text = (ROOT / "docs" / "cli.md").read_text()
     told = " ".join(re.findall("<!-- options of (.*) -->", text)).replace(",", "").split()
-    assert set(told) >= set(command_names())
+    of_stages = {stage.name for stage in STAGES}  # these are in stages.md
+    assert set(told) >= set(command_names()) - of_stages
     for name in SHARED_OPTIONS:
         assert f"`--{name.replace('_', '-')}" in text

@@ -21,7 +21,7 @@ from whole_process import measure
 HERE = Path(__file__).parent
 SIDES = [1000, 2000, 4000, 8000, 16000, 20000, 30000]
 LARGEST_OF_PEER = 8000
-SMALLEST_BY_SLABS = 16000
+SMALLEST_IN_BLOCKS = 16000
 PLENTY = "1TB"
 
 
@@ -34,7 +34,7 @@ def commands(side: int, source: Path, output: Path, memory: str) -> dict[str, li
         "esdf -o .npy": [*esdf, "--max-memory", PLENTY],
         "run": [*run, "--max-memory", PLENTY],
     }
-    if side >= SMALLEST_BY_SLABS:
+    if side >= SMALLEST_IN_BLOCKS:
         made[f"esdf -o .npy, --max-memory {memory}"] = [*esdf, "--max-memory", memory]
         made[f"run, --max-memory {memory}"] = [*run, "--max-memory", memory]
     if side <= LARGEST_OF_PEER:
@@ -57,11 +57,11 @@ def plot(results: Results, path: Path) -> None:
     colours = {"esdf": "tab:blue", "run": "tab:red", "OpenCV script": "tab:gray"}
     for name, by_side in results.items():
         sides = sorted(by_side)
-        by_slabs = "--max-memory" in name
+        in_blocks = "--max-memory" in name
         style = {
             "color": colours[name if name in colours else name.split()[0].rstrip(",")],
-            "linestyle": "--" if by_slabs else "-",
-            "marker": "s" if by_slabs else "o",
+            "linestyle": "--" if in_blocks else "-",
+            "marker": "s" if in_blocks else "o",
             "markersize": 4,
             "label": name,
         }

@@ -152,7 +152,7 @@ def test_a_dry_run_tells_what_the_run_then_does_and_writes_nothing(command, maps
         assert changed - {"o/summary.json"} == written
     else:
         assert changed - {"o/summary.json"} <= written
-    assert ("in slabs" in out) == ("--max-memory" in more)
+    assert ("in blocks" in out) == ("--max-memory" in more)
 
 
 def test_a_dry_run_of_one_map_ends_as_its_run_would(command, maps, tmp_path):

@@ -232,7 +232,7 @@ def test_a_worker_that_comes_later_with_another_version_does_no_job(tmp_path):
 
 
 @needs_proc
-def test_a_field_is_computed_by_workers_slab_by_slab_and_one_may_be_killed(dask, tmp_path):
+def test_a_field_is_computed_by_workers_block_by_block_and_one_may_be_killed(dask, tmp_path):
     rng = np.random.default_rng(5)
     cells = np.where(rng.random((2903, 3011)) < 0.0005, 100, 0).astype(np.int8)
     cells[rng.random(cells.shape) < 0.01] = -1

@@ -44,7 +44,7 @@ def building(tmp_path_factory):
 
 @pytest.fixture
 def blocks_used(monkeypatch):
-    """The heights of slabs of all maps that are opened to be worked on by slabs."""
+    """The heights of blocks of all maps that are opened to be processed in blocks."""
     used = []
     real = MapFile.by_rows
 
@@ -63,18 +63,18 @@ def contents(folder):
 @pytest.mark.parametrize("memory", [LITTLE, LESS])
 @pytest.mark.parametrize("recipe", ["default", "nav2", "seed-real", "seed-sim"])
 def test_run(command, building, tmp_path, blocks_used, recipe, memory):
-    for name, size in (("whole", PLENTY), ("slabs", memory)):
+    for name, size in (("whole", PLENTY), ("blocks", memory)):
         code, out, err = command(
             "run", building, "-o", tmp_path / name, "--recipe", recipe, "--threads", 2,
             "--max-memory", size,
         )  # fmt: skip
         assert (code, err) == (0, "")
         assert out.replace(str(tmp_path / name), "") != out
-        assert bool(blocks_used) == (name == "slabs")
+        assert bool(blocks_used) == (name == "blocks")
     assert blocks_used[0] < 100
-    whole, slabs = contents(tmp_path / "whole"), contents(tmp_path / "slabs")
-    assert whole.keys() == slabs.keys()
-    assert [name for name in whole if whole[name] != slabs[name]] == []
+    whole, blocks = contents(tmp_path / "whole"), contents(tmp_path / "blocks")
+    assert whole.keys() == blocks.keys()
+    assert [name for name in whole if whole[name] != blocks[name]] == []
 
 
 STAGES = [
@@ -94,15 +94,15 @@ STAGES = [
 @pytest.mark.parametrize(("stage", "ending", "options"), STAGES)
 def test_stages(command, building, tmp_path, blocks_used, monkeypatch, stage, ending, options):
     monkeypatch.setattr(memory, "_READ", 50.0)  # so that every stage takes more than there is
-    for name, size in (("whole", PLENTY), ("slabs", LITTLE)):
+    for name, size in (("whole", PLENTY), ("blocks", LITTLE)):
         (tmp_path / name).mkdir()
         code, _, err = command(
             stage, building, "-o", tmp_path / name / f"out{ending}", *options, "--threads", 2,
             "--image", tmp_path / name / "out.png", "--max-memory", size,
         )  # fmt: skip
         assert code == 0, err
-        assert bool(blocks_used) == (name == "slabs")
-    assert contents(tmp_path / "whole") == contents(tmp_path / "slabs")
+        assert bool(blocks_used) == (name == "blocks")
+    assert contents(tmp_path / "whole") == contents(tmp_path / "blocks")
 
 
 def test_maps_that_are_no_p5_are_read_whole_and_processed_block_by_block(

@@ -88,7 +88,7 @@ def test_options_become_settings():
     _run(draw, "a.yaml", "--image", "a.png", "--dialect", "ros1", "--max-cells", "9", "--force",
          "--threads", "2", "--max-memory", "3K", "--image-max", "7", "--no-images")  # fmt: skip
     expected = Settings(
-        "ros1", 9, True, 2, 3072, Path("a.png"), False, 7, progress=terminal.slabs_done
+        "ros1", 9, True, 2, 3072, Path("a.png"), False, 7, progress=terminal.blocks_done
     )
     assert seen == [(Path("a.yaml"), expected)]
 
@@ -101,7 +101,7 @@ def test_options_that_are_not_given_leave_the_defaults():
         seen.append(settings)
 
     _run(draw)
-    assert seen == [Settings(progress=terminal.slabs_done)]
+    assert seen == [Settings(progress=terminal.blocks_done)]
 
 
 def test_robot_options_become_a_footprint():
@@ -185,7 +185,7 @@ def test_own_options_can_be_made():
     )
     command = with_shared_options(grow, [radius], ["robot", "radius", "force"])
     _run(command, "--radius", "0.5", "--force", "--robot-radius", "1")
-    expected = Settings(force=True, progress=terminal.slabs_done)
+    expected = Settings(force=True, progress=terminal.blocks_done)
     circle = Footprint.circle(1.0)
     assert seen == [{"radius": 0.5, "settings": expected, "footprint": circle}]
     assert (command.__name__, command.__doc__) == ("grow", "Grow obstacles.")

@@ -38,7 +38,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
     help_texts={
         "threads": "Threads of each job.  [default: all processors, shared out]",
         "max_memory": "Memory that each job may take, like 4G or 500M; maps that need more are "
-        "worked on by slabs of rows.  [default: half of what is free, shared out]",
+        "processed in blocks of rows.  [default: half of what is free, shared out]",
     },
 )  # fmt: skip
 def run(

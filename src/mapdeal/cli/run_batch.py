@@ -55,7 +55,7 @@ def run_single(job: Job, run: MapRun, workers: Workers | None) -> None:
         If it failed.
     """
     if workers is None:
-        settings = replace(run.settings, progress=terminal.slabs_done)
+        settings = replace(run.settings, progress=terminal.blocks_done)
         terminal.summary(lines_of(job.path, replace(run, settings=settings)(job)))
         return
     outcomes: list[Outcome] = []
@@ -201,7 +201,7 @@ def _planned(plan: Plan) -> tuple[str, ...]:
     files = str(len(plan.writes)) if plan.writes else "-"
     memory = "-" if plan.need is None else _shown(plan.need.memory)
     if plan.need is not None and plan.need.by_blocks:
-        memory += " in slabs"
+        memory += " in blocks"
     where = f"{plan.job.name} -> {plan.job.folder}"
     return plan.what, files, _size(plan.height, plan.width), memory, where
 

@@ -121,8 +121,8 @@ SHARED_OPTIONS = {
         str | None,
         typer.Option(
             metavar="SIZE",
-            help="Memory to take, like 4G or 500M; maps that need more are worked on by slabs of "
-            "rows.  [default: half of what is free]",
+            help="Memory to take, like 4G or 500M; maps that need more are processed in blocks "
+            "of rows.  [default: half of what is free]",
         ),
         field="max_memory",
         value_of=lambda text: None if text is None else size_of(text, "--max-memory"),
@@ -311,4 +311,4 @@ def _settings_of(given: Mapping[str, Any]) -> Settings:
         option = SHARED_OPTIONS[name]
         if option.field is not None:
             fields[option.field] = option.value_of(value) if option.value_of else value
-    return Settings(**fields, progress=terminal.slabs_done)
+    return Settings(**fields, progress=terminal.blocks_done)

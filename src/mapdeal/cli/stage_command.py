@@ -41,7 +41,7 @@ _SCHEDULER = Annotated[
     str | None,
     typer.Option(
         metavar="tcp://HOST:PORT",
-        help="Have the workers of this dask scheduler compute an .npy, each some slabs of rows at "
+        help="Have the workers of this dask scheduler compute an .npy, each some blocks of rows at "
         "a time.  [needs mapdeal[cluster]]",
     ),
 ]

@@ -178,9 +178,9 @@ def progress(length: int, what: str | None = None) -> Progress:
 
 
 @contextmanager
-def slabs_done(steps: int) -> Iterator[Callable[[int], object]]:
-    """Show how far the work is on a map that goes by slabs; give what takes some of the steps."""
-    detail("goes by slabs of rows")
+def blocks_done(steps: int) -> Iterator[Callable[[int], object]]:
+    """Show the progress of a map that is processed in blocks; give what takes some of the steps."""
+    detail("processed in blocks of rows")
     with progress(steps) as bar:
         yield bar.advance
 

@@ -1,0 +1,52 @@
+"""The memory that a stage's record promises is enough: the peak of its command, measured.
+
+Too little, and a map that was said to fit would not. Processes of their own are measured, since a
+peak is never taken back.
+"""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from mapdeal import OccupancyGrid, write_map
+from mapdeal.kernels.engine import engine_name
+from mapdeal.pipeline.memory import bytes_in_memory
+from mapdeal.pipeline.step import make_step
+from mapdeal.stages.catalogue import STAGES
+
+SIDES = (1500, 1800)
+
+# The peak of a process begins with that of its parent: this one is small.
+MEASURE = """
+import os, subprocess, sys
+process = subprocess.Popen([sys.executable, *sys.argv[1:]])
+_, status, usage = os.wait4(process.pid, 0)
+print(usage.ru_maxrss)
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    values = np.zeros(SIDES, np.int8)
+    values[::50, 7::70] = 100
+    values[:, -300:] = -1
+    path = tmp_path_factory.mktemp("maps") / "site.yaml"
+    write_map(path, OccupancyGrid(values, 0.05, (1.5, -2.0, 0.4)))
+    return path
+
+
+@pytest.mark.skipif(engine_name() != "compiled", reason="the records are of the compiled kernels")
+@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: f"{stage.name} {stage.model or ''}")
+def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stage):
+    model = {"model": stage.model} if stage.model else {}
+    options = [word for name, value in model.items() for word in (f"--{name}", value)]
+    measured = subprocess.run(
+        [sys.executable, "-c", MEASURE, "-m", "mapdeal", stage.name, str(site), "-q",
+         "-o", str(tmp_path / "out.npz"), *options, "--threads", "2"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    promised = bytes_in_memory(SIDES, [make_step(stage.name, model)], None)
+    assert int(measured.stdout) * 1024 < promised
