@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +41,14 @@ class Source:
         All files that were read, the named one first.
     metadata : MapMetadata, optional
         What the YAML file said, if there is one.
+    sums : mapping of str to str
+        The names of the files and the sha256 of what was read of them, if it was asked for.
     """
 
     grid: Grid
     files: tuple[Path, ...]
     metadata: MapMetadata | None = None
+    sums: Mapping[str, str] = field(default_factory=dict)
 
 
 class MapFile:

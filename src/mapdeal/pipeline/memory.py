@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +12,6 @@ import numpy as np
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.free_memory import free_memory
 from mapdeal.formats.maps import MapFile, Source, open_map
-from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import sha256_of, sums_of_reads
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.blocks import CacheBudget, lazy_layer
@@ -91,25 +90,6 @@ def _base(shape: tuple[int, int], image_max: int | None) -> int:
     return base + _PER_PIXEL * -(-height // step) * -(-width // step)
 
 
-@dataclass(frozen=True)
-class OpenedMap:
-    """A map that stages can be applied to, whole or block by block.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid, Costmap, DistanceField or PotentialField
-        The cells.
-    files : tuple of Path
-        All files that hold it, the named one first.
-    sums : mapping of str to str
-        The names of the files and the sha256 of what was read of them, if it was asked for.
-    """
-
-    grid: Grid
-    files: tuple[Path, ...]
-    sums: Mapping[str, str]
-
-
 @contextmanager
 def opened_map(
     path: Path,
@@ -118,7 +98,7 @@ def opened_map(
     *,
     image_max: int | None,
     with_sums: bool = False,
-) -> Iterator[OpenedMap]:
+) -> Iterator[Source]:
     """Open a map to which stages are to be applied: in memory if it fits, else block by block.
 
     Parameters
@@ -151,7 +131,7 @@ def opened_map(
             for one in set(source.files) - sums.keys():  # not read whole, or not by `read_file`
                 sums[one] = file.sum_of_pixels() or sha256_of(one)
         named = {one.name: sums[one] for one in source.files if one in sums}
-        yield OpenedMap(source.grid, source.files, named)
+        yield replace(source, sums=named)
 
 
 def _read(

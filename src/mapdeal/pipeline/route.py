@@ -148,7 +148,7 @@ def _recipe_for(footprint: Footprint | None) -> Recipe:
     cost = recipe.steps[-1].parameters
     beyond = cost["inflation_radius"] - cost["inscribed_radius"]
     reach = max(footprint.inscribed_radius + beyond, footprint.circumscribed_radius)
-    setting = f"cost.inflation_radius={max(cost['inflation_radius'], reach)!r}"
+    setting = f"{recipe.steps[-1].name}.inflation_radius={max(cost['inflation_radius'], reach)!r}"
     return load_recipe(_RECIPE, footprint=footprint, settings=[setting])
 
 

@@ -146,10 +146,8 @@ class Stage:
         object.__setattr__(self, "product", self.product or self.name)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Go to other processes as a name: functions without one cannot be sent."""
-        from mapdeal.stages.catalogue import stage_named
-
-        return stage_named, (self.name, self.model)
+        """Go to other processes as the function's name: the rest is known there."""
+        return stage_of, (self.function,)
 
     @functools.cached_property
     def own_parameters(self) -> dict[str, Parameter]:
@@ -208,6 +206,11 @@ def stage(
         return wrapped
 
     return made
+
+
+def stage_of(function: Callable[..., Any]) -> Stage:
+    """Return the record of a stage's function."""
+    return _STAGES[function]
 
 
 def stages_among(values: Mapping[str, object]) -> tuple[Stage, ...]:
