@@ -19,7 +19,6 @@ Everything public is loaded on first use, so that ``import mapdeal`` costs nothi
 
 from __future__ import annotations
 
-import ast
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -31,6 +30,8 @@ from mapdeal.version import __version__ as __version__
 @cache
 def _homes() -> dict[str, str]:
     """Return the module of each public name, from the imports of the stub beside this file."""
+    import ast  # costs as much as a small command's own modules
+
     homes: dict[str, str] = {}
     for node in ast.parse(Path(__file__).with_suffix(".pyi").read_text("utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.module:
