@@ -264,10 +264,10 @@ def _cut(
 def too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
     """Return the error of a map that takes more memory than it may."""
     height, width = shape
-    rule = f"{width} x {height} cells need {_told(needed)} of memory, {_told(budget)} may be taken"
+    rule = f"{width} x {height} cells need {_as_text(needed)} of memory, {_as_text(budget)} may be taken"
     hint = "raise --max-memory if there is more; .pgm maps take least"
     return MalformedInputError(rule, source=path, hint=hint)
 
 
-def _told(count: int) -> str:
+def _as_text(count: int) -> str:
     return f"{count / 1e9:.3g} GB" if count >= 1e9 else f"{count / 1e6:.3g} MB"
