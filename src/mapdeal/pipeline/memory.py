@@ -264,7 +264,8 @@ def _cut(
 def too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
     """Return the error of a map that takes more memory than it may."""
     height, width = shape
-    rule = f"{width} x {height} cells need {_as_text(needed)} of memory, {_as_text(budget)} may be taken"
+    amounts = f"{_as_text(needed)} of memory, {_as_text(budget)} may be taken"
+    rule = f"{width} x {height} cells need {amounts}"
     hint = "raise --max-memory if there is more; .pgm maps take least"
     return MalformedInputError(rule, source=path, hint=hint)
 
