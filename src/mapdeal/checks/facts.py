@@ -18,7 +18,7 @@ from mapdeal.formats.dialects import DIALECTS
 from mapdeal.formats.image import read_image
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 from mapdeal.formats.map_server import find_image, warn_of_lost_values
-from mapdeal.formats.map_yaml import Dialect, MapMetadata, read_metadata
+from mapdeal.formats.map_yaml import Dialect, MapMetadata, metadata_of
 from mapdeal.formats.npz import read_npz
 from mapdeal.formats.picture import Picture
 from mapdeal.formats.source import head_of
@@ -151,7 +151,7 @@ def gather(
 
 def _read_pair(path: Path, max_cells: int | None) -> PairFacts:
     entries = read_mapping(path)
-    metadata = read_metadata(path, mend=True)
+    metadata = metadata_of(entries, path, mend=True)
     image_path = find_image(path, metadata.image)
     picture = read_image(image_path, max_cells=max_cells)
     comments = IMAGE_FORMATS[picture.file_format].comments(head_of(image_path, _HEAD))

@@ -81,7 +81,13 @@ def read_metadata(path: Path, *, dialect: Dialect = "nav2", mend: bool = False) 
     MapdealWarning
         If a key that ROS requires had to be filled in, or a value reads differently elsewhere.
     """
-    entries = read_mapping(path)
+    return metadata_of(read_mapping(path), path, dialect=dialect, mend=mend)
+
+
+def metadata_of(
+    entries: dict[str, Entry], path: Path, *, dialect: Dialect = "nav2", mend: bool = False
+) -> MapMetadata:
+    """Return what the entries of a map's YAML file say, checked; see `read_metadata`."""
     missing = [key for key in _REQUIRED if key not in entries]
     if missing:
         rule = f"missing key{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
