@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.dialects import DIALECTS
 from mapdeal.formats.image import read_image
-from mapdeal.formats.map_yaml import Dialect, MapMetadata, read_metadata
+from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture, Samples
 from mapdeal.formats.pixel_rows import PixelRows
 from mapdeal.formats.source import exists
@@ -23,34 +22,21 @@ from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.blocks import CacheBudget, lazy_layer
 
 
-@dataclass(frozen=True)
-class MapPair:
-    """A map read from a pair of files, with what the files said beside the cells.
+def read_cells(
+    metadata: MapMetadata,
+    image_path: Path,
+    *,
+    dialect: Dialect = "nav2",
+    max_cells: int | None = None,
+) -> OccupancyGrid | Costmap:
+    """Return the map in an image, given what its YAML file says.
 
     Parameters
     ----------
-    grid : OccupancyGrid or Costmap
-        The cells; a costmap where the YAML carries ``cost_scale``.
     metadata : MapMetadata
-        The YAML file.
-    files : tuple of Path
-        The YAML file and the image.
-    """
-
-    grid: OccupancyGrid | Costmap
-    metadata: MapMetadata
-    files: tuple[Path, Path]
-
-
-def read_pair(
-    path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
-) -> MapPair:  # fmt: skip
-    """Return the map that a YAML file and its image hold.
-
-    Parameters
-    ----------
-    path : Path
-        The YAML file.
+        The YAML file; with ``cost_scale`` the image holds costs.
+    image_path : Path
+        The image.
     dialect : {'nav2', 'humble', 'ros1'}
         Whose reading of pixels to follow.
     max_cells : int, optional
@@ -59,29 +45,14 @@ def read_pair(
     Raises
     ------
     FileAccessError
-        If one of the files cannot be read.
+        If the image cannot be read.
     MalformedInputError
-        If one of them is malformed.
+        If it is malformed.
     """
-    metadata = read_metadata(path, dialect=dialect)
-    image_path = find_image(path, metadata.image)
-    return read_cells(path, metadata, image_path, dialect=dialect, max_cells=max_cells)
-
-
-def read_cells(
-    path: Path,
-    metadata: MapMetadata,
-    image_path: Path,
-    *,
-    dialect: Dialect = "nav2",
-    max_cells: int | None = None,
-) -> MapPair:
-    """Return the map in an image, given what its YAML file says; see `read_pair`."""
     picture = read_image(image_path, max_cells=max_cells)
     if metadata.cost_scale is not None:
         cost = np.ascontiguousarray(_costs_of(picture, image_path)[::-1])
-        costmap = Costmap(cost, metadata.resolution, metadata.origin)
-        return MapPair(costmap, metadata, (path, image_path))
+        return Costmap(cost, metadata.resolution, metadata.origin)
     if dialect == "ros1" and picture.colour == "palette":
         text = f"{image_path}: ROS 1 reads indices of the palette, not colours"
         warnings.warn(MapdealWarning(text, "image.palette"), stacklevel=2)
@@ -89,8 +60,7 @@ def read_cells(
     occupancy = np.ascontiguousarray(DIALECTS[dialect](picture.from_the_south(), metadata))
     if metadata.mode == "raw":
         warn_of_lost_values(picture, image_path)
-    grid = OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
-    return MapPair(grid, metadata, (path, image_path))
+    return OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
 
 
 def lazy_cells(

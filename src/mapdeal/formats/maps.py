@@ -125,14 +125,10 @@ class MapFile:
         """
         if self.metadata is None or self._image is None:
             return Source(read_npz(self.path, max_cells=self._max_cells), self.files)
-        pair = read_cells(
-            self.path,
-            self.metadata,
-            self._image,
-            dialect=self._dialect,
-            max_cells=self._max_cells,
+        grid = read_cells(
+            self.metadata, self._image, dialect=self._dialect, max_cells=self._max_cells
         )
-        return Source(pair.grid, pair.files, pair.metadata)
+        return Source(grid, self.files, self.metadata)
 
     def by_rows(
         self,
