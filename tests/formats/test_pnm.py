@@ -123,7 +123,7 @@ def test_any_bytes_give_a_picture_or_a_clear_error(data, start):
             assert picture.samples.size > 0
 
 
-def test_what_is_written_reads_back(tmp_path):
+def test_what_is_written_from_the_south_reads_back_from_the_north(tmp_path):
     with (tmp_path / "map.pgm").open("wb") as file:
-        write_pgm(file, PIXELS, comment="CREATOR: mapdeal 0.05 m/pix")
+        write_pgm(file, PIXELS[::-1], comment="CREATOR: mapdeal 0.05 m/pix")
     assert np.array_equal(decode((tmp_path / "map.pgm").read_bytes()).samples, PIXELS)

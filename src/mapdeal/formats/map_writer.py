@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.formats.map_yaml import MapMetadata, Mode, yaml_of
 from mapdeal.formats.png import write_grey_png, write_rgba_png
-from mapdeal.formats.pnm import write_pgm_from_south
+from mapdeal.formats.pnm import write_pgm
 from mapdeal.formats.temporary import Writer
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
@@ -153,7 +153,7 @@ def _pixel_writer(image: Path, pixels: Layer, grid: Framed) -> Writer:
     if image.suffix == ".png":
         whole = pixels[:]  # as for pictures: no larger than fits
         return lambda file: write_grey_png(file, np.ascontiguousarray(whole[::-1]))
-    return lambda file: write_pgm_from_south(file, pixels, comment=comment)
+    return lambda file: write_pgm(file, pixels, comment=comment)
 
 
 def _published_pixels(costmap: Costmap) -> Layer:

@@ -203,20 +203,13 @@ def pnm_size(head: bytes, source: Path, max_cells: int) -> tuple[int, int]:
     return header.height, header.width
 
 
-def write_pgm(file: BinaryIO, pixels: NDArray[np.uint8], *, comment: str = "") -> None:
-    """Write a P5 file of 8-bit pixels, shape (H, W), row 0 in the north."""
-    height, width = pixels.shape
-    _write_pgm_header(file, (height, width), comment)
-    _write_rows(file, pixels)
-
-
 def write_pbm(file: BinaryIO, packed: NDArray[np.uint8], width: int) -> None:
     """Write a P4 file of packed bits, shape (H, ceil(W / 8)), row 0 in the north, 1 black."""
     file.write(f"P4\n{width} {len(packed)}\n".encode())
     _write_rows(file, packed)
 
 
-def write_pgm_from_south(file: BinaryIO, pixels: Layer, *, comment: str = "") -> None:
+def write_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> None:
     """Write a P5 file of 8-bit pixels, shape (H, W), row 0 in the south."""
     height, width = pixels.shape
     _write_pgm_header(file, (height, width), comment)
