@@ -29,30 +29,41 @@ from mapdeal.version import __version__ as __version__
 
 @cache
 def _homes() -> dict[str, str]:
-    """Return the module of each public name, from the imports of the stub beside this file."""
+    """Return the module of each name that the stub beside this file imports.
+
+    A module of which it imports all stands under its own name.
+    """
     import ast  # costs as much as a small command's own modules
 
-    homes: dict[str, str] = {}
-    for node in ast.parse(Path(__file__).with_suffix(".pyi").read_text("utf-8")).body:
-        if isinstance(node, ast.ImportFrom) and node.module:
-            for alias in node.names:
-                names = [alias.name]
-                if alias.name == "*":
-                    public = vars(import_module(node.module))
-                    names = [name for name in public if not name.startswith("_")]
-                homes |= dict.fromkeys(names, node.module)
-    return homes
+    tree = ast.parse(Path(__file__).with_suffix(".pyi").read_text("utf-8"))
+    imports = (node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module)
+    pairs = ((alias.name, str(node.module)) for node in imports for alias in node.names)
+    return {module if name == "*" else name: module for name, module in pairs}
+
+
+def _home_of(name: str) -> str | None:
+    """Return the module of a public name, None if there is none."""
+    if name in _homes():
+        return _homes()[name]
+    whole = (module for one, module in _homes().items() if one == module)
+    return next((module for module in whole if name in _names_in(module)), None)
+
+
+def _names_in(module: str) -> list[str]:
+    return [name for name in vars(import_module(module)) if not name.startswith("_")]
 
 
 def __getattr__(name: str) -> Any:
     if name == "__all__":
-        return sorted(_homes())
-    if name.startswith("__") or name not in _homes():
+        return __dir__()
+    home = None if name.startswith("__") else _home_of(name)
+    if home is None:
         raise AttributeError(f"module 'mapdeal' has no attribute {name!r}")
-    value = getattr(import_module(_homes()[name]), name)
+    value = getattr(import_module(home), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted(_homes())
+    named = (_names_in(module) if name == module else [name] for name, module in _homes().items())
+    return sorted(name for names in named for name in names)

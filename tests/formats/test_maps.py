@@ -25,6 +25,7 @@ from mapdeal import (
     write_map,
 )
 from mapdeal.formats.maps import open_map, read_source
+from mapdeal.stages.catalogue import STAGES
 from strategies import occupancies
 
 IN_A_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -179,6 +180,17 @@ def test_importing_the_package_imports_nothing_large():
     code = "import sys, mapdeal; print('numpy' in sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout == "False\n"
+
+
+def test_names_that_need_no_numpy_do_not_load_it():
+    code = "import sys, mapdeal; mapdeal.ParameterError; print('numpy' in sys.modules)"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout == "False\n"
+
+
+def test_every_stage_is_public():
+    assert {stage.function.__name__ for stage in STAGES} <= set(mapdeal.__all__)
+    assert all(getattr(mapdeal, one.function.__name__) is one.function for one in STAGES)
 
 
 def test_every_public_name_is_there():
