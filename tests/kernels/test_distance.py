@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from engines import needs_compiled
 from mapdeal.errors import ParameterError
-from mapdeal.kernels import engine, scipy_distance
+from mapdeal.kernels import engine
 from mapdeal.kernels.distance import (
     bytes_by_distance,
     signed_distance,
@@ -212,55 +211,6 @@ def test_the_input_is_not_touched_and_may_be_any_view():
     bytes_by_distance(marked, np.zeros(5, dtype=np.uint8))
     assert np.array_equal(signed_squared_distance(marked), signed_squared_distance(before))
     assert np.array_equal(marked, before)
-
-
-@needs_compiled
-class TestTwins:
-    """The compiled kernels give the bytes of scipy's."""
-
-    @staticmethod
-    def check(marked, scale, limit, table):
-        from mapdeal.kernels import compiled_distance
-
-        metric = {
-            "scale": scale,
-            "outside_shift": -0.5 * scale,
-            "inside_shift": scale,
-            "clip": scale * 7.3,
-            "gain": 1.7,
-        }
-        for name, arguments in [
-            ("squares", {"both_kinds": True, "limit": None}),
-            ("squares", {"both_kinds": False, "limit": None}),
-            ("squares", {"both_kinds": True, "limit": limit}),
-            ("metres", metric),
-            ("metres", metric | {"clip": math.inf, "gain": 1.0}),
-            ("bytes_of_squares", {"table": table}),
-        ]:
-            ours = getattr(compiled_distance, name)(marked, **arguments)
-            twin = getattr(scipy_distance, name)(marked, **arguments)
-            assert bits(ours) == bits(twin), name
-
-    @given(
-        st.integers(1, 64),
-        st.integers(1, 64),
-        st.floats(0, 1),
-        st.integers(0, 2**32),
-        st.floats(1e-3, 10),
-        st.integers(0, 5000),
-    )
-    def test_on_random_cells(self, height, width, density, seed, scale, limit):
-        rng = np.random.default_rng(seed)
-        marked = rng.random((height, width)) < density
-        table = rng.integers(0, 256, 2 + limit // 7, dtype=np.uint8)
-        self.check(marked, scale, limit, table)
-
-    @pytest.mark.parametrize("density", [0.0, 1e-6, 1e-4, 0.1, 0.9, 0.9999])
-    def test_on_2000_x_2000_cells(self, density):
-        rng = np.random.default_rng(7)
-        marked = rng.random((2000, 2000)) < density
-        marked[:500, 200:1300] = density > 0.5
-        self.check(marked, 0.05, 40_000, rng.integers(0, 256, 40_002, dtype=np.uint8))
 
 
 def test_the_environment_chooses_the_engine(monkeypatch, each_engine):
