@@ -12,6 +12,7 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
+from mapdeal.cli.run_batch import lines_of_stages
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import BatchError, MapdealError, ParameterError
 from mapdeal.grid.footprint import Footprint
@@ -19,7 +20,6 @@ from mapdeal.grid.framed import Figures
 from mapdeal.mapping.local_map import CloudFrame, LocalOptions
 from mapdeal.mapping.poses import check_pose
 from mapdeal.pipeline.batch import run_all
-from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.jobs import SUMMARY, Job, Outcome
 from mapdeal.pipeline.local import (
     LOCAL_RECIPE,
@@ -179,11 +179,7 @@ def _lines(cloud: Path, report: RunReport) -> list[str]:
     head = f"{cloud} -> {report.folder}: "
     if report.status == "unchanged":
         return [f"{head}unchanged"]
-    lines = [f"{head}{_summary_of(local)}"]
-    for stage, figures in report.figures.items():
-        size = f"{figures['width']} x {figures['height']}"
-        lines.append(f"  {stage:<8} {size} cells, {summary_of(figures)}")
-    return lines
+    return [f"{head}{_summary_of(local)}", *lines_of_stages(report)]
 
 
 def _summary_of(local: Figures) -> str:

@@ -95,6 +95,8 @@ class _LazyGroup(TyperGroup):
         collect_from_here()
         command = typer.main.get_command(app)
         command.name = cmd_name
+        first, _, _ = (command.help or "").partition("\n\n")
+        command.short_help = " ".join(first.split())  # else it is cut off in the list
         command.context_settings["help_option_names"] = ["-h", "--help"]
         self.commands[cmd_name] = command
         return command

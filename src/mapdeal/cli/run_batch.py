@@ -18,6 +18,7 @@ from mapdeal.pipeline.plan import Plan, plan_of
 from mapdeal.pipeline.run import RunReport
 
 _LONGEST_REASON = 100
+_LEAST_COLUMN = 8
 _MIB = 1 << 20
 
 
@@ -108,11 +109,17 @@ def lines_of(path: Path, report: RunReport) -> list[str]:
     """Return what a run has made, a line a stage."""
     if report.status == "unchanged":
         return [f"{path} -> {report.folder}: unchanged"]
-    lines = [f"{path} -> {report.folder}"]
-    for stage, figures in report.figures.items():
-        size = f"{figures['width']} x {figures['height']}"
-        lines.append(f"  {stage:<8} {size} cells, {summary_of(figures)}")
-    return lines
+    return [f"{path} -> {report.folder}", *lines_of_stages(report)]
+
+
+def lines_of_stages(report: RunReport) -> list[str]:
+    """Return what each stage of a run has made."""
+    width = max(_LEAST_COLUMN, *map(len, report.figures))
+    return [
+        f"  {stage:<{width}} {_size(figures['height'], figures['width'])} cells, "
+        f"{summary_of(figures)}"
+        for stage, figures in report.figures.items()
+    ]
 
 
 def _table(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> list[str]:
