@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from mapdeal import OccupancyGrid, read_map, write_map
+from mapdeal.checks import lint
 from mapdeal.checks.check import check
 from mapdeal.checks.facts import GridFacts, PairFacts
 from mapdeal.checks.finding import CHECKS, Finding, Remark
@@ -61,6 +62,15 @@ def checks(tmp_path):
         return [finding.check for finding in findings], findings
 
     return run
+
+
+def test_every_module_of_checks_is_imported():
+    folder = Path(lint.__file__).parent
+    made = {
+        p.stem for p in folder.glob("*.py") if re.search(r"^@check\(", p.read_text(), re.MULTILINE)
+    }
+    text = (folder / "lint.py").read_text()
+    assert [name for name in made if f"    {name},\n" not in text] == []
 
 
 def test_a_good_map_has_no_finding(checks):

@@ -5,6 +5,7 @@ The stage is the one that is printed there.
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,8 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import Costmap, read_map, write_map
+from mapdeal.cli.main import command_names
+from mapdeal.cli.stage_command import stage_app
 from mapdeal.pipeline import memory
 from mapdeal.stages import catalogue
 from mapdeal.stages.cost import cost_model
@@ -83,7 +86,9 @@ def test_it_has_a_command(command, room, tmp_path):
 
 def test_its_models_options_join_the_command(command, room, tmp_path):
     text = " ".join(command("cost", "--help")[1].split())
-    assert "--model exponential|threshold|rings|flat" in text
+    models = "|".join(str(model) for model in catalogue.models_of("cost"))
+    assert f"--model {models} " in text
+    assert models.endswith("|flat")
     assert "--beyond M flat: nothing lies so far away, metres. [default: 1.5]" in text
     output = tmp_path / "c.npz"
     assert command("cost", room, "-o", output, "--model", "flat", "--beyond", 7)[0] == 0
@@ -119,3 +124,16 @@ def test_a_stage_that_is_not_listed_is_not_known(command, room, tmp_path, monkey
     code, _, err = command("drop-lone", room, "-o", tmp_path / "out.yaml")
     assert code == 2
     assert "no such command" in err.lower()
+
+
+def test_names_that_collide_are_refused(command, room, monkeypatch):
+    monkeypatch.setattr(catalogue, "STAGE_NAMES", (*catalogue.STAGE_NAMES, "window"))
+    with pytest.raises(ValueError, match="name of another command: window"):
+        command_names()
+    other = replace(stage_of(flat_cost), model="flatter")
+    other.__dict__["own_parameters"] = {
+        name: replace(one, default=9.0) for name, one in stage_of(flat_cost).parameters.items()
+    }
+    monkeypatch.setattr(catalogue, "STAGES", (*catalogue.STAGES, other))
+    with pytest.raises(ValueError, match="flat, flatter of cost .* one name: beyond"):
+        stage_app("cost")

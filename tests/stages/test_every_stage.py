@@ -1,6 +1,8 @@
 """What holds for every stage."""
 
 import pickle
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from mapdeal import MalformedInputError, OccupancyGrid, ParameterError
 from mapdeal.pipeline.products import files_of
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages import catalogue
-from mapdeal.stages.definition import stages_among
+from mapdeal.stages.definition import Stage, meanings_of, stages_among
+from mapdeal.stages.parameters import parameters_of
 
 STAGES = {" ".join(filter(None, (one.name, one.model))): one.function for one in catalogue.STAGES}
 MAPS = {
@@ -78,7 +81,9 @@ def test_the_record_says_all_that_others_ask_for(stage):
     assert stage.memory > 0
     assert isinstance(stage.makes, type)
     assert files_of(stage.makes).in_folder
-    assert all(stage.meanings.get(name) for name in stage.parameters), "a parameter has no text"
+    assert [name for name in stage.parameters if not stage.meanings.get(name)] == []
+    for parameter in stage.parameters.values():
+        assert parameter.accept(parameter.default) == parameter.default or parameter.optional
     step = make_step(stage.name, {"model": stage.model} if stage.model else {})
     assert step.title
     assert isinstance(step.is_whole, bool)
@@ -95,6 +100,17 @@ def test_a_stage_can_be_sent_to_other_processes(stage):
     assert pickle.loads(pickle.dumps(stage)) is stage  # noqa: S301 - our own
 
 
+def test_every_stage_of_the_folder_is_listed():
+    folder = Path(catalogue.__file__).parent
+    made = {
+        p.stem
+        for p in folder.glob("*.py")
+        if re.search(r"^@(stage|cost_model)\(", p.read_text(), re.MULTILINE)
+    }
+    listed = {one.function.__module__.rpartition(".")[2] for one in catalogue.STAGES}
+    assert made == listed
+
+
 def test_products_of_different_stages_have_different_names():
     products = {stage.name: stage.product for stage in catalogue.STAGES}
     assert len(set(products.values())) == len(products)
@@ -109,3 +125,14 @@ def test_unknown_stages_and_types_fail_loudly():
         files_of(int)
     with pytest.raises(ValueError, match="one name"):
         stages_among({"a": mapdeal.esdf, "b": mapdeal.esdf})
+
+
+def test_definitions_that_cannot_work_are_refused_by_name():
+    def brush(grid, *, width: str = "wide"):
+        """Draw."""
+
+    with pytest.raises(TypeError, match="brush: .* width"):
+        parameters_of(brush)
+    assert meanings_of(brush) == {}
+    with pytest.raises(TypeError, match="stage shapeless: .* returns"):
+        Stage(lambda grid: grid, "shapeless", "Do nothing.", str, 1.0).makes  # noqa: B018

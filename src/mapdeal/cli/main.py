@@ -49,7 +49,11 @@ def command_names() -> list[str]:
     """Return the names of all commands, in the order of ``--help``."""
     from mapdeal.stages.catalogue import STAGE_NAMES  # which loads numpy
 
-    return [*_MAKERS, *STAGE_NAMES, *_OTHERS]
+    names = [*_MAKERS, *STAGE_NAMES, *_OTHERS]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise ValueError(f"a stage has the name of another command: {', '.join(sorted(twice))}")
+    return names
 
 
 class _ReaderGoneError(Exception):

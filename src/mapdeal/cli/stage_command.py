@@ -121,6 +121,9 @@ def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Par
         owners = {str(model): one for model, one in models.items() if name in one.parameters}
         stage = next(iter(owners.values()))
         parameter = stage.parameters[name]
+        if any(other.parameters[name] != parameter for other in owners.values()):
+            rule = f"models {', '.join(owners)} of {stage.name} have different parameters"
+            raise ValueError(f"{rule} of one name: {name}")
         if parameter.from_robot or parameter.kind is Footprint:
             continue  # the robot's shape sets it
         text = first_sentence(stage.meanings[name])

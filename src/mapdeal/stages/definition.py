@@ -174,7 +174,9 @@ class Stage:
     @functools.cached_property
     def makes(self) -> type[Any]:
         """The type of the product."""
-        made: type[Any] = get_type_hints(inspect.unwrap(self.function))["return"]
+        made: type[Any] | None = get_type_hints(inspect.unwrap(self.function)).get("return")
+        if made is None:
+            raise TypeError(f"stage {self.name}: the function must say what it returns")
         return made
 
     @functools.cached_property
@@ -197,7 +199,7 @@ def stage(
     """Make a function a stage, with the record that `Stage` describes.
 
     Its keyword arguments are checked and converted as those of a `checked` function. To be
-    known it needs a line in `mapdeal.stages.catalogue`.
+    known it needs a line in `mapdeal.stages.listed`.
     """
 
     def made(function: Callable[P, R]) -> Callable[P, R]:
@@ -222,9 +224,10 @@ def stages_among(values: Mapping[str, object]) -> tuple[Stage, ...]:
         If two have the same name and model.
     """
     found = [_STAGES[value] for value in values.values() if callable(value) and value in _STAGES]
-    names = [(one.name, one.model) for one in found]
-    if len(set(names)) != len(names):
-        raise ValueError(f"two stages have one name: {names}")
+    names = [" ".join(filter(None, (one.name, one.model))) for one in found]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise ValueError(f"two stages have one name: {', '.join(sorted(twice))}")
     return tuple(found)
 
 
@@ -271,8 +274,9 @@ def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
                  if n == "Parameters"), "")  # fmt: skip
     entries = list(_ENTRY.finditer(body))
     meanings: dict[str, str] = {}
-    for entry, following in zip(entries, [*entries[1:], None], strict=True):
-        described = body[entry.end() : following.start() if following else len(body)]
+    ends = [*(entry.start() for entry in entries[1:]), len(body)]
+    for entry, end in zip(entries, ends, strict=False):
+        described = body[entry.end() : end]
         meaning = " ".join(described.partition("\n")[2].split())
         for name in entry["names"].split(","):
             meanings[name.strip()] = meaning

@@ -161,6 +161,9 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, Parameter]:
             optional = True
             kind, inner_marks = _split_annotated(kind)
             marks += inner_marks
+        if not _is_supported(kind):
+            rule = f"{function.__name__}: a parameter cannot be of this type"
+            raise TypeError(f"{rule}: {name}: {hints[name]}")
         found[name] = Parameter(
             name,
             argument.default,
@@ -215,6 +218,12 @@ def unknown_name(
     near = difflib.get_close_matches(str(name), names, n=1)
     hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
     return ParameterError(f"no such {what}", place=place, got=name, hint=hint)
+
+
+def _is_supported(kind: Any) -> bool:
+    if get_origin(kind) is tuple:
+        return all(one in (int, float, Ellipsis) for one in get_args(kind))
+    return kind in (bool, int, float, Footprint) or get_origin(kind) is Literal
 
 
 def _split_annotated(hint: Any) -> tuple[Any, tuple[Any, ...]]:
