@@ -135,5 +135,5 @@ def test_names_that_collide_are_refused(command, room, monkeypatch):
         name: replace(one, default=9.0) for name, one in stage_of(flat_cost).parameters.items()
     }
     monkeypatch.setattr(catalogue, "STAGES", (*catalogue.STAGES, other))
-    with pytest.raises(ValueError, match="flat, flatter of cost .* one name: beyond"):
+    with pytest.raises(ValueError, match=r"flat, flatter of cost .* one name: beyond"):
         stage_app("cost")

@@ -75,6 +75,11 @@ def outcome(function, *arguments, **parameters):
 def cases(draw):
     """A map, how it is cut, and how its layers are asked for."""
     occupancy = draw(occupancies(longest=24))
+    if draw(st.booleans()):  # walls: what a stage does to them depends on more than neighbours
+        rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+        for value in (100, 100, 0, 100, -1):
+            row, col = rng.integers(0, occupancy.shape)
+            occupancy[row : row + rng.integers(1, 9), col : col + rng.integers(1, 9)] = value
     grid = OccupancyGrid(occupancy, draw(st.sampled_from([0.05, 0.25, 1.0])), (1.5, -2.0, 0.4))
     return grid, draw(st.integers(1, 26)), draw(st.integers(1, 26))
 

@@ -131,8 +131,8 @@ def test_definitions_that_cannot_work_are_refused_by_name():
     def brush(grid, *, width: str = "wide"):
         """Draw."""
 
-    with pytest.raises(TypeError, match="brush: .* width"):
+    with pytest.raises(TypeError, match=r"brush: .* width"):
         parameters_of(brush)
     assert meanings_of(brush) == {}
-    with pytest.raises(TypeError, match="stage shapeless: .* returns"):
+    with pytest.raises(TypeError, match=r"stage shapeless: .* returns"):
         Stage(lambda grid: grid, "shapeless", "Do nothing.", str, 1.0).makes  # noqa: B018
