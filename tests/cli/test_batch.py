@@ -215,14 +215,22 @@ def temporary_files(folder):
     return [path for path in folder.rglob(".mapdeal-*") if path.exists()]
 
 
-def start(folder, *more):
-    """Start a run in a session of its own; return when its workers write files."""
+def both_write(folder):
+    return len({path.parent for path in temporary_files(folder)}) >= 2
+
+
+def one_is_done(folder):
+    return any((folder / "o").glob("*/manifest.json"))
+
+
+def start(folder, *more, until=both_write):
+    """Start a run in a session of its own; return when its workers are so far."""
     words = [*RUN, "maps", "-o", "o", "-j", "2", *more]
     process = subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     end = time.monotonic() + 30
-    while len({path.parent for path in temporary_files(folder)}) < 2:
+    while not until(folder):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < end
         time.sleep(0.005)
@@ -250,7 +258,7 @@ def test_ctrl_c_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(la
     one = (large_maps / "maps" / "0.yaml").read_text()
     for number in range(8, 20):  # so many that a slow machine is not done before it is told
         (large_maps / "maps" / f"{number}.yaml").write_text(one)
-    process = start(large_maps)
+    process = start(large_maps, until=one_is_done)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: everyone gets it
     out, err = process.communicate(timeout=30)
     assert (process.returncode, out) == (130, "")
