@@ -11,6 +11,8 @@ from contextvars import ContextVar
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.commit import settle
+from mapdeal.formats.identity import FileIdentity
 
 _GIBIBYTE = 1 << 30
 LARGEST_FILE = 16 * _GIBIBYTE
@@ -90,7 +92,7 @@ def read_file(
     except OSError as error:
         rule = f"cannot be read: {error.strerror or error}"
         raise FileAccessError(rule, source=path) from None
-    if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
+    if FileIdentity.of_status(after) != FileIdentity.of_status(before):
         raise FileAccessError("changed while it was read", source=path)
     sums = _sums.get()
     if sums is not None:
@@ -114,6 +116,23 @@ def chunks_of(path: Path) -> Iterator[bytes]:
     except OSError as error:
         rule = f"cannot be read: {error.strerror or error}"
         raise FileAccessError(rule, source=path) from None
+
+
+def identity_of(path: Path) -> FileIdentity:
+    """Return what becomes another if the file of a name is replaced or written to.
+
+    Raises
+    ------
+    FileAccessError
+        If there is none.
+    """
+    return FileIdentity.of_status(status_of(path))
+
+
+def check_identity(path: Path, identity: FileIdentity) -> None:
+    """Raise FileAccessError if the file of a name is not the one that it was."""
+    if identity_of(path) != identity:
+        raise FileAccessError("changed while it was read", source=path)
 
 
 def check_regular(path: Path) -> None:
@@ -162,7 +181,7 @@ def holds(path: Path, sha256: str) -> bool:
 
 
 def status_of(path: Path) -> os.stat_result:
-    """Return the status of a file.
+    """Return the status of a file, once what a killed process has left beside it is undone.
 
     Raises
     ------
@@ -170,6 +189,7 @@ def status_of(path: Path) -> os.stat_result:
         If there is none, or no file can have such a name.
     """
     try:
+        settle(path.parent)
         return path.stat()
     except ValueError:
         raise FileAccessError("cannot be read: no file has such a name", source=path) from None

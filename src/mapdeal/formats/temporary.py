@@ -19,7 +19,9 @@ try:
 except ImportError:  # not POSIX: temporary files of killed runs are then not cleaned up
     fcntl = None  # type: ignore[assignment]
 
-_PREFIX = ".mapdeal-"
+PREFIX = ".mapdeal-"
+"""Of the names of all files that are not there to stay."""
+
 _SUFFIX = ".tmp"
 
 Writer = Callable[[BinaryIO], None]
@@ -47,7 +49,7 @@ class Temporary:
         remove it; then there is no file of that name any more, and another is made.
         """
         while True:
-            name = f"{_PREFIX}{os.urandom(6).hex()}{_SUFFIX}"
+            name = f"{PREFIX}{os.urandom(6).hex()}{_SUFFIX}"
             self.path, self._is_ours = self.destination.parent / name, True
             descriptor = _locked_new_file(self.path, self.destination)
             if self.path.exists():
@@ -81,6 +83,10 @@ class Temporary:
         except OSError as error:
             rule = f"cannot be replaced: {error.strerror}"
             raise FileAccessError(rule, source=self.destination) from None
+        self.is_placed()
+
+    def is_placed(self) -> None:
+        """Take note that the file has its own name."""
         self._is_ours = False
         self._close()
 
@@ -117,26 +123,30 @@ def remove_stale(folder: Path) -> None:
     """Remove temporary files whose process is gone: those that nobody holds locked."""
     if fcntl is None:
         return
-    for path in folder.glob(f"{_PREFIX}*{_SUFFIX}"):
+    for path in folder.glob(f"{PREFIX}*{_SUFFIX}"):
         with contextlib.suppress(OSError), path.open("r+b") as file:
             fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
             path.unlink()
 
 
 @contextmanager
-def locked(folders: Iterable[Path]) -> Iterator[None]:
+def locked(folders: Iterable[Path]) -> Iterator[bool]:
     """Keep other transactions from renaming files in folders: sets must not mix.
 
-    The locks die with their process. Where there are none, the last rename of each file wins.
+    The locks die with their process. Gives whether they were to be had: some network file systems
+    have none, and then the last rename of each file wins.
     """
     with contextlib.ExitStack() as stack:
-        for folder in sorted(folder.resolve() for folder in folders):  # all in the same order
+        are_had = fcntl is not None
+        for folder in sorted({folder.resolve() for folder in folders}):  # all in the same order
             if fcntl is not None:
-                with contextlib.suppress(OSError):
+                try:
                     descriptor = os.open(folder, os.O_RDONLY)
                     stack.callback(os.close, descriptor)
                     fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
+                except OSError:
+                    are_had = False
+        yield are_had
 
 
 def sync_folder(folder: Path) -> None:

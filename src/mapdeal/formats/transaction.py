@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import stat
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -13,8 +12,10 @@ from types import TracebackType
 from typing import Any, BinaryIO, TypeVar
 
 from mapdeal.errors import FileAccessError, ParameterError
+from mapdeal.formats.commit import put_in_place, remove_kept, settle
+from mapdeal.formats.signals import signals_put_off
 from mapdeal.formats.source import holds
-from mapdeal.formats.temporary import Temporary, Writer, locked, remove_stale, sync_folder
+from mapdeal.formats.temporary import Temporary, Writer, remove_stale
 from mapdeal.kernels.threads import thread_count
 
 _ATTEMPTS = 100
@@ -45,11 +46,11 @@ class Transaction:
 
     Notes
     -----
-    Each file is written under a temporary name in its own folder and renamed when the block
-    ends without an error, in the order of the calls to `write`; as many at the same time as
-    `mapdeal.kernels.threads` allows. The folders are locked meanwhile, so that the files of two
-    processes do not mix. Temporary files are locked by their process, so that those
-    of a killed run are told from those of a live one and removed.
+    Each file is written under a temporary name in its own folder, as many at the same time as
+    `mapdeal.kernels.threads` allows. When the block ends without an error, all are renamed in the
+    order of the calls to `write`, see `mapdeal.formats.commit`: the folders are locked meanwhile,
+    signals wait, and a rename that fails undoes those before it. Temporary files are locked by
+    their process, so that those of a killed run are told from those of a live one and removed.
 
     Examples
     --------
@@ -71,6 +72,9 @@ class Transaction:
         checksums: bool = False,
     ) -> None:
         self._outputs = list(outputs)
+        self._inputs = tuple(inputs)
+        self._replaces = force
+        self._removed: list[Path] = []
         self._with_checksums = checksums
         self._pool = ThreadPoolExecutor(thread_count()) if thread_count() > 1 else _ThisThread()
         self._temporaries: list[Temporary] = []
@@ -129,6 +133,17 @@ class Transaction:
 
         self.write(path, write)
 
+    def remove_if_unchanged(self, path: Path, sha256: str) -> None:
+        """Have a file go with the old ones, if it has just these contents and is no input.
+
+        Raises
+        ------
+        FileAccessError
+            If it cannot be read.
+        """
+        if not _is_any_of(path, self._inputs) and holds(path, sha256):
+            self._removed.append(path)
+
     def checksums(self) -> dict[Path, str]:
         """Return the sha256 of each file so far, waiting for those that are being written."""
         if not self._with_checksums:
@@ -154,12 +169,8 @@ class Transaction:
             if error is None:
                 self._finished()
                 self._sync()
-                folders = dict.fromkeys(path.parent for path, _, _ in self._pending)
-                with locked(folders):
-                    for _, temporary, _ in self._pending:
-                        temporary.rename()
-                for folder in folders:
-                    sync_folder(folder)
+                temporaries = [temporary for _, temporary, _ in self._pending]
+                put_in_place(temporaries, removed=self._removed, replaces=self._replaces)
                 self._made_folders.clear()
         finally:
             self._discard()
@@ -173,6 +184,7 @@ class Transaction:
             with contextlib.suppress(FileNotFoundError):
                 self._make(folder)
                 remove_stale(folder)
+                remove_kept(folder)
                 return
         raise FileAccessError("the folder is removed again and again", source=folder)
 
@@ -194,30 +206,15 @@ class Transaction:
     def _discard(self) -> None:
         """Remove what was not renamed; after a success that is nothing."""
         self._pool.shutdown(wait=True, cancel_futures=True)
-        for temporary in self._temporaries:
-            temporary.remove()
-        self._temporaries.clear()
-        self._pending.clear()
-        for folder in reversed(self._made_folders):
-            with contextlib.suppress(OSError):  # somebody else has put a file there
-                folder.rmdir()
-        self._made_folders.clear()
-
-
-def remove_if_unchanged(path: Path, sha256: str) -> None:
-    """Remove a file of which only the checksum is known, unless somebody has changed it.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read or removed.
-    """
-    if not holds(path, sha256):
-        return
-    try:
-        path.unlink()
-    except OSError as error:
-        raise FileAccessError(f"cannot be removed: {error.strerror}", source=path) from None
+        with signals_put_off():
+            for temporary in self._temporaries:
+                temporary.remove()
+            self._temporaries.clear()
+            self._pending.clear()
+            for folder in reversed(self._made_folders):
+                with contextlib.suppress(OSError):  # somebody else has put a file there
+                    folder.rmdir()
+            self._made_folders.clear()
 
 
 def make_folder(folder: Path) -> None:
@@ -258,7 +255,8 @@ def _result(future: Future[_T], path: Path) -> _T:
 def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> None:
     """Refuse an output that cannot be; one that exists only if there is a hint for that."""
     try:
-        status = output.stat()
+        settle(output.parent)
+        status = output.lstat()
     except (FileNotFoundError, NotADirectoryError):
         _check_parents(output)
         return
@@ -267,14 +265,26 @@ def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> Non
     except OSError as error:
         rule = f"cannot be written: {error.strerror}"
         raise FileAccessError(rule, source=output) from None
-    for path in inputs:
-        with contextlib.suppress(OSError):
-            if os.path.samestat(status, path.stat()):
-                raise FileAccessError("the output is the input", source=output)
+    if _is_any_of(output, inputs):
+        raise FileAccessError("the output is the input", source=output)
+    with contextlib.suppress(OSError):  # a link that leads nowhere is there, too
+        status = output.stat()
     if stat.S_ISDIR(status.st_mode):
         raise FileAccessError("the output is a directory", source=output)
+    if not (stat.S_ISREG(status.st_mode) or stat.S_ISLNK(status.st_mode)):
+        rule = "the output is a pipe, a device or a socket, no regular file"
+        raise FileAccessError(rule, source=output)
     if hint is not None:
         raise FileAccessError("the output exists", source=output, hint=hint)
+
+
+def _is_any_of(path: Path, others: Sequence[Path]) -> bool:
+    """Return whether a name is of one of the files of other names."""
+    for other in others:
+        with contextlib.suppress(OSError):
+            if path.samefile(other):
+                return True
+    return False
 
 
 def _check_parents(output: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from mapdeal.formats.json_text import json_of, read_json
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import exists, holds
-from mapdeal.formats.transaction import Transaction, remove_if_unchanged
+from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.products import passes_of, paths_of, write_products
 from mapdeal.pipeline.progress import written
@@ -138,8 +138,8 @@ class OutputFolder:
             sums = {path.name: digest for path, digest in transaction.checksums().items()}
             document = json_of({**self._manifest(), "figures": figures, "outputs": sums})
             transaction.write_bytes(self.path / MANIFEST, document)
-        if isinstance(old, dict):
-            self._remove_left_over(old)
+            if isinstance(old, dict):
+                self._remove_left_over(transaction, old)
         return figures
 
     def _hint(self, old: object) -> str:
@@ -169,11 +169,11 @@ class OutputFolder:
     def _outputs_of(self, step: Step) -> list[Path]:
         return paths_of(step, self.path, images=self.settings.images)
 
-    def _remove_left_over(self, old: dict[str, Any]) -> None:
+    def _remove_left_over(self, transaction: Transaction, old: dict[str, Any]) -> None:
         """Remove outputs of the replaced run that are not made any more, if nobody changed them."""
         current = {path.name for path in self.outputs()}
         outputs = old.get("outputs")
         for name, digest in outputs.items() if isinstance(outputs, dict) else ():
             path = self.path / Path(str(name)).name
             if path.name not in current:
-                remove_if_unchanged(path, str(digest))
+                transaction.remove_if_unchanged(path, str(digest))

@@ -1,0 +1,22 @@
+"""What tells a file from the one that takes its name."""
+
+from __future__ import annotations
+
+import os
+from typing import NamedTuple
+
+
+class FileIdentity(NamedTuple):
+    """What becomes another when a file is replaced or written to.
+
+    The device is not part of it: machines that share a folder number devices by themselves.
+    """
+
+    inode: int
+    size: int
+    modified_ns: int
+
+    @classmethod
+    def of_status(cls, status: os.stat_result) -> FileIdentity:
+        """Return the identity of the file that has this status."""
+        return cls(status.st_ino, status.st_size, status.st_mtime_ns)
