@@ -19,21 +19,25 @@ Everything public is loaded on first use, so that ``import mapdeal`` costs nothi
 
 from __future__ import annotations
 
-from functools import cache
-from importlib import import_module
-from pathlib import Path
-from typing import Any
-
 from mapdeal.version import __version__ as __version__
 
+# Nothing is imported here but for whoever asks for a name: each command passes through.
+_known: dict[str, str] = {}
 
-@cache
+
 def _homes() -> dict[str, str]:
     """Return the module of each name that the stub beside this file imports.
 
     A module of which it imports all stands under its own name.
     """
-    import ast  # costs as much as a small command's own modules
+    if not _known:
+        _known.update(_read_stub())
+    return _known
+
+
+def _read_stub() -> dict[str, str]:
+    import ast
+    from pathlib import Path
 
     tree = ast.parse(Path(__file__).with_suffix(".pyi").read_text("utf-8"))
     imports = (node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module)
@@ -50,10 +54,14 @@ def _home_of(name: str) -> str | None:
 
 
 def _names_in(module: str) -> list[str]:
+    from importlib import import_module
+
     return [name for name in vars(import_module(module)) if not name.startswith("_")]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
+    from importlib import import_module
+
     if name == "__all__":
         return __dir__()
     home = None if name.startswith("__") else _home_of(name)

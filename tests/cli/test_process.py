@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from engines import needs_compiled
-from mapdeal.cli.process import collect_from_here
+from mapdeal.cli.process import begin_work
 from mapdeal.kernels import engine
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "maps" / "office.yaml"
@@ -146,8 +146,52 @@ def test_both_engines_write_the_same_files(tmp_path):
 def test_garbage_is_collected_again_once_a_command_is_loaded():
     gc.disable()
     try:
-        collect_from_here()
+        begin_work()
         assert gc.isenabled()
     finally:
         gc.enable()
         gc.unfreeze()
+
+
+def test_little_is_imported_before_ctrl_c_is_answered():
+    code = f"""
+import sys
+sys.path[:] = {sys.path!r}
+before = set(sys.modules)
+import mapdeal.cli.process
+print(*set(sys.modules) - before)
+"""
+    words = [sys.executable, "-S", "-c", code]  # what the site's own files import is not ours
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    loaded = {name for name in done.stdout.split() if not name.startswith("_")}
+    assert "mapdeal.cli.process" in loaded
+    enum_takes = {"types", "operator", "functools", "collections", "keyword", "reprlib"}
+    assert loaded - enum_takes <= {
+        "mapdeal", "mapdeal.version", "mapdeal.cli", "mapdeal.cli.process",
+        "gc", "signal", "enum", "itertools", "os", "os.path", "stat", "abc",
+        "posixpath", "genericpath",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("which", [1, 5, 20, 60, 120])
+def test_ctrl_c_during_the_start_is_one_line(tmp_path, which):
+    code = f"""
+import os, signal, sys
+from mapdeal.cli.process import run_process
+left = {which}
+
+def interrupt(event, _):
+    global left
+    left -= event == "import"
+    if event == "import" and left == 0:
+        os.kill(os.getpid(), signal.SIGINT)
+
+sys.addaudithook(interrupt)
+sys.argv = ["mapdeal", "inflate", {str(EXAMPLE)!r}, "-o", {str(tmp_path / "o.yaml")!r}]
+run_process()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (130, "error: interrupted\n")
+    assert list(tmp_path.iterdir()) == []

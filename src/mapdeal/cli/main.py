@@ -7,16 +7,17 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
+from typer.models import TyperPath
 
 from mapdeal.cli import terminal
-from mapdeal.cli.process import collect_from_here
+from mapdeal.cli.process import begin_work
 from mapdeal.errors import (
     FileAccessError,
     FindingError,
@@ -75,6 +76,24 @@ def _own_endings() -> Iterator[None]:
         raise _InterruptedError(*interrupt.args) from None
 
 
+class _NotEmpty:
+    """Converts the name of a file or folder, unless it is empty: that would be the working folder.
+
+    Parameters
+    ----------
+    convert : callable
+        What converts names that are not.
+    """
+
+    def __init__(self, convert: Callable[..., Any]) -> None:
+        self._convert = convert
+
+    def __call__(self, value: Any, parameter: Any, context: Any) -> Any:
+        if not os.fspath(value):
+            raise typer.BadParameter("must not be empty", ctx=context, param=parameter)
+        return self._convert(value, parameter, context)
+
+
 class _LazyGroup(TyperGroup):
     """A group that imports a command when it is asked for.
 
@@ -96,12 +115,15 @@ class _LazyGroup(TyperGroup):
             from mapdeal.cli.stage_command import stage_app
 
             app = stage_app(cmd_name)
-        collect_from_here()
+        begin_work()
         command = typer.main.get_command(app)
         command.name = cmd_name
         first, _, _ = (command.help or "").partition("\n\n")
         command.short_help = " ".join(first.split())  # else it is cut off in the list
         command.context_settings["help_option_names"] = ["-h", "--help"]
+        for parameter in command.params:
+            if isinstance(parameter.type, TyperPath):
+                vars(parameter.type)["convert"] = _NotEmpty(parameter.type.convert)
         self.commands[cmd_name] = command
         return command
 

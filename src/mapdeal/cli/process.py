@@ -6,39 +6,64 @@ look for garbage among a thousand modules and to take them apart.
 
 from __future__ import annotations
 
-import contextlib
-import gc
 import os
-import sys
-from pathlib import Path
-from typing import NoReturn
+
+try:
+    import gc
+    import signal
+    import sys
+except KeyboardInterrupt:  # so early that there is nothing to say
+    os._exit(130)
+
+TYPE_CHECKING = False  # the module typing takes longer than the rest of this one
+if TYPE_CHECKING:
+    from typing import NoReturn
 
 _INTERRUPTED = 130
 
 
 def run_process() -> NoReturn:
     """Run the command line and end the process with its exit code."""
-    gc.disable()  # until the command is imported, see `collect_from_here`
+    # Ctrl-C in the middle of an import ends in a traceback, or in an error that hides it. So long
+    # as nothing has begun, the process just ends.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _end_at_once)
+    gc.disable()  # until the command is imported, see `begin_work`
     # numpy's linear algebra would start a thread per processor, for matrices of 3 x 3.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for name in ("stdout", "stderr"):  # None where the process was started without
         if getattr(sys, name) is None:
-            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - open to the end
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - open to the end
     try:
         from mapdeal.cli.main import main
 
         code = main()
-    except KeyboardInterrupt:  # before main could care
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it comes too late
+    except KeyboardInterrupt:  # once more, while main tells of the first one
         code = _INTERRUPTED
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError):  # main has told of it
+        try:
             stream.flush()
+        except OSError:  # main has told of it
+            continue
     # All files are closed and all threads have ended: there is nothing to take apart.
     os._exit(code)
 
 
-def collect_from_here() -> None:
-    """Turn the search for garbage on again, and leave out what the start has made."""
+def begin_work() -> None:
+    """End the start: Ctrl-C is an exception again, and garbage is looked for.
+
+    What the start has made is left out of that search.
+    """
+    if signal.getsignal(signal.SIGINT) is _end_at_once:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if not gc.isenabled():
         gc.freeze()
         gc.enable()
+
+
+def _end_at_once(*_: object) -> NoReturn:
+    try:
+        os.write(2, b"error: interrupted\n")
+    finally:  # whether or not there is anybody to read it
+        os._exit(_INTERRUPTED)
