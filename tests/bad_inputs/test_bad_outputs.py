@@ -163,3 +163,74 @@ def test_odd_characters_in_a_name_stay_on_their_line_f11(folder, command):
     assert code == 0
     assert out.count("\n") == 1
     assert "\x1b" not in out
+
+
+@pytest.mark.parametrize("option", [[], ["--force"], ["--dry-run"]], ids=lambda o: "".join(o))
+@pytest.mark.parametrize("link", [False, True], ids=["file", "link"])
+def test_a_run_of_a_map_in_its_own_folder_of_outputs_is_refused(folder, refused, option, link):
+    (folder / "out").mkdir()
+    write_map(folder / "out" / "m", yaml_text(image="m.pgm"))
+    name = "out/m/m.yaml"
+    if link:  # of the same name, so that its outputs go where it leads to
+        (folder / "m.yaml").unlink()
+        (folder / "m.yaml").symlink_to(name)
+        name = "m.yaml"
+    refused(["run", name, "-o", "out", *option], 4, "m.yaml", "where the outputs go",
+            hint="another folder")  # fmt: skip
+
+
+def test_left_overs_of_a_replaced_run_go_unless_they_are_changed_or_read(folder, accepted):
+    accepted("run", "m.yaml", "-o", "out", "--sim")
+    out = folder / "out" / "m"
+    (out / "active.png").write_bytes(b"changed by hand")
+    (folder / "m.yaml").unlink()
+    (folder / "m.yaml").hardlink_to(out / "active.yaml")
+    (folder / "active.pgm").write_bytes((out / "active.pgm").read_bytes())
+    accepted("run", "m.yaml", "-o", "out", "--force")
+    left = {path.name for path in out.iterdir() if path.stem == "active"}
+    assert left == {"active.png", "active.yaml"}
+
+
+@pytest.mark.parametrize("command_words", [["inflate", "m.yaml", "-o"], ["pack", "m.yaml", "-o"]])
+def test_a_link_that_leads_nowhere_is_an_output_that_exists(
+    folder, refused, accepted, command_words
+):
+    name = "o.pbm" if command_words[0] == "pack" else "o.yaml"
+    (folder / name).symlink_to("nowhere/else.txt")
+    refused([*command_words, name], 4, name, hint="--force")
+    accepted(*command_words, name, "--force")
+    assert (folder / name).is_file()
+    assert not (folder / name).is_symlink()
+
+
+@pytest.mark.parametrize("force", [[], ["--force"]], ids=["plain", "forced"])
+def test_a_pipe_or_a_device_is_never_turned_into_a_file(folder, refused, force):
+    os.mkfifo(folder / "o.npz")
+    os.mkfifo(folder / "p.pgm")
+    (folder / "d.npz").symlink_to("/dev/null")
+    for name in ("o.npz", "p.yaml", "d.npz"):
+        refused(["inflate", "m.yaml", "-o", name, *force], 4, name.replace("yaml", "pgm"))
+    assert (folder / "o.npz").is_fifo()
+
+
+EMPTY = [
+    ["inflate", "m.yaml", "-o", ""],
+    ["inflate", "m.yaml", "--output="],
+    ["inflate", "", "-o", "o.yaml"],
+    ["inflate", "m.yaml", "-o", "o.yaml", "--image", ""],
+    ["run", "m.yaml", "-o", ""],
+    ["run", "", "-o", "out"],
+    ["run", "m.yaml", "-o", "out", "--golden", ""],
+    ["run", "m.yaml", "-o", "out", "--recipe", ""],
+    ["lint", ""],
+    ["info", ""],
+    ["diff", "m.yaml", ""],
+    ["query", "", "--at", "1,1"],
+    ["local", "--cloud", "", "--pose", "0,0,0", "-o", "out"],
+    ["build", "", "-o", "o.yaml"],
+]
+
+
+@pytest.mark.parametrize("words", EMPTY, ids=lambda words: " ".join(map(repr, words)))
+def test_an_empty_name_is_not_the_working_folder(refused, words):
+    refused(words, 2, "must not be empty")

@@ -28,6 +28,14 @@ def exists(path: Path) -> bool:
         return False
 
 
+def real_path(path: Path) -> Path:
+    """Return where links lead to; the path itself if they lead in circles, or too far."""
+    try:
+        return path.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return path
+
+
 _sums: ContextVar[dict[Path, str] | None] = ContextVar("sums", default=None)
 
 

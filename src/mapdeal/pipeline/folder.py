@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mapdeal.errors import FileAccessError
 from mapdeal.formats.json_text import json_of, read_json
 from mapdeal.formats.npz import Grid
-from mapdeal.formats.source import exists, holds
+from mapdeal.formats.source import exists, holds, is_same_file, real_path
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.products import passes_of, paths_of, write_products
@@ -70,6 +71,22 @@ class OutputFolder:
         """Return the files that `fill` would write and that are there already."""
         return [path for path in self.outputs() if exists(path)]
 
+    def check_inputs(self, files: Iterable[Path]) -> None:
+        """Refuse inputs that lie in the folder.
+
+        They would be taken for its products one day, replaced by others or removed with them.
+
+        Raises
+        ------
+        FileAccessError
+            If one does, by its name or by what a link leads to.
+        """
+        for file in files:
+            if any(is_same_file(one.parent, self.path) for one in (file, real_path(file))):
+                rule = f"lies in {self.path}, where the outputs go"
+                hint = "move it, or name another folder for the outputs"
+                raise FileAccessError(rule, source=file, hint=hint)
+
     def unchanged_figures(self) -> dict[str, Figures] | None:
         """Return the figures of each step, if the folder holds all this already."""
         old = read_json(self.path / MANIFEST)
@@ -108,6 +125,8 @@ class OutputFolder:
         progress : callable, optional
             Progress of the writing of grids that are processed block by block.
         """
+        read = tuple(files)
+        self.check_inputs(read)
         old = read_json(self.path / MANIFEST)
         figures: dict[str, Figures] = {}
         passes = sum(passes_of(step, path.suffix) for step in self.steps
@@ -116,7 +135,7 @@ class OutputFolder:
             written(progress, passes) as watch,
             Transaction(
                 self.outputs(),
-                inputs=tuple(files),
+                inputs=read,
                 force=self.settings.force,
                 hint="" if self.settings.force else self._hint(old),
                 checksums=True,

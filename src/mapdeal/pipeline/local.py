@@ -134,6 +134,8 @@ def local_from_cloud(
         },
         common.settings,
     )
+    files = (cloud, *(known.files if known is not None else ()))
+    target.check_inputs(files)
     figures = target.unchanged_figures() if skip and not common.settings.force else None
     if figures is not None:
         return RunReport(folder, "unchanged", figures)
@@ -141,7 +143,7 @@ def local_from_cloud(
         figures = target.fill(
             _products(first, cloud, mapper, common),
             stem=cloud.stem,
-            files=(cloud, *(known.files if known is not None else ())),
+            files=files,
             overlay=PoseOverlay(mapper.pose),
         )
     return RunReport(folder, "done", figures)

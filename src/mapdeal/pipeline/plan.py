@@ -66,6 +66,7 @@ def plan_of(job: Job, run: MapRun) -> Plan:
             sums = {one: sums.get(one) or sha256_of(one) for one in files}
         named = {one.name: digest for one, digest in sums.items()}
         target = output_folder(job.folder, named, run.recipe, settings)
+        target.check_inputs(files)
         is_unchanged = not settings.force and target.unchanged_figures() is not None
     except MapdealError as error:
         return Plan(job, "failed", *size, error=error)

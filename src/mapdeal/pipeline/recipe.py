@@ -80,6 +80,8 @@ def load_recipe(
 
 
 def _read_draft(name: str) -> Draft:
+    if not name:
+        raise ParameterError("must not be empty", source="--recipe")
     if name in BUILT_IN:
         with resources.as_file(resources.files("mapdeal.pipeline") / "recipes") as folder:
             return _parse(folder / f"{name}.yaml", name)

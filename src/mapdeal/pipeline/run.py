@@ -64,6 +64,7 @@ def run_map(
         ) as source,
     ):
         target = output_folder(folder, source.sums, recipe, settings)
+        target.check_inputs(source.files)
         figures = None if settings.force else target.unchanged_figures()
         if figures is not None:
             return RunReport(folder, "unchanged", figures)
