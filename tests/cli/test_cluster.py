@@ -23,6 +23,7 @@ from mapdeal.pipeline.jobs import Job, jobs_of
 
 pytest.importorskip("distributed")
 
+PATH = [path for path in [os.environ.get("PYTHONPATH")] if path]
 RUN = [sys.executable, "-m", "mapdeal", "run"]
 # of a worker: some megabytes beside what it takes in any case
 LITTLE = "54MB" if engine_name() == "compiled" else "108MB"
@@ -46,7 +47,7 @@ class Cluster:
             return subprocess.Popen(
                 [*command, *(["--no-dashboard"] if kind == "worker" else ["--no-show"])],
                 stdout=log, stderr=log, cwd=self.folder,
-                env={**os.environ, "PYTHONPATH": str(path)},
+                env={**os.environ, "PYTHONPATH": os.pathsep.join([str(path), *PATH])},
             )  # fmt: skip
 
     def start_workers(self, count, **more):

@@ -9,7 +9,7 @@ import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealError
 from mapdeal.formats.free_memory import free_memory
-from mapdeal.formats.maps import open_map, read_source
+from mapdeal.formats.maps import MapFile, open_map, read_source
 from mapdeal.formats.source import sums_of_reads
 from mapdeal.kernels.blocks import blocks_of
 
@@ -138,7 +138,8 @@ def test_checksums_are_of_the_bytes_that_were_read(tmp_path):
     pair(tmp_path)
     with sums_of_reads() as sums, open_map(path) as file:
         assert sums == {path: expected[path]}
-        assert file.sum_of_pixels() == expected[tmp_path / "map.pgm"]
+        by_name = {one.name: sum_ for one, sum_ in expected.items()}
+        assert file.sums_by_name(sums) == by_name
 
 
 def test_costs_are_left_to_be_read_whole(tmp_path):
@@ -173,12 +174,28 @@ def test_a_file_that_gets_shorter_meanwhile_is_an_error(tmp_path):
 
 def test_a_file_that_is_written_to_meanwhile_is_an_error(tmp_path):
     path = pair(tmp_path)
-    with (
-        pytest.raises(FileAccessError, match="changed while it was read"),
-        open_map(path) as file,
-    ):
-        file.by_rows(block_height=8)
-        (tmp_path / "map.pgm").write_bytes(b"P5\n1 1\n255\n\0")
+    image = tmp_path / "map.pgm"
+    data, expected = image.read_bytes(), read_source(path).grid.occupancy[0:8]
+    with open_map(path) as file:
+        grid = file.by_rows(block_height=8).grid
+        rows = grid.occupancy[0:8]
+        image.write_bytes(data[:-1] + b"\1")  # of the rows just read, which nobody reads again
+        with pytest.raises(FileAccessError, match="changed while it was read"):
+            grid.occupancy[8:16]
+        with pytest.raises(FileAccessError, match="changed while it was read"):
+            file.sums_by_name({})
+    assert np.array_equal(rows, expected)
+
+
+@pytest.mark.parametrize("name", ["map.yaml", "map.pgm"])
+def test_a_file_that_is_replaced_between_header_and_cells_is_an_error(tmp_path, name):
+    path = pair(tmp_path)
+    for read in (MapFile.read, lambda file: file.by_rows(block_height=8)):
+        with open_map(path) as file:
+            (tmp_path / "next").write_bytes((tmp_path / name).read_bytes())
+            (tmp_path / "next").replace(tmp_path / name)
+            with pytest.raises(FileAccessError, match=f"{name}: changed while it was read"):
+                read(file)
 
 
 def system(tmp_path, available=None, group="", **limits):

@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from typing import NamedTuple
 
+CHANGED = "changed while it was read"
+"""What an error says of a file that is not the one any more that it was."""
+
 
 class FileIdentity(NamedTuple):
     """What becomes another when a file is replaced or written to.

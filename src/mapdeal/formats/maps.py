@@ -12,6 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealError, MapdealWarning, ParameterError
+from mapdeal.formats.identity import FileIdentity
 from mapdeal.formats.image import read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
 from mapdeal.formats.map_server import find_image, lazy_cells, read_cells, warn_of_lost_rows
@@ -20,7 +21,7 @@ from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
 from mapdeal.formats.npz import Grid, npz_size, read_npz, write_npz
 from mapdeal.formats.picture import LARGEST_CELLS, check_size
 from mapdeal.formats.pixel_rows import PixelRows, open_pixel_rows
-from mapdeal.formats.source import exists, status_of
+from mapdeal.formats.source import check_identity, exists, identity_of, sha256_of, status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -70,6 +71,8 @@ class MapFile:
         The pixels of the image, if their rows can be read one by one.
     remarks : sequence of warning
         What there is to warn of in the header of such an image.
+    identities : mapping of Path to FileIdentity
+        Which files these are, taken before anything was read of them.
     """
 
     def __init__(
@@ -82,8 +85,10 @@ class MapFile:
         image: Path | None = None,
         pixels: PixelRows | None = None,
         remarks: Sequence[Warning] = (),
+        identities: Mapping[Path, FileIdentity] | None = None,
     ) -> None:
         self.path = path
+        self.identities = dict(identities or {})
         self.metadata = metadata
         self._dialect: Dialect = dialect
         self._max_cells = max_cells
@@ -119,15 +124,17 @@ class MapFile:
         Raises
         ------
         FileAccessError
-            If a file cannot be read.
+            If a file cannot be read, or is not the one any more whose header was read.
         MalformedInputError
             If a file is malformed.
         """
         if self.metadata is None or self._image is None:
-            return Source(read_npz(self.path, max_cells=self._max_cells), self.files)
-        grid = read_cells(
-            self.metadata, self._image, dialect=self._dialect, max_cells=self._max_cells
-        )
+            grid: Grid = read_npz(self.path, max_cells=self._max_cells)
+        else:
+            grid = read_cells(
+                self.metadata, self._image, dialect=self._dialect, max_cells=self._max_cells
+            )
+        self.check_unchanged()
         return Source(grid, self.files, self.metadata)
 
     def by_rows(
@@ -150,9 +157,12 @@ class MapFile:
 
         Raises
         ------
+        FileAccessError
+            If a file is not the one any more whose header was read.
         MalformedInputError
             If it has too many cells; of pixels, when they are read.
         """
+        self.check_unchanged()
         pixels, metadata = self._pixels, self.metadata
         if pixels is None or metadata is None:
             raise ValueError(f"{self.path} cannot be read by rows")
@@ -168,9 +178,35 @@ class MapFile:
             warn_of_lost_rows(metadata, pixels, block_height)
         return Source(grid, self.files, metadata)
 
-    def sum_of_pixels(self) -> str | None:
-        """Return the sha256 of an image of which rows are read, by way of the same open file."""
-        return None if self._pixels is None else self._pixels.sha256()
+    def sums_by_name(self, read: Mapping[Path, str]) -> dict[str, str]:
+        """Return the sha256 of each file, by its name, of what was or will be read of it.
+
+        Parameters
+        ----------
+        read : mapping of Path to str
+            The sums of those that were read as a whole.
+
+        Raises
+        ------
+        FileAccessError
+            If a file is not the one any more whose header was read.
+        """
+        sums = {one.name: read.get(one) or self._sum_of(one) for one in self.files}
+        self.check_unchanged()
+        return sums
+
+    def _sum_of(self, path: Path) -> str:
+        if self._pixels is not None and path == self._image:
+            return self._pixels.sha256()  # by way of the open file
+        return sha256_of(path)
+
+    def check_unchanged(self) -> None:
+        """Raise FileAccessError if a file is not the one any more whose header was read.
+
+        Between two files of a map somebody may have replaced both.
+        """
+        for path, identity in self.identities.items():
+            check_identity(path, identity)
 
 
 @contextmanager
@@ -191,16 +227,18 @@ def open_map(
     Raises
     ------
     FileAccessError
-        If a file cannot be read, and, in the end, if one that was read by rows has changed.
+        If a file cannot be read.
     MalformedInputError
         If a file is malformed, or not of these two kinds.
     """
     if path.suffix.lower() == ".npz":
-        yield MapFile(path, max_cells=max_cells)
+        yield MapFile(path, max_cells=max_cells, identities={path: identity_of(path)})
         return
     _refuse_image(path)
+    identities = {path: identity_of(path)}
     metadata = read_metadata(path, dialect=dialect)
     image = find_image(path, metadata.image)
+    identities[image] = identity_of(image)
     with ExitStack() as stack:
         pixels: PixelRows | None = None
         with warnings.catch_warnings(record=True) as caught:
@@ -212,7 +250,7 @@ def open_map(
         remarks = [one.message for one in caught if isinstance(one.message, Warning)]
         yield MapFile(
             path, dialect=dialect, max_cells=max_cells, metadata=metadata, image=image,
-            pixels=pixels, remarks=remarks,
+            pixels=pixels, remarks=remarks, identities=identities,
         )  # fmt: skip
 
 

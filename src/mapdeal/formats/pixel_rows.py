@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError
+from mapdeal.formats.identity import CHANGED, FileIdentity
 from mapdeal.formats.pnm import GreyFile, check_pixels, locate_pixels
 from mapdeal.formats.source import check_regular
 
@@ -37,6 +38,7 @@ class PixelRows:
     image: Path
     located: GreyFile
     _descriptor: int
+    _identity: FileIdentity
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -49,9 +51,9 @@ class PixelRows:
         north = located.height - rows.stop
         count = (rows.stop - rows.start) * located.width
         start = located.start + north * located.width
-        data = _read(self._descriptor, start, count, self.image)
+        data = self._read(start, count)
         if len(data) < count:
-            raise FileAccessError("changed while it was read", source=self.image)
+            raise FileAccessError(CHANGED, source=self.image)
         samples = np.frombuffer(data, dtype=np.uint8).reshape(-1, located.width)
         check_pixels(samples, located.maxval, north * located.width, self.image)
         return samples[::-1]
@@ -59,10 +61,20 @@ class PixelRows:
     def sha256(self) -> str:
         """Return the checksum of the whole file."""
         checksum, offset = hashlib.sha256(), 0
-        while chunk := _read(self._descriptor, offset, _CHUNK, self.image):
+        while chunk := self._read(offset, _CHUNK):
             checksum.update(chunk)
             offset += len(chunk)
         return checksum.hexdigest()
+
+    def _read(self, offset: int, count: int) -> bytes:
+        """Read some bytes, which are those of the file that was opened.
+
+        Asked each time: in the end would be too late, since results are written by then.
+        """
+        data = _read(self._descriptor, offset, count, self.image)
+        if FileIdentity.of_status(os.fstat(self._descriptor)) != self._identity:
+            raise FileAccessError(CHANGED, source=self.image)
+        return data
 
 
 @contextmanager
@@ -72,7 +84,7 @@ def open_pixel_rows(image: Path) -> Iterator[PixelRows | None]:
     Raises
     ------
     FileAccessError
-        If the file cannot be read, and, in the end, if it has changed meanwhile.
+        If the file cannot be read; of pixels also if it has changed since.
     MalformedInputError
         If its header is malformed; of pixels, when they are read.
     """
@@ -89,10 +101,7 @@ def open_pixel_rows(image: Path) -> Iterator[PixelRows | None]:
         if located is None:
             yield None
             return
-        yield PixelRows(image, located, descriptor)
-        after = os.fstat(descriptor)
-        if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
-            raise FileAccessError("changed while it was read", source=image)
+        yield PixelRows(image, located, descriptor, FileIdentity.of_status(before))
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.commit import settle
-from mapdeal.formats.identity import FileIdentity
+from mapdeal.formats.identity import CHANGED, FileIdentity
 
 _GIBIBYTE = 1 << 30
 LARGEST_FILE = 16 * _GIBIBYTE
@@ -101,7 +101,7 @@ def read_file(
         rule = f"cannot be read: {error.strerror or error}"
         raise FileAccessError(rule, source=path) from None
     if FileIdentity.of_status(after) != FileIdentity.of_status(before):
-        raise FileAccessError("changed while it was read", source=path)
+        raise FileAccessError(CHANGED, source=path)
     sums = _sums.get()
     if sums is not None:
         sums[path] = hashlib.sha256(data).hexdigest()
@@ -140,7 +140,7 @@ def identity_of(path: Path) -> FileIdentity:
 def check_identity(path: Path, identity: FileIdentity) -> None:
     """Raise FileAccessError if the file of a name is not the one that it was."""
     if identity_of(path) != identity:
-        raise FileAccessError("changed while it was read", source=path)
+        raise FileAccessError(CHANGED, source=path)
 
 
 def check_regular(path: Path) -> None:

@@ -9,11 +9,18 @@ from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES, cloud_chunks
+from mapdeal.formats.identity import FileIdentity
 from mapdeal.formats.listing import list_files, numbered_folders
 from mapdeal.formats.map_yaml import Dialect
-from mapdeal.formats.maps import as_occupancy, read_source
+from mapdeal.formats.maps import as_occupancy, open_map
 from mapdeal.formats.poses import read_poses
-from mapdeal.formats.source import is_same_file, sha256_of, sums_of_reads
+from mapdeal.formats.source import (
+    check_identity,
+    identity_of,
+    is_same_file,
+    sha256_of,
+    sums_of_reads,
+)
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.resample import frames_overlap
@@ -81,9 +88,12 @@ class LocalCommon:
 
 def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     """Return the map in a file, as `LocalCommon` takes it."""
-    with sums_of_reads() as sums:
-        source = read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
-    named = {file.name: sums.get(file) or sha256_of(file) for file in source.files}
+    with (
+        sums_of_reads() as sums,
+        open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
+    ):
+        source = file.read()
+        named = file.sums_by_name(sums)
     return GlobalMap(as_occupancy(source.grid, str(path)), source.files, named, settings.dialect)
 
 
@@ -124,6 +134,7 @@ def local_from_cloud(
     )
     parameters = {"pose": mapper.pose, **asdict(common.options)}
     first = Step(_LOCAL, {**parameters, "require_points": common.require_points})
+    identity = identity_of(cloud)  # of what its checksum is of, and then its points
     target = OutputFolder(
         folder,
         (first, *common.recipe.steps),
@@ -141,7 +152,7 @@ def local_from_cloud(
         return RunReport(folder, "unchanged", figures)
     with use_threads(common.settings.threads):
         figures = target.fill(
-            _products(first, cloud, mapper, common),
+            _products(first, cloud, identity, mapper, common),
             stem=cloud.stem,
             files=files,
             overlay=PoseOverlay(mapper.pose),
@@ -156,11 +167,12 @@ def _threshold_of(recipe: Recipe) -> int:
 
 
 def _products(
-    first: Step, cloud: Path, mapper: LocalMapper, common: LocalCommon
+    first: Step, cloud: Path, identity: FileIdentity, mapper: LocalMapper, common: LocalCommon
 ) -> Iterator[Product]:
     with errors_named(cloud):
         for points in cloud_chunks(cloud):
             mapper.add(points)
+    check_identity(cloud, identity)
     made = mapper.result()
     _check_points(made, cloud, required=common.require_points)
     known = common.global_map

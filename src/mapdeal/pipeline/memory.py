@@ -12,7 +12,7 @@ import numpy as np
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.free_memory import free_memory
 from mapdeal.formats.maps import MapFile, Source, open_map
-from mapdeal.formats.source import sha256_of, sums_of_reads
+from mapdeal.formats.source import sums_of_reads
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.blocks import CacheBudget, lazy_layer
 from mapdeal.kernels.engine import engine_name
@@ -127,11 +127,7 @@ def opened_map(
                 open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             )
             source = _read(file, steps, settings, image_max)
-        if with_sums:
-            for one in set(source.files) - sums.keys():  # not read whole, or not by `read_file`
-                sums[one] = file.sum_of_pixels() or sha256_of(one)
-        named = {one.name: sums[one] for one in source.files if one in sums}
-        yield replace(source, sums=named)
+        yield replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
 def _read(

@@ -9,7 +9,7 @@ from typing import Literal
 
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning
 from mapdeal.formats.maps import open_map
-from mapdeal.formats.source import is_same_file, sha256_of, sums_of_reads
+from mapdeal.formats.source import is_same_file, sums_of_reads
 from mapdeal.pipeline.jobs import Job, MapRun
 from mapdeal.pipeline.memory import Need, need_of
 from mapdeal.pipeline.run import output_folder
@@ -58,13 +58,11 @@ def plan_of(job: Job, run: MapRun) -> Plan:
             warnings.simplefilter("ignore", MapdealWarning)  # the run itself warns
             size, files = file.shape(), file.files
             is_by_rows = file.shape_by_rows is not None
+            named = {} if settings.force else file.sums_by_name(sums)
         need = need_of(
             job.path, size, steps, settings,
             image_max=settings.picture_size, is_by_rows=is_by_rows,
         )  # fmt: skip
-        if not settings.force:
-            sums = {one: sums.get(one) or sha256_of(one) for one in files}
-        named = {one.name: digest for one, digest in sums.items()}
         target = output_folder(job.folder, named, run.recipe, settings)
         target.check_inputs(files)
         is_unchanged = not settings.force and target.unchanged_figures() is not None

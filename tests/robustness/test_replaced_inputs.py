@@ -1,0 +1,234 @@
+"""Inputs that are replaced while they are read: a result is of the old ones or of the new ones.
+
+Never of both, and never with the checksums of others than those it was made of. The moments are
+the calls to the system that a command makes, so they are the same on every machine.
+"""
+
+import contextlib
+import os
+import shutil
+import threading
+from concurrent.futures import Future
+from contextlib import contextmanager
+from functools import partial
+
+import numpy as np
+import pytest
+
+from mapdeal import OccupancyGrid, write_map
+from mapdeal.kernels.blocks import CacheBudget
+from mapdeal.pipeline import block_jobs, memory
+
+MOMENTS = 50
+_CALLS = ("open", "pread", "read", "stat", "fstat", "lstat", "scandir")
+ROWS = 7  # of a block
+
+
+def grid(seed, shape=(41, 30)):
+    """A map of obstacles, and unknown cells in half of it, so that two differ everywhere."""
+    rng = np.random.default_rng(seed)
+    cells = np.where(rng.random(shape) < 0.05, 100, 0).astype(np.int8)
+    cells[rng.random(shape) < 0.2] = -1
+    return OccupancyGrid(cells, 0.3 + seed / 10, (1.5, -2.0 - seed, 0.4))
+
+
+@pytest.fixture
+def pairs(tmp_path, monkeypatch):
+    """Two maps of one name and size, the old one in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(os, "fsync", lambda _: None)  # the tests wait for no disk
+    for name, seed in (("old", 1), ("new", 2), (".", 1)):
+        write_map(tmp_path / name / "m.yaml", grid(seed))
+        write_map(tmp_path / name / "m.npz", grid(seed))
+    return tmp_path
+
+
+def put_new(folder, name):
+    """Put a file of the new map into the place of the old one."""
+    shutil.copy(folder / "new" / name, folder / "next")
+    (folder / "next").replace(folder / name)
+
+
+def replace_picture(folder):
+    """Put the picture of the new map into the place of the old one."""
+    put_new(folder, "m.pgm")
+
+
+def overwrite_picture(folder):
+    """Write the picture of the new map into the file of the old one."""
+    (folder / "m.pgm").write_bytes((folder / "new" / "m.pgm").read_bytes())
+
+
+def replace_pair(folder):
+    """Write the new map over the old one, as mapdeal does it."""
+    write_map(folder / "m.yaml", grid(2), force=True)
+
+
+REPLACEMENTS = [replace_picture, overwrite_picture, replace_pair]
+
+
+class Moments:
+    """Counts calls to the system and does something at one of them."""
+
+    def __init__(self, monkeypatch):
+        self.count = 0
+        self._at = None
+        self._action = None
+        for name in _CALLS:
+            monkeypatch.setattr(os, name, self._counted(getattr(os, name)))
+
+    def _counted(self, call):
+        def counted(*arguments, **options):
+            self.count += 1
+            if self.count == self._at:
+                self._at, action = None, self._action
+                action()
+            return call(*arguments, **options)
+
+        return counted
+
+    @contextmanager
+    def at(self, moment, action):
+        self.count, self._at, self._action = 0, moment, action
+        try:
+            yield
+        finally:
+            self._at = None
+
+
+def contents(folder):
+    return {p.relative_to(folder).as_posix(): p.read_bytes()
+            for p in folder.rglob("*") if p.is_file()}  # fmt: skip
+
+
+class InThisProcess:
+    """Workers of which none is anywhere else."""
+
+    size = 1
+
+    def memory_of_each(self):
+        return None
+
+    @contextmanager
+    def started(self, _size, work):
+        def submit(job):
+            future = Future()
+            future.set_result(work(job))
+            return future
+
+        yield submit
+
+
+COMMANDS = {
+    "run": ["run", "m.yaml", "-o", "out/set", "--no-images"],
+    "run by rows": ["run", "m.yaml", "-o", "out/set", "--no-images"],
+    "run of an npz": ["run", "m.npz", "-o", "out/set", "--no-images"],
+    "esdf": ["esdf", "m.yaml", "-o", "out/o.npz"],
+    "esdf by rows": ["esdf", "m.yaml", "-o", "out/o.npy"],
+    "batch": ["run", "m.yaml", "other/m2.yaml", "-o", "out/set", "-j", "1", "--no-images"],
+    "cluster": ["esdf", "m.yaml", "-o", "out/o.npy", "--scheduler", "tcp://h:1"],
+}
+
+
+@pytest.fixture
+def small_blocks(monkeypatch):
+    """Have workers in this process, and blocks of a few rows."""
+    monkeypatch.setattr(block_jobs, "connected", lambda *_: contextlib.nullcontext())
+    monkeypatch.setattr(block_jobs, "ClusterWorkers", lambda *_: InThisProcess())
+    monkeypatch.setattr(block_jobs, "_CELLS", ROWS * 30)
+
+    def by_rows(file, *_):
+        return file.by_rows(block_height=ROWS, budget=CacheBudget(0))
+
+    return lambda: monkeypatch.setattr(memory, "_read", by_rows)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
+    pairs, command, monkeypatch, small_blocks, name
+):
+    words = [*COMMANDS[name], "--threads", "1", "-q"]
+    if "by rows" in name:
+        small_blocks()
+    write_map(pairs / "other" / "m2.yaml", grid(3))
+    outputs = pairs / "out"
+
+    def begin():
+        shutil.rmtree(outputs, ignore_errors=True)
+        outputs.mkdir()
+        for one in (pairs / "old").iterdir():
+            shutil.copy(one, pairs / one.name)
+
+    def act(replace=replace_picture):
+        replace(pairs)
+        put_new(pairs, "m.npz")
+
+    known = []
+    for action in (lambda: None, act, partial(act, replace_pair)):
+        begin()
+        action()
+        assert command(*words)[0] == 0
+        known.append(contents(outputs))
+    assert known[0] not in known[1:]
+
+    moments = Moments(monkeypatch)
+    with moments.at(None, None):
+        begin()
+        command(*words)
+        calls = moments.count
+    assert calls >= MOMENTS
+    seen = []
+    for index in range(MOMENTS):
+        begin()
+        action = partial(act, REPLACEMENTS[index % len(REPLACEMENTS)])
+        with moments.at(1 + index * calls // MOMENTS, action):
+            code, _, err = command(*words)
+        if code == 0:
+            assert contents(outputs) in known, index
+            seen.append(known.index(contents(outputs)))
+        elif name == "batch" and code == 5:
+            assert "changed while it was read" in err
+            assert not (outputs / "set" / "m").exists()
+        else:
+            assert (code, "changed while it was read" in err) == (4, True), (index, err)
+            assert contents(outputs) == {}
+            seen.append(None)
+    assert len(set(seen)) >= 2, seen  # the moments were such that it mattered
+
+
+def test_a_batch_over_maps_that_change_all_the_time_mixes_none(pairs, command):
+    """Workers are other processes: their inputs are replaced as often as there is time for."""
+    count = 8
+    for index in range(count):
+        write_map(pairs / "maps" / f"{index}.yaml", grid(1))
+    words = ["run", "maps", "-o", "out", "-j", "2", "--no-images", "-q", "--force"]
+    known = []
+    for seed in (1, 2):
+        for index in range(count):
+            write_map(pairs / "maps" / f"{index}.yaml", grid(seed), force=True)
+        assert command(*words)[0] == 0
+        known.append([contents(pairs / "out" / str(index)) for index in range(count)])
+    is_over, replaced = threading.Event(), []
+
+    def go_on_replacing():
+        while not is_over.is_set() or len(replaced) < MOMENTS:
+            seed = 1 + len(replaced) // count % 2
+            path = pairs / "maps" / f"{len(replaced) % count}.yaml"
+            write_map(path, grid(seed), force=True)
+            replaced.append(path)
+
+    thread = threading.Thread(target=go_on_replacing)
+    thread.start()
+    try:
+        shutil.rmtree(pairs / "out")
+        code, _, err = command(*words)
+    finally:
+        is_over.set()
+        thread.join()
+    assert code in (0, 5), err
+    for index in range(count):
+        folder = pairs / "out" / str(index)
+        if folder.exists():
+            assert contents(folder) in (known[0][index], known[1][index]), index
+        else:
+            assert "changed while it was read" in err
