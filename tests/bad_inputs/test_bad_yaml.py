@@ -117,7 +117,7 @@ def test_a_value_that_is_not_allowed_is_refused(folder, refused, key, value, hin
         pytest.param("loop.yaml", "symbolic links", id="Y1-symlink-loop"),
         pytest.param("m.yaml/m.yaml", "Not a directory", id="Y1-below-a-file"),
         pytest.param("n" * 300 + ".yaml", "name too long", id="Y1-long-name"),
-        pytest.param("missing.npz", "no such file", id="Y1-missing-npz"),
+        pytest.param("missing.npz", "No such file", id="Y1-missing-npz"),
         pytest.param("n" * 300 + ".npz", "name too long", id="Y1-long-npz-name"),
         pytest.param("n" * 300 + ".pgm", "name too long", id="Y1-long-image-name"),
     ],

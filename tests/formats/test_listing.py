@@ -1,7 +1,17 @@
-import pytest
+from contextlib import suppress
+from glob import glob, has_magic
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from mapdeal import FileAccessError, ParameterError
-from mapdeal.formats.listing import list_files
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mapdeal import FileAccessError, MapdealWarning, ParameterError
+from mapdeal.formats import listing
+from mapdeal.formats.listing import files_matching, list_files, numbered_folders, sorted_naturally
+from mapdeal.formats.source import contents_of
+from odd_names import private
 
 SUFFIXES = (".pcd", ".ply")
 
@@ -58,7 +68,7 @@ def test_endings_that_a_folder_does_not_stand_for(folder):
 
 @pytest.mark.parametrize("name", ["missing.pcd", "missing", "no/such.pcd"])
 def test_what_is_not_there(folder, name):
-    with pytest.raises(FileAccessError, match=r"no such file"):
+    with pytest.raises(FileAccessError, match="No such file"):
         list_files([name], SUFFIXES)
 
 
@@ -71,3 +81,118 @@ def test_a_name_sorts_before_longer_ones(folder):
 
 def test_an_absolute_pattern(folder):
     assert list_files([f"{folder}/b/?.pcd"], SUFFIXES) == [folder / "b" / "1.pcd"]
+
+
+def test_two_links_to_their_own_folder_are_two_to_the_power_of_forty_ways_f17(folder, monkeypatch):
+    for name in ("one", "other"):
+        (folder / "b" / name).symlink_to(".", target_is_directory=True)
+    looked_into = counted(monkeypatch)
+    found = list_files(["b/**/*.pcd"], SUFFIXES)
+    assert [str(path) for path in found] == ["b/1.pcd", "b/c/2.pcd"]
+    assert len(looked_into) == 4  # b and b/c, once for each part of the pattern
+
+
+@pytest.mark.parametrize("pattern", ["**/" * 12 + "*.pcd", "*/../" * 12 + "*.pcd"])
+def test_each_part_of_a_pattern_looks_into_each_folder_once(folder, monkeypatch, pattern):
+    for name in ("e/f/g/h", "i/j/k/l", "m", "n", "o"):
+        (folder / name).mkdir(parents=True)
+    looked_into = counted(monkeypatch)
+    list_files([pattern], SUFFIXES)
+    parts, folders = pattern.count("/") + 1, 1 + sum(path.is_dir() for path in folder.rglob("*"))
+    assert len(looked_into) <= parts * folders
+
+
+def counted(monkeypatch):
+    """Return a list that gets each folder that is looked into."""
+    looked_into = []
+
+    def look_into(path):
+        looked_into.append(path)
+        return contents_of(path)
+
+    monkeypatch.setattr(listing, "contents_of", look_into)
+    return looked_into
+
+
+def test_a_file_by_its_shortest_way(folder):
+    (folder / "a").mkdir()
+    (folder / "a" / "down").symlink_to(folder / "b" / "c", target_is_directory=True)
+    (folder / "z").symlink_to(folder / "b" / "c", target_is_directory=True)
+    assert [str(path) for path in list_files(["**/2.pcd"], SUFFIXES)] == ["z/2.pcd"]
+    assert [str(path) for path in list_files(["[ab]/*/2.pcd"], SUFFIXES)] == ["a/down/2.pcd"]
+
+
+def test_links_into_nothing_and_in_circles_match_nothing(folder):
+    (folder / "x.pcd").symlink_to("y.pcd")
+    (folder / "y.pcd").symlink_to("x.pcd")
+    (folder / "z.pcd").symlink_to("nothing")
+    assert [path.name for path in list_files(["*"], SUFFIXES)] == [
+        "odd[1].pcd", "s9.PLY", "s9.pcd", "s10.pcd",
+    ]  # fmt: skip
+    for name in ("x.pcd", "z.pcd", "x.pcd/y"):
+        with pytest.raises(FileAccessError, match="cannot be read"):
+            list_files([name], SUFFIXES)
+
+
+@pytest.mark.parametrize("pattern", ["*/*.pcd", "**/*.pcd", "**"])
+def test_a_folder_that_cannot_be_read_is_left_out_of_a_pattern_and_told(
+    folder, monkeypatch, pattern
+):
+    (folder / "e").mkdir()
+    (folder / "e" / "3.pcd").touch()
+    private(folder / "e", monkeypatch)
+    with pytest.warns(MapdealWarning, match="e: cannot be read: Permission denied; left out"):
+        found = list_files([pattern], SUFFIXES)
+    assert "b/1.pcd" in map(str, found)
+    assert "3.pcd" not in {path.name for path in found}
+    with pytest.raises(FileAccessError, match="e: cannot be read: Permission denied"):
+        list_files(["e"], SUFFIXES)
+
+
+NAMES = st.sampled_from(
+    ["a", "b", "ab", "a.y", "b.y", "A.y", ".h", ".y", "a b", "[a]", "a[b", "1.y", "10.y", "x.z"]
+)
+PARTS = st.sampled_from(
+    ["**", "*", "?", "*.y", "a*", "[ab]", "[!a]*", ".*", "[[]a]", "a", "ab", "*.[yz]", "?*", "**.y",
+     ".h", "[.]y", "[]a]", "[b-"]
+)  # fmt: skip
+
+
+@settings(max_examples=150)
+@given(
+    st.lists(st.lists(NAMES, min_size=1, max_size=4), max_size=12),
+    st.lists(PARTS, min_size=1, max_size=4),
+    st.sampled_from(["", "/", "./"]),
+)
+def test_patterns_mean_what_glob_means_by_them(files, parts, end):
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        for names in files:
+            path = folder.joinpath(*names)
+            with suppress(FileExistsError, NotADirectoryError):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.touch()
+        pattern = f"{folder}/{'/'.join(parts)}{end if end != './' else ''}"
+        pattern = pattern.replace(f"{folder}/", f"{folder}/./") if end == "./" else pattern
+        expected = {Path(one) for one in glob(pattern, recursive=True) if Path(one).is_file()}  # noqa: PTH207
+        found = files_matching(pattern)
+        assert len(set(found)) == len(found)
+        assert set(found) == expected
+        if expected and has_magic(pattern):
+            suffixes = {path.suffix.lower() for path in expected}
+            assert list_files([pattern], tuple(suffixes)) == sorted_naturally(expected)
+
+
+def test_a_pattern_from_here_and_one_from_the_root(folder):
+    for pattern in ("*.pcd", "./*.pcd", "b//*.pcd", "b/../b/*", f"{folder}/**/2*", "**/c/*", "**/"):
+        expected = {Path(one) for one in glob(pattern, recursive=True)}  # noqa: PTH207
+        assert set(files_matching(pattern)) == {path for path in expected if path.is_file()}
+
+
+def test_numbered_folders_of_what_cannot_be_a_folder(folder):
+    for name in ("none", "n" * 300, "s9.pcd", "s9.pcd/x", "a\0b"):
+        assert numbered_folders(Path(name)) == []
+    for name in ("10", "9", "007", "x1"):
+        (folder / "b" / name).mkdir()
+    (folder / "b" / "5").touch()
+    assert [path.name for path in numbered_folders(folder / "b")] == ["007", "9", "10"]

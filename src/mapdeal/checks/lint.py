@@ -15,6 +15,7 @@ from mapdeal.checks import (  # noqa: F401
 from mapdeal.checks.facts import PairFacts, gather
 from mapdeal.checks.finding import CHECKS, SEVERITIES, Check, Finding, Remark
 from mapdeal.checks.run_checks import lint_run
+from mapdeal.formats.source import is_folder
 
 
 def lint_file(path: Path, *, max_cells: int | None = None) -> list[Finding]:
@@ -27,7 +28,7 @@ def lint_file(path: Path, *, max_cells: int | None = None) -> list[Finding]:
     max_cells : int, optional
         Cells up to which an image is read.
     """
-    if path.is_dir():
+    if is_folder(path):
         return lint_run(path)
     pair, cells, findings = gather(path, max_cells=max_cells)
     facts_by_type = {type(facts): facts for facts in (pair, cells) if facts is not None}

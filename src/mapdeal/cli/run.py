@@ -16,6 +16,7 @@ from mapdeal.cli.run_batch import run_batch, run_single, say_listing, say_plans
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import FindingError, ParameterError, one_line
 from mapdeal.formats.map_listing import list_maps
+from mapdeal.formats.source import absolute_path
 from mapdeal.grid.footprint import Footprint
 from mapdeal.kernels.threads import available_threads
 from mapdeal.pipeline.dispatch import Workers
@@ -114,7 +115,7 @@ def run(
         terminal.detail(opt.described(one.name, one.described()[one.name]))
     settings = replace(settings, progress=None)  # of a single map alone, see `run_single`
     if scheduler is not None:
-        output = output.absolute()
+        output = absolute_path(output)
     listing = list_maps(sources, output, lambda: b"".join(terminal.input_chunks()))
     names = {path.name for path in output_folder(output, {}, loaded, settings).outputs()}
     all_jobs = jobs_of(listing.maps, output, names)
@@ -122,7 +123,7 @@ def run(
     is_batch = listing.is_set or len(all_jobs) > 1
     map_run = MapRun(loaded, settings)
     if scheduler is not None:
-        all_jobs = [replace(job, path=job.path.absolute()) for job in all_jobs]
+        all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]
     size = None if scheduler is not None else _jobs_at_once(jobs, len(all_jobs))
     if size is not None:
         map_run = map_run.sharing(size)

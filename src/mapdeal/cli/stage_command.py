@@ -16,6 +16,7 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import with_shared_options
 from mapdeal.errors import ParameterError
 from mapdeal.formats.map_writer import Encoding
+from mapdeal.formats.source import absolute_path
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
@@ -79,7 +80,7 @@ def stage_app(name: str) -> typer.Typer:
             from mapdeal.pipeline.block_jobs import apply_by_workers  # slow to import
 
             figures = apply_by_workers(
-                source.absolute(), output.absolute(), step, settings, scheduler
+                absolute_path(source), absolute_path(output), step, settings, scheduler
             )
         terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
         say_written(output, figures)

@@ -9,7 +9,7 @@ from mapdeal.formats.map_server import find_image
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.formats.pnm import decode_pbm, write_pbm
-from mapdeal.formats.source import exists, read_file, status_of
+from mapdeal.formats.source import exists, is_same_file, read_file, status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.bit_map import BitMap
 
@@ -54,7 +54,7 @@ def read_bit_map_pair(
         raise FileAccessError(rule, source=path)
     metadata = read_metadata(yaml_path)
     image = find_image(yaml_path, metadata.image)
-    if not image.samefile(path):
+    if not is_same_file(image, path):
         rule = f"names another image than {path.name}"
         raise MalformedInputError(rule, source=yaml_path, place="image", got=metadata.image)
     if metadata.cost_scale is not None:

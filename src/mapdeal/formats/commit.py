@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import FileAccessError
-from mapdeal.formats.identity import FileIdentity
+from mapdeal.formats.file_state import FileState
 from mapdeal.formats.signals import signals_put_off
 from mapdeal.formats.temporary import PREFIX, Temporary, locked, sync_folder
 
@@ -38,7 +38,7 @@ class _Change:
         The folder.
     name : str
         The name.
-    new : FileIdentity, optional
+    new : FileState, optional
         The file that it gets; None if the name only goes.
     aside : str, optional
         The second name of the old file; None if there is none to be kept.
@@ -46,7 +46,7 @@ class _Change:
 
     folder: Path
     name: str
-    new: FileIdentity | None
+    new: FileState | None
     aside: str | None
 
     @property
@@ -309,14 +309,14 @@ def _change_of(folder: Path, name: object, new: object, aside: object) -> _Chang
         raise ValueError
     if aside is not None and not (isinstance(aside, str) and _ASIDE.fullmatch(aside)):
         raise ValueError
-    identity = None if new is None else FileIdentity(*map(int, new))  # type: ignore[call-overload]
-    return _Change(folder, name, identity, aside)
+    state = None if new is None else FileState(*map(int, new))  # type: ignore[call-overload]
+    return _Change(folder, name, state, aside)
 
 
-def _what_stands_at(path: Path) -> FileIdentity | None:
-    """Return the identity of the file of a name, be it a link, and None if there is none."""
+def _what_stands_at(path: Path) -> FileState | None:
+    """Return the state of the file of a name, be it a link, and None if there is none."""
     try:
-        return FileIdentity.of_status(path.lstat())
+        return FileState.of_status(path.lstat())
     except (FileNotFoundError, NotADirectoryError):
         return None
 

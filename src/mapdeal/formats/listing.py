@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+import fnmatch
+import heapq
+import os
 import re
-from collections.abc import Iterable, Sequence
-from glob import glob, has_magic
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from glob import has_magic
 from pathlib import Path
 
-from mapdeal.errors import FileAccessError, ParameterError
-from mapdeal.formats.source import exists
+from mapdeal.errors import FileAccessError, MapdealWarning, ParameterError
+from mapdeal.formats.source import (
+    contents_of,
+    exists,
+    identity_of,
+    is_folder,
+    is_regular,
+    status_of,
+)
+
+_ANY_FOLDERS = "**"
+
+Contents = tuple[list[str], list[str]]
+"""The names of the folders in a folder, and of its files."""
 
 
 def list_files(
@@ -47,40 +63,148 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
     if not name:
         raise ParameterError("the name of a file must not be empty")
     path = Path(name)
-    is_there = exists(path)
-    if is_there and path.is_dir():
+    if is_folder(path):
         suffixes = [suffix for suffix in suffixes if suffix not in not_in_folders]
-        try:
-            inside = list(path.iterdir())
-        except OSError as error:
-            rule = f"cannot be read: {error.strerror or error}"
-            raise FileAccessError(rule, source=path) from None
-        rule = f"the folder holds no file that ends in {', '.join(suffixes)}"
-    elif has_magic(name) and not is_there:
-        inside = [Path(match) for match in glob(name, recursive=True)]  # noqa: PTH207 - of any root
-        rule = f"matches no file that ends in {', '.join(suffixes)}"
+        inside = [path / file for file in contents_of(path)[1]]
+    elif has_magic(name) and not exists(path):
+        inside = files_matching(name)
     else:
-        if not is_there:
-            raise FileAccessError("cannot be read: no such file or folder", source=name)
+        status_of(path)  # which says why it is not there
         return [path]
-    files = [one for one in inside if one.suffix.lower() in suffixes and one.is_file()]
+    files = [one for one in inside if one.suffix.lower() in suffixes]
     if not files:
-        if is_there:
+        endings = ", ".join(suffixes)
+        if exists(path):
+            rule = f"the folder holds no file that ends in {endings}"
             raise FileAccessError(rule, source=name)
-        raise ParameterError(rule, source=name)  # a pattern is a word of the user's
-    # a link to a folder above leads to each file again and again: the shortest way counts
-    nearest: dict[tuple[Path, str], Path] = {}
-    for one in sorted(files, key=lambda one: len(one.parts)):
-        nearest.setdefault((one.parent.resolve(), one.name), one)
-    return sorted_naturally(nearest.values())
+        # a pattern is a word of the user's
+        raise ParameterError(f"matches no file that ends in {endings}", source=name)
+    return sorted_naturally(files)
+
+
+def files_matching(pattern: str) -> list[Path]:
+    """Return the regular files that a pattern stands for.
+
+    Parameters
+    ----------
+    pattern : str
+        Parts of ``*``, ``?`` and ``[...]``, of which none stands for the dot that a hidden
+        name begins with, and ``**`` for any number of folders, also none, that are not hidden.
+
+    Returns
+    -------
+    list of Path
+        In no order, each once, by its shortest way.
+
+    Warns
+    -----
+    MapdealWarning
+        If a folder on the way cannot be read. It is left out, as by a shell.
+
+    Notes
+    -----
+    The files are those of ``glob.glob(pattern, recursive=True)``. But that follows each of the ways
+    that links make to a folder, which can be 2 to the power of 40 with two links. Here each
+    part of the pattern leads from some folders to others, and each folder is looked into once for
+    each part, however many ways there are: the time is linear in the entries of all folders.
+    """
+    if pattern[-1] in (os.sep, os.altsep):  # folders alone
+        return []
+    path = Path(pattern)
+    *parts, last = path.parts[1:] if path.anchor else path.parts
+    folders = [Path(path.anchor)]
+    for part in parts:
+        folders = _shortest_ways(_one_part_on(folders, part))
+    if last == _ANY_FOLDERS:
+        return [one / name for one, files in folders_below(folders, _seen_in) for name in files]
+    if has_magic(last):
+        return [one / name for one in folders for name in _matching(_seen_in(one)[1], last)]
+    return [one / last for one in folders if is_regular(one / last)]
+
+
+def _one_part_on(folders: Iterable[Path], part: str) -> Iterator[Path]:
+    """Yield the folders that a part of a pattern leads to."""
+    if part == _ANY_FOLDERS:
+        for one, _ in folders_below(folders, _seen_in):
+            yield one
+    elif has_magic(part):
+        for one in folders:
+            yield from (one / name for name in _matching(_seen_in(one)[0], part))
+    else:
+        yield from (one / part for one in folders if is_folder(one / part))
+
+
+def _matching(names: Iterable[str], part: str) -> Iterator[str]:
+    for name in fnmatch.filter(names, part):
+        if not name.startswith(".") or part.startswith("."):
+            yield name
+
+
+def _seen_in(folder: Path) -> Contents:
+    """Return the names in a folder, none of one that cannot be read."""
+    try:
+        return contents_of(folder)
+    except FileAccessError as error:
+        warnings.warn(MapdealWarning(f"{error}; left out"), stacklevel=2)
+        return [], []
+
+
+def _shortest_ways(folders: Iterable[Path]) -> list[Path]:
+    """Return each real folder once."""
+    nearest: dict[tuple[int, int] | None, Path] = {}
+    for one in sorted(folders, key=lambda one: len(one.parts)):
+        nearest.setdefault(identity_of(one), one)
+    return list(nearest.values())
+
+
+def folders_below(
+    folders: Iterable[Path],
+    look_into: Callable[[Path], Contents],
+    *,
+    leave_out: Callable[[Path], bool] = lambda _: False,
+) -> Iterator[tuple[Path, list[str]]]:
+    """Yield folders and all those below them, and the files in each.
+
+    Parameters
+    ----------
+    folders : iterable of Path
+        Where to begin.
+    look_into : callable
+        Returns the names of the folders and of the files in one, as `contents_of` does.
+    leave_out : callable
+        Returns whether a folder, and thereby what is below it, is none of those wanted.
+
+    Yields
+    ------
+    Path
+        A folder. One that links lead to again and again comes once, by its shortest way.
+    list of str
+        The names of the files in it, hidden ones left aside.
+    """
+    seen: set[tuple[int, int] | None] = set()
+    waiting = [(len(one.parts), k, one) for k, one in enumerate(folders)]
+    heapq.heapify(waiting)
+    count = len(waiting)
+    while waiting:
+        *_, folder = heapq.heappop(waiting)
+        identity = identity_of(folder)
+        if identity in seen or leave_out(folder):
+            continue
+        seen.add(identity)
+        below, files = look_into(folder)
+        yield folder, [name for name in files if not name.startswith(".")]
+        for name in below:
+            if not name.startswith("."):
+                count += 1
+                heapq.heappush(waiting, (len(folder.parts) + 1, count, folder / name))
 
 
 def numbered_folders(folder: Path) -> list[Path]:
     """Return the folders in a folder, if there is one, whose names are numbers, in order."""
-    if not folder.is_dir():
+    if not is_folder(folder):
         return []
-    numbered = [one for one in folder.iterdir() if one.name.isdecimal() and one.is_dir()]
-    return sorted(numbered, key=lambda one: natural_key(one.name))
+    numbered = [name for name in contents_of(folder)[0] if name.isdecimal()]
+    return [folder / name for name in sorted(numbered, key=natural_key)]
 
 
 def sorted_naturally(files: Iterable[Path]) -> list[Path]:

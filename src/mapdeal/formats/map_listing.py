@@ -10,8 +10,16 @@ from glob import has_magic
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
-from mapdeal.formats.listing import list_files, sorted_naturally
-from mapdeal.formats.source import exists, head_of, read_file
+from mapdeal.formats.listing import folders_below, list_files, sorted_naturally
+from mapdeal.formats.source import (
+    contents_of,
+    exists,
+    head_of,
+    is_folder,
+    normal_path,
+    read_file,
+    real_path,
+)
 from mapdeal.formats.yaml_text import read_mapping
 
 _YAML = (".yaml", ".yml")
@@ -104,7 +112,7 @@ def list_maps(
     FileAccessError
         If a folder holds no map, or a folder or list cannot be read.
     """
-    nowhere = output.resolve()
+    nowhere = real_path(output)
     found: list[_Found] = []
     for name in names:
         if name.startswith("@"):
@@ -113,17 +121,17 @@ def list_maps(
         else:
             found.append(_found_by(name, nowhere, is_listed=False))
     root = _common_root(found)
-    maps: dict[tuple[str, str], ListedMap] = {}
-    repeated: dict[tuple[str, str], Path] = {}
+    maps: dict[tuple[Path, str], ListedMap] = {}
+    repeated: dict[tuple[Path, str], Path] = {}
     for one in found:
         for path in one.files:
-            key = (os.path.realpath(path.parent), path.name)
+            key = (real_path(path.parent), path.name)
             name = path.name if one.root is None else _below(path, root)
             if key in maps:
                 repeated[key] = path
             else:
                 maps[key] = ListedMap(path, name)
-    left_out = {os.path.realpath(path): path for one in found for path in one.left_out}
+    left_out = {real_path(path): path for one in found for path in one.left_out}
     is_set = any(one.root is not None for one in found)
     return MapListing(
         tuple(maps.values()), is_set, tuple(left_out.values()), tuple(repeated.values())
@@ -153,7 +161,7 @@ def _found_by(name: str, output: Path, *, is_listed: bool) -> _Found:
     if not name:
         raise ParameterError("the name of a map must not be empty")
     path = Path(name)
-    if exists(path) and path.is_dir():
+    if is_folder(path):
         candidates = _below_folder(path, output)
         maps = [one for one in candidates if _is_map(one)]
         if not maps:
@@ -170,7 +178,8 @@ def _found_by(name: str, output: Path, *, is_listed: bool) -> _Found:
         root = _fixed_part(path)
     else:
         return _Found(path.parent if is_listed else None, [path], [])
-    return _Found(root, maps, [one for one in candidates if one not in set(maps)])
+    known = set(maps)
+    return _Found(root, maps, [one for one in candidates if one not in known])
 
 
 def _outside_of(output: Path) -> str:
@@ -178,7 +187,7 @@ def _outside_of(output: Path) -> str:
 
 
 def _lies_in(folder: Path, output: Path) -> bool:
-    real = folder.resolve()
+    real = real_path(folder)
     return real == output or output in real.parents
 
 
@@ -193,29 +202,10 @@ def _fixed_part(pattern: Path) -> Path:
 
 
 def _below_folder(folder: Path, output: Path) -> list[Path]:
-    """Return all YAML files in a folder and below, hidden ones and outputs left aside.
-
-    A folder that links lead to several times is looked into once, by its shortest way.
-    """
-    seen: set[Path] = set()
-    found: list[Path] = []
-    level = [folder]
-    while level:
-        below: list[Path] = []
-        for one in level:
-            real = one.resolve()
-            if real in seen or _lies_in(real, output):
-                continue
-            seen.add(real)
-            try:
-                inside = sorted(path for path in one.iterdir() if path.name[0] != ".")
-            except OSError as error:
-                rule = f"cannot be read: {error.strerror or error}"
-                raise FileAccessError(rule, source=one) from None
-            below += [path for path in inside if path.is_dir()]
-            found += [p for p in inside if p.suffix.lower() in _YAML and p.is_file()]
-        level = below
-    return sorted_naturally(found)
+    """Return all YAML files in a folder and below, hidden ones and outputs left aside."""
+    walk = folders_below([folder], contents_of, leave_out=lambda one: _lies_in(one, output))
+    files = (one / name for one, names in walk for name in names)
+    return sorted_naturally(file for file in files if file.suffix.lower() in _YAML)
 
 
 def _is_map(path: Path) -> bool:
@@ -238,14 +228,10 @@ def _common_root(found: Iterable[_Found]) -> Path:
     if not folders:
         return Path()
     try:
-        return Path(os.path.commonpath([_absolute(folder) for folder in folders if folder]))
+        return Path(os.path.commonpath([normal_path(folder) for folder in folders if folder]))
     except ValueError:  # Windows
         raise ParameterError("folders on several drives have no common root") from None
 
 
-def _absolute(path: Path) -> str:
-    return os.path.abspath(path)  # noqa: PTH100 - unlike Path.absolute it takes out ".."
-
-
 def _below(path: Path, root: Path) -> str:
-    return Path(_absolute(path)).relative_to(root).as_posix()
+    return normal_path(path).relative_to(root).as_posix()

@@ -15,7 +15,7 @@ from mapdeal.formats.image import read_image
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture, Samples
 from mapdeal.formats.pixel_rows import PixelRows
-from mapdeal.formats.source import exists
+from mapdeal.formats.source import contents_of, exists
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
@@ -139,8 +139,8 @@ def _warn_path(yaml_path: Path, text: str) -> None:
 def _nearest_name(path: Path) -> str | None:
     """Return a hint that names the files most like `path`, other case or ending included."""
     try:
-        names = sorted(p.name for p in path.parent.iterdir() if p.is_file())
-    except (OSError, ValueError):
+        names = contents_of(path.parent)[1]
+    except FileAccessError:
         return None
     import difflib
 

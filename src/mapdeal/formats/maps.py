@@ -12,7 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealError, MapdealWarning, ParameterError
-from mapdeal.formats.identity import FileIdentity
+from mapdeal.formats.file_state import FileState
 from mapdeal.formats.image import read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
 from mapdeal.formats.map_server import find_image, lazy_cells, read_cells, warn_of_lost_rows
@@ -21,7 +21,7 @@ from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
 from mapdeal.formats.npz import Grid, npz_size, read_npz, write_npz
 from mapdeal.formats.picture import LARGEST_CELLS, check_size
 from mapdeal.formats.pixel_rows import PixelRows, open_pixel_rows
-from mapdeal.formats.source import check_identity, exists, identity_of, sha256_of, status_of
+from mapdeal.formats.source import check_state, exists, sha256_of, state_of, status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -71,7 +71,7 @@ class MapFile:
         The pixels of the image, if their rows can be read one by one.
     remarks : sequence of warning
         What there is to warn of in the header of such an image.
-    identities : mapping of Path to FileIdentity
+    states : mapping of Path to FileState
         Which files these are, taken before anything was read of them.
     """
 
@@ -85,10 +85,10 @@ class MapFile:
         image: Path | None = None,
         pixels: PixelRows | None = None,
         remarks: Sequence[Warning] = (),
-        identities: Mapping[Path, FileIdentity] | None = None,
+        states: Mapping[Path, FileState] | None = None,
     ) -> None:
         self.path = path
-        self.identities = dict(identities or {})
+        self.states = dict(states or {})
         self.metadata = metadata
         self._dialect: Dialect = dialect
         self._max_cells = max_cells
@@ -205,8 +205,8 @@ class MapFile:
 
         Between two files of a map somebody may have replaced both.
         """
-        for path, identity in self.identities.items():
-            check_identity(path, identity)
+        for path, state in self.states.items():
+            check_state(path, state)
 
 
 @contextmanager
@@ -232,13 +232,13 @@ def open_map(
         If a file is malformed, or not of these two kinds.
     """
     if path.suffix.lower() == ".npz":
-        yield MapFile(path, max_cells=max_cells, identities={path: identity_of(path)})
+        yield MapFile(path, max_cells=max_cells, states={path: state_of(path)})
         return
     _refuse_image(path)
-    identities = {path: identity_of(path)}
+    states = {path: state_of(path)}
     metadata = read_metadata(path, dialect=dialect)
     image = find_image(path, metadata.image)
-    identities[image] = identity_of(image)
+    states[image] = state_of(image)
     with ExitStack() as stack:
         pixels: PixelRows | None = None
         with warnings.catch_warnings(record=True) as caught:
@@ -250,7 +250,7 @@ def open_map(
         remarks = [one.message for one in caught if isinstance(one.message, Warning)]
         yield MapFile(
             path, dialect=dialect, max_cells=max_cells, metadata=metadata, image=image,
-            pixels=pixels, remarks=remarks, identities=identities,
+            pixels=pixels, remarks=remarks, states=states,
         )  # fmt: skip
 
 

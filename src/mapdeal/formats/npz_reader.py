@@ -19,6 +19,7 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.source import check_regular
 
 _LARGEST_SMALL_ARRAY = 4096
 _LARGEST_SMALL_NUMBER = 1 << 31
@@ -62,10 +63,8 @@ class NpzReader:
     def __init__(self, path: Path, max_cells: int) -> None:
         self._path = path
         self._max_cells = max_cells
+        check_regular(path)
         try:
-            if not path.is_file():
-                rule = "cannot be read: no such file" if not path.exists() else "no regular file"
-                raise FileAccessError(rule, source=path)
             self._zip = zipfile.ZipFile(path)
         except (zipfile.BadZipFile, NotImplementedError, ValueError):
             raise MalformedInputError("is not an npz file", source=path) from None

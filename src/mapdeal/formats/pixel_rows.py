@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError
-from mapdeal.formats.identity import CHANGED, FileIdentity
+from mapdeal.formats.file_state import CHANGED, FileState
 from mapdeal.formats.pnm import GreyFile, check_pixels, locate_pixels
 from mapdeal.formats.source import check_regular
 
@@ -38,7 +38,7 @@ class PixelRows:
     image: Path
     located: GreyFile
     _descriptor: int
-    _identity: FileIdentity
+    _state: FileState
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -72,7 +72,7 @@ class PixelRows:
         Asked each time: in the end would be too late, since results are written by then.
         """
         data = _read(self._descriptor, offset, count, self.image)
-        if FileIdentity.of_status(os.fstat(self._descriptor)) != self._identity:
+        if FileState.of_status(os.fstat(self._descriptor)) != self._state:
             raise FileAccessError(CHANGED, source=self.image)
         return data
 
@@ -101,7 +101,7 @@ def open_pixel_rows(image: Path) -> Iterator[PixelRows | None]:
         if located is None:
             yield None
             return
-        yield PixelRows(image, located, descriptor, FileIdentity.of_status(before))
+        yield PixelRows(image, located, descriptor, FileState.of_status(before))
 
 
 @contextmanager

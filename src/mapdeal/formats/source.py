@@ -1,4 +1,9 @@
-"""Reading a whole input file, with its troubles told apart."""
+"""Names of files, and reading a whole input file: the place where the system's refusals end.
+
+What the system raises on a name, be it too long, in a private folder, in a circle of links, or
+relative to a working folder that is gone, becomes one `FileAccessError` that names it. All other
+modules ask here, and not `pathlib`, whose answers to such names differ between versions of Python.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +11,13 @@ import hashlib
 import os
 import stat
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.commit import settle
-from mapdeal.formats.identity import CHANGED, FileIdentity
+from mapdeal.formats.file_state import CHANGED, FileState
 
 _GIBIBYTE = 1 << 30
 LARGEST_FILE = 16 * _GIBIBYTE
@@ -20,20 +25,147 @@ _HEAD = 1 << 20
 _CHUNK = 1 << 18
 
 
-def exists(path: Path) -> bool:
-    """Return whether there is something at `path`; a name that no file can have is not there."""
+@contextmanager
+def access_to(path: Path, action: str = "read") -> Iterator[None]:
+    """Turn what the system raises within a ``with`` block into one error that names a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file or folder.
+    action : str
+        What is done to it, as in "cannot be read".
+
+    Raises
+    ------
+    FileAccessError
+        For every `OSError`, and before anything is done for a name that no file can have.
+    """
+    if not _can_be_name(path):
+        raise FileAccessError(f"cannot be {action}: no file has such a name", source=path)
     try:
-        return path.exists()
-    except (OSError, ValueError):
+        yield
+    except OSError as error:
+        rule = f"cannot be {action}: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None
+
+
+def _can_be_name(path: Path) -> bool:
+    """Return whether bytes stand for the name, none of them zero."""
+    try:
+        return b"\0" not in os.fsencode(path)
+    except UnicodeEncodeError:  # half of a pair of surrogates
         return False
 
 
-def real_path(path: Path) -> Path:
-    """Return where links lead to; the path itself if they lead in circles, or too far."""
+def status_of(path: Path) -> os.stat_result:
+    """Return the status of a file, or of what a link leads to.
+
+    What a killed process has left in its folder is undone first.
+
+    Raises
+    ------
+    FileAccessError
+        If there is none, or no file can have such a name.
+    """
+    with access_to(path):
+        settle(path.parent)
+        return path.stat()
+
+
+def _status_or_none(path: Path) -> os.stat_result | None:
     try:
-        return path.resolve()
-    except (OSError, ValueError, RuntimeError):
+        return status_of(path)
+    except FileAccessError:
+        return None
+
+
+def exists(path: Path) -> bool:
+    """Return whether there is something at `path` that can be seen; whoever reads it says why not.
+
+    A name that no file can have is not there, nor is a link to nothing.
+    """
+    return _status_or_none(path) is not None
+
+
+def is_folder(path: Path) -> bool:
+    """Return whether `path` is a folder, or leads to one."""
+    status = _status_or_none(path)
+    return status is not None and stat.S_ISDIR(status.st_mode)
+
+
+def is_regular(path: Path) -> bool:
+    """Return whether `path` is a file with contents, neither a folder nor a pipe nor a device."""
+    status = _status_or_none(path)
+    return status is not None and stat.S_ISREG(status.st_mode)
+
+
+def identity_of(path: Path) -> tuple[int, int] | None:
+    """Return what tells a file or folder from all others, by whatever name; None if not there."""
+    status = _status_or_none(path)
+    return None if status is None else (status.st_dev, status.st_ino)
+
+
+def is_same_file(one: Path, other: Path) -> bool:
+    """Return whether two names are of one file that there is."""
+    identity = identity_of(one)
+    return identity is not None and identity == identity_of(other)
+
+
+def absolute_path(path: Path) -> Path:
+    """Return a path from the root on.
+
+    Raises
+    ------
+    FileAccessError
+        If it starts from the working folder, and that is gone.
+    """
+    if path.is_absolute():
         return path
+    try:
+        return Path(os.getcwd()) / path  # noqa: PTH109 - pathlib asks the same
+    except OSError as error:
+        rule = f"the working directory is not there: {error.strerror}"
+        raise FileAccessError(rule, source=path) from None
+
+
+def normal_path(path: Path) -> Path:
+    """Return the absolute path without ``..``, whatever links there are on the way."""
+    return Path(os.path.normpath(absolute_path(path)))
+
+
+def real_path(path: Path) -> Path:
+    """Return the absolute path without ``..`` and links; links in a circle stay as they are.
+
+    Raises
+    ------
+    FileAccessError
+        If no file can have such a name, or the working folder is gone.
+    """
+    whole = absolute_path(path)
+    with access_to(path):
+        return Path(os.path.realpath(whole))
+
+
+def contents_of(folder: Path) -> tuple[list[str], list[str]]:
+    """Return the names of the folders and of the regular files in a folder, each in order.
+
+    Links count as what they lead to; those that lead to nothing that can be seen are left out.
+
+    Raises
+    ------
+    FileAccessError
+        If it is no folder, or cannot be read.
+    """
+    folders, files = [], []
+    with access_to(folder), os.scandir(folder) as entries:
+        for entry in entries:
+            with suppress(OSError):  # of one entry: a circle of links, a link into a private folder
+                if entry.is_dir():
+                    folders.append(entry.name)
+                elif entry.is_file():
+                    files.append(entry.name)
+    return sorted(folders), sorted(files)
 
 
 _sums: ContextVar[dict[Path, str] | None] = ContextVar("sums", default=None)
@@ -76,13 +208,13 @@ def read_file(
     MalformedInputError
         If it is longer than `limit` bytes.
     """
+    # Only a regular file is opened: a pipe or a device would block or never end.
+    before = status_of(path)
+    if not stat.S_ISREG(before.st_mode):
+        kind = "a directory" if stat.S_ISDIR(before.st_mode) else "no regular file"
+        raise FileAccessError(f"cannot be read: it is {kind}", source=path)
     try:
-        # Only a regular file is opened: a pipe or a device would block or never end.
-        before = status_of(path)
-        if not stat.S_ISREG(before.st_mode):
-            kind = "a directory" if stat.S_ISDIR(before.st_mode) else "no regular file"
-            raise FileAccessError(f"cannot be read: it is {kind}", source=path)
-        with path.open("rb") as file:
+        with access_to(path), path.open("rb") as file:
             if inspect is not None:
                 inspect(file.read(_HEAD))
                 file.seek(0)
@@ -97,10 +229,7 @@ def read_file(
     except MemoryError:
         rule = "does not fit into memory"
         raise FileAccessError(rule, source=path, got=before.st_size) from None
-    except OSError as error:
-        rule = f"cannot be read: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
-    if FileIdentity.of_status(after) != FileIdentity.of_status(before):
+    if FileState.of_status(after) != FileState.of_status(before):
         raise FileAccessError(CHANGED, source=path)
     sums = _sums.get()
     if sums is not None:
@@ -117,16 +246,12 @@ def chunks_of(path: Path) -> Iterator[bytes]:
         If it cannot be read.
     """
     status_of(path)
-    try:
-        with path.open("rb", buffering=0) as file:
-            while chunk := file.read(_CHUNK):
-                yield chunk
-    except OSError as error:
-        rule = f"cannot be read: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
+    with access_to(path), path.open("rb", buffering=0) as file:
+        while chunk := file.read(_CHUNK):
+            yield chunk
 
 
-def identity_of(path: Path) -> FileIdentity:
+def state_of(path: Path) -> FileState:
     """Return what becomes another if the file of a name is replaced or written to.
 
     Raises
@@ -134,12 +259,12 @@ def identity_of(path: Path) -> FileIdentity:
     FileAccessError
         If there is none.
     """
-    return FileIdentity.of_status(status_of(path))
+    return FileState.of_status(status_of(path))
 
 
-def check_identity(path: Path, identity: FileIdentity) -> None:
+def check_state(path: Path, state: FileState) -> None:
     """Raise FileAccessError if the file of a name is not the one that it was."""
-    if identity_of(path) != identity:
+    if state_of(path) != state:
         raise FileAccessError(CHANGED, source=path)
 
 
@@ -158,17 +283,8 @@ def head_of(path: Path, length: int) -> bytes:
         If it cannot be read.
     """
     check_regular(path)
-    try:
-        with path.open("rb") as file:
-            return file.read(length)
-    except OSError as error:
-        rule = f"cannot be read: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
-
-
-def is_same_file(one: Path, other: Path) -> bool:
-    """Return whether two names are of one file that there is."""
-    return exists(one) and exists(other) and one.samefile(other)
+    with access_to(path), path.open("rb") as file:
+        return file.read(length)
 
 
 def ignores_case(folder: Path) -> bool:
@@ -176,7 +292,8 @@ def ignores_case(folder: Path) -> bool:
 
     The nearest folder that there is tells for one that is yet to be made.
     """
-    for known in (folder.absolute(), *folder.absolute().parents):
+    whole = absolute_path(folder)
+    for known in (whole, *whole.parents):
         other = known.name.swapcase()
         if other != known.name and exists(known):
             return is_same_file(known, known.with_name(other))
@@ -185,25 +302,7 @@ def ignores_case(folder: Path) -> bool:
 
 def holds(path: Path, sha256: str) -> bool:
     """Return whether `path` is a file with exactly the contents of that checksum."""
-    return exists(path) and path.is_file() and sha256_of(path) == sha256
-
-
-def status_of(path: Path) -> os.stat_result:
-    """Return the status of a file, once what a killed process has left beside it is undone.
-
-    Raises
-    ------
-    FileAccessError
-        If there is none, or no file can have such a name.
-    """
-    try:
-        settle(path.parent)
-        return path.stat()
-    except ValueError:
-        raise FileAccessError("cannot be read: no file has such a name", source=path) from None
-    except OSError as error:
-        rule = f"cannot be read: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
+    return is_regular(path) and sha256_of(path) == sha256
 
 
 def sha256_of(path: Path) -> str:
@@ -215,8 +314,5 @@ def sha256_of(path: Path) -> str:
         If it cannot be read, or is no regular file.
     """
     check_regular(path)
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise FileAccessError(f"cannot be read: {error.strerror}", source=path) from None
+    with access_to(path), path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
-from mapdeal.formats.identity import CHANGED, FileIdentity
+from mapdeal.formats.file_state import CHANGED, FileState
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import MapFile, Source, open_map
 from mapdeal.formats.npy import begin_npy, write_rows
@@ -57,7 +57,7 @@ class BlockJob(Job):
         The file that their distances go into.
     offset : int
         Where in that file.
-    identities : mapping of Path to FileIdentity
+    states : mapping of Path to FileState
         Which files the map's are: those that other jobs see.
     """
 
@@ -66,7 +66,7 @@ class BlockJob(Job):
     halo: Halo | None = None
     target: Path | None = None
     offset: int = 0
-    identities: Mapping[Path, FileIdentity] = field(default_factory=dict)
+    states: Mapping[Path, FileState] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ class BlockWork:
 
     def _rows(self, job: BlockJob) -> OccupancyGrid:
         with open_map(job.path, dialect=self.dialect, max_cells=self.max_cells) as file:
-            for path, identity in file.identities.items():
-                if job.identities.get(path) != identity:
+            for path, state in file.states.items():
+                if job.states.get(path) != state:
                     raise FileAccessError(CHANGED, source=path)
             source = _by_rows(file, job.end - job.first)
             return source.grid.part(slice(job.first, job.end))  # type: ignore[return-value]
@@ -146,7 +146,7 @@ def apply_by_workers(
     ):
         workers = ClusterWorkers(client, scheduler)
         grid, files = _by_rows(file, 1).grid, file.files
-        whole = replace(whole, identities=file.identities)
+        whole = replace(whole, states=file.states)
         jobs = _blocks(whole, grid.shape, settings.max_memory or workers.memory_of_each())
         parts: list[DistanceRange] = []
 

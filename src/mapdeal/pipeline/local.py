@@ -9,16 +9,17 @@ from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES, cloud_chunks
-from mapdeal.formats.identity import FileIdentity
+from mapdeal.formats.file_state import FileState
 from mapdeal.formats.listing import list_files, numbered_folders
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import as_occupancy, open_map
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.source import (
-    check_identity,
-    identity_of,
+    check_state,
     is_same_file,
+    real_path,
     sha256_of,
+    state_of,
     sums_of_reads,
 )
 from mapdeal.grid.framed import Figures
@@ -134,7 +135,7 @@ def local_from_cloud(
     )
     parameters = {"pose": mapper.pose, **asdict(common.options)}
     first = Step(_LOCAL, {**parameters, "require_points": common.require_points})
-    identity = identity_of(cloud)  # of what its checksum is of, and then its points
+    state = state_of(cloud)  # of what its checksum is of, and then its points
     target = OutputFolder(
         folder,
         (first, *common.recipe.steps),
@@ -152,7 +153,7 @@ def local_from_cloud(
         return RunReport(folder, "unchanged", figures)
     with use_threads(common.settings.threads):
         figures = target.fill(
-            _products(first, cloud, identity, mapper, common),
+            _products(first, cloud, state, mapper, common),
             stem=cloud.stem,
             files=files,
             overlay=PoseOverlay(mapper.pose),
@@ -167,12 +168,12 @@ def _threshold_of(recipe: Recipe) -> int:
 
 
 def _products(
-    first: Step, cloud: Path, identity: FileIdentity, mapper: LocalMapper, common: LocalCommon
+    first: Step, cloud: Path, state: FileState, mapper: LocalMapper, common: LocalCommon
 ) -> Iterator[Product]:
     with errors_named(cloud):
         for points in cloud_chunks(cloud):
             mapper.add(points)
-    check_identity(cloud, identity)
+    check_state(cloud, state)
     made = mapper.result()
     _check_points(made, cloud, required=common.require_points)
     known = common.global_map
@@ -270,9 +271,9 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Cl
         CloudJob(cloud, (x, y, yaw), output / f"{k:0{digits}}")
         for k, (cloud, (x, y, yaw)) in enumerate(zip(clouds, poses.tolist(), strict=True))
     ]
-    places = {output.resolve(), *(job.folder.resolve() for job in jobs)}
+    places = {real_path(output), *(real_path(job.folder) for job in jobs)}
     for path in (poses_file, *clouds):
-        if path.resolve().parent in places:
+        if real_path(path).parent in places:
             rule = "lies where outputs go; they need a folder of their own"
             raise FileAccessError(rule, source=path)
     return jobs

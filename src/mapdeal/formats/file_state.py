@@ -1,4 +1,4 @@
-"""What tells a file from the one that takes its name."""
+"""What tells whether a name still stands for the same bytes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ CHANGED = "changed while it was read"
 """What an error says of a file that is not the one any more that it was."""
 
 
-class FileIdentity(NamedTuple):
+class FileState(NamedTuple):
     """What becomes another when a file is replaced or written to.
 
     The device is not part of it: machines that share a folder number devices by themselves.
@@ -20,6 +20,6 @@ class FileIdentity(NamedTuple):
     modified_ns: int
 
     @classmethod
-    def of_status(cls, status: os.stat_result) -> FileIdentity:
-        """Return the identity of the file that has this status."""
+    def of_status(cls, status: os.stat_result) -> FileState:
+        """Return the state of the file that has this status."""
         return cls(status.st_ino, status.st_size, status.st_mtime_ns)

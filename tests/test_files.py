@@ -1,0 +1,100 @@
+"""Where the project asks the system about names, and why each of its walks ends."""
+
+import ast
+from pathlib import Path
+
+import mapdeal
+
+PACKAGE = Path(mapdeal.__file__).parent
+
+WALKS = {
+    "formats/source.py:contents_of": "lists one folder, each entry once",
+    "formats/listing.py:_files_of": "one folder, or the pattern's files, each once",
+    "formats/listing.py:files_matching": "each part of a pattern takes each real folder once",
+    "formats/listing.py:_one_part_on": "the folders of one part: real ones, each once",
+    "formats/listing.py:_seen_in": "lists one folder",
+    "formats/listing.py:numbered_folders": "lists one folder",
+    "formats/map_listing.py:_below_folder": "each real folder once, however many links lead to it",
+    "formats/map_server.py:_nearest_name": "lists one folder",
+    "formats/temporary.py:remove_stale": "lists one folder",
+    "formats/transaction.py:_make": "a path gets shorter with each step, up to the root",
+    "formats/free_memory.py:free_memory": "a path gets shorter with each step, up to its end",
+}
+"""Each function that lists a folder or climbs up a path, and why it is linear in what is there.
+
+A walk that is not here is a new one: say of it why it ends, with links in a circle, too.
+"""
+
+LISTING = {
+    "glob", "iglob", "rglob", "iterdir", "fwalk", "scandir", "listdir",
+    "contents_of", "files_matching", "folders_below",
+}  # fmt: skip
+
+
+def functions():
+    """Yield module and name of each function, with its nodes, and the package's own modules."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        module = path.relative_to(PACKAGE).as_posix()
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.FunctionDef):
+                yield f"{module}:{node.name}", list(ast.walk(node))
+
+
+def called(node):
+    """Return the name of what a node calls, with its object where that is a name."""
+    if not isinstance(node, ast.Call):
+        return ""
+    if isinstance(node.func, ast.Attribute):
+        owner = node.func.value
+        return f"{owner.id if isinstance(owner, ast.Name) else '?'}.{node.func.attr}"
+    return node.func.id if isinstance(node.func, ast.Name) else ""
+
+
+def is_walk(node):
+    name = called(node)
+    return name.rpartition(".")[2] in LISTING or name == "os.walk" or climbs(node)
+
+
+def climbs(node):
+    return isinstance(node, ast.While) and any(
+        isinstance(one, ast.Assign)
+        and isinstance(one.value, ast.Attribute)
+        and one.value.attr == "parent"
+        for one in ast.walk(node)
+    )
+
+
+def test_every_walk_is_known_to_end():
+    found = {name for name, nodes in functions() if any(map(is_walk, nodes))}
+    assert found == set(WALKS)
+
+
+ALLOWED = {
+    "formats/source.py": "the place where the system is asked",
+    "formats/transaction.py": "tells troubles of outputs from those of inputs",
+    "formats/temporary.py": "makes and removes files that are its own",
+}
+"""Modules that ask the system about names by themselves."""
+
+OF_PATHS = {
+    "absolute", "cwd", "exists", "expanduser", "is_dir", "is_file", "is_mount", "is_symlink",
+    "iterdir", "lstat", "readlink", "resolve", "rglob", "samefile", "stat",
+}  # fmt: skip
+OF_OS = {
+    "access", "getcwd", "listdir", "lstat", "readlink", "scandir", "stat", "walk",
+    "abspath", "exists", "getsize", "getmtime", "isdir", "isfile", "islink", "realpath",
+    "samefile",
+}  # fmt: skip
+
+
+def test_the_system_is_asked_about_names_in_one_place():
+    """What it raises depends on the name, on who asks, and on the version of Python."""
+    raw = set()
+    for path in sorted(PACKAGE.rglob("*.py")):
+        module = path.relative_to(PACKAGE).as_posix()
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            owner, _, method = called(node).rpartition(".")
+            is_of_os = owner != "" and ast.unparse(node.func).startswith(("os.", "path."))
+            if owner and method in (OF_OS if is_of_os else OF_PATHS):
+                raw.add(f"{module}:{node.lineno}: {ast.unparse(node)}")
+    assert {one for one in raw if one.partition(":")[0] not in ALLOWED} == set()
