@@ -39,6 +39,13 @@ def png(width, height, bit_depth, colour_type, rows, *, interlaced=0, before_dat
 GREY_ROWS = b"\0" + PIXELS[:3] + b"\0" + PIXELS[3:]
 GREY_PNG = png(3, 2, 8, 0, GREY_ROWS)
 ANIMATED = png(3, 2, 8, 0, GREY_ROWS, before_data=png_chunk(b"acTL", struct.pack(">II", 2, 0)))
+
+
+def with_chunk(name, body):
+    """The grey picture with one chunk more behind its header."""
+    return png(3, 2, 8, 0, GREY_ROWS, before_data=png_chunk(name, body))
+
+
 HUGE_BMP = b"BM" + struct.pack("<IHHI", 70, 0, 0, 54) + struct.pack(
     "<IiiHHIIiiII", 40, 100_000, 100_000, 1, 8, 0, 0, 0, 0, 0, 0
 )  # fmt: skip
@@ -91,6 +98,39 @@ BAD_IMAGES = [
      png(3, 2, 8, 3, bytes(8), before_data=png_chunk(b"PLTE", b"abcd")), "m.pgm"),
     ("I10-short-transparent-colour",
      png(3, 2, 8, 0, GREY_ROWS, before_data=png_chunk(b"tRNS", b"a")), "tRNS"),
+    ("I10-odd-transparent-colour",
+     png(3, 2, 8, 0, GREY_ROWS, before_data=png_chunk(b"tRNS", b"abc")), "tRNS"),
+    ("I10-transparent-colour-behind-the-pixels",
+     GREY_PNG[:-12] + png_chunk(b"tRNS", b"ab") + GREY_PNG[-12:], "chunk tRNS"),
+    ("I10-palette-behind-the-pixels",
+     png(3, 2, 8, 3, bytes(8))[:-12] + png_chunk(b"PLTE", b"abc") + GREY_PNG[-12:], "m.pgm"),
+    ("I10-no-bits", png(3, 2, 0, 0, GREY_ROWS, before_data=png_chunk(b"tRNS", b"ab")), "got 0"),
+    ("I10-three-bits", png(3, 2, 3, 0, GREY_ROWS), "got 3"),
+    ("I10-colour-of-4-bits", png(3, 2, 4, 2, bytes(12)), "got 4"),
+    ("I10-colour-type-1", png(3, 2, 8, 1, GREY_ROWS), "colour types, got 1"),
+    ("I10-interlaced-otherwise", png(3, 2, 8, 0, GREY_ROWS, interlaced=2), "interlaced"),
+    ("I6-png-of-width-0", png(0, 2, 8, 0, GREY_ROWS), "got (0, 2)"),
+    ("I6-png-of-height-0", png(3, 0, 8, 0, GREY_ROWS), "got (3, 0)"),
+    ("I11-two-headers", with_chunk(b"IHDR", GREY_PNG[16:29]), "IHDR: stands twice"),
+    ("I11-two-headers-one-short", with_chunk(b"IHDR", b"abc"), "IHDR"),
+    ("I11-short-header-behind-the-pixels",
+     GREY_PNG[:-12] + png_chunk(b"IHDR", b"abc") + GREY_PNG[-12:], "IHDR: stands twice"),
+    ("I11-header-without-bits-behind-the-pixels",
+     png(3, 2, 8, 0, GREY_ROWS, before_data=png_chunk(b"tRNS", b"ab"))[:-12]
+     + png_chunk(b"IHDR", struct.pack(">IIBBBBB", 3, 2, 0, 0, 0, 0, 0)) + GREY_PNG[-12:],
+     "IHDR: stands twice"),
+    ("I11-header-of-width-0-behind-the-pixels",
+     GREY_PNG[:-12] + png_chunk(b"IHDR", bytes(13)) + GREY_PNG[-12:], "IHDR: stands twice"),
+    ("I11-pixels-in-two-places",
+     GREY_PNG[:-12] + png_chunk(b"tEXt", b"a\0b") + png_chunk(b"IDAT", b"") + GREY_PNG[-12:],
+     "between the pixels"),
+    ("I11-short-gamma", with_chunk(b"gAMA", b"abc"), "gAMA"),
+    ("I11-short-frame-control", with_chunk(b"fcTL", b"abc"), "m.pgm"),
+    ("I11-no-exif", with_chunk(b"eXIf", b"junk"), "m.pgm"),
+    ("I11-empty-profile", with_chunk(b"iCCP", b""), "m.pgm"),
+    ("I11-text-of-5-megabytes", with_chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(5_000_000))),
+     "m.pgm"),
+    ("I11-unknown-filter", png(3, 2, 8, 0, b"\x09" + GREY_ROWS[1:]), "m.pgm"),
     ("I11-truncated-png", GREY_PNG[:-20], "m.pgm"),
     ("I11-png-without-its-end", GREY_PNG[:-12], "ends early"),
     ("I11-bad-checksum", GREY_PNG[:-13] + bytes([GREY_PNG[-13] ^ 1]) + GREY_PNG[-12:],

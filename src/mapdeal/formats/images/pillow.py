@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import logging
 import struct
+import threading
 import warnings
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
@@ -16,12 +18,34 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.images.image_format import OtherContentsError
 from mapdeal.formats.picture import Picture, check_size
 
 _EXIF_ORIENTATION = 0x0112
 _PILLOW_LOG = logging.NullHandler()
+
+# Pillow's limit, the filters of warnings and the terminal that libtiff writes to belong to the
+# whole process: two threads that put them aside and back at once would leave them aside.
+_LOCK = threading.RLock()
+_OF_PILLOW = r"PIL\.|mapdeal\.formats\.images\.pillow$"
+
+_DAMAGE = (
+    OSError,  # Pillow's own word for data that end early or cannot be decoded
+    SyntaxError,  # and for headers that break their format's rules
+    EOFError,  # a header without the frame that it announces
+    LookupError,  # tables that are shorter than others say, tags that are not there
+    TypeError,  # tags of another type than theirs, None for what is missing
+    AttributeError,  # the same, where the missing is asked for more
+    ValueError,  # numbers out of range; text that is no text (UnicodeDecodeError)
+    ArithmeticError,  # numbers too large for C; rationals over 0; images 0 bytes wide
+    AssertionError,  # what Pillow takes for granted of files
+    RuntimeError,  # decoders that cannot be set up; directories nested without end
+    MemoryError,  # lengths that a file claims and nobody has
+    struct.error,  # records that end early
+    zlib.error,  # compressed text and profiles
+)
+"""All that Pillow's readers raise on bytes that are no image."""
 
 
 def open_image(file: BinaryIO, name: str, path: Path, max_cells: int) -> Any:
@@ -48,7 +72,7 @@ def open_image(file: BinaryIO, name: str, path: Path, max_cells: int) -> Any:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with _no_size_limit(), _damage_refused(path):
+        with damage_refused(path):
             image = Image.open(file, formats=(name,))
             frames = getattr(image, "n_frames", 1)
     except UnidentifiedImageError:
@@ -72,7 +96,7 @@ def load(image: Any, path: Path, *, around: AbstractContextManager[None] | None 
     MapdealWarning
         If the image has an EXIF orientation.
     """
-    with _damage_refused(path), around or nullcontext():
+    with damage_refused(path), around or nullcontext():
         image.load()
         orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
     if orientation != 1:
@@ -83,8 +107,12 @@ def size_by_pillow(name: str) -> Callable[[bytes, Path, int], tuple[int, int]]:
     """Return the `size` function of a format that Pillow reads."""
 
     def size(_head: bytes, path: Path, max_cells: int) -> tuple[int, int]:
-        with path.open("rb") as file, open_image(file, name, path, max_cells) as image:
-            return image.height, image.width
+        try:
+            with path.open("rb") as file, open_image(file, name, path, max_cells) as image:
+                return image.height, image.width
+        except OSError as error:
+            rule = f"cannot be read: {error.strerror or error}"
+            raise FileAccessError(rule, source=path) from None
 
     return size
 
@@ -141,23 +169,43 @@ def _palette(image: Any) -> NDArray[np.uint8]:
     return table
 
 
+def one_at_a_time() -> AbstractContextManager[Any]:
+    """Return a context that one thread at a time is in."""
+    return _LOCK
+
+
 @contextmanager
-def _damage_refused(path: Path) -> Iterator[None]:
-    """Turn whatever damage leads Pillow's decoders to into one clear error."""
-    from PIL import UnidentifiedImageError
+def damage_refused(path: Path) -> Iterator[None]:
+    """Turn whatever damage leads Pillow's readers to into one clear error.
+
+    Around calls of Pillow alone: in code of ours the same exceptions are bugs.
+
+    Raises
+    ------
+    MalformedInputError
+        If the bytes are damaged.
+    FileAccessError
+        If the system cannot read the file.
+    UnidentifiedImageError
+        If they are of another format; the one exception of Pillow's that gets through.
+    """
+    from PIL import Image, UnidentifiedImageError
 
     # Pillow warns of odd tags and logs what it cannot decode; neither decides anything here.
     logging.getLogger("PIL").addHandler(_PILLOW_LOG)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with one_at_a_time(), _no_size_limit(), warnings.catch_warnings():
+            # by module: warnings of other threads must pass
+            warnings.filterwarnings("ignore", module=_OF_PILLOW)
             yield
     except UnidentifiedImageError:
         raise
-    except (OSError, SyntaxError, ValueError, EOFError, IndexError, KeyError, TypeError,
-            OverflowError, struct.error) as error:  # fmt: skip
-        rule = f"the image is damaged: {error}"
-        raise MalformedInputError(rule, source=path) from None
+    except (*_DAMAGE, Image.DecompressionBombError) as error:  # if others set the limit meanwhile
+        if isinstance(error, OSError) and error.errno is not None:
+            rule = f"cannot be read: {error.strerror}"
+            raise FileAccessError(rule, source=path) from None
+        told = str(error) or type(error).__name__
+        raise MalformedInputError(f"the image is damaged: {told}", source=path) from None
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,18 @@ from mapdeal.formats.images.pillow import (
     warn,
     wide_grey,
 )
-from mapdeal.formats.images.png_chunks import SIGNATURE, PngFacts, read_png_facts
-from mapdeal.formats.picture import Picture
+from mapdeal.formats.images.png_chunks import (
+    SIGNATURE,
+    PngFacts,
+    read_png_facts,
+    read_png_header,
+)
+from mapdeal.formats.picture import Picture, check_size
 
 
 def read_png(data: bytes, path: Path, max_cells: int) -> Picture:
     """Return the picture in a PNG file, see `ImageFormat.read`."""
+    _check_header(data, path)
     with open_image(io.BytesIO(data), "PNG", path, max_cells) as image:
         facts = read_png_facts(data, path)
         load(image, path)
@@ -34,6 +41,24 @@ def read_png(data: bytes, path: Path, max_cells: int) -> Picture:
             warn(path, text, "image.depth")
         picture = _picture_of(image, facts, path)
         return replace(picture, display=facts.display)
+
+
+def _size(head: bytes, path: Path, max_cells: int) -> tuple[int, int]:
+    _check_header(head, path)
+    return _size_by_pillow(head, path, max_cells)
+
+
+def _check_header(head: bytes, path: Path) -> None:
+    """Refuse a header with numbers that Pillow does not take for a PNG file's.
+
+    A file in which none comes first is left to Pillow.
+    """
+    if head[len(SIGNATURE) + 4 :].startswith(b"IHDR"):
+        header = read_png_header(head, path)
+        check_size(path, header.width, header.height, sys.maxsize)
+
+
+_size_by_pillow = size_by_pillow("PNG")
 
 
 def _picture_of(image: Any, facts: PngFacts, path: Path) -> Picture:
@@ -83,7 +108,7 @@ PNG = ImageFormat(
     suffixes=(".png",),
     recognises=lambda head: head.startswith(SIGNATURE),
     read=read_png,
-    size=size_by_pillow("PNG"),
+    size=_size,
     size_is_in_head=False,
     suggested=("png",),
 )

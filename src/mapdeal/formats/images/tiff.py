@@ -8,8 +8,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from mapdeal.formats.images.image_format import ImageFormat
-from mapdeal.formats.images.pillow import load, open_image, picture_of, size_by_pillow
+from mapdeal.formats.images.pillow import (
+    damage_refused,
+    load,
+    one_at_a_time,
+    open_image,
+    picture_of,
+    size_by_pillow,
+)
+from mapdeal.formats.images.tiff_parts import TAGS_OF_PARTS, check_decoded, tiff_parts
 from mapdeal.formats.picture import Picture
 
 # Either byte order, the mark of either in the wrong one, and BigTIFF: what Pillow opens.
@@ -19,21 +29,40 @@ _SIGNATURES = (b"MM\0*", b"II*\0", b"MM*\0", b"II\0*", b"MM\0+", b"II+\0")
 def read_tiff(data: bytes, path: Path, max_cells: int) -> Picture:
     """Return the picture in a TIFF file, see `ImageFormat.read`."""
     with open_image(io.BytesIO(data), "TIFF", path, max_cells) as image:
+        with damage_refused(path):  # Pillow reads the values of tags when they are asked for
+            tags = {tag: image.tag_v2.get(tag) for tag in TAGS_OF_PARTS if tag in image.tag_v2}
+        parts = tiff_parts(tags, len(data), path)
         load(image, path, around=_silent_libtiff())
-        return picture_of(image, "TIFF", path)
+        picture = picture_of(image, "TIFF", path)
+        with _silent_libtiff():
+            check_decoded(parts, tags, data, np.asarray(image), path)
+        return picture
 
 
 @contextmanager
 def _silent_libtiff() -> Iterator[None]:
     """Keep libtiff, which writes to the terminal by itself, from doing so."""
-    saved, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    with one_at_a_time():
+        saved = _copy_of_stderr()
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nowhere, 2)
+            yield
+        finally:
+            if saved is not None:
+                os.dup2(saved, 2)
+                os.close(saved)
+            else:
+                os.close(2)
+            if nowhere != 2:
+                os.close(nowhere)
+
+
+def _copy_of_stderr() -> int | None:
     try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(nowhere)
+        return os.dup(2)
+    except OSError:  # there is none: whoever called has closed it
+        return None
 
 
 TIFF = ImageFormat(
