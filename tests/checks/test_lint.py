@@ -448,3 +448,11 @@ def test_real_maps_are_all_linted(command, real_maps):
         ("invalid_image.yaml", "file.access"),
     ]:
         assert (name, expected) in found
+
+
+def test_strict_fails_on_warnings_but_not_on_notes(command, folder):
+    text = (folder / "good.yaml").read_text().replace("-1.5", "-1.51")
+    (folder / "noted.yaml").write_text(text)
+    assert {f.severity for f in lint_file(folder / "noted.yaml")} == {"note"}
+    assert command("lint", "noted.yaml", "--strict")[0] == 0
+    assert command("lint", "noted.yaml", "turned.yaml", "--strict")[0] == 1
