@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from drawn import grid_from_text
-from mapdeal import esdf, exponential_cost, read_map, threshold_cost, write_map
+from mapdeal import (
+    Costmap,
+    Footprint,
+    esdf,
+    exponential_cost,
+    read_map,
+    threshold_cost,
+    write_map,
+)
+from mapdeal.pipeline.route import _recipe_for
 
 ROOM = "........\n.#......\n......?.\n...##..."
 KEYS = ["x", "y", "inside", "row", "col", "state", "distance", "gradient", "cell_distance"]
@@ -343,3 +352,56 @@ def test_a_goal_in_brackets_can_be_set(command, room, tmp_path):
     assert read_map(tmp_path / "out/room/potential.npz").goal == (1.6, -1.9)
     assert command(*words, "--set", "potential.goal=none", "--force")[0] == 0
     assert read_map(tmp_path / "out/room/potential.npz").goal is None
+
+
+def test_strict_counts_the_points_of_all_sources(command, room, tmp_path):
+    x, y = read_map(room).frame.xy_from_rowcol([[0, 0]])[0]
+    (tmp_path / "in.csv").write_text(f"{x},{y}\n")
+    (tmp_path / "out.csv").write_text("99,99\n98,98\n")
+    code, _, err = command(
+        "query", room, "--at", "99,99", "--points", tmp_path / "in.csv", "--strict"
+    )
+    assert (code, "1 of 2 points are not inside of the map" in err) == (1, True)
+    words = ["query", room, "--at", "99,99", "--points", tmp_path / "out.csv"]
+    code, _, err = command(*words, "--strict")
+    assert (code, "3 of 3 points" in err) == (1, True)
+    code, _, err = command(*words, "-v")
+    assert (code, err) == (0, "3 points, 3 of them outside of the map\n")
+
+
+def test_query_tells_distances_of_a_hair_and_no_noise_of_rounding(command, tmp_path):
+    write_map(tmp_path / "m.yaml", grid_from_text("#...", 1e-5, (0.0, 0.0, 0.0)))
+    at = ["--at", "1.5e-5,0.5e-5", "--at", "1e-5,0.5e-5"]
+    one, between = _asked(command("query", tmp_path / "m.yaml", *at)[1])
+    assert (one["distance"], one["cell_distance"]) == (1e-5, 1e-5)
+    assert between["distance"] == pytest.approx(0.5e-5, rel=1e-6)
+    write_map(tmp_path / "t.yaml", grid_from_text("...\n.#.\n...", 0.1, (0.0, 0.0, 1.1)))
+    x, y = read_map(tmp_path / "t.yaml").frame.xy_from_continuous_rowcol([[1.5, 1.5]])[0]
+    (answer,) = _asked(command("query", tmp_path / "t.yaml", "--at", f"{x},{y}")[1])
+    assert answer["distance"] == 0.0
+
+
+def test_route_weighs_costs_as_nav2_does_unless_it_is_told_otherwise(command, tmp_path):
+    cost = np.full((1, 5), 126, np.uint8)  # half of 252, the highest cost that is open
+    write_map(tmp_path / "c.npz", Costmap(cost, 0.5))
+    words = ["route", tmp_path / "c.npz", "--from", "0.25,0.25", "--to", "2.25,0.25"]
+    route = json.loads(command(*words)[1])
+    assert (route["length_m"], route["cost"]) == (2.0, 4.0)  # 2 m of 1 + 2 * 126 / 252
+    route = json.loads(command(*words, "--cost-travel-multiplier", "6")[1])
+    assert (route["length_m"], route["cost"]) == (2.0, 8.0)
+
+
+@pytest.mark.parametrize(
+    ("corners", "inflation_radius"),
+    [
+        ([[0.1, 0.1], [0.1, -0.1], [-0.1, -0.1], [-0.1, 0.1]], 0.7),  # the recipe's own
+        ([[0.5, 0.5], [0.5, -0.5], [-0.5, -0.5], [-0.5, 0.5]], 0.98),  # 0.5 + 0.7 - 0.22
+        ([[1.5, 0.3], [1.5, -0.3], [-1.5, -0.3], [-1.5, 0.3]], math.hypot(1.5, 0.3)),
+    ],
+)
+def test_costs_of_a_route_reach_beyond_every_robot(corners, inflation_radius):
+    (cost,) = (
+        step for step in _recipe_for(Footprint.polygon(corners)).steps if step.name == "cost"
+    )
+    assert cost.parameters["inflation_radius"] == pytest.approx(inflation_radius, rel=1e-12)
+    assert cost.parameters["inscribed_radius"] == min(corners[0])

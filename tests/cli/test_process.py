@@ -195,3 +195,32 @@ run_process()
     )
     assert (done.returncode, done.stderr) == (130, "error: interrupted\n")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("problem", "code", "line"),
+    [
+        (MemoryError(), 3, "error: not enough memory for a map of this size"),
+        (KeyboardInterrupt(), 130, "error: interrupted"),
+        (KeyboardInterrupt("one map is done"), 130, "error: interrupted; one map is done"),
+        (BrokenPipeError(), 70, "error: internal error"),  # only output has readers
+        (RuntimeError("a bug"), 70, "error: internal error"),
+    ],
+)
+def test_what_else_may_end_a_command_has_its_code(command, monkeypatch, problem, code, line):
+    class Failing:
+        def main(self, **_):
+            raise problem
+
+    monkeypatch.setattr("typer.main.get_command", lambda _: Failing())
+    ended, out, err = command("info", "m.yaml")
+    assert (ended, out) == (code, "")
+    assert [text for text in err.splitlines() if text.startswith("error: ")] == [line]
+    assert ("Traceback" in err) == (code == 70)
+
+
+@pytest.mark.parametrize("epoch", ["soon", "-1", "1.5"])
+def test_an_odd_epoch_stops_no_command(tmp_path, epoch):
+    words = ["inflate", EXAMPLE, "-o", tmp_path / "a.yaml", "--kernel", "disc"]
+    told = process(*words, SOURCE_DATE_EPOCH=epoch, MAPDEAL_KERNELS="scipy")
+    assert (told.returncode, told.stderr) == (0, "")

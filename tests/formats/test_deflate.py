@@ -96,3 +96,35 @@ def test_what_repeats_itself_becomes_small():
     file = io.BytesIO()
     write_npz(file, OccupancyGrid(np.zeros((2000, 2000), np.int8), 0.05))
     assert len(file.getvalue()) < 40_000
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_no_more_parts_are_taken_than_threads_are_busy_with(threads):
+    taken = 0
+
+    def parts():
+        nonlocal taken
+        for _ in range(12):
+            taken += 1
+            yield noise(PART).data
+
+    with use_threads(threads):
+        stream = deflated(parts())
+        next(stream)
+        assert taken <= threads + 1
+        next(stream)
+        assert taken <= threads + 2
+
+
+def test_a_picture_of_several_bands_has_the_checksum_of_all(tmp_path):
+    pixels = noise(1100 * 1003).reshape(1100, 1003)
+    file = io.BytesIO()
+    write_grey_png(file, pixels)
+    data = file.getvalue()
+    stream, at = b"", 8
+    while at < len(data):
+        length, name = int.from_bytes(data[at : at + 4]), data[at + 4 : at + 8]
+        stream += data[at + 8 : at + 8 + length] if name == b"IDAT" else b""
+        at += 12 + length
+    rows = zlib.decompress(stream)  # which refuses a wrong checksum
+    assert rows == b"".join(b"\0" + row.tobytes() for row in pixels)

@@ -227,3 +227,30 @@ def test_headers_of_real_maps_tell_the_size_that_is_read(real_maps, mapdeal_warn
             assert file.files == source.files
         told += 1
     assert told > 20
+
+
+def test_mode_trinary_keeps_free_up_to_25_and_occupied_from_65(tmp_path):
+    values = [[0, 1, 25, 26, 64, 65, 99, 100, -1]]
+    with pytest.warns(MapdealWarning, match="6 values between 1 and 99 are lost"):
+        write_map(tmp_path / "m.yaml", OccupancyGrid(values, 0.05), mode="trinary")
+    assert read_map(tmp_path / "m.yaml").occupancy.tolist() == [
+        [0, 0, 0, -1, -1, 100, 100, 100, -1]
+    ]
+
+
+def test_pixels_of_mode_scale_are_rounded(tmp_path):
+    grid = OccupancyGrid([[0, 1, 2, 5, 98, 99, 100]], 0.05)
+    write_map(tmp_path / "m.pgm", grid, mode="scale")
+    # (100 - v) * 2.55: 255, 252.45, 249.9, 242.25, 5.1, 2.55, 0
+    assert list((tmp_path / "m.pgm").read_bytes()[-7:]) == [255, 252, 250, 242, 5, 3, 0]
+
+
+def test_an_absolute_path_below_the_folder_is_not_one_of_another_machine(tmp_path):
+    write_map(tmp_path / "m.yaml", grid_from_text("#."))
+    text = (tmp_path / "m.yaml").read_text()
+    (tmp_path / "m.yaml").write_text(text.replace("m.pgm", f"{tmp_path}/gone/m.pgm"))
+    with pytest.raises(FileAccessError, match="the image does not exist"):
+        read_map(tmp_path / "m.yaml")
+    (tmp_path / "m.yaml").write_text(text.replace("m.pgm", "/elsewhere/m.pgm"))
+    with pytest.warns(MapdealWarning, match="does not exist here; took"):
+        assert read_map(tmp_path / "m.yaml").occupancy.tolist() == [[100, 0]]

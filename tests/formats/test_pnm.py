@@ -127,3 +127,21 @@ def test_what_is_written_from_the_south_reads_back_from_the_north(tmp_path):
     with (tmp_path / "map.pgm").open("wb") as file:
         write_pgm(file, PIXELS[::-1], comment="CREATOR: mapdeal 0.05 m/pix")
     assert np.array_equal(decode((tmp_path / "map.pgm").read_bytes()).samples, PIXELS)
+
+
+def test_a_lone_carriage_return_may_end_the_header_before_a_pixel_of_10():
+    assert decode(b"P5\n3 2\n255\r" + b"\n" + BODY[1:]).samples.tolist() == [
+        [10, 10, 255],
+        [13, 205, 254],
+    ]
+    # with DOS line ends all through the header it is one that has eaten a pixel
+    with pytest.raises(MalformedInputError, match="CRLF-damaged"):
+        decode(b"P5\r\n3 2\r\n255\r" + b"\n" + BODY[1:])
+
+
+@pytest.mark.parametrize("maxval", [1, 100, 254])
+def test_the_first_pixel_above_maxval_is_named(maxval):
+    head = b"P5 3 2 %d\n" % maxval
+    assert decode(head + bytes([0, maxval, 0, 0, 0, maxval])).maxval == maxval
+    with pytest.raises(MalformedInputError, match=rf"{maxval + 1}\b"):
+        decode(head + bytes([0, 0, 0, 0, maxval + 1, 0]))

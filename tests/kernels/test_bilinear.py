@@ -73,3 +73,18 @@ def test_both_engines_give_the_same_bytes(values, places):
 def test_no_places_give_no_values(each_engine):
     between, slopes = interpolate(np.ones((2, 3), np.float32), np.empty((0, 2)))
     assert (between.shape, slopes.shape) == ((0,), (0, 2))
+
+
+def test_halfway_from_an_infinite_value_the_later_cell_is_the_nearest(each_engine):
+    values = np.array([[np.inf, 2.0]], dtype=np.float32)
+    for layer, place in ((values, (0.5, 1.0)), (values.T.copy(), (1.0, 0.5))):
+        between, _ = interpolate(layer, np.array([place]))
+        assert between.tolist() == [2.0]
+
+
+def test_the_outermost_cells_go_on_for_one_cell_that_ends_there(each_engine):
+    values = np.array([[1, 2, 4], [1, 3, 9]], dtype=np.float32)
+    places = [(-1.0, 0.5), (3.0, 0.5), (0.5, -1.0), (0.5, 4.0), (3.0, 4.0)]
+    assert interpolate(values, np.array(places))[0].tolist() == [1.0, 1.0, 1.0, 4.0, 9.0]
+    beyond = [(-1.001, 0.5), (3.001, 0.5), (0.5, -1.001), (0.5, 4.001)]
+    assert np.isnan(interpolate(values, np.array(beyond))[0]).all()

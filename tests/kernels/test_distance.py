@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
+from engines import needs_compiled
 from mapdeal.errors import ParameterError
 from mapdeal.kernels import engine
 from mapdeal.kernels.distance import (
@@ -230,3 +231,34 @@ def test_asking_for_an_engine_that_was_not_built_is_an_error(monkeypatch):
         engine.engine_name()
     monkeypatch.delenv(engine.VARIABLE)
     assert engine.engine_name() == "scipy"
+
+
+@pytest.mark.parametrize("reach", [3, 96, 97, 176, 177, 200])
+def test_a_table_s_last_square_is_one_of_it_and_the_next_is_beyond(reach):
+    marked = np.zeros((1, 450), bool)
+    marked[0, 0] = True
+    table = np.full(reach * reach + 2, 7, np.uint8)
+    table[-2], table[-1] = 8, 9
+    found = bytes_by_distance(marked, table)[0].tolist()
+    assert found == [7] * reach + [8] + [9] * (449 - reach)
+
+
+@needs_compiled
+def test_products_of_the_longest_side_fit_into_64_bits():
+    from mapdeal.kernels.compiled_distance import longest_side
+
+    assert longest_side() > 1_000_000
+    assert 2 * longest_side() ** 3 < 2**63
+
+
+@needs_compiled
+@pytest.mark.parametrize("bands", [(-1, 0), (0, 2), (1, 0)])
+def test_bands_that_do_not_exist_are_refused(bands):
+    from mapdeal.kernels import _compiled
+
+    transform = _compiled.Transform(np.zeros((2, 3), np.uint8), np.zeros((2, 12), np.uint8), 4)
+    transform.to_squares(True)
+    assert transform.bands == 1
+    for method in (transform.scan, transform.solve):
+        with pytest.raises(IndexError, match="no such bands"):
+            method(*bands)

@@ -106,3 +106,12 @@ def test_squares_come_back_from_shifted_stretched_and_clipped_metres():
     )
     # 0.2 m + 0.025 m are 4.5 cells, whose square is 20.25
     assert np.array_equal(found, np.where(squares > 20, np.inf, squares))
+
+
+def test_a_distance_at_the_clip_has_the_last_entry_however_long_the_table():
+    distance = np.array([[0.5, 0.375, 0.625]], dtype=np.float32)
+    table = np.arange(30, dtype=np.uint8)
+    found = bytes_of_distances(
+        distance, np.zeros((1, 3), bool), table, scale=0.125, shift=0.0, gain=1.0, clip=0.5
+    )
+    assert found.tolist() == [[29, 9, 29]]

@@ -168,3 +168,16 @@ def test_arrays_of_other_shapes_are_refused():
         _rays.count(cells, cells, hit[:1], layer, layer, 0, 3)
     with pytest.raises(IndexError):
         _rays.count(cells, cells, hit, layer, layer, 0, 4)
+
+
+@pytest.mark.usefixtures("each_engine")
+def test_a_cell_one_truncation_behind_the_surface_is_measured_the_next_is_not():
+    sums, weights = np.zeros((1, 9), np.int64), np.zeros((1, 9), np.int32)
+    # from the centre of cell 0 to a surface 3 cells on; a truncation of 2 cells
+    measure_rays(
+        np.array([[0, 0]]), np.array([[0, 8]]), np.array([[0.5, 0.5]]), np.array([3.0]),
+        2.0, sums, weights,
+    )  # fmt: skip
+    expected = np.array([1, 1, 0.5, 0, -0.5, -1, 0, 0, 0])
+    assert (sums[0] / DISTANCE_UNIT).tolist() == expected.tolist()
+    assert weights.tolist() == [[1, 1, 1, 1, 1, 1, 0, 0, 0]]
