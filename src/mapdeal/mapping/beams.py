@@ -184,7 +184,7 @@ def as_number(value: object, name: str) -> float:
     """Return a parameter as a float; an error calls it `name`."""
     try:
         return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ParameterError("must be a number", place=name, got=value) from None
 
 

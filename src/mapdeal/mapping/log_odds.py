@@ -103,7 +103,7 @@ class LogOdds(Evidence):
 
 def _whole(value: float, name: str, least: int, most: int, rule: str) -> int:
     """Return a parameter in whole units, within bounds after rounding."""
-    number = as_number(value, name)
-    if not (math.isfinite(number) and least <= round(number * _UNIT) <= most):
+    units = as_number(value, name) * _UNIT
+    if not (math.isfinite(units) and least <= round(units) <= most):
         raise ParameterError(f"must be {rule}", place=name, got=value)
-    return round(number * _UNIT)
+    return round(units)
