@@ -1,5 +1,6 @@
 import io
 import math
+import os
 import struct
 import zipfile
 
@@ -11,6 +12,8 @@ from hypothesis import strategies as st
 from clouds import lzf_compressed, pcd, pcd_header, ply
 from engines import ENGINES
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, read_cloud
+from mapdeal.formats.clouds import arrays
+from mapdeal.formats.clouds.reader import cloud_chunks
 from mapdeal.kernels.lzf import lzf_expanded
 
 XYZ = [("x", "f4", 1), ("y", "f4", 1), ("z", "f4", 1)]
@@ -197,6 +200,45 @@ def test_records_of_numpy(read):
     assert read("c.npy", saved(np.save, table)).tolist() == [[1.0, 3.0], [2.0, 4.0]]
 
 
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_large_arrays_are_read_some_rows_at_a_time(tmp_path, monkeypatch, order):
+    monkeypatch.setattr(arrays, "_BYTES_TOGETHER", 100)
+    table = np.asarray(np.arange(70.0).reshape(10, 7), order=order)
+    np.save(tmp_path / "c.npy", table)
+    np.testing.assert_array_equal(read_cloud(tmp_path / "c.npy"), table[:, :3])
+    chunks = [len(chunk) for chunk in cloud_chunks(tmp_path / "c.npy")]
+    assert chunks == ([1] * 10 if order == "C" else [10])
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_an_array_that_gets_shorter_while_it_is_read_is_an_error(tmp_path, monkeypatch, order):
+    """Through a memory map, the process would be killed."""
+    monkeypatch.setattr(arrays, "_POINTS_TOGETHER", 3)
+    path = tmp_path / "c.npy"
+    np.save(path, np.asarray(np.ones((100_000, 3)), order=order))
+    chunks = cloud_chunks(path)
+    next(chunks)
+    os.truncate(path, 200)
+    with pytest.raises(FileAccessError, match="changed while it was read"):
+        for _ in chunks:
+            pass
+
+
+SIGNALLING = struct.pack("<I", 0x7F800001)
+
+
+@pytest.mark.parametrize("name", ["c.pcd", "c.ply", "c.npy"])
+def test_a_signalling_nan_is_a_nan_without_a_warning(read, name):
+    three = [1.0, 2.0, 3.0]
+    data = {
+        "c.pcd": pcd(XYZ, [[[v] for v in three]]),
+        "c.ply": ply([("x", "f4"), ("y", "f4"), ("z", "f4")], [three], "binary_little_endian"),
+        "c.npy": saved(np.save, np.array([three], "<f4")),
+    }[name]
+    points = read(name, data[:-8] + SIGNALLING + data[-4:])
+    np.testing.assert_array_equal(points, [[1.0, math.nan, 3.0]])
+
+
 @given(
     points=st.lists(
         st.tuples(*[st.floats(width=32, allow_nan=False, allow_infinity=False)] * 3), max_size=30
@@ -232,6 +274,10 @@ def ply_head(*lines):
 FORMAT = "format binary_little_endian 1.0"
 XY = ("property float x", "property float y")
 OBJECTS = saved(np.save, np.array([[None, 1]]), allow_pickle=True)
+
+OBJECT_FIELD = saved(
+    np.save, np.zeros(2, dtype=[("x", "f4"), ("y", "f4"), ("o", "O")]), allow_pickle=True
+)
 
 
 def deflated_rows(shape):
@@ -331,6 +377,11 @@ BAD = [
         + b"1\n2\n3 x\n",
         "line 11",
     ),
+    (
+        "S6-claims-cameras.ply",
+        ply_head(FORMAT, "element camera 4", "property int a", "element vertex 1", *XY) + bytes(8),
+        "element camera: ends after 8 of 16 bytes",
+    ),
     ("S6-long-header.ply", b"ply\n" + b"comment a\n" * 110_000 + b"end_header\n", "header"),
     ("S6-no-end.ply", b"ply\nformat ascii 1.0\n", "header"),
     ("S6-not-a-ply.ply", b"solid\n", "line 1"),
@@ -339,6 +390,8 @@ BAD = [
     ("fewer.csv", b"x,y,z\n1,2,3\n1,2\n", "line 3"),
     ("names.csv", b"lat,lon\n1,2\n", "x and y"),
     ("underscores.xyz", b"1 2\n1_0 2\n", "line 2"),
+    ("slashes.xyz", b"//", "line 1: must be numbers, or names"),
+    ("slashes-above.xyz", b"// \n1 2 3\n", "line 1: must be numbers, or names"),
     ("long-line.xyz", b"1 2\n" + b"1 " * 600_000 + b"\n", "line 2"),
     ("old-mac.xyz", b"1 2\n3 4\r5 6\n", "lines 1 to 2"),
     ("S16-text.npy", b"hello", "npy"),
@@ -350,6 +403,15 @@ BAD = [
     ("S16-no-x.npy", saved(np.save, np.zeros(3, dtype=[("a", "f4"), ("y", "f4")])), "x and y"),
     ("S16-cut.npy", saved(np.save, TABLE)[:-8], "npy"),
     ("S16-claims.npy", saved(np.save, TABLE).replace(b"(6, 4)", b"(6000000000, 4)"), "npy"),
+    (
+        "S16-long-header.npy",
+        b"\x93NUMPY\2\0" + struct.pack("<I", 4_000_000_000) + b"{}",
+        "4000000000",
+    ),
+    ("S16-parser.npy", b"\x93NUMPY\1\0" + struct.pack("<H", 9000) + b"-" * 8999 + b"1", "npy"),
+    ("S16-version.npy", b"\x93NUMPY\4\0" + bytes(100), "version (4, 0)"),
+    ("S16-object-field.npy", OBJECT_FIELD, "must be numbers"),
+    ("S16-negative.npy", saved(np.save, TABLE).replace(b"(6, 4)", b"(-6, 4)"), "npy"),
     ("S16-text.npz", b"hello", "npz"),
     ("S16-two.npz", saved(np.savez, a=TABLE, b=TABLE), "a, b"),
     ("S16-objects.npz", saved(np.savez, points=np.array([[None, 1]])), "objects"),

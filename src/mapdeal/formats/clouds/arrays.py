@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.formats.clouds.header import LONGEST_RECORD
 from mapdeal.formats.npz_reader import NpzReader
 
 _POINTS_TOGETHER = 1 << 18
 _MOST_ELEMENTS = 1 << 31
 _MOST_LIKELY = 16
+_BYTES_TOGETHER = 1 << 23
+_LONGEST_HEADER = 1 << 16
 _KEY = "points"
 
 
@@ -30,38 +36,105 @@ def npz_points(path: Path) -> Iterator[NDArray[np.float64]]:
 
 
 def npy_points(path: Path) -> Iterator[NDArray[np.float64]]:
-    """Yield the rows of an npy file, through a memory map."""
+    """Yield the rows of an npy file, some at a time.
+
+    Not through a memory map: a file that gets shorter would end the process.
+    """
+    with path.open("rb") as file:
+        table = _table_of(file, path)
+        together = max(1, min(_POINTS_TOGETHER, _BYTES_TOGETHER // table.row_size))
+        for first in range(0, table.height, together):
+            yield table.points(first, min(first + together, table.height))
+
+
+@dataclass(frozen=True)
+class _Table:
+    """The array of an npy file: where it lies, and which of its columns are x, y and z."""
+
+    file: BinaryIO
+    path: Path
+    start: int
+    dtype: np.dtype[Any]
+    height: int
+    width: int
+    is_fortran: bool
+
+    @property
+    def row_size(self) -> int:
+        """Bytes that are read for a point, about."""
+        return self.dtype.itemsize * (1 if self.is_fortran else self.width)
+
+    def points(self, first: int, stop: int) -> NDArray[np.float64]:
+        """Return some rows."""
+        count = stop - first
+        names = self.dtype.names
+        if names is not None:
+            rows = self._read(first, count)
+            columns = [rows[name] for name in ("x", "y", "z") if name in names]
+        elif self.is_fortran:
+            columns = [
+                self._read(k * self.height + first, count) for k in range(min(3, self.width))
+            ]
+        else:
+            used = min(3, self.width)
+            numbers = self._read(first * self.width, (count - 1) * self.width + used)
+            columns = [numbers[k :: self.width] for k in range(used)]
+        with np.errstate(invalid="ignore"):  # of a signalling nan, which is one like others
+            return np.stack(columns, axis=1).astype(np.float64)
+
+    def _read(self, element: int, count: int) -> NDArray[Any]:
+        self.file.seek(self.start + element * self.dtype.itemsize)
+        data = self.file.read(count * self.dtype.itemsize)
+        if len(data) < count * self.dtype.itemsize:
+            raise FileAccessError("changed while it was read", source=self.path)
+        return np.frombuffer(data, dtype=self.dtype)
+
+
+def _table_of(file: BinaryIO, path: Path) -> _Table:
+    shape, is_fortran, dtype = _header_of(file, path)
+    start = file.tell()
+    if dtype.names is not None and len(shape) == 1:
+        kinds = {name: dtype[name] for name in ("x", "y", "z") if name in dtype.names}
+        is_table = {"x", "y"} <= set(kinds) and all(kind.kind in "iuf" for kind in kinds.values())
+        width = 1
+    else:
+        is_table = dtype.kind in "iuf" and len(shape) == 2 and shape[1] >= 2
+        width = shape[1] if is_table else 0
+    if not is_table or dtype.hasobject or dtype.itemsize > LONGEST_RECORD:
+        rule = "must be numbers of shape (N, 2) or wider, or records with x and y"
+        raise MalformedInputError(rule, source=path, got=f"{dtype} of shape {shape}")
+    expected = shape[0] * width * dtype.itemsize
+    found = os.fstat(file.fileno()).st_size - start
+    if not 0 <= expected <= found:
+        rule = f"the numbers end early: expected {expected} bytes"
+        raise MalformedInputError(rule, source=path, got=found)
+    if dtype.names is None and shape[0] in (2, 3) and width > _MOST_LIKELY:
+        text = f"{path}: {shape[0]} points of {width} numbers each; is the array transposed?"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
+    return _Table(file, path, start, dtype, shape[0], width, is_fortran)
+
+
+def _header_of(file: BinaryIO, path: Path) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, whether it is stored by columns, and type; the file stands behind them."""
     from tokenize import TokenError  # of use to few, and slow to import
 
     try:
+        version = npy_format.read_magic(file)
+        # Version 3 differs from 2 in letters of names alone, and x, y and z are the same in both.
+        is_short = version == (1, 0)
+        if not is_short and version not in ((2, 0), (3, 0)):
+            raise ValueError(f"version {version} is not known")
+        start = file.tell()
+        length = int.from_bytes(file.read(2 if is_short else 4), "little")
+        if length > _LONGEST_HEADER:  # asked before memory is taken
+            raise ValueError(f"its header has {length} bytes")
+        file.seek(start)
+        read = npy_format.read_array_header_1_0 if is_short else npy_format.read_array_header_2_0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of headers that Python 2 wrote
-            table = np.lib.format.open_memmap(path, mode="r")
-    # What reading a damaged header leads to, in numpy.
+            shape, is_fortran, dtype = read(file)
+    # What reading a damaged header leads to, in numpy; what overflows is Python's parser.
     except (ValueError, EOFError, SyntaxError, TokenError, LookupError, TypeError,
-            OverflowError) as error:  # fmt: skip
+            OverflowError, RecursionError, MemoryError) as error:  # fmt: skip
         raise MalformedInputError(f"is not an npy file: {error}", source=path) from None
-    columns = _columns_of(table, path)
-    for first in range(0, len(table), _POINTS_TOGETHER):
-        part = [column[first : first + _POINTS_TOGETHER] for column in columns]
-        yield np.stack(part, axis=1).astype(np.float64)
-
-
-def _columns_of(table: NDArray[Any], path: Path) -> list[NDArray[Any]]:
-    """Return x, y and z of a table, or of records with fields of these names."""
-    names = table.dtype.names
-    if names is not None:
-        columns = [table[name] for name in ("x", "y", "z") if name in names]
-        if {"x", "y"} <= set(names) and all(_is_column(column) for column in columns):
-            return columns
-    elif table.dtype.kind in "iuf" and table.ndim == 2 and table.shape[1] >= 2:
-        if table.shape[0] in (2, 3) and table.shape[1] > _MOST_LIKELY:
-            text = f"{path}: {table.shape[0]} points of {table.shape[1]} numbers each;"
-            warnings.warn(f"{text} is the array transposed?", MapdealWarning, stacklevel=2)
-        return [table[:, k] for k in range(min(3, table.shape[1]))]
-    rule = "must be numbers of shape (N, 2) or wider, or records with x and y"
-    raise MalformedInputError(rule, source=path, got=f"{table.dtype} of shape {table.shape}")
-
-
-def _is_column(array: NDArray[Any]) -> bool:
-    return array.dtype.kind in "iuf" and array.ndim == 1
+    return shape, is_fortran, dtype

@@ -99,8 +99,9 @@ def binary_points(
             raise MalformedInputError(f"ends after {found} of {count} points", source=path)
         rows = np.frombuffer(data, dtype=layout)
         points = np.empty((want, len(axes)))
-        for k in range(len(axes)):
-            points[:, k] = rows[str(k)]
+        with np.errstate(invalid="ignore"):  # of a signalling nan, which is one like others
+            for k in range(len(axes)):
+                points[:, k] = rows[str(k)]
         yield points
         done += want
 

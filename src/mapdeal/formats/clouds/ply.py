@@ -7,6 +7,7 @@ Greg Turk, "The PLY Polygon File Format", 1994.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -59,7 +60,7 @@ def ply_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
                 pass
             lines += element.count
         else:
-            file.seek(element.record().size * element.count, 1)
+            _pass_over(file, element, path)
     else:
         raise MalformedInputError("has no element vertex", source=path)
     record = element.record()
@@ -75,6 +76,16 @@ def ply_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
         yield rows
     if found < element.count:
         raise MalformedInputError(f"ends after {found} of {element.count} points", source=path)
+
+
+def _pass_over(file: BinaryIO, element: _Element, path: Path) -> None:
+    """Move a binary file behind an element, which must be there."""
+    size = element.record().size * element.count
+    left = os.fstat(file.fileno()).st_size - file.tell()
+    if size > left:
+        rule = f"ends after {left} of {size} bytes"
+        raise MalformedInputError(rule, source=path, place=f"element {element.name}")
+    file.seek(size, os.SEEK_CUR)
 
 
 def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[_Element], int]:

@@ -25,7 +25,7 @@ def text_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
     delimiter = delimiter_of(line)
     # CloudCompare puts two slashes before its names
     words = [word.strip().strip('"') for word in line.removeprefix("//").split(delimiter)]
-    if is_number(words[0]):
+    if words and is_number(words[0]):
         if len(words) < 2:
             rule = "must have 2 numbers or more"
             raise MalformedInputError(rule, source=path, place=f"line {number}", got=line)
