@@ -32,6 +32,17 @@ def grid(seed, shape=(41, 30)):
     return OccupancyGrid(cells, 0.3 + seed / 10, (1.5, -2.0 - seed, 0.4))
 
 
+def log(seed):
+    """Scans of two different rooms."""
+    pose = f"{seed} 2 0.3"
+    beams = " ".join(["FLASER 180", *[f"{seed + 3}.5"] * 180])
+    return "".join(f"{beams} {pose} {pose} {k} host {k}\n" for k in range(100))
+
+
+def cloud(seed):
+    return "".join(f"{1 + k % 20 / 10} {seed + k // 20 / 10} 0.5\n" for k in range(200))
+
+
 @pytest.fixture
 def pairs(tmp_path, monkeypatch):
     """Two maps of one name and size, the old one in the working folder."""
@@ -40,6 +51,8 @@ def pairs(tmp_path, monkeypatch):
     for name, seed in (("old", 1), ("new", 2), (".", 1)):
         write_map(tmp_path / name / "m.yaml", grid(seed))
         write_map(tmp_path / name / "m.npz", grid(seed))
+        (tmp_path / name / "m.log").write_text(log(seed))
+        (tmp_path / name / "m.txt").write_text(cloud(seed))
     return tmp_path
 
 
@@ -126,6 +139,8 @@ COMMANDS = {
     "esdf": ["esdf", "m.yaml", "-o", "out/o.npz"],
     "esdf by rows": ["esdf", "m.yaml", "-o", "out/o.npy"],
     "batch": ["run", "m.yaml", "other/m2.yaml", "-o", "out/set", "-j", "1", "--no-images"],
+    "build": ["build", "m.log", "-o", "out/o.npz"],
+    "local": ["local", "--cloud", "m.txt", "--pose", "1,2,0.3", "-o", "out", "--no-images"],
     "cluster": ["esdf", "m.yaml", "-o", "out/o.npy", "--scheduler", "tcp://h:1"],
 }
 
@@ -161,7 +176,8 @@ def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
 
     def act(replace=replace_picture):
         replace(pairs)
-        put_new(pairs, "m.npz")
+        for name in ("m.npz", "m.log", "m.txt"):
+            put_new(pairs, name)
 
     known = []
     for action in (lambda: None, act, partial(act, replace_pair)):

@@ -15,6 +15,7 @@ from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import write_npz
 from mapdeal.formats.scans.source import ScanSource
+from mapdeal.formats.source import check_state, is_regular, state_of
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.framed import Figures
 from mapdeal.mapping.beams import BeamLimits, Scans
@@ -103,12 +104,16 @@ def build_file(
     if layers is not None and layers.suffix != ".npz":
         raise ParameterError("layers are written as .npz", source=layers)
     outputs = [*output_paths(output), *([layers] if layers is not None else [])]
+    # All files are read twice, or one after the other; a pipe can be read but once.
+    states = {path: state_of(path) for path in source.files if is_regular(path)}
     with outputs_of(outputs, source.files, options) as transaction:
         try:
             with errors_named(source.named):
                 built = _built(source, settings, advance)
         finally:
             source.warn()  # what was passed over may be why there is no map
+        for path, state in states.items():
+            check_state(path, state)
         _check(built, source.named)
         write_grid(transaction, output, built.grid)
         if layers is not None:
