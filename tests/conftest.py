@@ -1,6 +1,7 @@
 """Shared fixtures."""
 
 import os
+import threading
 import warnings
 from pathlib import Path
 
@@ -47,3 +48,22 @@ def mapdeal_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MapdealWarning)
         yield
+
+
+@pytest.fixture
+def scarce_threads(monkeypatch):
+    """Return what lets only so many threads be started from then on."""
+    left = [0]
+    start = threading.Thread.start
+
+    def start_if_any(thread):
+        if left[0] == 0:
+            raise RuntimeError("can't start new thread")
+        left[0] -= 1
+        start(thread)
+
+    def allow(count):
+        left[0] = count
+        monkeypatch.setattr(threading.Thread, "start", start_if_any)
+
+    return allow

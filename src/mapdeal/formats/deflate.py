@@ -9,7 +9,7 @@ from __future__ import annotations
 import zlib
 from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import ExitStack
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy
+from mapdeal.kernels.thread_pool import ThreadPool
 from mapdeal.kernels.threads import thread_count
 
 Buffer = Any  # bytes, or a contiguous memoryview
@@ -63,7 +64,7 @@ def deflated(parts: Iterable[Buffer]) -> Iterator[bytes]:
                 yield _compressed(part, dictionary)
                 continue
             if pool is None:
-                pool = stack.enter_context(ThreadPoolExecutor(threads))
+                pool = stack.enter_context(ThreadPool(threads))
             waiting.append(pool.submit(_compressed, part, dictionary))
             if len(waiting) > threads:
                 yield waiting.popleft().result()

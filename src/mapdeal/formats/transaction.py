@@ -5,17 +5,18 @@ from __future__ import annotations
 import contextlib
 import stat
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextvars import copy_context
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, TypeVar
+from typing import BinaryIO, TypeVar
 
 from mapdeal.errors import FileAccessError, ParameterError
 from mapdeal.formats.commit import put_in_place, remove_kept, settle
 from mapdeal.formats.signals import signals_put_off
-from mapdeal.formats.source import holds
+from mapdeal.formats.source import holds, real_path
 from mapdeal.formats.temporary import Temporary, Writer, remove_stale
+from mapdeal.kernels.thread_pool import ThreadPool
 from mapdeal.kernels.threads import thread_count
 
 _ATTEMPTS = 100
@@ -76,14 +77,15 @@ class Transaction:
         self._replaces = force
         self._removed: list[Path] = []
         self._with_checksums = checksums
-        self._pool = ThreadPoolExecutor(thread_count()) if thread_count() > 1 else _ThisThread()
+        # one thread is one, not another one that writes
+        self._pool = ThreadPool(thread_count() if thread_count() > 1 else 0)
         self._temporaries: list[Temporary] = []
         self._pending: list[tuple[Path, Temporary, Future[str]]] = []
         self._made_folders: list[Path] = []
         places: set[Path] = set()
         for output in self._outputs:
             _check_output(output, inputs, None if force else hint)
-            place = output.parent.resolve() / output.name
+            place = real_path(output.parent) / output.name
             if place in places:
                 raise ParameterError("is the place of two outputs", source=output)
             places.add(place)
@@ -230,18 +232,6 @@ def make_folder(folder: Path) -> None:
     except OSError as error:
         rule = f"the folder cannot be made: {error.strerror}"
         raise FileAccessError(rule, source=folder) from None
-
-
-class _ThisThread(Executor):
-    """Does what it is given at once: one thread is one, not another one that writes."""
-
-    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        try:
-            future.set_result(function(*args, **kwargs))
-        except Exception as error:  # noqa: BLE001 - raised when the result is asked for
-            future.set_exception(error)
-        return future
 
 
 def _result(future: Future[_T], path: Path) -> _T:

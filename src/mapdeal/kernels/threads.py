@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar, copy_context
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from threading import Thread
 
 _PARTS_PER_THREAD = 8
@@ -56,6 +56,15 @@ def use_threads(count: int | None) -> Iterator[None]:
         _chosen.reset(token)
 
 
+def is_started(thread: Thread) -> bool:
+    """Start a thread; return whether the system has one to give."""
+    try:
+        thread.start()
+    except RuntimeError:
+        return False
+    return True
+
+
 def in_parallel(work: Callable[[int, int], object], count: int) -> None:
     """Call `work` on parts of ``range(count)`` that together are all of it.
 
@@ -89,8 +98,7 @@ def in_parallel(work: Callable[[int, int], object], count: int) -> None:
                 errors.append(error)
 
     others = [Thread(target=copy_context().run, args=(take_parts,)) for _ in range(threads - 1)]
-    for thread in others:
-        thread.start()
+    others = list(takewhile(is_started, others))
     take_parts()
     for thread in others:
         thread.join()

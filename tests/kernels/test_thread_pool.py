@@ -1,0 +1,84 @@
+"""Threads that do what they are given, where there are enough, few, or none to be had."""
+
+import threading
+import time
+from concurrent.futures import CancelledError
+
+import pytest
+
+from mapdeal.kernels.thread_pool import ThreadPool
+from mapdeal.kernels.threads import in_parallel, use_threads
+
+
+@pytest.mark.parametrize("available", [0, 1, 3, 100])
+@pytest.mark.parametrize("size", [0, 1, 4])
+def test_all_work_is_done_whatever_threads_there_are(scarce_threads, available, size):
+    scarce_threads(available)
+    names = set()
+
+    def square(number):
+        names.add(threading.current_thread().name)
+        return number**2
+
+    with ThreadPool(size) as pool:
+        futures = [pool.submit(square, k) for k in range(50)]
+        assert [future.result(timeout=60) for future in futures] == [k**2 for k in range(50)]
+    assert len(names) <= max(1, min(size, available))
+    here = threading.current_thread().name
+    assert (here in names) == (min(size, available) == 0)
+
+
+@pytest.mark.parametrize("available", [0, 1])
+def test_an_error_is_raised_where_the_result_is_asked_for(scarce_threads, available):
+    scarce_threads(available)
+    with ThreadPool(2) as pool:
+        failing, fine = pool.submit(int, "x"), pool.submit(int, "3")
+        assert fine.result(timeout=60) == 3
+        with pytest.raises(ValueError, match="invalid literal"):
+            failing.result(timeout=60)
+
+
+def test_work_goes_on_at_the_same_time():
+    barrier = threading.Barrier(3)
+    with ThreadPool(3) as pool:
+        for future in [pool.submit(barrier.wait, 60) for _ in range(3)]:
+            future.result(timeout=60)
+
+
+def test_a_thread_that_waits_is_used_before_another_is_started():
+    with ThreadPool(10) as pool:
+        for _ in range(5):
+            before = threading.active_count()
+            pool.submit(int).result(timeout=60)
+            while not pool._idle._value:
+                time.sleep(0.001)
+        assert threading.active_count() <= before
+
+
+def test_what_is_not_begun_can_be_dropped():
+    may_end = threading.Event()
+    pool = ThreadPool(1)
+    began = threading.Event()
+
+    def work():
+        began.set()
+        return may_end.wait(60)
+
+    first = pool.submit(work)
+    rest = [pool.submit(work) for _ in range(5)]
+    assert began.wait(60)
+    threading.Timer(0.01, may_end.set).start()
+    pool.shutdown(cancel_futures=True)
+    assert first.result() is True
+    for future in rest:
+        with pytest.raises(CancelledError):
+            future.result()
+
+
+@pytest.mark.parametrize("available", [0, 1, 2])
+def test_kernels_take_the_threads_that_there_are(scarce_threads, available):
+    scarce_threads(available)
+    done = []
+    with use_threads(7):
+        in_parallel(lambda first, end: done.extend(range(first, end)), 1000)
+    assert sorted(done) == list(range(1000))
