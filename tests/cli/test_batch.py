@@ -206,6 +206,8 @@ def test_on_a_terminal_there_is_a_bar_with_counts(maps):
 def large_maps(tmp_path, monkeypatch):
     """Maps that keep two processes busy for some seconds."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
     for seed in range(8):
         make_map(tmp_path / "maps" / f"{seed}.yaml", seed, side=1000)
     return tmp_path
@@ -213,6 +215,10 @@ def large_maps(tmp_path, monkeypatch):
 
 def temporary_files(folder):
     return [path for path in folder.rglob(".mapdeal-*") if path.exists()]
+
+
+def nothing_is_left(folder):
+    return temporary_files(folder) == [] and not any((folder / "temporary").iterdir())
 
 
 def both_write(folder):
@@ -264,13 +270,15 @@ def test_ctrl_c_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(la
     assert (process.returncode, out) == (130, "")
     complete = len(list((large_maps / "o").rglob("manifest.json")))
     wait_for_end_of(process.pid)
-    assert temporary_files(large_maps) == []
+    assert nothing_is_left(large_maps)
     summary = json.loads((large_maps / "o" / "summary.json").read_text())["maps"]
     statuses = [one["status"] for one in summary]
     done = statuses.count("done")
     assert done <= complete <= done + 2  # of which two may have been done that very moment
     assert statuses.count("interrupted") == 20 - done > 0
-    assert err == f"error: interrupted; {done} of 20 maps are done, the same command goes on\n"
+    assert without_progress(err) == [
+        f"error: interrupted; {done} of 20 maps are done, the same command goes on"
+    ]
     again = subprocess.run([*RUN, "maps", "-o", "o", "-j", "2"], capture_output=True, text=True)
     assert again.returncode == 0, again.stderr
     assert again.stdout.endswith(f"20 maps: {20 - complete} done, {complete} unchanged, 0 failed\n")
@@ -284,7 +292,12 @@ def test_workers_whose_parent_is_gone_clean_up_and_end(large_maps, sent):
     process.communicate(timeout=30)
     assert process.returncode == -sent
     wait_for_end_of(process.pid)
-    assert temporary_files(large_maps) == []
+    assert nothing_is_left(large_maps)
+
+
+def without_progress(err):
+    """The lines of stderr, but those that a slow machine has time for."""
+    return [line for line in err.splitlines() if not line.endswith("maps done")]
 
 
 def worker_that_writes(group):
@@ -303,9 +316,9 @@ def test_a_worker_that_is_killed_once_costs_no_map_f10(large_maps):
     process = start(large_maps)
     os.kill(worker_that_writes(process.pid), signal.SIGKILL)
     out, err = process.communicate(timeout=60)
-    assert (process.returncode, err) == (0, "")
+    assert (process.returncode, without_progress(err)) == (0, [])
     assert out.endswith("8 maps: 8 done, 0 unchanged, 0 failed\n")
-    assert temporary_files(large_maps) == []
+    assert nothing_is_left(large_maps)
     subprocess.run([*RUN, "maps", "-o", "p", "-j", "1"], check=True, capture_output=True)
     assert contents(large_maps / "o") == contents(large_maps / "p")
 

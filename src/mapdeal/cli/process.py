@@ -40,12 +40,16 @@ def run_process() -> NoReturn:
         code = main()
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # it comes too late
     except KeyboardInterrupt:  # once more, while main tells of the first one
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         code = _INTERRUPTED
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except OSError:  # main has told of it
-            continue
+        except OSError:  # main has told of it; what is left is not to fail again
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    if "mapdeal.pipeline.processes" in sys.modules:
+        # multiprocessing takes away its folder and its servers when the interpreter ends
+        sys.exit(code)
     # All files are closed and all threads have ended: there is nothing to take apart.
     os._exit(code)
 

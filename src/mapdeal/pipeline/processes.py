@@ -8,26 +8,36 @@ by an exception, so that temporary files are removed.
 from __future__ import annotations
 
 import contextlib
+import errno
 import multiprocessing
 import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import wait as wait_for
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
-from typing import NoReturn
+from typing import Any, NoReturn, TypeVar
 
+from mapdeal.errors import FileAccessError
+from mapdeal.formats.signals import signals_put_off
 from mapdeal.kernels.engine import VARIABLE
+from mapdeal.kernels.threads import is_started
 from mapdeal.pipeline.dispatch import Submit, Work
 from mapdeal.pipeline.jobs import Job, Outcome
 
+_T = TypeVar("_T")
+
 _SECONDS_TO_CLEAN_UP = 10.0
+_SECONDS_BETWEEN_LOOKS = 0.1
 _STOPPED = 128 + signal.SIGTERM
 
 _PRELOADED = (
+    "mapdeal.pipeline.worker_server",
     "mapdeal.pipeline.jobs", "mapdeal.pipeline.processes", "mapdeal.render.layers",
     "PIL.Image", "PIL.ImageDraw", "PIL.ImageFont", "PIL.PngImagePlugin", "tokenize",
 )  # fmt: skip
@@ -48,36 +58,110 @@ class ProcessWorkers:
 
     @contextmanager
     def started(self, size: int, work: Work) -> Iterator[Submit]:
-        """Have processes within a ``with`` block, stopped early if an exception leaves it."""
-        context = _context()
-        lifeline, held = multiprocessing.Pipe(duplex=False)
-        executor = ProcessPoolExecutor(
-            size, context, initializer=_set_up, initargs=(lifeline, os.environ.get(VARIABLE))
-        )
+        """Have processes within a ``with`` block, stopped early if an exception leaves it.
 
-        def submit(job: Job) -> Future[Outcome]:
-            with _interrupted_later():  # it starts processes, which are not to be lost
-                return executor.submit(_stoppable, work, job)
+        Raises
+        ------
+        FileAccessError
+            If the system does not let any be started.
+        """
+        with ExitStack() as stack:
+            with _start_told():
+                context = _context()
+                lifeline, held = multiprocessing.Pipe(duplex=False)
+                stack.callback(lifeline.close)
+                stack.callback(held.close)
+                executor = ProcessPoolExecutor(
+                    size, context, initializer=_set_up,
+                    initargs=(lifeline, os.environ.get(VARIABLE)),
+                )  # fmt: skip
+                stack.callback(_shut_down, executor)
 
-        try:
-            yield submit
-        except BaseException:
-            held.close()
-            raise
-        finally:
-            executor.shutdown(cancel_futures=True)
-            held.close()
-            lifeline.close()
+            def submit(job: Job) -> Future[Outcome]:
+                try:
+                    return _sent(executor, _stoppable, work, job)
+                except (OSError, EOFError) as error:  # of another process that it needs
+                    raise BrokenProcessPool(str(error)) from None
+
+            try:
+                with _start_told():
+                    _wait_for_first(executor)
+                yield submit
+            except BaseException:
+                held.close()
+                raise
+
+
+@contextmanager
+def _start_told() -> Iterator[None]:
+    """Turn what the system says to the start of processes within a block into one error.
+
+    Raises
+    ------
+    FileAccessError
+        For all that can be lacking: processes, threads, descriptors, semaphores, memory.
+    """
+    try:
+        yield
+    except (OSError, EOFError, RuntimeError, ImportError, NotImplementedError) as error:
+        # a pool is broken, and a server gone, because of what they could not be given
+        why = getattr(error, "strerror", None) or "the system has no more to give"
+        rule = f"cannot be started: {why}"
+        hint = "--jobs 1 needs none; ulimit -a shows the limits"
+        raise FileAccessError(rule, source="worker processes", hint=hint) from None
+
+
+def _sent(executor: ProcessPoolExecutor, function: Callable[..., _T], *given: Any) -> Future[_T]:
+    """Send work to a pool, which may start a process for it, not to be lost by a Ctrl-C."""
+    with signals_put_off(), _sigint_blocked():
+        return executor.submit(function, *given)
+
+
+def _shut_down(executor: ProcessPoolExecutor) -> None:
+    """Wait until the processes of a pool have ended, without the jobs that are not begun."""
+    with contextlib.suppress(RuntimeError):  # of a pool whose own thread could not be started
+        executor.shutdown(cancel_futures=True)
+
+
+def _wait_for_first(executor: ProcessPoolExecutor) -> None:
+    """Wait until the first process has started, and the threads that serve the pool.
+
+    Raises
+    ------
+    OSError, EOFError, RuntimeError
+        If one of these threads, or the process, could not be started.
+    """
+    failures: list[object] = []
+    before, threading.excepthook = threading.excepthook, failures.append
+    try:
+        first = _sent(executor, int)
+        while not first.done():  # without its threads a pool never comes to do it
+            if failures:
+                raise RuntimeError
+            wait_for([first], timeout=_SECONDS_BETWEEN_LOOKS)
+        first.result()
+    finally:
+        threading.excepthook = before
 
 
 def _context() -> BaseContext:
     """Return how processes are started: forked from one that has imported everything.
 
     Never from this one: it may have threads, whose locks a fork would copy as they are.
+    Where the server cannot have its socket, as the folder for temporary files has too long a
+    name or is none, each process starts afresh.
     """
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    from multiprocessing import forkserver, resource_tracker
+    if "forkserver" in multiprocessing.get_all_start_methods():
+        try:
+            return _context_of_server()
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOMEM):
+                raise
+    return multiprocessing.get_context("spawn")
+
+
+def _context_of_server() -> BaseContext:
+    from multiprocessing import forkserver, resource_tracker, util
 
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(_PRELOADED))
@@ -85,33 +169,34 @@ def _context() -> BaseContext:
     # is only starting would print a traceback. It inherits that the signal is blocked. The
     # tracker comes first, since its start unblocks it again.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
+    with _own_folders_are_open():
+        util.get_temp_dir()
+    with _sigint_blocked():
         forkserver.ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return context
 
 
 @contextmanager
-def _interrupted_later() -> Iterator[None]:
-    """Put a Ctrl-C off to the end of the block."""
-    before = signal.getsignal(signal.SIGINT)
-    if before is not signal.default_int_handler or not _is_main_thread():
-        yield
-        return
-    pressed: list[int] = []
-    signal.signal(signal.SIGINT, lambda *_: pressed.append(1))
+def _own_folders_are_open() -> Iterator[None]:
+    """Let this process into the folders that it makes within the block, whatever the umask."""
+    before = os.umask(0o077)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
-    if pressed:
-        raise KeyboardInterrupt
+        os.umask(before)
 
 
-def _is_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()
+@contextmanager
+def _sigint_blocked() -> Iterator[None]:
+    """Block Ctrl-C in this thread, and in processes that it starts within the block."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _StoppedError(BaseException):
@@ -128,7 +213,8 @@ def _set_up(lifeline: Connection, engine: str | None) -> None:
         os.environ[VARIABLE] = engine
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _stop)
-    threading.Thread(target=_watch, args=(lifeline,), daemon=True).start()
+    if not is_started(threading.Thread(target=_watch, args=(lifeline,), daemon=True)):
+        os._exit(_STOPPED)  # rather than outlive the command
 
 
 def _watch(lifeline: Connection) -> NoReturn:
