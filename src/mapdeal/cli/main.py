@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -44,6 +46,10 @@ _NUMBER = re.compile(r"-?\d+(\.\d*)?\)?")
 
 _INTERRUPTED, _INTERNAL = 130, 70
 _EPOCH = "SOURCE_DATE_EPOCH"
+_EPOCH_DIGITS = 11  # up to the year 5138
+
+_EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN)
+_LIMITS = "ulimit -a shows the limits of processes, memory and open files"
 
 
 def command_names() -> list[str]:
@@ -94,6 +100,16 @@ class _NotEmpty:
         return self._convert(value, parameter, context)
 
 
+def _made_context(make: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    """Have click read the options, of which --help prints."""
+    try:
+        with _own_endings():
+            return make(*args, **kwargs)
+    except OSError as error:  # nothing else is done here
+        rule = f"cannot be written: {error.strerror or error}"
+        raise FileAccessError(rule, source="standard output") from None
+
+
 class _LazyGroup(TyperGroup):
     """A group that imports a command when it is asked for.
 
@@ -116,25 +132,22 @@ class _LazyGroup(TyperGroup):
 
             app = stage_app(cmd_name)
         begin_work()
-        command = typer.main.get_command(app)
+        command: Any = typer.main.get_command(app)
+        command.make_context = partial(_made_context, command.make_context)
         command.name = cmd_name
         first, _, _ = (command.help or "").partition("\n\n")
         command.short_help = " ".join(first.split())  # else it is cut off in the list
         command.context_settings["help_option_names"] = ["-h", "--help"]
         for parameter in command.params:
             if isinstance(parameter.type, TyperPath):
+                parameter.type.readable = False  # whoever opens the file says why it cannot
                 vars(parameter.type)["convert"] = _NotEmpty(parameter.type.convert)
         self.commands[cmd_name] = command
         return command
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the options, of which --help and --version print."""
-        try:
-            with _own_endings():
-                return super().make_context(*args, **kwargs)
-        except OSError as error:  # nothing else is done here
-            rule = f"cannot be written: {error.strerror or error}"
-            raise FileAccessError(rule, source="standard output") from None
+        return _made_context(super().make_context, *args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
@@ -184,11 +197,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : sequence of str, optional
         The words behind ``mapdeal``; those of the process if not given.
     """
+    terminal.accept_all_characters()
     terminal.show_warnings()
     _forget_odd_epoch()
     command = typer.main.get_command(app)
     try:
         words = list(sys.argv[1:] if arguments is None else arguments)
+        _check_words(words)
         words = _spread_points(_joined_flags(words, _yes_or_no_options(command, words)))
         code = command.main(args=words or ["--help"], prog_name="mapdeal", standalone_mode=False)
         terminal.finish()
@@ -207,7 +222,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         terminal.error(MalformedInputError("not enough memory for a map of this size"))
         return MalformedInputError.exit_code
-    except Exception:  # noqa: BLE001 - the last resort, which says that it is one
+    except Exception as error:  # noqa: BLE001 - the last resort, which says that it is one
+        refusal = _refusal_of_the_system(error)
+        if refusal is not None:
+            terminal.error(refusal)
+            return refusal.exit_code
         with contextlib.suppress(OSError):
             traceback.print_exc()
         terminal.error(
@@ -217,12 +236,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
+def _check_words(words: Iterable[str]) -> None:
+    """Refuse what no system can hand over to a process, so that nobody behind need expect it."""
+    for word in words:
+        if "\0" in word:
+            raise ParameterError("must not hold a NUL character", source="command line", got=word)
+
+
+def _refusal_of_the_system(error: Exception) -> FileAccessError | None:
+    """Return what to say if the system has no more to give, or a library cannot be loaded.
+
+    Such errors can come from everywhere, also from imports within the libraries.
+    """
+    if isinstance(error, OSError) and error.errno in _EXHAUSTED:
+        return FileAccessError(f"the system has no more to give: {error.strerror}", hint=_LIMITS)
+    if isinstance(error, ImportError) and not (error.name or "").startswith("mapdeal"):
+        first: BaseException = error
+        while first.__cause__ is not None:  # numpy wraps it into advice of many lines
+            first = first.__cause__
+        return FileAccessError(f"a library cannot be loaded: {first}", hint=_LIMITS)
+    return None
+
+
 def _forget_odd_epoch() -> None:
-    """Drop a SOURCE_DATE_EPOCH that is no number: scipy's imports would fail on it.
+    """Drop a SOURCE_DATE_EPOCH that is no time: scipy's imports would fail on it.
 
     No output of ours holds a time.
     """
-    if not os.environ.get(_EPOCH, "0").isdecimal():
+    epoch = os.environ.get(_EPOCH, "0")
+    if not epoch.isdecimal() or len(epoch) > _EPOCH_DIGITS:
         del os.environ[_EPOCH]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import sys
 import threading
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from typing import TextIO
 
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, ParameterError, one_line
+from mapdeal.kernels.threads import is_started
 
 _CHUNK = 1 << 18
 _FEW = 10
@@ -38,6 +40,13 @@ def configure(*, quiet: bool, verbose: bool) -> None:
 def result(text: str) -> None:
     """Print a result that the user asked for, quiet or not."""
     _print_result(text)
+
+
+def accept_all_characters() -> None:
+    """Have characters that a stream cannot encode written as escapes: files have any names."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def flush() -> None:
@@ -160,7 +169,7 @@ class Progress:
             _bar = self
             self.draw()
         elif self._what and not _quiet:
-            threading.Thread(target=self.say_now_and_then, daemon=True).start()
+            is_started(threading.Thread(target=self.say_now_and_then, daemon=True))
         return self
 
     def __exit__(self, *_: object) -> None:

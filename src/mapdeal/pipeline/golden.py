@@ -7,7 +7,7 @@ from typing import Any
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.json_text import json_of, read_json
-from mapdeal.formats.source import exists
+from mapdeal.formats.source import status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.folder import MANIFEST
@@ -65,8 +65,11 @@ def differences_from_golden(folder: Path, golden: Path, place: str | None = None
         If its manifest is none.
     """
     stored = golden / (place or folder.name) / MANIFEST
-    if not exists(stored):
-        raise FileAccessError("no golden run", source=stored, hint="--update-golden stores it")
+    try:
+        status_of(stored)
+    except FileAccessError as error:
+        rule, hint = f"no golden run: {error.rule}", "--update-golden stores it"
+        raise FileAccessError(rule, source=stored, hint=hint) from None
     new, old = _manifest_of(folder), _manifest_of(stored.parent)
     lines = []
     for stage in dict.fromkeys([*old["figures"], *new["figures"]]):

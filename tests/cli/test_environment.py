@@ -1,0 +1,163 @@
+"""The command line in odd surroundings: streams, terminals, variables, few threads."""
+
+import io
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from bad_maps import tree, write_map
+from mapdeal.cli.main import command_names, main
+
+ROOT = Path(__file__).parents[2]
+QUIETLY = ["--set", "inflate.radius=0"]  # which leaves the small map a free cell
+NAMES = ["Küche.yaml", "地图 ☃.yaml", os.fsdecode(b"\xff\xfe.yaml"), "a\x1bb\n.yaml"]
+WORDS = [
+    ["info"], ["info", "--json"], ["lint"], ["lint", "--format", "json"],
+    ["lint", "--format", "github"], ["run", "-v", "-o", "out"], ["run", "-n", "-v", "-o", "out"],
+    ["inflate", "-v", "-o", "out.npz"], ["query", "--at", "1.6,-1.9"], ["info", "nothing ☃"],
+]  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_map(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def streams(monkeypatch):
+    """Set stdout and stderr of an encoding; return what gives all that was written."""
+
+    def set_up(encoding):
+        buffers = io.BytesIO(), io.BytesIO()
+        for name, buffer in zip(("stdout", "stderr"), buffers, strict=True):
+            stream = io.TextIOWrapper(buffer, encoding=encoding, write_through=True)
+            monkeypatch.setattr(sys, name, stream)
+        return lambda: tuple(buffer.getvalue().decode(encoding) for buffer in buffers)
+
+    return set_up
+
+
+@pytest.mark.parametrize("name", NAMES, ids=ascii)
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
+def test_names_that_a_stream_cannot_encode_are_written_as_escapes_f14(
+    folder, streams, encoding, name
+):
+    (folder / "m.yaml").rename(folder / name)
+    for command, *more in WORDS:
+        written = streams(encoding)
+        code = main([command, *more, name] if command == "info" else [command, name, *more])
+        _, err = written()
+        expected = 4 if "nothing ☃" in more else 1 if command == "lint" and "☃" not in name else 0
+        assert code in (0, expected), (command, err)
+        assert "Traceback" not in err
+        assert all(line.startswith(("error: ", "warning: ")) or "-v" in more
+                   for line in err.splitlines())  # fmt: skip
+
+
+def test_what_can_be_encoded_is_written_as_it_is(folder, streams):
+    (folder / "m.yaml").rename(folder / "Küche.yaml")
+    for encoding, shown in (("latin-1", "Küche.yaml"), ("ascii", "K\\xfcche.yaml")):
+        written = streams(encoding)
+        assert main(["info", "Küche.yaml"]) == 0
+        assert written()[0].splitlines()[0] == shown
+
+
+@pytest.mark.parametrize("name", [None, *command_names()])
+def test_help_onto_a_full_disk_is_told_in_one_line(monkeypatch, capsys, name):
+    with suppress(OSError), open("/dev/full", "w") as full:  # closing it fails, too
+        monkeypatch.setattr(sys, "stdout", full)
+        code = main(["--help"] if name is None else [name, "--help"])
+    assert code == 4
+    told = "error: standard output: cannot be written: No space left on device\n"
+    assert capsys.readouterr().err == told
+
+
+@pytest.mark.parametrize("value", ["0", "1", "x", "-5", "9" * 30, ""])
+def test_help_for_terminals_of_any_width(command, monkeypatch, value):
+    monkeypatch.setenv("COLUMNS", value)
+    for words in (["--help"], ["run", "--help"]):
+        code, out, err = command(*words)
+        assert (code, err) == (0, "")
+        assert "Usage:mapdeal" in "".join(out.split())
+
+
+def test_a_run_without_threads_writes_the_same(folder, command, scarce_threads):
+    assert command("run", "m.yaml", "-o", "threads", "--threads", "3", *QUIETLY)[0] == 0
+    scarce_threads(0)
+    code, _, err = command("run", "m.yaml", "-o", "none", "--threads", "3", *QUIETLY)
+    assert (code, err) == (0, "")
+    assert tree(folder / "none") == tree(folder / "threads")
+
+
+def test_a_batch_tells_how_far_it_is_without_a_thread_for_that(folder, command, scarce_threads):
+    scarce_threads(0)
+    code, out, err = command("run", ".", "-o", "out", "-j", "1", *QUIETLY)
+    assert (code, err) == (0, "")
+    assert "1 map: 1 done" in out
+
+
+def process(*words, folder, **environment):
+    told = subprocess.run(
+        [sys.executable, "-m", "mapdeal", *words], capture_output=True, text=True, cwd=folder,
+        env={"PYTHONPATH": os.pathsep.join(map(str, sys.path)), **environment},
+    )  # fmt: skip
+    return told.returncode, told.stderr
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {},
+        {"HOME": "/nonexistent", "XDG_CACHE_HOME": "/dev/null", "TMPDIR": "/nonexistent"},
+        {"LC_ALL": "xx_YY.UTF-99", "LANG": "zz", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+        {"TERM": "xyz", "NO_COLOR": "1", "COLUMNS": "x", "TZ": "Mars/Olympus"},
+        {"PYTHONWARNINGS": "error", "MAPDEAL_KERNELS": "scipy"},
+        {"SOURCE_DATE_EPOCH": "9" * 30, "MAPDEAL_KERNELS": "scipy"},
+        {"SOURCE_DATE_EPOCH": "²", "MAPDEAL_KERNELS": "scipy"},
+        {"PYTHONIOENCODING": "ascii:strict"},
+    ],
+    ids=lambda environment: next(iter(environment), "nothing"),
+)
+def test_odd_variables_do_not_change_what_is_done_f14_f15(folder, environment):
+    (folder / "m.yaml").rename(folder / "Küche.yaml")
+    words = ["run", "Küche.yaml", "-o", "out", *QUIETLY]
+    assert process(*words, folder=folder, **environment) == (0, "")
+    assert (folder / "out" / "Küche" / "manifest.json").exists()
+
+
+def test_a_library_that_cannot_be_loaded_is_one_line(folder, command, monkeypatch):
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    monkeypatch.setitem(sys.modules, "PIL.Image", None)
+    code, out, err = command("esdf", "m.yaml", "-o", "o.npz", "--image", "o.png")
+    assert (code, out) == (4, "")
+    error, hint = err.splitlines()
+    assert error.startswith("error: a library cannot be loaded: import of PIL")
+    assert hint.startswith("hint: ulimit -a")
+    assert not (folder / "o.npz").exists()
+
+
+@pytest.mark.parametrize("number", [11, 12, 23, 24])
+def test_a_system_that_has_no_more_to_give_is_one_line(folder, command, monkeypatch, number):
+    def refuse(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("mapdeal.cli.info.describe_file", refuse)
+    code, _, err = command("info", "m.yaml")
+    assert code == 4
+    assert err.splitlines()[0] == f"error: the system has no more to give: {os.strerror(number)}"
+
+
+def test_other_errors_of_the_system_are_bugs(folder, command, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("mapdeal.cli.info.describe_file", refuse)
+    code, _, err = command("info", "m.yaml")
+    assert code == 70
+    assert "Traceback" in err
