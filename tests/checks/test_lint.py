@@ -456,3 +456,24 @@ def test_strict_fails_on_warnings_but_not_on_notes(command, folder):
     assert {f.severity for f in lint_file(folder / "noted.yaml")} == {"note"}
     assert command("lint", "noted.yaml", "--strict")[0] == 0
     assert command("lint", "noted.yaml", "turned.yaml", "--strict")[0] == 1
+
+
+@pytest.mark.parametrize(
+    "comment",
+    [
+        pytest.param("1" * 60_000, id="digits"),
+        pytest.param("." * 60_000, id="points"),
+        pytest.param("0.050" + " " * 60_000 + "m/pix", id="white space"),
+        pytest.param("version 1.2.3 m/pix", id="a version"),
+        pytest.param(". m/pix", id="no number"),
+    ],
+)
+def test_a_comment_without_a_resolution_says_nothing_of_it(checks, comment):
+    names, _ = checks(pgm(ROOM, comment=comment))
+    assert "image.comment-resolution" not in names
+
+
+@pytest.mark.parametrize("noted", ["0.100", ".1", "0.1", "1."])
+def test_a_resolution_in_a_comment_is_found_however_it_is_written(checks, noted):
+    names, _ = checks(pgm(ROOM, comment=f"CREATOR: saver {noted} m/pix"))
+    assert "image.comment-resolution" in names

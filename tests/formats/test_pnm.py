@@ -31,6 +31,24 @@ def test_headers_with_comments_and_white_space_of_all_kinds(header):
     assert np.array_equal(decode(header + BODY).samples, PIXELS)
 
 
+@pytest.mark.parametrize(
+    "header",
+    [
+        pytest.param(b"P5\n" + b"#" * 60, id="signs of comments"),
+        pytest.param(b"P5\n" + b"#\n" * 300, id="empty comments"),
+        pytest.param(b"P5\n" + b"# \n \r#" * 300, id="comments and white space"),
+        pytest.param(b"P5\n3 2\n" + b"#25" * 200, id="a comment without an end"),
+        pytest.param(b"P5\n3 2\n#255", id="a number in a comment"),
+        pytest.param(b"P5\n3 #2\n", id="a number in a comment with an end"),
+        pytest.param(b"P5 " + b" " * 70_000, id="white space"),
+        pytest.param(b"P5 3 2 " + b"#" + b"x" * 70_000 + b"\n255 " + BODY, id="a long comment"),
+    ],
+)
+def test_a_header_without_its_numbers_is_refused_at_once(header):
+    with pytest.raises(MalformedInputError, match="the file ends early"):
+        decode(header)
+
+
 def test_plain_pictures_with_comments_between_pixels():
     text = b"P2 3 2 255\n0 10\n# a comment 7 7\n255 13 205 254"
     assert np.array_equal(decode(text).samples, PIXELS)

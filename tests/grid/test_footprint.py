@@ -82,6 +82,49 @@ def test_shapes_that_are_none_are_refused_by_name(text, named):
         Footprint.parse(text)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[[" + "1" * 300,
+        "[[1,1],[-1,-1" + "1" * 200 + ",[1,-1]]",
+        "[" + "[1,1]," * 500,
+        "[[" + "1," * 500,
+        "[" * 500,
+        "[[1,1]" + " " * 500,
+        "[[" + "1." * 200 + "]]",
+        "[[1,1],[2,2],[3,1]",
+        "[1,1],[2,2],[3,1]]",
+        "[[1,1],[2,2],[3,1]]]",
+        "[[[1,1],[2,2],[3,1]]]",
+        "[[1,1] [2,2],[3,1]]",
+        "[[1,1],,[2,2],[3,1]]",
+        "[[1,1],[2,2],[3,1],]",
+        "[[1,1],[2,2],[3,1]]x",
+        "[[1,1],[2,2],[]]",
+        "[[1,1],[2,2],[3,]]",
+        "[[1,1],[2,2],[3 1]]",
+        "[[1,1],[2,2],[3,1e]]",
+        "[[1,1],[2,2],[3,1_0]]",
+        "[[1,1],[2,2],[3,0x1]]",
+        "[[1,1],[2,2],[3,\x001]]",
+        "[[1,1],[2,2],[3,\x1b[31m1]]",
+        "[]",
+        "[[]]",
+        "",
+    ],
+)
+def test_text_with_a_bracket_too_few_or_other_faults_is_refused_at_once(text):
+    with pytest.raises(ParameterError, match="look like") as caught:
+        Footprint.parse(text)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("space", [" ", "\t", "\n", "\r\n", "\v", "\f", "\x1c", "\x85", "\u2003"])
+def test_white_space_of_any_kind_may_stand_between_numbers(space):
+    text = " [ [ 1 , 1 ] , [ -1 , 1 ] , [ 0 , -1 ] ] ".replace(" ", space)
+    assert Footprint.parse(text).vertices == ((1, 1), (-1, 1), (0, -1))
+
+
 def test_a_robot_beside_its_centre_is_warned_of():
     with pytest.warns(MapdealWarning, match="outside"):
         Footprint.polygon([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]])

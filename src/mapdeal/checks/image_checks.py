@@ -14,7 +14,10 @@ from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 
 _CARTOGRAPHER_UNKNOWN = 128
 _TRINARY = {0, MAP_SAVER_UNKNOWN, 254, 255}
-_PER_PIXEL = re.compile(r"([0-9.]+)\s*m(?:eters?)?/pix")
+# A number begins where none is before it and has an end, in a long comment of digits, too.
+_PER_PIXEL = re.compile(
+    r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"
+)
 
 
 @check("thresholds.unknown-becomes-free", "error", "map_saver's unknown, grey 205, is read as free")
@@ -140,6 +143,6 @@ def comment_resolution(facts: PairFacts) -> Iterator[Remark]:
         match = _PER_PIXEL.search(comment)
         if match is None:
             continue
-        noted, used = float(match[1].strip(".") or "nan"), facts.metadata.resolution
+        noted, used = float(match[1]), facts.metadata.resolution
         if abs(noted - used) > 0.51e-3 + 1e-6 * used:  # it is written with 3 decimals
             yield Remark(f"the image says {noted:g} m per pixel, the YAML {used:g}", "resolution")

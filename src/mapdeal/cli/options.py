@@ -119,8 +119,9 @@ def size_of(text: str, name: str) -> int:
     ParameterError
         If it is none; the error calls it `name`.
     """
-    form = r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"
-    match = re.fullmatch(form, text.strip(), re.IGNORECASE)
+    match = re.fullmatch(
+        r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?", text.strip(), re.IGNORECASE
+    )
     if match is None:
         raise ParameterError("must be a size such as 4G or 500M", place=name, got=text)
     number, unit, ending = float(match[1]), match[2].lower(), (match[3] or "").lower()

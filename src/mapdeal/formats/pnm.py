@@ -23,7 +23,8 @@ from mapdeal.errors import MalformedInputError, MapdealWarning
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
 from mapdeal.kernels.blocks import Layer, blocks_of
 
-_TOKEN = re.compile(rb"(?:[ \t\n\v\f\r]|#[^\n\r]*)*([^ \t\n\v\f\r#]+)")
+_WHITE = re.compile(rb"[ \t\n\v\f\r]*")
+_WORD = re.compile(rb"[^ \t\n\v\f\r#]*")
 _COMMENT = re.compile(rb"#[^\n\r]*")
 _LONGEST_HEADER = 1 << 16
 _WRITTEN_TOGETHER = 1 << 20
@@ -242,22 +243,41 @@ def _read_header(data: bytes, source: Path) -> _Header:
     numbers: list[int] = []
     end = 2
     for name in names:
-        token = _TOKEN.match(data, end, end + _LONGEST_HEADER)
-        if token is None:
+        start, end = _next_word(data, end)
+        if start == end:
             raise MalformedInputError("the file ends early", source=source, place=f"header {name}")
-        text = token[1].decode("latin-1")
+        text = data[start:end].decode("latin-1")
         # A width of a million digits is no width, and converting one takes time.
         if not re.fullmatch(r"-?\d{1,12}", text):
             rule = "must be a whole number"
             raise MalformedInputError(rule, source=source, place=f"header {name}", got=text)
         numbers.append(int(text))
-        end = token.end()
     width, height = numbers[:2]
     maxval = numbers[2] if len(numbers) == 3 else 1
     if not 1 <= maxval <= 65535:
         rule = "must lie between 1 and 65535"
         raise MalformedInputError(rule, source=source, place="header maxval", got=maxval)
     return _Header(magic, width, height, maxval, end, data[:end])
+
+
+def _next_word(data: bytes, start: int) -> tuple[int, int]:
+    """Return where the next word begins and ends, behind white space and whole comments.
+
+    Both are the same if there is none within the bytes that a header may have.
+    """
+    limit = start + _LONGEST_HEADER
+    while True:
+        start = _end_of(_WHITE, data, start, limit)
+        after = _end_of(_COMMENT, data, start, limit)
+        if after == start:
+            return start, _end_of(_WORD, data, start, limit)
+        start = after
+
+
+def _end_of(pattern: re.Pattern[bytes], data: bytes, start: int, limit: int) -> int:
+    """Return where what matches a pattern ends; `start` if nothing does."""
+    match = pattern.match(data, start, limit)
+    return start if match is None else match.end()
 
 
 def _binary(data: bytes, header: _Header, source: Path) -> Samples:

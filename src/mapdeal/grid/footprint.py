@@ -20,7 +20,9 @@ from mapdeal.grid.outline import (
 
 _LARGEST_COORDINATE = 1000.0
 _MOST_VERTICES = 500
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?\.?[nN]a[nN]|[-+]?\.?[iI]nf"
+_NUMBER = re.compile(
+    r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|[-+]?\.?[nN]a[nN]|[-+]?\.?[iI]nf"
+)
 
 
 @dataclass(frozen=True)
@@ -91,16 +93,13 @@ class Footprint:
     @classmethod
     def parse(cls, text: str) -> Footprint:
         """Return the polygon that a string in ROS form ``[[x1, y1], [x2, y2], ...]`` describes."""
-        number = rf"\s*(?:{_NUMBER})\s*"
-        pair = rf"\s*\[{number}(?:,{number})*\]\s*"
-        if not re.fullmatch(rf"\s*\[{pair}(?:,{pair})*\]\s*", text):
+        corners = [[part.strip() for part in pair.split(",")] for pair in _pairs(text)]
+        if not corners or not all(_NUMBER.fullmatch(part) for pair in corners for part in pair):
             rule = "a footprint must look like [[x1, y1], [x2, y2], ...]"
             raise ParameterError(rule, place="footprint", got=text)
-        inner = re.findall(r"\[([^\[\]]*)\]", text)
-        return cls.polygon(
-            [[float(number.replace(".n", "n").replace(".i", "i")) for number in pair.split(",")]
-             for pair in inner]
-        )  # fmt: skip
+        # YAML's .nan and .inf are numbers, too, and refused as such
+        return cls.polygon([[float(part.lower().replace(".n", "n").replace(".i", "i"))
+                             for part in pair] for pair in corners])  # fmt: skip
 
     def padded(self, padding: float) -> Footprint:
         """Return the shape with every coordinate moved outwards by `padding` metres.
@@ -131,3 +130,21 @@ class Footprint:
         if not self.vertices:
             return self.radius
         return max(math.hypot(x, y) for x, y in self.vertices)
+
+
+def _pairs(text: str) -> list[str]:
+    """Return what stands in the inner brackets of ``[[...], [...]]``; nothing of other text.
+
+    Each character is looked at a few times, whatever the text.
+    """
+    whole = text.strip()
+    if not (whole.startswith("[") and whole.endswith("]")):
+        return []
+    pieces = whole[1:-1].split("]")
+    pairs = []
+    for index, piece in enumerate(pieces[:-1]):
+        lead, bracket, inner = piece.partition("[")
+        if not bracket or "[" in inner or lead.strip() != ("," if index else ""):
+            return []
+        pairs.append(inner)
+    return [] if pieces[-1].strip() else pairs

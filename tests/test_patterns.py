@@ -1,0 +1,204 @@
+"""No text of a user's makes a regular expression take more than a few looks at each character."""
+
+import ast
+import re
+import subprocess
+import sys
+from itertools import product, takewhile
+from pathlib import Path
+
+import pytest
+
+import mapdeal
+
+SOURCE = Path(mapdeal.__file__).parent
+FUNCTIONS = {
+    "compile",
+    "match",
+    "fullmatch",
+    "search",
+    "sub",
+    "subn",
+    "split",
+    "findall",
+    "finditer",
+}
+OURS = "matched against docstrings of the project alone"
+
+# Where each stands, how it is used, and why that takes linear time: searching tries at each place.
+REASONS = {
+    ("checks/image_checks.py",
+     r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"):
+        ("search", "every repeat is bounded, so a try is, too"),
+    ("cli/main.py", r"[-+0-9.eE]+,[-+0-9.eE]+"): ("fullmatch", "the comma is in neither class"),
+    ("cli/main.py", r"-?\d+(\.\d*)?\)?"): ("fullmatch", "a point stands between the digits"),
+    ("cli/options.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
+        ("fullmatch", "digits, white space and letters have nothing in common"),
+    ("cli/stage_command.py", r".*?\.(?=\s+[A-Z`]|$)"): ("match", OURS),
+    ("formats/free_memory.py", r"^MemAvailable:\s+(\d+) kB"):
+        ("search", "tried at the beginnings of lines; the two runs have nothing in common"),
+    ("formats/free_memory.py", r"^0::/(.*)$"): ("search", "tried at the beginnings of lines"),
+    ("formats/free_memory.py", r"^inactive_file (\d+)"):
+        ("search", "tried at the beginnings of lines"),
+    ("formats/listing.py", r"([0-9]+)"): ("split", "a try cannot fail behind its first digit"),
+    ("formats/map_listing.py", r"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
+        ("search", "tried at the beginnings of lines, where one run follows what is fixed"),
+    ("formats/pnm.py", r"[ \t\n\v\f\r]*"): ("match", "one class, and it cannot fail"),
+    ("formats/pnm.py", r"[^ \t\n\v\f\r#]*"): ("match", "one class, and it cannot fail"),
+    ("formats/pnm.py", r"#[^\n\r]*"): ("match sub", "it cannot fail behind its first sign"),
+    ("formats/pnm.py", r"P[1-7fF](\s|#)"): ("match", "three characters"),
+    ("formats/pnm.py", r"-?\d{1,12}"): ("fullmatch", "thirteen characters"),
+    ("formats/yaml_text.py", r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"):
+        ("fullmatch", "a point or an e stands between runs of digits"),
+    ("formats/yaml_text.py", r"[-+]?0\d"): ("match", "three characters"),
+    ("formats/yaml_text.py", r"P[1-7fF]\s"): ("match", "three characters"),
+    ("formats/yaml_text.py", r"[-+]?\d+,\d+"): ("fullmatch", "a comma stands between the digits"),
+    ("formats/yaml_text.py", r"[-+]?[\d.]+\s*[a-zA-Z]"):
+        ("match", "the two runs have nothing in common, and it is tried at one place"),
+    ("grid/footprint.py",
+     r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|[-+]?\.?[nN]a[nN]|[-+]?\.?[iI]nf"):
+        ("fullmatch", "a point or an e stands between runs of digits"),
+    ("pipeline/batch.py", r"(?<![\w./-])/some/folder/"):
+        ("split", "a look back at one character, then fixed text"),
+    ("pipeline/cluster.py", r"(tcp|tls|ucx|ws|wss)://[^/\s]+:\d{1,5}"):
+        ("fullmatch", "one run; behind each place where it may end five digits at most"),
+    ("stages/definition.py", r"(?m)^ {4}(?P<names>[a-z_0-9, ]+) : "): ("finditer split", OURS),
+    ("stages/definition.py", r"(?m)^ {4}(?P<name>\w+)\n {4}-+\n"): ("finditer split", OURS),
+}  # fmt: skip
+MADE = {"pipeline/batch.py": r"(?<![\w./-])/some/folder/"}
+"""What a pattern that is put together looks like, by file."""
+
+LENGTH = 200_000
+LIMIT = 60  # seconds for all tries of a pattern, which take far less, or far more if quadratic
+
+
+def text_of(pattern):
+    """Return a pattern as the table has it: of bytes or text, \\x written out."""
+    text = pattern.decode("latin-1") if isinstance(pattern, bytes) else pattern
+    return "".join(c if c.isascii() else f"\\x{ord(c):02x}" for c in text)
+
+
+def patterns_in_the_source():
+    """Return the functions that each regular expression is used with, by file and pattern."""
+    found = {}
+    for path in SOURCE.rglob("*.py"):
+        name = path.relative_to(SOURCE).as_posix()
+        tree = ast.parse(path.read_text())
+        compiled = {}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                assert node.module != "re", f"{name}: import re as a whole, so that uses are found"
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
+                continue
+            if ast.unparse(node.func.value) != "re" or node.func.attr not in FUNCTIONS:
+                continue
+            argument = node.args[0]
+            is_plain = isinstance(argument, ast.Constant)
+            text = text_of(argument.value) if is_plain else MADE[name]
+            uses = found.setdefault((name, text), set())
+            if node.func.attr == "compile":
+                compiled[ast.unparse(node)] = uses
+            else:
+                uses.add(node.func.attr)
+        names = {
+            node.targets[0].id: compiled[ast.unparse(node.value)]
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Assign) and ast.unparse(node.value) in compiled
+        }
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and ast.unparse(node.value) in names:
+                names[ast.unparse(node.value)].add(node.attr)
+    return found
+
+
+def test_each_regular_expression_has_the_reason_why_it_takes_linear_time():
+    found = patterns_in_the_source()
+    assert set(found) == set(REASONS)
+    for key, uses in found.items():
+        assert uses <= set(REASONS[key][0].split()), key
+
+
+FROM_USERS = sorted(
+    {(pattern, how) for (_, pattern), (how, reason) in REASONS.items() if reason != OURS}
+)
+
+
+def unbounded_repeats(items, *, inside=False):
+    """Yield whether each repeat without an upper bound stands within another."""
+    for code, value in items:
+        name = str(code)
+        if name in ("MAX_REPEAT", "MIN_REPEAT"):
+            _, most, body = value
+            endless = most == re._parser.MAXREPEAT
+            if endless:
+                yield inside
+            yield from unbounded_repeats(body, inside=inside or endless)
+        elif name == "SUBPATTERN":
+            yield from unbounded_repeats(value[-1], inside=inside)
+        elif name == "BRANCH":
+            for branch in value[1]:
+                yield from unbounded_repeats(branch, inside=inside)
+        elif name in ("ASSERT", "ASSERT_NOT"):
+            yield from unbounded_repeats(value[1], inside=inside)
+
+
+def test_exponential_repeats_are_seen():
+    assert any(unbounded_repeats(re._parser.parse(r"(?:\s|#[^\n]*)*x")))
+    assert not any(unbounded_repeats(re._parser.parse(r"\d+(\.\d*)?")))
+
+
+@pytest.mark.parametrize("pattern", [pattern for pattern, _ in FROM_USERS])
+def test_no_repeat_without_a_bound_stands_within_another(pattern):
+    assert not any(unbounded_repeats(re._parser.parse(pattern)))
+
+
+def signs_of(items):
+    """Return characters that parts of a pattern match, one of each class or more, in order."""
+    found = []
+    for code, value in items:
+        name = str(code)
+        if name in ("LITERAL", "NOT_LITERAL"):
+            found.append(chr(value))
+        elif name == "RANGE":
+            found.append(chr(value[0]))
+        elif name == "CATEGORY":
+            found.append({"CATEGORY_DIGIT": "1", "CATEGORY_SPACE": " "}.get(str(value), "a"))
+        elif name == "IN":
+            found += signs_of(value)
+        elif name in ("MAX_REPEAT", "MIN_REPEAT"):
+            found += signs_of(value[2])
+        elif name == "SUBPATTERN":
+            found += signs_of(value[-1])
+        elif name == "BRANCH":
+            for branch in value[1]:
+                found += signs_of(branch)
+    return list(dict.fromkeys(found))
+
+
+CODE = """
+import re, sys
+pattern, uses = eval(sys.stdin.readline())
+for line in sys.stdin:
+    head, unit = eval(line)
+    text = head + unit * (LENGTH // len(unit)) + "\x01"
+    for use in uses.split():
+        print(use, ascii((head, unit)), flush=True)
+        if use == "sub":
+            re.sub(pattern, "", text)
+        else:
+            getattr(re, use)(pattern, text)
+""".replace("LENGTH", str(LENGTH))
+
+
+@pytest.mark.parametrize(("pattern", "uses"), FROM_USERS)
+def test_nothing_that_is_long_and_nearly_fits_takes_long(pattern, uses):
+    signs = signs_of(re._parser.parse(pattern))
+    heads = ["", "".join(takewhile(str.isalpha, pattern)), "-1", "tcp://a"]
+    units = [*signs[:10], *map("".join, product(signs[:4], repeat=2))]
+    tries = [f"{(head, unit)!a}\n" for head in dict.fromkeys(heads) for unit in units]
+    words = [sys.executable, "-c", CODE]
+    text = "".join([f"{(pattern, uses)!a}\n", *tries])
+    try:
+        subprocess.run(words, input=text, capture_output=True, text=True, check=True, timeout=LIMIT)
+    except subprocess.TimeoutExpired as stopped:
+        pytest.fail(f"takes long: {(stopped.stdout or b'').decode().splitlines()[-1:]}")
