@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.geojson import read_geojson
-from mapdeal.formats.yaml_text import Entry, read_mapping
+from mapdeal.formats.yaml_text import OF_SHAPES, Entry, read_mapping
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 
@@ -54,7 +54,7 @@ def read_shapes(path: Path | str) -> list[Shape]:
 
 def _shapes_of(path: Path) -> Iterator[Shape]:
     try:
-        entries = read_mapping(path)
+        entries = read_mapping(path, OF_SHAPES)
     except MalformedInputError as error:
         error.hint = _FORM
         raise

@@ -16,12 +16,34 @@ import yaml
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.source import read_file
 
-_LARGEST_FILE = 1 << 20
 _DEEPEST = 20
-_MOST_ALIASES = 16
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _PLAIN_KINDS = ("str", "int", "float", "bool", "null", "timestamp", "seq", "map", "merge")
 _PLAIN_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _PLAIN_KINDS}
+
+
+@dataclass(frozen=True)
+class YamlLimits:
+    """What a file may hold: PyYAML takes 70 microseconds and a kilobyte for each value.
+
+    Parameters
+    ----------
+    bytes : int
+        Of the file.
+    nodes : int
+        Keys, values, lists and mappings; what an alias stands for counts again for each alias.
+    aliases : int
+        Uses of anchors, ``*name``.
+    """
+
+    bytes: int
+    nodes: int
+    aliases: int = 0
+
+
+OF_MAPS = YamlLimits(bytes=1 << 16, nodes=1000)
+OF_RECIPES = YamlLimits(bytes=1 << 18, nodes=10_000, aliases=16)
+OF_SHAPES = YamlLimits(bytes=1 << 20, nodes=100_000, aliases=16)
 
 
 @dataclass(frozen=True)
@@ -97,19 +119,27 @@ class Entry:
         )
 
 
-def read_mapping(path: Path) -> dict[str, Entry]:
+def read_mapping(path: Path, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
     """Return the entries of the mapping that a YAML file holds, by key.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    limits : YamlLimits
+        What it may hold.
 
     Raises
     ------
     FileAccessError
         If the file cannot be read.
     MalformedInputError
-        If it is not one UTF-8 document with a mapping of distinct keys at its top.
+        If it is not one UTF-8 document with a mapping of distinct keys at its top, or holds
+        more than the limits allow.
     """
-    data = read_file(path, limit=_LARGEST_FILE, inspect=lambda head: _refuse_image(path, head))
+    data = read_file(path, limit=limits.bytes, inspect=lambda head: _refuse_image(path, head))
     text = _decode(path, data)
-    node = _compose(path, text)
+    node = _compose(path, text, limits)
     if node is None:
         raise MalformedInputError("no mapping in file", source=path)
     if not isinstance(node, yaml.MappingNode):
@@ -157,34 +187,78 @@ def _decode(path: Path, data: bytes) -> str:
     return text
 
 
-def _compose(path: Path, text: str) -> yaml.Node | None:
-    """Return the tree of nodes, after a look at the events that keeps the tree harmless."""
-    depth = aliases = 0
+def _compose(path: Path, text: str, limits: YamlLimits) -> yaml.Node | None:
+    """Return the tree of nodes, as far as it is harmless."""
     try:
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
-            if isinstance(event, (yaml.SequenceStartEvent, yaml.MappingStartEvent)):
-                depth += 1
-                if depth > _DEEPEST:
-                    rule = f"nested deeper than {_DEEPEST} levels"
-                    raise MalformedInputError(rule, source=path, place=_line(event))
-            elif isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
-                depth -= 1
-            elif isinstance(event, yaml.AliasEvent):
-                aliases += 1
-                if aliases > _MOST_ALIASES:
-                    rule = f"more than {_MOST_ALIASES} aliases"
-                    raise MalformedInputError(rule, source=path, place=_line(event))
-            tag = getattr(event, "tag", None)
-            if tag not in (None, "!") and tag not in _PLAIN_TAGS:
-                place = _line(event)
-                raise MalformedInputError("tag not allowed", source=path, place=place, got=tag)
-        node: yaml.Node | None = yaml.compose(text, Loader=yaml.SafeLoader)
+        return _Composer(text, path, limits).get_single_node()
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else None
         rule = f"not valid YAML: {one_line_of(error)}"
         raise MalformedInputError(rule, source=path, place=where) from None
-    return node
+
+
+class _Composer(yaml.SafeLoader):
+    """PyYAML's composer, which looks at each node before it is made."""
+
+    def __init__(self, text: str, path: Path, limits: YamlLimits) -> None:
+        super().__init__(text)
+        self._path = path
+        self._limits = limits
+        self._depth = self._nodes = self._aliases = 0
+        self._nodes_of: dict[str, int] = {}  # by anchor
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Return the next node and all below it."""
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent):
+            self._count_alias(event)
+            return super().compose_node(parent, index)
+        before = self._nodes
+        self._count(1, event)
+        tag = getattr(event, "tag", None)
+        if tag not in (None, "!") and tag not in _PLAIN_TAGS:
+            raise self._error("tag not allowed", event, got=tag)
+        is_nested = isinstance(event, (yaml.SequenceStartEvent, yaml.MappingStartEvent))
+        self._depth += is_nested
+        if self._depth > _DEEPEST:
+            raise self._too_deep(event.start_mark)
+        node = super().compose_node(parent, index)
+        self._depth -= is_nested
+        if event.anchor is not None:
+            self._nodes_of[event.anchor] = self._nodes - before
+        return node
+
+    def fetch_flow_collection_start(self, kind: Any) -> None:
+        """Scan a bracket; the scanner is many brackets ahead of the composer."""
+        if self.flow_level >= _DEEPEST:
+            raise self._too_deep(self.get_mark())
+        super().fetch_flow_collection_start(kind)
+
+    def _too_deep(self, mark: yaml.Mark) -> MalformedInputError:
+        rule = f"nested deeper than {_DEEPEST} levels"
+        return MalformedInputError(rule, source=self._path, place=f"line {mark.line + 1}")
+
+    def _count_alias(self, event: yaml.AliasEvent) -> None:
+        anchor = event.anchor or ""
+        self._aliases += 1
+        if self._aliases > self._limits.aliases:
+            most = self._limits.aliases
+            rule = f"more than {most} aliases" if most else "aliases are not allowed"
+            raise self._error(rule, event, got=f"*{anchor}")
+        # one that is not known yet is refused by PyYAML, or stands within what it stands for
+        if anchor in self.anchors and anchor not in self._nodes_of:
+            raise self._error("an alias within its own anchor", event, got=f"*{anchor}")
+        self._count(self._nodes_of.get(anchor, 0), event)
+
+    def _count(self, nodes: int, event: yaml.Event) -> None:
+        self._nodes += nodes
+        if self._nodes > self._limits.nodes:
+            rule = f"more than {self._limits.nodes} keys and values"
+            raise self._error(rule, event)
+
+    def _error(self, rule: str, event: yaml.Event, **got: object) -> MalformedInputError:
+        return MalformedInputError(rule, source=self._path, place=_line(event), **got)  # type: ignore[arg-type]
 
 
 def _line(event: yaml.Event) -> str:

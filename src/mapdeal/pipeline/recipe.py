@@ -11,7 +11,7 @@ from typing import Any
 
 from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.source import exists
-from mapdeal.formats.yaml_text import read_mapping
+from mapdeal.formats.yaml_text import OF_RECIPES, read_mapping
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
@@ -93,7 +93,7 @@ def _read_draft(name: str) -> Draft:
 
 def _parse(path: Path, name: str) -> Draft:
     try:
-        entries = read_mapping(path)
+        entries = read_mapping(path, OF_RECIPES)
         for key, entry in entries.items():
             if key != "stages":
                 raise _in_file(unknown_name("key", key, ["stages"], place=entry.place), path)
