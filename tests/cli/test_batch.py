@@ -331,3 +331,11 @@ def test_processes_and_clusters_are_loaded_only_if_there_are_any(maps):
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_dry_run_with_force_says_what_it_replaces(command, maps, tmp_path):
+    words = ["run", "maps/a/m.yaml", "-o", "o", "--no-images"]
+    assert command(*words)[0] == 0
+    assert "0 to run, 1 unchanged" in command(*words, "-n")[1]
+    code, out, _ = command(*words, "-n", "--force")
+    assert (code, "1 to run, 0 unchanged" in out, "replace" in out) == (0, True, True)

@@ -147,3 +147,14 @@ def test_names_of_recipes_that_are_none():
     assert caught.value.hint == "did you mean nav2?"
     with pytest.raises(FileAccessError):
         load_recipe("missing.yaml")
+
+
+def test_the_numbers_of_recipe_nav2_are_those_of_nav2_bringup():
+    assert load_recipe("nav2").described() == [
+        {"esdf": {"unknown": "free", "convention": "seed", "max_distance": None,
+                  "lethal_threshold": 100, "strength": 1.0, "view": "metric", "view_range": 2.0}},
+        {"cost": {"model": "exponential", "inscribed_radius": 0.22, "inflation_radius": 0.7,
+                  "cost_scaling_factor": 3.0, "inflate_unknown": False,
+                  "inflate_around_unknown": False, "lethal_threshold": None,
+                  "circumscribed_radius": None}},
+    ]  # fmt: skip

@@ -8,7 +8,13 @@ import pytest
 from PIL import Image
 
 from drawn import grid_from_text
-from mapdeal import FileAccessError, MalformedInputError, read_map, write_map
+from mapdeal import (
+    FileAccessError,
+    MalformedInputError,
+    OccupancyGrid,
+    read_map,
+    write_map,
+)
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings
@@ -156,3 +162,23 @@ def test_every_readable_real_map_runs(real_maps, tmp_path, mapdeal_warnings):
         else:
             run_map(path, folder, recipe, Settings(images=False, threads=2))
             assert (folder / "manifest.json").exists()
+
+
+def test_the_costs_of_recipe_nav2_by_hand(tmp_path):
+    grid = OccupancyGrid([[100, *[0] * 19]], 0.05, (1.5, -2.0, 0.4))
+    write_map(tmp_path / "row.yaml", grid)
+    run_map(tmp_path / "row.yaml", tmp_path / "out", load_recipe("nav2"), Settings(images=False))
+    # 253 to 0.22 m, then trunc(252 exp(-3 (d - 0.22))), to 0.7 m, which are 14 cells
+    expected = [254, *[253] * 4, 230, 198, 170, 146, 126, 108, 93, 80, 69, 59, *[0] * 5]
+    assert read_map(tmp_path / "out" / "cost.npz").cost.tolist() == [expected]
+
+
+def test_outputs_of_another_version_are_made_again(room, tmp_path):
+    recipe, folder = load_recipe("nav2"), tmp_path / "out"
+    run_map(room, folder, recipe)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps({**manifest, "version": "0.0.0"}))
+    with pytest.raises(FileAccessError, match="exists"):
+        run_map(room, folder, recipe)
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    assert run_map(room, folder, recipe).status == "unchanged"

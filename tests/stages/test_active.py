@@ -91,3 +91,17 @@ def test_the_playpen_of_the_husky(real_maps, mapdeal_warnings):
     assert region.shape == (407, 417)
     # 789 columns from the west; 780 rows from the north of 1984, so 797 from the south.
     assert region.origin == pytest.approx((-50 + 789 * 0.05, -50 + 797 * 0.05, 0.0))
+
+
+def test_groups_that_are_too_small_are_told_by_their_size():
+    with pytest.raises(MalformedInputError, match="no group of 5 known cells or more"):
+        active_region(grid_from_text("?..\n???"), min_component=5)
+
+
+@pytest.mark.parametrize("margin", [5, 6, 7])
+def test_a_margin_is_the_same_on_all_sides(margin):
+    occupancy = np.full((30, 40), -1, np.int8)
+    occupancy[12:14, 15:18] = 0
+    region = active_region(OccupancyGrid(occupancy, 0.5), margin=margin * 0.5)
+    assert region.shape == (2 + 2 * margin, 3 + 2 * margin)
+    assert region.origin == ((15 - margin) * 0.5, (12 - margin) * 0.5, 0.0)

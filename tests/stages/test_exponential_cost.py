@@ -213,3 +213,29 @@ def test_the_last_cost_above_0_is_kept_between_whole_cells():
         cells = math.hypot(row, col)
         assert cost[row, col] == oracles.cost_of_distance(cells, 0.05, 0.0, 3.0)
     assert (cost == 1).any()
+
+
+def test_distances_are_compared_with_the_inscribed_radius_as_costmap_2d_does():
+    # 3 * 0.1 is 0.30000000000000004 in floats, more than 0.3: trunc(252 (1 - 6e-16))
+    cost = exponential_cost(OccupancyGrid([[100, 0, 0, 0]], 0.1), inscribed_radius=0.3).cost
+    assert cost.tolist() == [[254, 253, 253, 251]]
+
+
+@pytest.mark.parametrize(
+    ("inscribed", "circumscribed", "inflation", "cost", "warned"),
+    [
+        (0.3, 0.3, 0.6, 253, 0),
+        (0.3, 0.2, 0.6, 253, 0),
+        (0.3, 0.6, 0.6, 12, 0),  # trunc(252 exp(-10 * 0.3))
+        (0.3, 0.601, 0.6, 0, 1),
+        (0.6, 0.6, 0.6, 253, 0),
+        (0.601, 0.6, 0.6, 253, 1),
+    ],
+)
+def test_radii_that_are_equal_fit(recwarn, inscribed, circumscribed, inflation, cost, warned):
+    costmap = exponential_cost(
+        grid_from_text("#.."), inscribed_radius=inscribed, inflation_radius=inflation,
+        circumscribed_radius=circumscribed,
+    )  # fmt: skip
+    assert costmap.circumscribed_cost == cost
+    assert len(recwarn) == warned

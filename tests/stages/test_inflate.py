@@ -85,3 +85,21 @@ def test_a_radius_that_leaves_nothing_free_is_warned_of():
 def test_radii_that_are_none_are_refused(radius):
     with pytest.raises(ParameterError, match="radius"):
         inflate(grid_from_text("..#"), radius=radius)
+
+
+def test_a_disc_as_large_as_the_diagonal_covers_the_far_corner():
+    grid = OccupancyGrid([[100, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]], 1.0)
+    # the far corner is sqrt(13) = 3.606 cells away, the longest side has 4
+    assert (inflate(grid, radius=3.6).occupancy == 0).sum() == 1
+    assert (inflate(grid, radius=3.61).occupancy == 100).all()
+    wide = OccupancyGrid(np.pad([[100]], ((0, 6), (0, 6))), 1.0)
+    # of 7 x 7 cells the corner is 8.49 cells away
+    assert (inflate(wide, radius=8.4).occupancy == 0).sum() == 1
+    assert (inflate(wide, radius=8.5).occupancy == 100).all()
+
+
+@pytest.mark.parametrize(("radius", "is_warned"), [(0.0, False), (0.24, True), (0.25, False)])
+def test_only_a_disc_below_a_cell_is_warned_of(recwarn, radius, is_warned):
+    inflate(grid_from_text("...#", resolution=0.25), radius=radius)
+    inflate(grid_from_text("...#", resolution=0.25), radius=radius, kernel="square")
+    assert len([w for w in recwarn if "no effect" in str(w.message)]) == is_warned

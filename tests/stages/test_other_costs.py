@@ -92,3 +92,31 @@ def test_a_field_clipped_where_costs_still_fall_is_refused():
     assert np.array_equal(threshold_cost(esdf(grid, max_distance=1.25)).cost, whole)
     assert np.array_equal(threshold_cost(esdf(grid, max_distance=9.0), view="seed").cost,
                           threshold_cost(esdf(grid), view="seed").cost)  # fmt: skip
+
+
+@pytest.mark.parametrize(("max_distance", "is_refused"), [(1.07, True), (1.13, False)])
+def test_a_clip_may_lie_where_the_view_is_down_at_most(max_distance, is_refused):
+    # the view is 46 at 1.07 m and 43 at 1.13 m
+    field = esdf(OccupancyGrid([[100] + [0] * 19], 0.1), max_distance=max_distance)
+    if is_refused:
+        with pytest.raises(ParameterError, match="the metric view still falls"):
+            threshold_cost(field)
+    else:
+        threshold_cost(field)
+    with pytest.raises(ParameterError, match="max_distance"):
+        threshold_cost(field, down=42)
+
+
+def test_a_field_clipped_inside_an_obstacle_only_has_no_seed_view():
+    grid = OccupancyGrid([[100] * 9 + [0]], 0.25)
+    field = esdf(grid, max_distance=0.5)
+    assert field.distance.max() < 0.5
+    with pytest.raises(ParameterError, match="the seed view still falls"):
+        threshold_cost(field, view="seed")
+
+
+def test_views_of_long_distances_are_those_of_short_ones(monkeypatch):
+    grid = OccupancyGrid([[100, 0, 0, 0, 0, 0, -1]], 0.25, (1.0, 2.0, 0.3))
+    monkeypatch.setattr("mapdeal.stages.field_values._LARGEST_TABLE", 0)
+    costmap = threshold_cost(grid, down=40, up=62, down_factor=0.5, up_factor=1.1)
+    assert costmap.cost.tolist() == [[100, 95, 82, 31, 25, 0, -1]]  # as by hand above

@@ -1,0 +1,93 @@
+"""How much memory a map gets, and how it is cut into blocks, by numbers computed by hand."""
+
+from pathlib import Path
+
+import pytest
+
+from mapdeal import MalformedInputError
+from mapdeal.kernels.threads import use_threads
+from mapdeal.pipeline import memory
+
+DEMAND = memory._Demand(base=1000, more=3.0, block=40)
+
+
+@pytest.fixture(autouse=True)
+def _one_demand(monkeypatch):
+    monkeypatch.setattr(memory, "_DEMANDS", dict.fromkeys(("compiled", "scipy"), DEMAND))
+
+
+class Step:
+    is_whole = False
+
+    class stage:  # noqa: N801
+        memory = 1.5
+
+
+def cut(left, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):
+    with use_threads(threads):
+        return memory._cut(Path("m.pgm"), shape, steps, base + left, base, needed=10**9)
+
+
+@pytest.mark.parametrize(
+    ("left", "threads", "rows", "kept"),
+    [
+        # 40 bytes for a cell, in one thread and once more: 80 000 a row, of half the memory;
+        # 20 bytes for each of 1000 columns of each block
+        (80_000_000, 1, 500, 80_000_000 - 500 * 80_000 - 6 * 20_000),
+        (80_000_000, 3, 250, 80_000_000 - 250 * 160_000 - 12 * 20_000),
+        (10**9, 1, 3000, 10**9 - 3000 * 80_000 - 20_000),
+        # what blocks keep of their columns would fit a quarter of the memory from 25 rows on
+        (2_400_000 * 4, 1, 60, 9_600_000 - 60 * 80_000 - 50 * 20_000),
+    ],
+)
+def test_half_of_the_memory_is_for_blocks(left, threads, rows, kept):
+    found, budget = cut(left, threads=threads)
+    assert (found, budget._left) == (rows, kept)
+
+
+def test_blocks_are_no_larger_than_is_of_use():
+    rows, _ = cut(10**12, shape=(100_000, 1000))
+    assert rows == (1 << 22) // 1000
+    rows, _ = cut(10**12, shape=(100_000, 10))
+    assert rows == (1 << 16) - 1  # the longest run that a block's edge can hold
+
+
+def test_too_little_memory_says_how_much_would_do():
+    with pytest.raises(MalformedInputError, match="1000 x 3000 cells need") as caught:
+        cut(1_000_000)
+    needed = float(str(caught.value).split("need ")[1].split(" MB")[0]) * 1e6
+    cut(needed)
+    with pytest.raises(MalformedInputError):
+        cut(0.9 * needed)
+
+    class Whole(Step):
+        is_whole = True
+
+    with pytest.raises(MalformedInputError, match="need 1 GB of memory, 80 MB may be taken"):
+        cut(80_000_000, base=0, steps=(Step, Whole))
+
+
+def test_a_map_in_memory_takes_what_its_steps_say_and_its_pictures():
+    # 1000 of the engine; 3 of the engine, 2 to read and 1.5 of the step for each of 12 cells
+    assert memory.bytes_in_memory((3, 4), [Step], None) == 1000 + 78
+    assert memory.bytes_in_memory((3, 4), [Step, Step], 0) == 1000 + 96 + 10 * 12
+    assert memory.bytes_in_memory((3, 4), [Step], 2) == 1000 + 78 + 10 * 2 * 2
+    assert memory.bytes_in_memory((30, 4), [], 20) == 1000 + 600 + 10 * 15 * 2
+
+
+@pytest.mark.parametrize(
+    ("given", "free", "jobs", "budget"),
+    [
+        (7, 10**9, 1, 7),
+        (None, None, 1, 1 << 62),
+        (None, 10**9, 1, 500_000_000),
+        (None, 300_000_000, 1, 256_000_000),
+        (None, 200_000_000, 1, 200_000_000),
+        (None, 100_000_000, 1, 128_000_000),
+        (None, 2 * 10**9, 4, 250_000_000),
+        (None, 10**9, 4, 128_000_000),
+    ],
+)
+def test_the_budget_is_half_of_what_is_free_shared_by_jobs(monkeypatch, given, free, jobs, budget):
+    monkeypatch.setattr(memory, "free_memory", lambda: free)
+    assert memory.memory_budget(given, jobs) == budget
