@@ -331,7 +331,7 @@ def test_a_field_keeps_its_own_obstacles_on_a_route(command, hall, room, tmp_pat
 
 def test_query_ends_with_its_reader_though_points_go_on(room):
     words = f'yes 1.55,-1.9 | "{sys.executable}" -m mapdeal query "{room}" --points - | head -n 1'
-    done = subprocess.run(["bash", "-c", words], capture_output=True, timeout=20)
+    done = subprocess.run(["bash", "-c", words], capture_output=True, timeout=120)
     assert done.stdout.count(b"\n") == 1
     assert done.stderr == b""
 

@@ -97,7 +97,7 @@ def test_ctrl_c_is_said_and_leaves_nothing(tmp_path):
         stderr=subprocess.PIPE,
         text=True,
     )
-    _, stderr = started.communicate(timeout=60)
+    _, stderr = started.communicate(timeout=120)
     assert started.returncode == 130, stderr
     assert stderr == "error: interrupted\n"
     assert not (tmp_path / "out").exists()

@@ -108,7 +108,7 @@ with Transaction([path], checksums=True) as transaction:
     transaction.write(path, lambda file: file.write(b"x"))
     transaction.checksums()
     print("ready", flush=True)
-    time.sleep(60)
+    time.sleep(600)
 """
 
 

@@ -68,13 +68,13 @@ def test_a_block_that_two_threads_ask_for_is_made_once():
     def make(rows):
         count.append(rows.start)
         begun.set()
-        assert may_end.wait(10)
+        assert may_end.wait(120)
         return WHOLE[rows]
 
     layer = LazyLayer(WHOLE.shape, np.uint8, make, block_height=23, keep=1)
     with ThreadPoolExecutor(2) as pool:
         one = pool.submit(lambda: layer[0:3])
-        assert begun.wait(10)
+        assert begun.wait(120)
         other = pool.submit(lambda: layer[2:9])
         may_end.set()
         assert np.array_equal(one.result(), WHOLE[0:3])
