@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import MalformedInputError, MapdealWarning
-from mapdeal.formats.pnm import decode_pnm, write_pgm
+from mapdeal.formats.pnm import check_pixels, decode_pnm, write_pgm
 
 PIXELS = np.array([[0, 10, 255], [13, 205, 254]], dtype=np.uint8)
 BODY = PIXELS.tobytes()
@@ -163,3 +163,11 @@ def test_the_first_pixel_above_maxval_is_named(maxval):
     assert decode(head + bytes([0, maxval, 0, 0, 0, maxval])).maxval == maxval
     with pytest.raises(MalformedInputError, match=rf"{maxval + 1}\b"):
         decode(head + bytes([0, 0, 0, 0, maxval + 1, 0]))
+
+
+def test_rows_of_a_picture_are_checked_and_the_pixel_is_counted_from_its_first():
+    check_pixels(np.array([[0, 100], [100, 3]], np.uint8), 100, 6, "map.pgm")
+    check_pixels(np.array([[255]], np.uint8), 255, 0, "map.pgm")
+    with pytest.raises(MalformedInputError, match=r"pixel 9\b.*101") as caught:
+        check_pixels(np.array([[0, 100], [4, 101]], np.uint8), 100, 6, "map.pgm")
+    assert "map.pgm" in str(caught.value)

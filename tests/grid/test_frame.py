@@ -176,3 +176,11 @@ def test_a_grid_cannot_be_changed():
         grid.occupancy[0, 0] = 1
     with pytest.raises(AttributeError):
         grid.resolution = 0.1
+
+
+def test_a_point_one_tolerance_below_the_upper_edges_is_in_no_cell():
+    frame = Frame(3, 8, 1.0)
+    x, y = 8 - 1e-9, 3 - 1e-9  # taken one tolerance farther, they are on the edge
+    assert (x + 1e-9, y + 1e-9) == (8.0, 3.0)
+    cells, inside = frame.bounded_rowcol_from_xy([[x, 0.5], [0.5, y], [7.99, 2.99]])
+    assert (cells.tolist(), inside.tolist()) == ([[-1, -1], [-1, -1], [2, 7]], [False, False, True])

@@ -228,3 +228,18 @@ def test_a_way_without_end_is_given_up(monkeypatch):
     assert (route.reached, route.local_minimum, len(route.points_xy)) == (False, None, 51)
     with pytest.raises(FindingError, match="gave up"):
         check_reached(route, Path("m.yaml"))
+
+
+@pytest.mark.parametrize(("places", "ending"), [(139, "arrived"), (140, "tired"), (10**9, "tired")])
+def test_a_way_ends_after_ten_times_both_sides_in_steps_of_half_a_cell(places, ending):
+    class Winding:
+        shape = (3, 4)
+
+        def leads_to(self, place, goal):
+            return place[0] >= goal[0]
+
+        def step_down(self, place):
+            return place[0] + 1, 0.0
+
+    found, how = descent._followed(Winding(), (0.0, 0.0), (float(places), 0.0))
+    assert (how, len(found)) == (ending, 140 if ending == "arrived" else 141)
