@@ -1,16 +1,209 @@
-"""A short fuzzing of the readers; fuzz_readers.py is the long one."""
+"""Every reader, fed some thousand damaged files; fuzz_readers.py feeds as many as one likes."""
 
-import sys
+import cProfile
+import importlib
+import inspect
+import os
+import pkgutil
+import re
+import time
+import warnings
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
+import numpy as np
+import pytest
 
-from fuzz_readers import LONGEST, fuzz
+import mapdeal
+from mapdeal import Costmap, DistanceField, OccupancyGrid, PotentialField, read_cloud
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES
+from mapdeal.formats.image import read_image
+from mapdeal.formats.images.catalogue import IMAGE_FORMATS
+from robustness import seeds
+from robustness.fuzz_readers import fuzz, read_seeds
+from robustness.mutation import Dice, mutant
+from robustness.readers import READERS, Reader, Seed
+
+MUTANTS = 2000
+LONGEST = 60.0
+"""Seconds: a thousand times what a mutant takes, on however slow a machine."""
+
+READS = re.compile(
+    r"(read|open|load|parse|decode|locate|list|lint)(_|$)|.*_(points|chunks|size|facts)$"
+)
+NOT_READERS = {
+    "formats.temporary.Temporary.open",  # makes a file
+    "pipeline.files.read_input", "pipeline.local.read_global_map",  # call readers, with warnings
+    "planning.terrain.Terrain.open_cell_of",  # a cell that is open
+    "cli.lint.lint", "cli.terminal.input_chunks",  # the command line
+}  # fmt: skip
+
+TELLING = ("lint", "points")
+"""Readers that tell of damage in what they return."""
+
+every_reader = pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 
 
-def test_damaged_files_are_read_or_refused():
-    found, problems, slowest = fuzz(3000, 7)
-    assert not problems
-    assert slowest < LONGEST
-    assert sum(found.values()) == 3000
-    assert min(found[kind, "refused"] for kind, _ in found) > 0
+@every_reader
+def test_mutants_are_read_or_refused(reader, tmp_path, capfd):
+    descriptors = len(os.listdir("/proc/self/fd"))  # noqa: PTH208 - they are no files
+    mutants = round(MUTANTS * reader.share)
+    found = fuzz(reader, mutants, tmp_path, 7, LONGEST)
+    assert not found.problems, "\n".join(found.problems[:5])
+    assert found.read + found.refused == mutants
+    assert found.read > 0
+    assert found.refused > 0 or reader.name in TELLING
+    assert capfd.readouterr() == ("", "")
+    assert len(os.listdir("/proc/self/fd")) == descriptors  # noqa: PTH208
+
+
+def test_every_reader_of_the_project_is_fuzzed(tmp_path):
+    """By what good files reach: a reader that no entry of READERS calls is missing there."""
+    watch = cProfile.Profile()
+    for index, reader in enumerate(READERS):
+        watch.enable()
+        read_seeds(reader, tmp_path / str(index))
+        watch.disable()
+    reached = {entry.code for entry in watch.getstats()}
+    found = dict(readers_of_project())
+    assert {"formats.image.read_image", "grid.footprint.Footprint.parse"} <= set(found)
+    assert set(found) >= NOT_READERS
+    missed = {name for name, code in found.items() if code not in reached} - NOT_READERS
+    assert not missed
+
+
+def readers_of_project():
+    """Yield names and code of public functions and methods that are called like readers."""
+    for module in pkgutil.walk_packages(mapdeal.__path__, "mapdeal."):
+        if module.name.startswith(("mapdeal.kernels", "mapdeal.render", "mapdeal.__main__")):
+            continue
+        inside = importlib.import_module(module.name)
+        place = module.name.removeprefix("mapdeal.")
+        for name, thing in vars(inside).items():
+            if name.startswith("_") or getattr(thing, "__module__", None) != module.name:
+                continue
+            members = vars(thing) if inspect.isclass(thing) else {}
+            for called, function in {name: thing, **members}.items():
+                plain = inspect.unwrap(getattr(function, "__func__", function))
+                if READS.match(called) and inspect.isfunction(plain):
+                    owner = "" if function is thing else f"{name}."
+                    yield f"{place}.{owner}{called}", plain.__code__
+
+
+def test_all_kinds_of_a_format_are_among_the_good_files(tmp_path):
+    by_name = {reader.name: reader for reader in READERS}
+    grids = read_seeds(by_name["grid npz"], tmp_path)
+    assert {type(grid) for grid in grids} == {Costmap, DistanceField, OccupancyGrid, PotentialField}
+    assert {f"{name} image" for name in IMAGE_FORMATS} <= set(by_name)
+    clouds = {Path(good.name).suffix for reader in READERS for good in reader.seeds}
+    assert set(CLOUD_SUFFIXES) - clouds == {".xyz", ".asc"}  # read as .csv and .txt are
+    depths = {good.data[24:26] for good in by_name["PNG image"].seeds}
+    assert len(depths) == 15  # pairs of bit depth and colour type that PNG has
+    assert {good.data[:2] for good in by_name["PNM image"].seeds} == {
+        b"P%d" % k for k in range(1, 7)
+    }
+
+
+def test_mutants_are_the_same_on_every_machine():
+    dice = Dice("some seed")
+    assert [dice.below(1000) for _ in range(6)] == [874, 676, 2, 641, 701, 975]
+    dice, again = Dice("other"), Dice("other")
+    first, second = (
+        [mutant(seeds.MAP_YAML, [seeds.MAP_PGM], [b"- "], one) for _ in range(300)]
+        for one in (dice, again)
+    )
+    assert first == second
+    assert len(set(first)) > 280
+
+
+@pytest.mark.parametrize("value", [0, 1, 100, 127, 254, 255])
+def test_a_damaged_pixel_changes_its_cell_alone(tmp_path, value):
+    """In formats without checksums a file can say no more than that."""
+    path = tmp_path / "m.image"
+    good = np.frombuffer(seeds.PIXELS, dtype=np.uint8).reshape(seeds.HEIGHT, seeds.WIDTH)
+    files = {
+        "P5": (seeds.MAP_PGM, False), "TIFF": (seeds.tiff("<", seeds.PIXELS), False),
+        "BMP": (seeds.bmp(24, b"", bytes(v for v in seeds.PIXELS for _ in range(3))), True),
+    }  # fmt: skip
+    for name, (data, is_from_below) in files.items():
+        channels = 3 if name == "BMP" else 1
+        start = len(data) - len(seeds.PIXELS) * channels
+        for index in range(0, len(seeds.PIXELS), 5):
+            row, col = divmod(index, seeds.WIDTH)
+            expected = good[::-1].copy() if is_from_below else good.copy()
+            expected[seeds.HEIGHT - 1 - row if is_from_below else row, col] = value
+            damaged = bytearray(data)
+            at = start + index * channels
+            damaged[at : at + channels] = bytes([value] * channels)
+            path.write_bytes(damaged)
+            samples = read_image(path).samples
+            assert np.array_equal(samples if samples.ndim == 2 else samples[..., 0], expected)
+
+
+@pytest.mark.parametrize("kind", ["c.pcd", "c.ply", "c.npy"])
+def test_a_damaged_coordinate_changes_its_point_alone(tmp_path, kind):
+    data = {"c.pcd": seeds.pcd_files()[1], "c.ply": seeds.ply_files()[1],
+            "c.npy": seeds.npy_files()[0]}[kind]  # fmt: skip
+    path = tmp_path / kind
+    path.write_bytes(data)
+    good = read_cloud(path)
+    size = {"c.pcd": 18, "c.ply": 16, "c.npy": 24}[kind]
+    start = len(data) - len(good) * size
+    for index in range(len(good)):
+        damaged = bytearray(data)
+        damaged[start + index * size + 1] ^= 0x40  # of x
+        path.write_bytes(damaged)
+        found = read_cloud(path)
+        assert np.argwhere(found != good).tolist() == [[index, 0]]
+
+
+# What finds problems must find them.
+
+
+def _warns_otherwise(path, data):
+    warnings.warn("deprecated", DeprecationWarning, stacklevel=2)
+
+
+def _takes_memory(path, data):
+    return np.ones(1 << 29, dtype=np.uint8)
+
+
+def _ends_late(path, data):
+    time.sleep(LONGEST)
+
+
+def _says_too_little(path, data):
+    raise MalformedInputError("is damaged")
+
+
+def _says_it_badly(path, data):
+    raise MalformedInputError("x" * 100_000, source=path)
+
+
+def _fails(path, data):
+    return data.index(b"nowhere")
+
+
+@pytest.mark.parametrize(
+    ("read", "named"),
+    [
+        (_warns_otherwise, "warned by DeprecationWarning: deprecated"),
+        (_takes_memory, "MemoryError"),
+        (_ends_late, "took more than 0.05 s"),
+        (_says_too_little, "names no file: is damaged"),
+        (_fails, "ValueError: subsection not found"),
+    ],
+)
+def test_the_fuzzer_sees(tmp_path, monkeypatch, read, named):
+    monkeypatch.setattr("robustness.fuzz_readers.read_seeds", print)
+    reader = Reader("some", [Seed("s.txt", b"1 2 3")], read)
+    found = fuzz(reader, 1, tmp_path, 1, 0.05)
+    assert len(found.problems) == 1
+    assert found.problems[0].startswith("some 0: ")
+    assert named in found.problems[0]
+
+
+def test_the_fuzzer_sees_a_refusal_of_another_kind(tmp_path, monkeypatch):
+    monkeypatch.setattr("robustness.fuzz_readers.read_seeds", print)
+    reader = Reader("some", [Seed("s.txt", b"1 2 3")], _says_too_little, refusals=())
+    assert "refused as MalformedInputError" in fuzz(reader, 1, tmp_path, 1, 9).problems[0]

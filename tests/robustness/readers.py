@@ -1,0 +1,187 @@
+"""Every reader of the project and its good files.
+
+A new reader gets an entry in `READERS`; the suite fails as long as it has none.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
+from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats.images.catalogue import IMAGE_FORMATS
+from robustness import reading, seeds
+from robustness.words import (
+    CLOUD_WORDS,
+    IMAGE_WORDS,
+    JSON_WORDS,
+    NPY_WORDS,
+    SCAN_WORDS,
+    TEXT_WORDS,
+    YAML_WORDS,
+)
+
+
+@dataclass(frozen=True)
+class Seed:
+    """A good file.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    data : bytes
+        What is damaged.
+    packed : callable
+        Makes a file of damaged `data`, with checksums that are right.
+    beside : mapping of str to bytes
+        Other files of its folder; a name may have a slash.
+    """
+
+    name: str
+    data: bytes
+    packed: Callable[[bytes], bytes] = bytes
+    beside: Mapping[str, bytes] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader under test.
+
+    Parameters
+    ----------
+    name : str
+        What failures call it; the mutants depend on it.
+    seeds : sequence of Seed
+        Good files.
+    read : callable
+        ``read(path, data)`` reads a file, or a text, checks what it is given, and returns that.
+    refusals : tuple of exception types
+        What it may raise.
+    words : sequence of bytes
+        What may be put into its files.
+    is_file : bool
+        Whether errors must name the file.
+    share : float
+        How many mutants it gets, as a part of what others get: less where they take long.
+    """
+
+    name: str
+    seeds: Sequence[Seed]
+    read: Callable[[Path, bytes], object]
+    refusals: tuple[type[MapdealError], ...] = (MalformedInputError,)
+    words: Sequence[bytes] = ()
+    is_file: bool = True
+    share: float = 1.0
+
+
+def _seeds(files, name, **options):
+    return [Seed(name, data, **options) for data in files]
+
+
+def _zips(names, called):
+    """Return stored npz files as they are, and to be zipped when their arrays are damaged."""
+    files = seeds.stored(*names)
+    arrays = [seeds.npy_members(data) for data in files]
+    return _seeds(files, called) + _seeds(arrays, called, packed=seeds.zipped) * 2
+
+
+def _pictures(name):
+    files = {
+        "PNM": seeds.pnm_files, "PNG": seeds.png_files, "BMP": seeds.bmp_files,
+        "TIFF": seeds.tiff_files, "JPEG": seeds.jpeg_files,
+    }[name]()  # fmt: skip
+    made = _seeds(files, "m.image")
+    return made + _seeds(files, "m.image", packed=seeds.with_checksums) if name == "PNG" else made
+
+
+def _logs():
+    logs = seeds.carmen_logs()
+    short = _seeds(logs[1:3], "a.log", packed=seeds.gzipped)
+    return _seeds(logs, "a.log") + short + _seeds([seeds.gzipped(logs[1])], "a.log")
+
+
+def _scan_texts():
+    texts = seeds.scan_texts()
+    return [Seed(name, data, beside=texts) for name, data in texts.items()]
+
+
+def _manifests():
+    good = json.dumps(seeds.MANIFEST).encode()
+    other = good.replace(b'"2222', b'"5222').replace(b"0.3", b"0.4").replace(b"-0.5", b"-0.7")
+    return [Seed("manifest.json", good, beside={"golden/run/manifest.json": other})]
+
+
+_MAP_FILES = {"m.pgm": seeds.MAP_PGM, "n.png": seeds.png(8, 0)}
+_MAP_SEEDS = [
+    Seed("m.yaml", seeds.MAP_YAML, beside=_MAP_FILES),
+    Seed(
+        "m.yaml", b"{image: n.png, resolution: .5, origin: [0, 0, 0], mode: raw}", beside=_MAP_FILES
+    ),
+]
+_BIT_YAML = seeds.MAP_YAML.replace(b"m.pgm", b"m.pbm")
+_BIT_IMAGES = _seeds([data for data in seeds.pnm_files() if data[:2] in (b"P1", b"P4")], "m.pbm")
+_BIT_SEEDS = [
+    Seed("m.pbm", _BIT_IMAGES[0].data, beside={"m.yaml": _BIT_YAML}),
+    Seed("m.yaml", _BIT_YAML, beside={"m.pbm": _BIT_IMAGES[1].data}),
+]
+_LISTED = {
+    "maps/m.yaml": seeds.MAP_YAML, "maps/m.pgm": seeds.MAP_PGM, "maps/deep/n.yaml": seeds.MAP_YAML,
+    "maps/no.yaml": b"a: 1\n", "maps/m2.npz": b"",
+}  # fmt: skip
+_LISTS = [b"# maps\nmaps/m.yaml\nmaps/deep\n", b"maps/**/*.yaml\nmaps/[mn]?.npz\n", b"maps\r\n"]
+_GRIDS = ["occupancy.npz", "field.npz", "costs.npz", "potential.npz"]
+
+_USAGE = (ParameterError,)
+_PAIR = (MalformedInputError, FileAccessError)  # what is named may not be there
+
+
+def _file(name, good, read, words, **options):
+    return Reader(name, good, read, words=words, **options)
+
+
+def _text(name, texts, read, share=1.0):
+    return Reader(name, _seeds(texts, ""), read, _USAGE, TEXT_WORDS, is_file=False, share=share)
+
+
+READERS = [
+    *(
+        Reader(f"map yaml, {dialect}", _MAP_SEEDS, reading.map_reader(dialect), _PAIR, YAML_WORDS,
+               share=0.2 if dialect == "humble" else 0.4)
+        for dialect in DIALECTS
+    ),
+    *(_file(f"{name} image", _pictures(name), reading.read_picture, IMAGE_WORDS)
+      for name in IMAGE_FORMATS),
+    _file("P5 by rows", _seeds(seeds.pnm_files()[:5], "m.pgm"), reading.read_by_rows, IMAGE_WORDS),
+    _file("bits", _BIT_IMAGES, reading.decode_bits, IMAGE_WORDS),
+    Reader("bit map", _BIT_SEEDS, reading.read_bits, _PAIR, YAML_WORDS, share=0.2),
+    _file("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS),
+    Reader("lint", _MAP_SEEDS, reading.lint, (), YAML_WORDS, share=0.02),
+    _file("pcd", _seeds(seeds.pcd_files(), "c.pcd"), reading.read_cloud_points, CLOUD_WORDS),
+    _file("ply", _seeds(seeds.ply_files(), "c.ply"), reading.read_cloud_points, CLOUD_WORDS),
+    _file("cloud as text", _seeds(seeds.text_clouds(), "c.csv"), reading.read_text_points,
+          CLOUD_WORDS),
+    _file("cloud npy", _seeds(seeds.npy_files(), "c.npy"), reading.read_cloud_points, NPY_WORDS),
+    _file("cloud npz", _zips(["points.npz"], "c.npz"), reading.read_cloud_points, NPY_WORDS),
+    _file("CARMEN log", _logs(), reading.read_log, SCAN_WORDS),
+    _file("scans npz", _zips(["scans.npz"], "s.npz"), reading.read_log, NPY_WORDS),
+    _file("scans as text", _scan_texts(), reading.read_scan_texts, CLOUD_WORDS),
+    _file("poses", _seeds(seeds.pose_files(), "p.txt"), reading.read_all_poses, CLOUD_WORDS),
+    Reader("points", _seeds(seeds.point_files(), "p.csv"), reading.read_point_lines,
+           words=JSON_WORDS, is_file=False),
+    _file("shapes yaml", _seeds(seeds.SHAPES_YAML, "s.yaml"), reading.read_all_shapes, YAML_WORDS,
+          share=0.6),
+    _file("GeoJSON", _seeds(seeds.geojson_files(), "s.json"), reading.read_all_shapes, JSON_WORDS),
+    _file("manifest", _manifests(), reading.compare_with_golden, JSON_WORDS),
+    Reader("recipe", _seeds(seeds.RECIPES, "r.yaml"), reading.load_one_recipe, _USAGE, YAML_WORDS,
+           is_file=False, share=0.6),
+    Reader("list of maps", _seeds(_LISTS, "maps.txt", packed=reading.within_folder, beside=_LISTED),
+           reading.list_all_maps, (ParameterError, FileAccessError), TEXT_WORDS, is_file=False,
+           share=0.3),
+    _text("--set", seeds.SETTINGS, reading.load_settings, share=0.2),
+    _text("parameters of stages", seeds.PARAMETERS, reading.accept_parameters, share=0.7),
+    _text("footprint", seeds.FOOTPRINTS, reading.parse_footprint),
+    _text("size", seeds.SIZES, reading.parse_size),
+    _text("pair of numbers", seeds.PAIRS, reading.parse_numbers),
+]  # fmt: skip

@@ -1,0 +1,355 @@
+"""Every reader of the project, as it is tested: reading, and what must hold for what was read.
+
+Each takes a path and the bytes that are there, and returns what it has read. `readers` says which
+files they are given.
+"""
+
+import math
+import os
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from mapdeal import BitMap, Costmap, DistanceField, OccupancyGrid, PotentialField
+from mapdeal.checks.lint import lint_file
+from mapdeal.cli.options import numbers, pair, size_of
+from mapdeal.errors import (
+    ParameterError,
+)
+from mapdeal.formats.bit_maps import read_bit_map
+from mapdeal.formats.clouds.reader import cloud_chunks, read_cloud
+from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats.image import read_image, read_image_size
+from mapdeal.formats.map_listing import list_maps
+from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
+from mapdeal.formats.maps import open_map, read_map
+from mapdeal.formats.npz import npz_size
+from mapdeal.formats.pixel_rows import open_pixel_rows
+from mapdeal.formats.pnm import decode_pbm, decode_pnm, pnm_comments
+from mapdeal.formats.points import read_points
+from mapdeal.formats.poses import read_poses
+from mapdeal.formats.scans.reader import open_log
+from mapdeal.formats.scans.text import ScanTexts
+from mapdeal.formats.shapes import read_shapes
+from mapdeal.grid.coordinates import FARTHEST
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import Frame
+from mapdeal.pipeline.golden import differences_from_golden
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.stages.catalogue import STAGES
+from mapdeal.stages.parameters import parameters_of
+
+MAX_CELLS = 1 << 16
+"""Given to readers that take a limit: mutants are to be refused by it, not to fill the memory."""
+
+_LARGEST_RATIO = 300
+"""How many numbers a byte of a file may stand for: what LZF, the densest, can do."""
+
+
+# Grids and pictures
+
+
+def read_picture(path, data):
+    picture = read_image(path, max_cells=MAX_CELLS)
+    height, width = picture.shape
+    assert 0 < height * width <= MAX_CELLS
+    assert read_image_size(path, max_cells=MAX_CELLS) == (height, width)
+    assert picture.samples.shape == (
+        (height, width, 3) if picture.colour == "rgb" else (height, width)
+    )
+    assert picture.samples.dtype in (np.uint8, np.uint16)
+    if picture.colour == "palette":
+        assert picture.palette is not None
+        assert picture.samples.max() < len(picture.palette)
+    else:
+        assert picture.samples.max() <= picture.maxval
+    if picture.alpha is not None:
+        assert picture.alpha.shape == (height, width)
+        assert picture.alpha.max() <= picture.maxval
+    chance = zlib.crc32(data)
+    dialect = "humble" if chance % 32 == 0 else "ros1" if chance % 2 else "nav2"  # humble is slow
+    mode = ("trinary", "scale", "raw")[chance % 3]
+    occupancy = DIALECTS[dialect](picture, MapMetadata("m", 0.5, (0.0, 0.0, 0.0), mode=mode))
+    _check_occupancy(occupancy, picture.shape)
+    return picture
+
+
+def _check_occupancy(occupancy, shape):
+    assert occupancy.dtype == np.int8
+    assert occupancy.shape == shape
+    assert occupancy.min() >= -1
+    assert occupancy.max() <= 100
+
+
+def read_pnm(path, data):
+    picture = read_picture(path, data)
+    assert all(isinstance(comment, str) for comment in pnm_comments(data))
+    bits = {b"P1": 1, b"P4": 1, b"P2": 8, b"P3": 24, b"P5": 8, b"P6": 24}[data[:2]]
+    assert picture.shape[0] * picture.shape[1] * bits <= 8 * len(data)
+    return picture
+
+
+def read_by_rows(path, data):
+    """Read an image at once and by rows: both give the same pixels, or neither any."""
+    with open_pixel_rows(path) as pixels:
+        if pixels is None:
+            assert not data.startswith(b"P5") or read_image(path).maxval > 255
+            return None
+        height, width = pixels.shape
+        assert height * width < len(data)
+        rows = np.vstack([pixels[k : min(k + 4, height)] for k in range(0, height, 4)])
+    assert np.array_equal(rows, read_image(path).samples[::-1])
+    return rows
+
+
+def map_reader(dialect):
+    def read(path, data):
+        with open_map(path, dialect=dialect, max_cells=MAX_CELLS) as file:
+            grid = file.read().grid
+            assert file.shape() == grid.shape
+            if file.shape_by_rows is not None:
+                rows = file.by_rows(block_height=4).grid.occupancy
+                assert np.array_equal(np.vstack([rows[:4], rows[4:]]), grid.occupancy)
+        _check_grid(grid)
+        metadata = file.metadata
+        path.with_name("again.yaml").write_bytes(yaml_of(metadata))
+        assert read_metadata(path.with_name("again.yaml")) == metadata
+        return grid
+
+    return read
+
+
+def _check_grid(grid):
+    assert len(grid.shape) == 2
+    assert grid.shape[0] * grid.shape[1] > 0
+    assert 1e-6 <= grid.resolution <= 1e6
+    assert all(abs(value) <= FARTHEST for value in grid.origin)
+    if isinstance(grid, BitMap):
+        return
+    if isinstance(grid, Costmap):
+        if grid.scale == "occupancy":
+            _check_occupancy(grid.cost, grid.shape)
+        assert grid.cost.dtype == (np.uint8 if grid.scale == "costmap2d" else np.int8)
+        return
+    _check_occupancy(grid.occupancy, grid.shape)
+    if isinstance(grid, DistanceField):
+        assert not np.isnan(grid.distance).any()
+        assert grid.distance.shape == grid.shape
+    elif isinstance(grid, PotentialField):
+        assert np.isfinite(grid.repulsive).all()
+        assert grid.repulsive.shape == grid.shape
+        assert grid.repulsive.min() >= 0
+    else:
+        assert isinstance(grid, OccupancyGrid)
+
+
+def read_grid(path, data):
+    grid = read_map(path, max_cells=MAX_CELLS)
+    _check_grid(grid)
+    assert npz_size(path) == grid.shape
+    assert grid.shape[0] * grid.shape[1] <= len(data) * _LARGEST_RATIO
+    grid.figures()
+    return grid
+
+
+def decode_bits(path, data):
+    packed, width = decode_pbm(data, path, max_cells=MAX_CELLS)
+    assert packed.dtype == np.uint8
+    assert packed.shape[1] == (width + 7) // 8
+    assert 0 < packed.size <= len(data)
+    assert (decode_pnm(data, path).samples == 0).sum() == np.unpackbits(
+        packed, axis=1, count=width
+    ).sum()
+    return packed
+
+
+def read_bits(path, data):
+    bits = read_bit_map(path.with_suffix(".pbm"), max_cells=MAX_CELLS)
+    _check_grid(bits)
+    assert bits.shape[0] * bits.shape[1] <= 8 * path.with_suffix(".pbm").stat().st_size
+    return bits
+
+
+def lint(path, data):
+    findings = lint_file(path, max_cells=MAX_CELLS)
+    assert all(finding.message.isprintable() for finding in findings), findings
+    return findings
+
+
+# Sensor data
+
+
+def read_cloud_points(path, data):
+    points = read_cloud(path)
+    assert points.dtype == np.float64
+    assert points.ndim == 2
+    assert points.shape[1] in (2, 3)
+    assert points.size <= _LARGEST_RATIO * len(data)
+    assert sum(len(some) for some in cloud_chunks(path)) == len(points)
+    return points
+
+
+def read_text_points(path, data):
+    """Read a cloud of text: each line is a point, but for names, comments and empty ones."""
+    points = read_cloud_points(path, data)
+    lines = [line.strip() for line in data.removeprefix(b"\xef\xbb\xbf").split(b"\n")]
+    told = sum(bool(line) and not line.startswith(b"#") for line in lines)
+    assert len(points) in (told, told - 1)
+    return points
+
+
+def read_log(path, data):
+    log = open_log(path, max_bad=3)
+    return _check_scans(log, data)
+
+
+def read_scan_texts(path, data):
+    files = [path.with_name(f"{name}.txt") for name in ("poses", "angles", "ranges")]
+    log = ScanTexts(*files, flip_y=len(data) % 2 == 1)
+    return _check_scans(log, data)
+
+
+def _check_scans(log, data):
+    total = 0
+    for scans in log.scans():
+        assert scans.poses.shape == (len(scans.ranges), 3)
+        assert scans.angles.ndim == 1
+        assert scans.ranges.shape == (len(scans.poses), len(scans.angles))
+        assert np.isfinite(scans.poses).all()
+        assert np.isfinite(scans.angles).all()
+        total += len(scans.ranges)
+    log.warn()
+    assert total <= log.count
+    return total
+
+
+def read_all_poses(path, data):
+    poses = read_poses(path)
+    assert poses.shape == (len(poses), 3)
+    assert 0 < len(poses) <= len(data)
+    assert (np.abs(poses[:, :2]) <= FARTHEST).all()
+    assert (np.abs(poses[:, 2]) <= 2 * math.pi).all()
+    return poses
+
+
+def read_point_lines(path, data):
+    """Read points of a text that comes in one piece, line by line, and cut anywhere: all agree."""
+    whole = list(read_points([data], "points"))
+    lines = [line + b"\n" for line in data.split(b"\n")]
+    lines[-1] = lines[-1][:-1]
+    third = len(data) // 3
+    for parts in (lines, [data[:third], data[third : 2 * third], data[2 * third :]]):
+        assert _joined(read_points(parts, "points")) == _joined(whole)
+    return whole
+
+
+def _joined(some):
+    found = []
+    for part in some:
+        assert part.points_xy.shape == (len(part.lines), 2)
+        for index, (line, point) in enumerate(zip(part.lines, part.points_xy, strict=True)):
+            assert np.isfinite(point).all() == (index not in part.errors)
+            found.append((line, point.tobytes(), part.errors.get(index)))
+    assert [line for line, *_ in found] == sorted({line for line, *_ in found})
+    return found
+
+
+# What is drawn, done and asked for
+
+
+def read_all_shapes(path, data):
+    shapes = read_shapes(path)
+    assert 0 < len(shapes) <= len(data)
+    for shape in shapes:
+        assert shape.value is None or isinstance(shape.value, int)
+        try:
+            outside = shape.outside_part(_FRAME)
+            cells = sum(int(np.sum(some.stops - some.starts)) for some in shape.spans(_FRAME))
+        except ParameterError:  # too far from this map to be drawn
+            continue
+        assert outside is None or outside.isprintable()
+        assert cells >= 0
+    return shapes
+
+
+_FRAME = Frame(5, 7, 0.5, (-1.0, 0.5, 0.3))
+
+
+def load_one_recipe(path, data):
+    recipe = load_recipe(str(path), sim=len(data) % 2 == 0)
+    assert len(recipe.steps) > 0
+    assert all(step.title.isprintable() for step in recipe.steps)
+    assert len(recipe.described()) == len(recipe.steps)
+    return recipe
+
+
+def load_settings(path, data):
+    return load_recipe("default", settings=[text_of(data)]).described()
+
+
+def compare_with_golden(path, data):
+    lines = differences_from_golden(path.parent, path.parent / "golden", "run")
+    assert all(isinstance(line, str) for line in lines)
+    lint_file(path.parent)
+    return lines
+
+
+def list_all_maps(path, data):
+    """List maps in a folder of few files: nothing outside of it is looked at."""
+    before = Path.cwd()
+    os.chdir(path.parent)
+    try:
+        listing = list_maps(["@" + path.name], Path("out"), lambda: b"")
+    finally:
+        os.chdir(before)
+    assert len(listing.maps) > 0
+    assert all(not Path(one.name).is_absolute() for one in listing.maps)
+    return listing
+
+
+def within_folder(data):
+    """Return a list of maps whose names do not lead out of their folder."""
+    text = data.replace(b"..", b"._").replace(b"~", b"-").replace(b"\\", b"_")
+    lines = text.split(b"\n")
+    return b"\n".join(line if line.strip()[:1].isalnum() else b"m" + line for line in lines)
+
+
+def parse_footprint(path, data):
+    shape = Footprint.parse(text_of(data))
+    assert 3 <= len(shape.vertices) <= len(data)
+    assert 0 <= shape.inscribed_radius <= shape.circumscribed_radius < math.inf
+    return shape
+
+
+def parse_size(path, data):
+    size = size_of(text_of(data), "--max-memory")
+    assert 0 < size < 1 << 80
+    return size
+
+
+def parse_numbers(path, data):
+    text = text_of(data)
+    assert len(pair(text, "--at")) == 2
+    return numbers(text, 2, "X,Y", "--at")
+
+
+def accept_parameters(path, data):
+    """Offer a text to every parameter of every stage; refusals must be mapdeal's own."""
+    text, taken = text_of(data), 0
+    for stage in STAGES:
+        for parameter in parameters_of(stage.function).values():
+            try:
+                value = parameter.accept(text)
+            except ParameterError as error:
+                last = error
+                continue
+            taken += 1
+            assert not isinstance(value, float) or math.isfinite(value)
+    if not taken:
+        raise last
+    return taken
+
+
+def text_of(data):
+    return data.decode("utf-8", errors="surrogateescape").replace("\0", "")
