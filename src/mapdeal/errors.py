@@ -135,6 +135,8 @@ def _short(text: str, limit: int = 400) -> str:
 
 def one_line(text: str) -> str:
     """Return `text` with control characters escaped, so that it stays on its line."""
+    if text.isprintable():
+        return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
