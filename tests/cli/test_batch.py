@@ -163,19 +163,20 @@ def test_a_dry_run_of_one_map_ends_as_its_run_would(command, maps, tmp_path):
 
 
 def test_jobs_share_out_threads_and_memory(monkeypatch):
-    from mapdeal.pipeline import jobs, memory
+    from mapdeal.formats import budget
+    from mapdeal.pipeline import jobs
     from mapdeal.pipeline.recipe import load_recipe
     from mapdeal.pipeline.settings import Settings
 
     monkeypatch.setattr(jobs, "available_threads", lambda: 8)
-    monkeypatch.setattr(memory, "free_memory", lambda: 16_000_000_000)
+    monkeypatch.setattr(budget, "free_memory", lambda: 16_000_000_000)
     run = jobs.MapRun(load_recipe("default"))
     shared = run.sharing(3)
     assert (shared.settings.threads, shared.settings.max_memory) == (2, 8_000_000_000 // 3)
     assert run.sharing(1) == run
     chosen = jobs.MapRun(load_recipe("default"), Settings(threads=5, max_memory=10**9))
     assert chosen.sharing(3) == chosen
-    monkeypatch.setattr(memory, "free_memory", lambda: 100)
+    monkeypatch.setattr(budget, "free_memory", lambda: 100)
     assert run.sharing(64).settings.max_memory >= 100_000_000
 
 

@@ -12,6 +12,7 @@ import pytest
 from mapdeal import OccupancyGrid, read_map, write_map
 from mapdeal.cli.options import size_of
 from mapdeal.errors import ParameterError
+from mapdeal.formats import budget
 from mapdeal.formats.maps import MapFile
 from mapdeal.kernels.engine import engine_name
 from mapdeal.pipeline import memory
@@ -287,20 +288,20 @@ def test_a_mask(command, building, tmp_path, monkeypatch, blocks_used):
 
 
 @pytest.mark.parametrize(
-    ("free", "jobs", "budget"),
+    ("free", "jobs", "most"),
     [
         (10_000, 1, 5_000), (400, 1, 256), (200, 1, 200), (5, 1, 128), (10_000, 4, 1_250),
         (10_000, 64, 128),
     ],
 )  # fmt: skip
-def test_the_default_is_half_of_what_is_free_or_all_of_little(monkeypatch, free, jobs, budget):
-    monkeypatch.setattr(memory, "free_memory", lambda: free * 1_000_000)
-    assert memory.memory_budget(None, jobs) == budget * 1_000_000
+def test_the_default_is_half_of_what_is_free_or_all_of_little(monkeypatch, free, jobs, most):
+    monkeypatch.setattr(budget, "free_memory", lambda: free * 1_000_000)
+    assert memory.memory_budget(None, jobs) == most * 1_000_000
     assert memory.memory_budget(123, jobs) == 123
 
 
 def test_without_knowledge_of_free_memory_all_is_in_memory(monkeypatch):
-    monkeypatch.setattr(memory, "free_memory", lambda: None)
+    monkeypatch.setattr(budget, "free_memory", lambda: None)
     assert memory.memory_budget(None) > 10**15
 
 

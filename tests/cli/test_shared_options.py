@@ -59,11 +59,11 @@ def test_an_own_option_that_is_named_stands_where_it_is_named():
 
 
 def test_a_group_stands_for_all_of_its_options():
-    @shared_options("files", "max_memory")
+    @shared_options("files", "image_max")
     def draw(*, settings: Settings) -> None: ...
 
-    files = ["image", "dialect", "max_cells", "force", "threads"]
-    assert _options(draw) == [*files, "max_memory", "quiet", "verbose"]
+    files = ["image", "dialect", "max_cells", "force", "threads", "max_memory"]
+    assert _options(draw) == [*files, "image_max", "quiet", "verbose"]
 
 
 def test_annotations_and_signature_agree():
@@ -81,7 +81,7 @@ def test_annotations_and_signature_agree():
 def test_options_become_settings():
     seen = []
 
-    @shared_options("files", "max_memory", "image_max", "no_images")
+    @shared_options("files", "image_max", "no_images")
     def draw(source: Path, *, settings: Settings) -> None:
         seen.append((source, settings))
 
@@ -96,7 +96,7 @@ def test_options_become_settings():
 def test_options_that_are_not_given_leave_the_defaults():
     seen = []
 
-    @shared_options("files", "max_memory", "image_max", "no_images")
+    @shared_options("files", "image_max", "no_images")
     def draw(*, settings: Settings) -> None:
         seen.append(settings)
 

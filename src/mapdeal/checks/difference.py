@@ -126,7 +126,7 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
     if not 0 <= tolerance <= _MOST_TOLERANCE:  # refuses nan too
         rule = f"must be 0 to {_MOST_TOLERANCE:g} cells"
         raise ParameterError(rule, place="tolerance", got=tolerance)
-    frame = _frame_around(first.frame, second.frame)
+    frame = frame_around(first.frame, second.frame)
     a, in_a = sampled(frame, first.occupancy, first.frame)
     b, in_b = sampled(frame, second.occupancy, second.frame)
     both = in_a & in_b
@@ -158,8 +158,14 @@ def _states(values: NDArray[np.int8]) -> NDArray[np.uint8]:
     return table[values.view(np.uint8)]
 
 
-def _frame_around(first: Frame, second: Frame) -> Frame:
-    """Return the cells of the first lattice that both maps lie in."""
+def frame_around(first: Frame, second: Frame) -> Frame:
+    """Return the cells of the first lattice that both maps lie in.
+
+    Raises
+    ------
+    ParameterError
+        If they lie so far apart that there are too many.
+    """
     other = region_around(first, second)
     row, col = min(other.row, 0), min(other.col, 0)
     height = max(other.row + other.height, first.height) - row

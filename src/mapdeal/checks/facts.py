@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from mapdeal.checks.finding import CHECKS, Finding
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
-from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats.budget import claim
+from mapdeal.formats.dialects import DIALECTS, cells_of
 from mapdeal.formats.image import read_image
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 from mapdeal.formats.map_server import find_image, warn_of_lost_values
@@ -32,6 +33,8 @@ MAP_SAVER_UNKNOWN = 205
 """The grey that map_saver writes for unknown cells."""
 
 _HEAD = 1 << 16
+_PER_CELL, _PER_CELL_OF_COLOURS = 20, 44
+"""Bytes for each cell that what is read and its checks take."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +135,8 @@ def gather(
         with _warnings_as_findings(findings, path):
             if path.suffix.lower() == ".npz":
                 grid = read_npz(path, max_cells=max_cells)
+                claim(path, sum(getattr(grid, name).nbytes for name in grid.layer_names)
+                      + _PER_CELL * grid.shape[0] * grid.shape[1])  # fmt: skip
                 if not isinstance(grid, Costmap):
                     own = grid if isinstance(grid, OccupancyGrid) else grid.grid
                     cells = GridFacts(own)
@@ -149,18 +154,24 @@ def gather(
     return pair, cells, findings
 
 
+def _per_cell(picture: Picture) -> int:
+    is_wide = picture.colour == "rgb" or picture.maxval > 255 or picture.alpha is not None
+    return _PER_CELL_OF_COLOURS if is_wide else _PER_CELL
+
+
 def _read_pair(path: Path, max_cells: int | None) -> PairFacts:
     entries = read_mapping(path)
     metadata = metadata_of(entries, path, mend=True)
     image_path = find_image(path, metadata.image)
     picture = read_image(image_path, max_cells=max_cells)
     comments = IMAGE_FORMATS[picture.file_format].comments(head_of(image_path, _HEAD))
+    height, width = picture.shape
+    claim(path, picture.samples.nbytes + _per_cell(picture) * height * width)
     readings: dict[Dialect, NDArray[np.int8]] = {}
     if metadata.cost_scale is None:
         if metadata.mode == "raw":
             warn_of_lost_values(picture, image_path)
-        from_south = picture.from_the_south()
-        readings = {name: read(from_south, metadata) for name, read in DIALECTS.items()}
+        readings = {dialect: cells_of(picture, metadata, dialect) for dialect in DIALECTS}
     return PairFacts(path, entries, metadata, image_path, picture, readings, comments)
 
 

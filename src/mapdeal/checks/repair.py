@@ -8,7 +8,7 @@ import numpy as np
 
 from mapdeal.checks.facts import MAP_SAVER_UNKNOWN, GridFacts, PairFacts
 from mapdeal.checks.rounding import without_rounding_noise
-from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats.dialects import cells_of
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.region import region_around
@@ -43,7 +43,7 @@ def repaired(pair: PairFacts | None, cells: GridFacts) -> tuple[OccupancyGrid, l
         thresholds = replace(
             pair.metadata, free_thresh=min(_FREE_THRESH, pair.metadata.free_thresh)
         )
-        read_again = DIALECTS["nav2"](pair.picture.from_the_south(), thresholds)
+        read_again = cells_of(pair.picture, thresholds, "nav2")
         freed = MAP_SAVER_UNKNOWN in pair.greys and not np.array_equal(read_again, grid.occupancy)
         if freed:
             count = int(np.count_nonzero(read_again != grid.occupancy))

@@ -24,7 +24,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
-@shared_options("image", "force", "threads")
+@shared_options("image", "force", "threads", "max_memory")
 def build(
     output: opt.GridOutput,
     log: Annotated[

@@ -21,7 +21,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
-@shared_options("dialect", "max_cells")
+@shared_options("dialect", "max_cells", "max_memory")
 def info(
     sources: Annotated[
         list[Path], typer.Argument(metavar="MAP...", help="Maps, costmaps or fields.")

@@ -24,7 +24,7 @@ _COMMANDS = {"error": "error", "warning": "warning", "note": "notice"}
 
 
 @app.command()
-@shared_options("max_cells", "force")
+@shared_options("max_cells", "force", "max_memory")
 def lint(
     sources: Annotated[
         list[Path],

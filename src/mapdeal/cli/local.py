@@ -45,7 +45,9 @@ def _limit(help_text: str) -> Any:
 
 
 @app.command()
-@shared_options("robot", "image_max", "no_images", "dialect", "max_cells", "force", "threads")
+@shared_options(
+    "robot", "image_max", "no_images", "dialect", "max_cells", "force", "threads", "max_memory"
+)
 def local(
     clouds: Annotated[
         list[str],

@@ -26,7 +26,7 @@ _STDIN = Path("-")
 
 
 @app.command()
-@shared_options("dialect", "max_cells", "threads")
+@shared_options("dialect", "max_cells", "threads", "max_memory")
 def query(
     source: Annotated[
         Path,

@@ -137,8 +137,7 @@ def run(
 
             client = stack.enter_context(connected(scheduler, shared_folders(all_jobs[0])))
             workers = cluster = ClusterWorkers(client, scheduler, jobs)
-            memory = settings.max_memory or cluster.memory_of_each()
-            map_run = replace(map_run, settings=replace(settings, max_memory=memory))
+            map_run = map_run.within(cluster.memory_of_each())
         elif size is not None and size > 1:
             from mapdeal.pipeline.processes import ProcessWorkers  # slow to import
 

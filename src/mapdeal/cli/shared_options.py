@@ -121,9 +121,10 @@ SHARED_OPTIONS = {
         str | None,
         typer.Option(
             metavar="SIZE",
-            help="Memory to take, like 4G or 500M; maps that need more are processed in blocks "
-            "of rows.  [default: half of what is free]",
+            help="Memory to take, like 4G or 500M; what needs more is refused.  "
+            "[default: half of what is free]",
         ),
+        group="files",
         field="max_memory",
         value_of=lambda text: None if text is None else size_of(text, "--max-memory"),
     ),
@@ -252,7 +253,8 @@ def with_shared_options(
         values["settings"] = _settings_of(given)
         if robot:
             values["footprint"] = robot_shape(**{name: given[name] for name in robot})
-        function(**values)
+        with values["settings"].memory(anew=True):
+            function(**values)
 
     typed: Any = command
     typed.__signature__ = Signature(parameters, return_annotation=None)

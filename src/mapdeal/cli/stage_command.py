@@ -38,6 +38,11 @@ _ENCODING = Annotated[
     Encoding,
     typer.Option(help="Pixels of a .yaml: what ROS would publish, or costmap_2d's bytes."),
 ]
+_MEMORY = (
+    "Memory to take, like 4G or 500M; maps that need more are processed in blocks of rows.  "
+    "[default: half of what is free]"
+)
+
 _SCHEDULER = Annotated[
     str | None,
     typer.Option(
@@ -92,15 +97,15 @@ def stage_app(name: str) -> typer.Typer:
     if has_robot:
         replaced = next(stage.robot.replaces for stage in models.values() if stage.robot)
         shared.insert(shared.index(replaced) + 1, "robot")
-    shared += ["files", "max_memory"]
+    shared.append("files")
     if first.makes is Costmap:
         own += [_option("mask", _MASK, None), _option("encoding", _ENCODING, "occupancy")]
-        shared[-2:-2] = ["mask", "encoding"]
+        shared[-1:-1] = ["mask", "encoding"]
     if first.rows_alone is not None:
         own.append(_option("scheduler", _SCHEDULER, None))
         shared.append("scheduler")
     app = typer.Typer(rich_markup_mode=None, add_completion=False)
-    app.command()(with_shared_options(command, own, shared))
+    app.command()(with_shared_options(command, own, shared, help_texts={"max_memory": _MEMORY}))
     return app
 
 

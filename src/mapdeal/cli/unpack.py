@@ -17,7 +17,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
-@shared_options("image", "max_cells", "force", "threads")
+@shared_options("image", "max_cells", "force", "threads", "max_memory")
 def unpack(
     source: Annotated[
         Path, typer.Argument(metavar="IN.pbm", help="A bit map with its .yaml beside it.")

@@ -10,6 +10,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
 from mapdeal.editing.window import window as window_of
+from mapdeal.grid.region import region_of
 from mapdeal.pipeline.edit import change_file
 from mapdeal.pipeline.settings import Settings
 
@@ -46,5 +47,6 @@ def window(
         settings,
         lambda grid: window_of(grid, default=default, **region),
         what="window",
+        cells=lambda grid: region_of(grid.frame, **region).cells,
     )
     say_written(output, figures, with_origin=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
+from mapdeal.formats.budget import use_memory
 from mapdeal.formats.map_server import find_image
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.picture import LARGEST_CELLS
@@ -14,7 +15,9 @@ from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.bit_map import BitMap
 
 
-def read_bit_map(path: Path | str, *, max_cells: int | None = None) -> BitMap:
+def read_bit_map(
+    path: Path | str, *, max_cells: int | None = None, max_memory: int | None = None
+) -> BitMap:
     """Read a bit map, without an array of whole bytes on the way.
 
     Parameters
@@ -23,6 +26,8 @@ def read_bit_map(path: Path | str, *, max_cells: int | None = None) -> BitMap:
         A ``.pbm`` with its ``.yaml`` beside it.
     max_cells : int, optional
         Cells up to which it is read, 1e9 by default.
+    max_memory : int, optional
+        Bytes of memory that may be taken; by default half of what is free.
 
     Returns
     -------
@@ -36,7 +41,8 @@ def read_bit_map(path: Path | str, *, max_cells: int | None = None) -> BitMap:
     MalformedInputError
         If one of them is malformed, or they do not belong together.
     """
-    return read_bit_map_pair(Path(path), max_cells=max_cells)[0]
+    with use_memory(max_memory):
+        return read_bit_map_pair(Path(path), max_cells=max_cells)[0]
 
 
 def read_bit_map_pair(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.formats.budget import OF_JSON, claim
 from mapdeal.formats.source import read_file
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 
@@ -35,6 +36,7 @@ def read_geojson(path: Path) -> list[Shape]:
         If it is no GeoJSON, or a shape in it is none; the error names the feature.
     """
     data = read_file(path, limit=_LARGEST_FILE)
+    claim(path, OF_JSON * len(data))
     try:
         document = json.loads(
             data.decode("utf-8-sig"),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import FileAccessError
+from mapdeal.formats.budget import OF_JSON, claim
 from mapdeal.formats.source import read_file
 
 _LARGEST_FILE = 1 << 26
@@ -24,6 +25,8 @@ def json_of(value: Any) -> bytes:
 def read_json(path: Path) -> Any:
     """Return the value in a JSON file, or None if there is none or it is damaged."""
     try:
-        return json.loads(read_file(path, limit=_LARGEST_FILE))
+        data = read_file(path, limit=_LARGEST_FILE)
+        claim(path, OF_JSON * len(data))
+        return json.loads(data)
     except (FileAccessError, ValueError, RecursionError):
         return None

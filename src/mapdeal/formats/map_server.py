@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
-from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats.dialects import DIALECTS, cells_of
 from mapdeal.formats.image import read_image
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture, Samples
@@ -56,8 +56,7 @@ def read_cells(
     if dialect == "ros1" and picture.colour == "palette":
         text = f"{image_path}: ROS 1 reads indices of the palette, not colours"
         warnings.warn(MapdealWarning(text, "image.palette"), stacklevel=2)
-    # Image rows run from the north, grid rows from the south.
-    occupancy = np.ascontiguousarray(DIALECTS[dialect](picture.from_the_south(), metadata))
+    occupancy = cells_of(picture, metadata, dialect)
     if metadata.mode == "raw":
         warn_of_lost_values(picture, image_path)
     return OccupancyGrid(occupancy, metadata.resolution, metadata.origin)

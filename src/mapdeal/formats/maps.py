@@ -12,6 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealError, MapdealWarning, ParameterError
+from mapdeal.formats.budget import use_memory
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.image import read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
@@ -290,8 +291,12 @@ def as_occupancy(grid: Grid, what: str = "the input") -> OccupancyGrid:
 
 
 def read_map(
-    path: Path | str, *, dialect: Dialect = "nav2", max_cells: int | None = None
-) -> Grid:  # fmt: skip
+    path: Path | str,
+    *,
+    dialect: Dialect = "nav2",
+    max_cells: int | None = None,
+    max_memory: int | None = None,
+) -> Grid:
     """Read a map.
 
     Parameters
@@ -302,6 +307,8 @@ def read_map(
         Whose reading of the image to follow: Nav2 from jazzy on, Nav2 humble, or ROS 1.
     max_cells : int, optional
         Cells up to which a file is read; by default 2e8 for compressed images, 1e9 for others.
+    max_memory : int, optional
+        Bytes of memory that may be taken; by default half of what is free.
 
     Returns
     -------
@@ -321,7 +328,8 @@ def read_map(
     MapdealWarning
         For each choice that had to be made, such as a missing key.
     """
-    return read_source(Path(path), dialect=dialect, max_cells=max_cells).grid
+    with use_memory(max_memory):
+        return read_source(Path(path), dialect=dialect, max_cells=max_cells).grid
 
 
 def output_paths(output: Path) -> tuple[Path, ...]:

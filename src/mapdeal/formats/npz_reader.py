@@ -19,19 +19,21 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.budget import PIECES, check_expansion, claim
 from mapdeal.formats.source import check_regular
 
 _LARGEST_SMALL_ARRAY = 4096
 _LARGEST_SMALL_NUMBER = 1 << 31
 _MOST_COLUMNS = 1 << 16
 _MOST_ROWS_BY_COLUMNS = 1 << 25
-_CHUNK = 1 << 24
+_CHUNK = 1 << 22
 
 
 class _Entry(NamedTuple):
     """An array of which only the header is read, and the file that its data come from."""
 
     file: Any
+    stored: int
     shape: tuple[int, ...]
     is_fortran: bool
     dtype: np.dtype[Any]
@@ -39,6 +41,10 @@ class _Entry(NamedTuple):
     @property
     def elements(self) -> int:
         return int(np.prod([int(n) for n in self.shape], dtype=object))
+
+    @property
+    def bytes(self) -> int:
+        return self.elements * self.dtype.itemsize
 
 
 class NpzReader:
@@ -63,6 +69,7 @@ class NpzReader:
     def __init__(self, path: Path, max_cells: int) -> None:
         self._path = path
         self._max_cells = max_cells
+        self._taken = 0
         check_regular(path)
         try:
             self._zip = zipfile.ZipFile(path)
@@ -149,11 +156,16 @@ class NpzReader:
             height, width = entry.shape
             if width > _MOST_COLUMNS:
                 raise self._error(name, f"{width} columns, above the limit of {_MOST_COLUMNS}")
+            # as many as are little memory, too, when they are converted
+            wide = max(np.dtype(np.float64).itemsize, entry.dtype.itemsize)
+            together = max(1, _CHUNK // max(1, width * wide))
             if entry.is_fortran:
                 if height > _MOST_ROWS_BY_COLUMNS:
                     rule = f"{height} rows, stored column by column, above the limit of"
                     hint = "row by row (C order) any number can be read"
                     raise self._error(name, f"{rule} {_MOST_ROWS_BY_COLUMNS}", hint=hint)
+                per_row = entry.dtype.itemsize + np.dtype(np.float64).itemsize * min(columns, width)
+                self._claim(name, entry, per_row * height)
                 table = np.empty((min(columns, width), height))
                 for column in table:
                     part = np.empty(height, dtype=entry.dtype)
@@ -161,9 +173,9 @@ class NpzReader:
                     column[:] = part
                 while entry.file.read(_CHUNK):  # so that the checksum is verified
                     pass
-                yield table.T
+                for first in range(0, height, together):
+                    yield table[:, first : first + together].T
                 return
-            together = max(1, _CHUNK // max(1, width * entry.dtype.itemsize))
             for first in range(0, height, together):
                 part = np.empty((min(together, height - first), width), dtype=entry.dtype)
                 _fill(entry.file, part)
@@ -172,6 +184,12 @@ class NpzReader:
 
     def _error(self, name: str, rule: str, *, hint: str | None = None) -> MalformedInputError:
         return MalformedInputError(rule, source=self._path, place=name, hint=hint)
+
+    def _claim(self, name: str, entry: _Entry, count: int) -> None:
+        """Refuse an array that takes too much memory, beside those that were read before."""
+        check_expansion(self._path, entry.stored, entry.bytes, place=name)
+        self._taken += count
+        claim(self._path, self._taken + min(PIECES, self._taken))
 
     def _read(
         self,
@@ -190,12 +208,11 @@ class NpzReader:
             if entry.elements > most_elements:
                 rule = f"{entry.elements} elements, above the limit of {most_elements}"
                 raise self._error(name, rule)
-            if (
-                small
-                and dtype is None
-                and entry.elements * entry.dtype.itemsize > _LARGEST_SMALL_ARRAY
-            ):
+            if small and dtype is None and entry.bytes > _LARGEST_SMALL_ARRAY:
                 raise self._error(name, f"must be a single value, is {entry.dtype}")
+            wide = 2 * entry.elements * np.dtype(np.float64).itemsize  # converted, and looked at
+            self._claim(name, entry, entry.bytes * (1 + entry.is_fortran) if small else
+                        entry.bytes + wide)  # fmt: skip
             array = np.empty(entry.elements, dtype=entry.dtype)
             _read_into(entry.file, array)
             return array.reshape(entry.shape, order="F" if entry.is_fortran else "C")
@@ -222,11 +239,11 @@ class NpzReader:
                     raise self._error(name, f"array format {version} is not supported")
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")  # of headers that Python 2 wrote
-                    entry = _Entry(file, *read_header(file))
+                    entry = _Entry(file, info.compress_size, *read_header(file))
                 if entry.dtype.hasobject:
                     raise self._error(name, "holds Python objects, which are never loaded")
                 # The header's word is only taken as far as the archive has bytes for it.
-                if entry.elements * entry.dtype.itemsize + file.tell() != info.file_size:
+                if entry.bytes + file.tell() != info.file_size:
                     raise self._error(name, "the array's size does not fit its data")
                 yield entry
         # What reading a damaged header or entry leads to, in numpy and in zipfile.

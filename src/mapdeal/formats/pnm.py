@@ -20,12 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.formats.budget import claim
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
 from mapdeal.kernels.blocks import Layer, blocks_of
 
 _WHITE = re.compile(rb"[ \t\n\v\f\r]*")
 _WORD = re.compile(rb"[^ \t\n\v\f\r#]*")
 _COMMENT = re.compile(rb"#[^\n\r]*")
+_BLANK = re.compile(rb"[ \t\n\v\f\r]")
+_TEXT_TOGETHER = 1 << 18
 _LONGEST_HEADER = 1 << 16
 _WRITTEN_TOGETHER = 1 << 20
 _TRAILING = 64
@@ -79,6 +82,7 @@ def decode_pnm(data: bytes, source: Path, max_cells: int = LARGEST_CELLS) -> Pic
     """
     header = _read_header(data, source)
     check_size(source, header.width, header.height, max_cells)
+    _claim(data, header, source)
     samples = _plain(data, header, source) if header.magic <= 3 else _binary(data, header, source)
     if header.magic in (1, 4):
         samples = np.where(samples, np.uint8(0), np.uint8(255))
@@ -116,6 +120,7 @@ def decode_pbm(
         rule = "must be a bit map, P1 or P4"
         raise MalformedInputError(rule, source=source, place="header", got=f"P{header.magic}")
     check_size(source, header.width, header.height, max_cells)
+    _claim(data, header, source, keeps_bits=True)
     if header.magic == 1:
         return np.packbits(_plain(data, header, source), axis=1), header.width
     return _binary_rows(data, header, source).reshape(header.height, -1), header.width
@@ -280,6 +285,20 @@ def _end_of(pattern: re.Pattern[bytes], data: bytes, start: int, limit: int) -> 
     return start if match is None else match.end()
 
 
+def _claim(data: bytes, header: _Header, source: Path, *, keeps_bits: bool = False) -> None:
+    """Refuse a picture whose samples, and the cells that they become, take too much memory."""
+    wide = header.maxval > 255
+    if header.magic <= 3:  # copies of the text, and the samples with a mark of each
+        copies, per_cell = (5, 3) if header.magic == 1 else (2, 1 + header.channels * (1 + wide))
+    elif header.magic == 4:
+        copies, per_cell = (2, 0) if keeps_bits else (0, 4)
+    else:
+        copies, per_cell = 0, 1 + (3 * header.channels if wide else 0)
+    cells = header.width * header.height
+    count = (1 + copies) * len(data) + per_cell * cells
+    claim(source, count, what=f"{header.width} x {header.height} cells")
+
+
 def _binary(data: bytes, header: _Header, source: Path) -> Samples:
     body = _binary_rows(data, header, source)
     if header.magic == 4:
@@ -359,30 +378,46 @@ def _plain(data: bytes, header: _Header, source: Path) -> Samples:
         body = _COMMENT.sub(b"", body)
     if header.magic == 1:
         digits = np.frombuffer(body.translate(None, b" \t\n\v\f\r"), dtype=np.uint8)
-        if not np.isin(digits, (48, 49)).all():
-            place = f"pixel {int(np.argmin(np.isin(digits, (48, 49))))}"
+        is_digit = (digits | 1) == 49
+        if not is_digit.all():
+            place = f"pixel {int(np.argmin(is_digit))}"
             raise MalformedInputError("a P1 pixel must be 0 or 1", source=source, place=place)
         _check_count(len(digits), count, source)
         return (digits - 48).reshape(header.height, header.width)
     if not body[:1].isspace():
         rule = "white space must stand between the header and the pixels"
         raise MalformedInputError(rule, source=source, place=f"byte {header.end}")
-    tokens = body.split()
-    odd = next((i for i, t in enumerate(tokens) if not t.isdigit() or len(t) > 9), None)
-    if odd is not None:
-        rule = f"pixels must be whole numbers from 0 to {header.maxval}"
-        got = tokens[odd].decode("latin-1")
-        raise MalformedInputError(rule, source=source, place=f"pixel {odd}", got=got)
-    _check_count(len(tokens), count, source)
-    values = np.array(tokens, dtype="S9").astype(np.int64)
-    if values.max() > header.maxval:
-        index = int(np.argmax(values > header.maxval))
-        raise _above_maxval(int(values[index]), index, header.maxval, source)
-    narrow = header.maxval <= 255
-    samples: Samples = values.astype(np.uint8) if narrow else values.astype(np.uint16)
+    samples = _numbers(body, count, header.maxval, source)
     if header.channels == 3:
         return samples.reshape(header.height, header.width, 3)
     return samples.reshape(header.height, header.width)
+
+
+def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
+    """Return the numbers of a text, some words at a time: they take much more memory."""
+    samples: Samples = np.empty(count, dtype=np.uint8 if maxval <= 255 else np.uint16)
+    found = start = 0
+    too_large: tuple[int, int] | None = None
+    while start < len(body):
+        blank = _BLANK.search(body, start + _TEXT_TOGETHER)
+        end = blank.start() if blank else len(body)
+        tokens = body[start:end].split()
+        start = end
+        odd = next((i for i, t in enumerate(tokens) if not t.isdigit() or len(t) > 9), None)
+        if odd is not None:
+            rule = f"pixels must be whole numbers from 0 to {maxval}"
+            got, place = tokens[odd].decode("latin-1"), f"pixel {found + odd}"
+            raise MalformedInputError(rule, source=source, place=place, got=got)
+        values = np.array(tokens, dtype="S9").astype(np.int64)
+        if too_large is None and values.max(initial=0) > maxval:
+            index = int(np.argmax(values > maxval))
+            too_large = int(values[index]), found + index
+        samples[found : found + len(values)] = values[: max(count - found, 0)]
+        found += len(values)
+    _check_count(found, count, source)
+    if too_large is not None:
+        raise _above_maxval(*too_large, maxval, source)
+    return samples
 
 
 def _check_count(actual: int, expected: int, source: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.source import chunks_of
 from mapdeal.formats.text_rows import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.coordinates import FARTHEST
@@ -21,6 +22,9 @@ _UNIT = 1e-3
 
 _LEVEL = math.radians(10)
 """How far a robot may lean before its heading says too little."""
+
+_COPIES = 5
+"""Arrays of the size of all numbers that are there at the same time, at most."""
 
 _LEANS = "a robot that leans by more than 10 degrees; does w come last?"
 
@@ -55,7 +59,7 @@ def read_poses(path: Path) -> Poses:
         If a quaternion is not of length 1, a pose leans by more than 10 degrees, a yaw is more
         than a turn, or times do not increase.
     """
-    file = io.BytesIO(b"".join(chunks_of(path)))  # it may be a pipe
+    file = io.BytesIO(_contents_of(path))
     number, start, line = first_line(file)
     delimiter = delimiter_of(line)
     width = len(line.split(delimiter))
@@ -67,9 +71,14 @@ def read_poses(path: Path) -> Poses:
     else:
         file.seek(start)
     columns = range(width)
-    parts = list(
-        read_rows(file, columns, path=path, first_line=number, delimiter=delimiter, width=width)
-    )
+    parts: list[Poses] = []
+    taken = file.getbuffer().nbytes
+    for part in read_rows(
+        file, columns, path=path, first_line=number, delimiter=delimiter, width=width
+    ):
+        taken += _COPIES * part.nbytes
+        claim(path, taken + PIECES)
+        parts.append(part)
     if not parts:
         raise MalformedInputError("holds no poses", source=path)
     rows = np.concatenate(parts)
@@ -89,6 +98,16 @@ def read_poses(path: Path) -> Poses:
     headings = _headings(rows[:, 4:], path)
     _warn_of(np.diff(rows[:, 0], prepend=-np.inf) <= 0, "a time that is not after the last", path)
     return np.column_stack([rows[:, 1:3], headings])
+
+
+def _contents_of(path: Path) -> bytes:
+    """Return what stands in a file, which may be a pipe without an end."""
+    chunks, length = [], 0
+    for chunk in chunks_of(path):
+        length += len(chunk)
+        claim(path, 2 * length)
+        chunks.append(chunk)
+    return b"".join(chunks)
 
 
 def _headings(quaternions: NDArray[np.float64], path: Path) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from contextvars import ContextVar
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.budget import claim
 from mapdeal.formats.commit import settle
 from mapdeal.formats.file_state import CHANGED, FileState
 
@@ -206,7 +207,7 @@ def read_file(
     FileAccessError
         If it is missing, not a regular file, not readable, or changed while it was read.
     MalformedInputError
-        If it is longer than `limit` bytes.
+        If it is longer than `limit` bytes, or than the memory that may be taken.
     """
     # Only a regular file is opened: a pipe or a device would block or never end.
     before = status_of(path)
@@ -224,6 +225,7 @@ def read_file(
             if before.st_size > limit:
                 rule = f"must not be larger than {limit} bytes"
                 raise MalformedInputError(rule, source=path, got=before.st_size)
+            claim(path, before.st_size)
             data = file.read()
             after = os.fstat(file.fileno())
     except MemoryError:

@@ -26,6 +26,11 @@ class Region(NamedTuple):
     height: int
     width: int
 
+    @property
+    def cells(self) -> int:
+        """How many cells it has."""
+        return self.height * self.width
+
     def shared_with(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Return the rows and columns of a grid that lie in the region; they may be none.
 

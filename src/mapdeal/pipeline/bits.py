@@ -17,7 +17,11 @@ from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pipeline.files import add_picture, outputs_of, read_input
+from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.settings import Settings
+
+_PER_CELL = 3.0
+"""Bytes for each cell: a mask, the cells, and what is written."""
 
 
 def pack_file(
@@ -33,6 +37,8 @@ def pack_file(
     """
     outputs = bit_map_paths(output)
     source = read_input(path, options)
+    with options.memory():
+        claim_work(path, source.grid, _PER_CELL)
     with outputs_of(outputs, source.files, options) as transaction:
         if isinstance(source.grid, (DistanceField, PotentialField)):
             if lethal_threshold is not None:
@@ -58,7 +64,9 @@ def pack_file(
 def unpack_file(path: Path, output: Path, options: Settings) -> Figures:
     """Write a bit map as a map; return its figures."""
     outputs = output_paths(output)
-    bits, metadata, files = read_bit_map_pair(path, max_cells=options.max_cells)
+    with options.memory():
+        bits, metadata, files = read_bit_map_pair(path, max_cells=options.max_cells)
+        claim_work(path, bits, _PER_CELL)
     with outputs_of(outputs, files, options) as transaction:
         grid = bits.to_occupancy()
         write_grid(transaction, output, grid, extra=dict(metadata.extra))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.formats.budget import claim
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import write_npz
 from mapdeal.formats.scans.source import ScanSource
@@ -22,6 +23,9 @@ from mapdeal.mapping.beams import BeamLimits, Scans
 from mapdeal.mapping.build import BuiltMap, Extent, MapBuilder, Method, frame_of, reach_behind
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.settings import Settings
+
+_PER_CELL: dict[Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
+"""Bytes for each cell: the evidence, and the map that is made of it."""
 
 Advance = Callable[[int], object]
 
@@ -109,7 +113,7 @@ def build_file(
     with outputs_of(outputs, source.files, options) as transaction:
         try:
             with errors_named(source.named):
-                built = _built(source, settings, advance)
+                built = _built(source, settings, options, advance)
         finally:
             source.warn()  # what was passed over may be why there is no map
         for path, state in states.items():
@@ -123,7 +127,9 @@ def build_file(
     return {**built.grid.figures(), **asdict(built.counts)}
 
 
-def _built(source: ScanSource, settings: BuildSettings, advance: Advance) -> BuiltMap:
+def _built(
+    source: ScanSource, settings: BuildSettings, options: Settings, advance: Advance
+) -> BuiltMap:
     is_told = False
     if settings.size is not None and settings.origin is not None:
         frame = frame_of(settings.size, settings.origin, settings.resolution)
@@ -134,6 +140,11 @@ def _built(source: ScanSource, settings: BuildSettings, advance: Advance) -> Bui
             extent.add(scans)
         frame = extent.frame(settings.resolution)
         is_told = True
+    with options.memory():
+        cells = frame.height * frame.width
+        what = f"{frame.width} x {frame.height} cells"
+        hint = "a pose may be wrong; --size and --origin bound the map"
+        claim(source.named, _PER_CELL[settings.method] * cells, what=what, hint=hint)
     builder = MapBuilder(frame, settings.method, settings.limits, **settings.parameters)
     for scans in _scans(source, advance, is_told=is_told):
         builder.add(scans)

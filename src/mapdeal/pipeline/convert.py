@@ -17,6 +17,7 @@ from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
+from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.esdf import field_view
 
@@ -52,6 +53,8 @@ def convert_file(
     if static_layer is not None and encoding != "costmap2d":
         raise ParameterError("needs --encoding costmap2d", place="--static-layer")
     source = read_input(path, options)
+    with options.memory():
+        claim_work(path, source.grid, _per_cell(source.grid, mode, drawn=options.image is not None))
     with outputs_of(outputs, source.files, options) as transaction:
         with errors_named(path):
             grid = _converted(source.grid, encoding, static_layer)
@@ -69,6 +72,13 @@ def convert_file(
         write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra, more=more)
         add_picture(transaction, options, grid, path.stem)
     return grid.figures()
+
+
+def _per_cell(grid: Grid, mode: Mode | None, *, drawn: bool) -> float:
+    """Return the bytes for each cell that writing takes besides the grid."""
+    if isinstance(grid, PotentialField):  # most of its layers are made when they are written
+        return 130.0 if drawn else 76.0
+    return 12.0 if mode == "scale" else 5.0
 
 
 def _converted(

@@ -6,14 +6,21 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mapdeal.checks.difference import STATES, Difference, WallShift, compare
+from mapdeal.checks.difference import STATES, Difference, WallShift, compare, frame_around
 from mapdeal.errors import one_line
+from mapdeal.formats.budget import claim, holding
 from mapdeal.formats.maps import Source, as_occupancy
 from mapdeal.formats.png import write_indexed_png
+from mapdeal.grid.values import OCCUPIED
+from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import errors_named, outputs_of, read_input
+from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.difference import difference_image
+
+_PER_CELL, _PER_WALL = 30, 75
+"""Bytes for each cell of a grid around both maps, and for each occupied cell of one."""
 
 _METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
 
@@ -61,11 +68,24 @@ def diff_files(
     tolerance : float
         As of `compare`.
     """
-    sources = [read_input(path, options) for path in (first, second)]
+    with options.memory():
+        source = read_input(first, options)
+        with holding(bytes_of(source.grid)):
+            sources = [source, read_input(second, options)]
     grids = [
         as_occupancy(source.grid, str(path))
         for source, path in zip(sources, (first, second), strict=True)
     ]
+    with options.memory(), errors_named(second):
+        frame = frame_around(*(grid.frame for grid in grids))
+        cells = frame.height * frame.width
+        walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
+        held = sum(bytes_of(source.grid) for source in sources)
+        claim(
+            second,
+            held + _PER_CELL * cells + _PER_WALL * walls,
+            what=f"{frame.width} x {frame.height} cells",
+        )
     files = [file for source in sources for file in source.files]
     with outputs_of([], files, options) as transaction:
         with use_threads(options.threads), errors_named(second):

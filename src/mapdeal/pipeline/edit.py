@@ -12,7 +12,11 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
+from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.settings import Settings
+
+_PER_CELL = 6.0
+"""Bytes for each cell of the new grid: of a field 5, and a byte more while it is written."""
 
 Editable = OccupancyGrid | Costmap
 
@@ -62,10 +66,14 @@ def change_file(
     *,
     what: str,
     inputs: Sequence[Path] = (),
+    cells: Callable[[Grid], int] | None = None,
 ) -> Figures:
-    """Do what `edit_file` does, with fields, too."""
+    """Do what `edit_file` does, with fields, too; `cells` are those of the new grid."""
     outputs = output_paths(output)
     source = read_input(path, options)
+    with options.memory():
+        count = None if cells is None else cells(source.grid)
+        claim_work(path, source.grid, _PER_CELL, cells=count)
     with outputs_of(outputs, [*source.files, *inputs], options) as transaction:
         with errors_named(path):
             grid = change(source.grid)

@@ -20,7 +20,7 @@ from mapdeal.render.overlay import Overlay
 
 def read_input(path: Path, settings: Settings) -> Source:
     """Return the grid in a file, read as the settings say."""
-    with use_threads(settings.threads):
+    with settings.memory(), use_threads(settings.threads):
         return read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
 
 

@@ -11,7 +11,13 @@ import numpy as np
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import read_source
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
+from mapdeal.pipeline.memory import claim_work
+
+_OF_POTENTIAL, _OF_OTHERS = 33.0, 2.0
+"""Bytes for each cell that figures take; those of a potential are of layers that it does not have
+until they are asked for."""
 
 _SHOWN_KEYS = ("image", "mode", "negate", "occupied_thresh", "free_thresh")
 
@@ -26,6 +32,7 @@ def describe_file(
     """
     source = read_source(path, dialect=dialect, max_cells=max_cells)
     grid = source.grid
+    claim_work(path, grid, _OF_POTENTIAL if isinstance(grid, PotentialField) else _OF_OTHERS)
     report: dict[str, Any] = {"file": str(path), "kind": grid.kind}
     report |= {name: getattr(grid, name) for name in grid.parameter_names}
     report |= grid.figures()
@@ -34,7 +41,7 @@ def describe_file(
         report |= {key: getattr(source.metadata, key) for key in _SHOWN_KEYS}
     if not isinstance(grid, Costmap):
         report["known_box"] = _known_box(grid.occupancy)
-    report["sha256"] = hashlib.sha256(grid.layer.tobytes()).hexdigest()
+    report["sha256"] = hashlib.sha256(grid.layer.data).hexdigest()
     return report
 
 

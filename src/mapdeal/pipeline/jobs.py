@@ -98,13 +98,22 @@ class MapRun:
         if jobs == 1:
             return self
         threads = self.settings.threads or max(1, available_threads() // jobs)
-        memory = memory_budget(self.settings.max_memory, jobs)
-        return replace(self, settings=replace(self.settings, threads=threads, max_memory=memory))
+        return replace(self, settings=replace(self.settings, threads=threads)).within(
+            memory_budget(self.settings.max_memory, jobs)
+        )
+
+    def within(self, memory: int | None) -> MapRun:
+        """Return it with the memory that a job may take, unless somebody chose that."""
+        if memory is None or self.settings.max_memory is not None:
+            return self
+        settings = replace(self.settings, max_memory=memory, memory_is_chosen=False)
+        return replace(self, settings=settings)
 
     def __call__(self, job: Job) -> RunReport:
         """Run the map of a job into its folder."""
         settings = replace(self.settings, force=self.settings.force or job.is_new)
-        return run_map(job.path, job.folder, self.recipe, settings)
+        with settings.memory(anew=True):
+            return run_map(job.path, job.folder, self.recipe, settings)
 
 
 def attempt(run_one: Callable[[Any], Any], job: Job) -> Outcome:

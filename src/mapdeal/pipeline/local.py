@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.formats.budget import holding
 from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.listing import list_files, numbered_folders
@@ -22,8 +24,10 @@ from mapdeal.formats.source import (
     state_of,
     sums_of_reads,
 )
+from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.region import MOST_CELLS
 from mapdeal.grid.resample import frames_overlap
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
 from mapdeal.kernels.threads import use_threads
@@ -31,6 +35,7 @@ from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, local
 from mapdeal.mapping.poses import Pose
 from mapdeal.pipeline.files import errors_named
 from mapdeal.pipeline.folder import OutputFolder, Product
+from mapdeal.pipeline.memory import bytes_of, check_fits
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import RunReport, products_of
 from mapdeal.pipeline.settings import Settings
@@ -127,6 +132,11 @@ def local_from_cloud(
         If no point marks a cell.
     """
     known = common.global_map
+    with ExitStack() as stack:
+        stack.enter_context(common.settings.memory())
+        if known is not None:
+            stack.enter_context(holding(bytes_of(known.grid)))
+        _check_window(cloud, common)
     mapper = LocalMapper(
         pose,
         common.options,
@@ -159,6 +169,15 @@ def local_from_cloud(
             overlay=PoseOverlay(mapper.pose),
         )
     return RunReport(folder, "done", figures)
+
+
+def _check_window(cloud: Path, common: LocalCommon) -> None:
+    """Refuse a window that takes too much memory; one of too many cells is never made."""
+    options = common.options
+    width, height = (cells_to_cover(length, options.resolution) for length in options.size)
+    if height * width <= MOST_CELLS:
+        steps = (Step(_LOCAL, {}), *common.recipe.steps)
+        check_fits(cloud, (height, width), steps, common.settings.picture_size)
 
 
 def _threshold_of(recipe: Recipe) -> int:

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.free_memory import free_memory
+from mapdeal.formats.budget import claim, default_limit, memory_limit, size_text
 from mapdeal.formats.maps import MapFile, Source, open_map
 from mapdeal.formats.source import sums_of_reads
+from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.blocks import CacheBudget, lazy_layer
 from mapdeal.kernels.engine import engine_name
@@ -54,10 +55,7 @@ _PER_COLUMN_OF_BLOCK = 20
 """Bytes for each column of each block, for its halo: `mapdeal.kernels.column_runs`."""
 
 _BLOCK_CELLS = 1 << 22
-_LEAST = 128_000_000
-_SMALL = 256_000_000
-"""Small maps are not cut into blocks: all of little memory is taken, and the least in any case,
-also by each of many jobs."""
+_NO_LIMIT = 1 << 62
 
 
 def bytes_in_memory(
@@ -122,19 +120,19 @@ def opened_map(
         If a file is malformed, or the map is too large for the memory in either way.
     """
     with ExitStack() as stack:
+        stack.enter_context(settings.memory())
         with sums_of_reads(is_wanted=with_sums) as sums:
             file = stack.enter_context(
                 open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             )
-            source = _read(file, steps, settings, image_max)
+            source = _read(file, steps, image_max)
         yield replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
-def _read(
-    file: MapFile, steps: Sequence[Step], settings: Settings, image_max: int | None
-) -> Source:
+def _read(file: MapFile, steps: Sequence[Step], image_max: int | None) -> Source:
     """Return the map in a file, whole or lazy, as the memory demands it."""
-    budget = memory_budget(settings.max_memory)
+    limit, _ = memory_limit()
+    budget = _NO_LIMIT if limit is None else limit
     shape = file.shape_by_rows
     if shape is not None:
         needed = bytes_in_memory(shape, steps, image_max)
@@ -152,6 +150,49 @@ def _read(
     base = _base(grid.shape, image_max) + grid.occupancy.nbytes
     block_height, cache = _cut(file.path, grid.shape, steps, budget, base, needed=needed)
     return replace(source, grid=_in_blocks(grid, block_height, cache))
+
+
+def check_fits(
+    path: Path, shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
+) -> None:  # fmt: skip
+    """Refuse a map that is yet to be made, and stages on it, if they take too much memory.
+
+    Raises
+    ------
+    MalformedInputError
+        With both figures.
+    """
+    count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
+    claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
+
+
+def claim_work(path: Path, grid: Framed, per_cell: float, *, cells: int | None = None) -> None:
+    """Refuse what is about to be done with a grid that was read, if it takes too much memory.
+
+    Parameters
+    ----------
+    path : Path
+        Its file.
+    grid : Framed
+        The grid.
+    per_cell : float
+        Bytes for each cell, besides its layers.
+    cells : int, optional
+        How many cells these are; all of the grid's if not given.
+
+    Raises
+    ------
+    MalformedInputError
+        With both figures.
+    """
+    height, width = grid.shape
+    more = int(per_cell * (height * width if cells is None else cells))
+    claim(path, bytes_of(grid) + more, what=f"{width} x {height} cells")
+
+
+def bytes_of(grid: Framed) -> int:
+    """Return the bytes that the layers of a grid take."""
+    return sum(int(getattr(grid, name).nbytes) for name in grid.layer_names)
 
 
 def _in_blocks(grid: OccupancyGrid, block_height: int, cache: CacheBudget) -> OccupancyGrid:
@@ -209,12 +250,8 @@ def memory_budget(max_memory: int | None, jobs: int = 1) -> int:
     """Return the bytes that each job may take: those given, or its part of half of what is free."""
     if max_memory is not None:
         return max_memory
-    free = free_memory()
-    if free is None:
-        return 1 << 62
-    if jobs > 1:
-        return max(free // 2 // jobs, _LEAST)
-    return max(free // 2, min(free, _SMALL), _LEAST)
+    limit = default_limit(jobs)
+    return _NO_LIMIT if limit is None else limit
 
 
 def _cut(
@@ -260,11 +297,8 @@ def _cut(
 def too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
     """Return the error of a map that takes more memory than it may."""
     height, width = shape
-    amounts = f"{_as_text(needed)} of memory, {_as_text(budget)} may be taken"
-    rule = f"{width} x {height} cells need {amounts}"
+    limit, origin = memory_limit()
+    amounts = f"{size_text(needed)} of memory, {size_text(budget)} may be taken"
+    rule = f"{width} x {height} cells need {amounts}{origin if budget == limit else ''}"
     hint = "raise --max-memory if there is more; .pgm maps take least"
     return MalformedInputError(rule, source=path, hint=hint)
-
-
-def _as_text(count: int) -> str:
-    return f"{count / 1e9:.3g} GB" if count >= 1e9 else f"{count / 1e6:.3g} MB"

@@ -18,7 +18,9 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import errors_named, read_input, warn_of_potential
+from mapdeal.pipeline.memory import check_fits
 from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.step import make_step
 from mapdeal.stages.esdf import esdf
 
 _NULL = "null"
@@ -50,6 +52,8 @@ def field_to_ask(path: Path, options: Settings, parameters: Mapping[str, object]
             option = f"--{name.replace('_', '-')}"
             raise ParameterError("is for maps: this field is made already", source=option)
         return source.grid
+    with options.memory():
+        check_fits(path, source.grid.shape, [make_step("esdf", {})], None)
     warn_of_potential(source.grid, path)
     with use_threads(options.threads), errors_named(path):
         return esdf(as_occupancy(source.grid), **parameters)  # type: ignore[arg-type]

@@ -25,6 +25,7 @@ from mapdeal.pipeline.files import (
     read_input,
     warn_of_potential,
 )
+from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.recipe import Recipe, load_recipe
 from mapdeal.pipeline.settings import Settings
 from mapdeal.planning.astar import shortest_route
@@ -33,6 +34,8 @@ from mapdeal.render.route import RouteOverlay
 from mapdeal.stages.potential import potential
 
 _RECIPE = "nav2"
+_PER_CELL: dict[Method, float] = {"astar": 36.0, "descent": 126.0}
+"""Bytes for each cell, those of the recipe included."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,8 @@ def route_file(
     if output is not None and output.suffix != ".json":
         raise ParameterError("a route is written as .json", source=output)
     source = read_input(path, options)
+    with options.memory():
+        claim_work(path, source.grid, _PER_CELL[method])
     outputs = [] if output is None else [output]
     with outputs_of(outputs, source.files, options) as transaction:
         with errors_named(path):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mapdeal.formats.budget import use_memory
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
@@ -34,7 +35,7 @@ class Settings:
         Threads to compute and write with; all processors if not given.
     max_memory : int, optional
         Bytes of memory that may be taken; half of what is free if not given. A map that needs
-        more is processed block by block, with the same result.
+        more is processed block by block, with the same result, or refused.
     image : Path, optional
         Where a command that writes one result puts its picture.
     images : bool
@@ -43,6 +44,8 @@ class Settings:
         Longest side of a picture in pixels; 0 for one pixel per cell.
     progress : callable, optional
         Progress of a map that is processed block by block.
+    memory_is_chosen : bool
+        Whether `max_memory` was asked for, rather than a job's share of what is free.
     """
 
     dialect: Dialect = "nav2"
@@ -54,6 +57,11 @@ class Settings:
     images: bool = True
     image_max: int = DEFAULT_IMAGE_MAX
     progress: ProgressCallback | None = None
+    memory_is_chosen: bool = True
+
+    def memory(self, *, anew: bool = False) -> AbstractContextManager[None]:
+        """Hold readers to the memory within a ``with`` block, see `use_memory`."""
+        return use_memory(self.max_memory, is_chosen=self.memory_is_chosen, anew=anew)
 
     @property
     def picture_size(self) -> int | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mapdeal.errors import ParameterError
+from mapdeal.formats.budget import holding
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.maps import as_occupancy, read_source
 from mapdeal.formats.npz import Grid
@@ -13,7 +14,7 @@ from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
-from mapdeal.pipeline.memory import opened_map
+from mapdeal.pipeline.memory import bytes_of, opened_map
 from mapdeal.pipeline.products import PICTURE, output_of, passes_of, write_product
 from mapdeal.pipeline.progress import written
 from mapdeal.pipeline.settings import Settings
@@ -43,7 +44,8 @@ def apply_to_file(
     ):
         over = None
         if mask is not None:
-            over = read_source(mask, dialect=settings.dialect, max_cells=settings.max_cells)
+            with holding(0 if source.grid.is_lazy else bytes_of(source.grid)):
+                over = read_source(mask, dialect=settings.dialect, max_cells=settings.max_cells)
         inputs = [*source.files, *(over.files if over else ())]
         progress = settings.progress if source.grid.is_lazy else None
         with (

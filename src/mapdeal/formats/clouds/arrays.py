@@ -17,7 +17,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.clouds.header import LONGEST_RECORD
 from mapdeal.formats.npz_reader import NpzReader
 
-_POINTS_TOGETHER = 1 << 18
+_POINTS_TOGETHER = 1 << 17
 _MOST_ELEMENTS = 1 << 31
 _MOST_LIKELY = 16
 _BYTES_TOGETHER = 1 << 23

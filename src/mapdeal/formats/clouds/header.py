@@ -89,7 +89,7 @@ def binary_points(
             "itemsize": record.size,
         }
     )
-    together = max(1, _BYTES_TOGETHER // record.size)
+    together = max(1, _BYTES_TOGETHER // max(record.size, 8 * len(axes)))
     done = 0
     while done < count:
         want = min(together, count - done)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.clouds.header import (
     LONGEST_RECORD,
     Record,
@@ -29,6 +30,7 @@ from mapdeal.formats.clouds.header import (
 from mapdeal.formats.text_rows import read_rows
 from mapdeal.kernels.lzf import lzf_expanded
 
+_POINTS_TOGETHER = 1 << 17
 _KINDS = {"I": "i", "U": "u", "F": "f"}
 _SIZES = {"I": (1, 2, 4, 8), "U": (1, 2, 4, 8), "F": (4, 8)}
 
@@ -63,7 +65,7 @@ def pcd_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
     elif header.encoding == "binary":
         yield from binary_points(file, header.record, axes, header.points, path)
     else:
-        yield _compressed_points(file, header, axes, path)
+        yield from _compressed_points(file, header, axes, path)
     _warn_of_rest(file, path)
 
 
@@ -140,12 +142,12 @@ def _points_of(entries: dict[str, list[str]], path: Path) -> int:
 
 def _compressed_points(
     file: BinaryIO, header: _Header, axes: tuple[int, ...], path: Path
-) -> NDArray[np.float64]:
-    """Return points whose columns were stored one after the other, and compressed."""
+) -> Iterator[NDArray[np.float64]]:
+    """Yield points whose columns were stored one after the other, and compressed."""
     record, count = header.record, header.points
     sizes = file.read(8)
     if not sizes and count == 0:
-        return np.empty((0, len(axes)))
+        return
     if len(sizes) < 8:
         raise MalformedInputError("ends before its data", source=path, place="DATA")
     compressed, expanded = struct.unpack("<II", sizes)
@@ -156,16 +158,19 @@ def _compressed_points(
     if left < compressed:  # asked before memory is taken
         rule = f"ends after {left} of {compressed} bytes"
         raise MalformedInputError(rule, source=path, place="DATA")
+    claim(path, compressed + expanded + min(PIECES, expanded), what=f"{count} compressed points")
     data = file.read(compressed)
     bytes_ = lzf_expanded(data, expanded)
     if bytes_ is None:
         raise MalformedInputError("the compressed data are damaged", source=path, place="DATA")
-    points = np.empty((count, len(axes)))
-    for k, column in enumerate(axes):
+    columns = []
+    for column in axes:
         start = record.offset(column) * count
         kind = record.types[column]
-        points[:, k] = bytes_[start : start + kind.itemsize * count].view(kind)
-    return points
+        columns.append(bytes_[start : start + kind.itemsize * count].view(kind))
+    for first in range(0, count, _POINTS_TOGETHER):
+        part = [column[first : first + _POINTS_TOGETHER] for column in columns]
+        yield np.stack(part, axis=1).astype(np.float64)
 
 
 def _warn_of_rest(file: BinaryIO, path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.budget import PIECES, claim, use_memory
 from mapdeal.formats.clouds.arrays import npy_points, npz_points
 from mapdeal.formats.clouds.pcd import pcd_points
 from mapdeal.formats.clouds.ply import ply_points
@@ -68,7 +69,7 @@ def cloud_chunks(path: Path) -> Iterator[Points]:
         raise FileAccessError(rule, source=path) from None
 
 
-def read_cloud(path: Path | str) -> Points:
+def read_cloud(path: Path | str, *, max_memory: int | None = None) -> Points:
     """Read a point cloud.
 
     Parameters
@@ -76,6 +77,8 @@ def read_cloud(path: Path | str) -> Points:
     path : path or str
         PCD (ascii, binary, binary_compressed), PLY (ascii, binary of either byte order), text
         (``.xyz``, ``.txt``, ``.csv``, ``.asc``), ``.npy``, or ``.npz``.
+    max_memory : int, optional
+        Bytes of memory that may be taken; by default half of what is free.
 
     Returns
     -------
@@ -89,5 +92,10 @@ def read_cloud(path: Path | str) -> Points:
     MalformedInputError
         If it is malformed, or of another kind.
     """
-    chunks = list(cloud_chunks(Path(path)))
+    path, chunks, taken = Path(path), [], 0
+    with use_memory(max_memory):
+        for chunk in cloud_chunks(path):
+            taken += chunk.nbytes
+            claim(path, 2 * taken + PIECES)  # parts, and the whole that they make
+            chunks.append(chunk)
     return np.concatenate(chunks) if chunks else np.empty((0, 3))

@@ -12,6 +12,7 @@ humble and of Nav2 jazzy and later (``nav2_map_server/map_io.cpp`` with Graphics
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,47 @@ from mapdeal.formats.picture import Picture
 
 Reader = Callable[[Picture, MapMetadata], NDArray[np.int8]]
 
+_PIXELS_TOGETHER = 1 << 17
+
 DIALECTS: dict[Dialect, Reader] = {
     "nav2": nav2.occupancy_of,
     "humble": humble.occupancy_of,
     "ros1": ros1.occupancy_of,
 }
+
+
+def cells_of(picture: Picture, metadata: MapMetadata, dialect: Dialect) -> NDArray[np.int8]:
+    """Return the occupancy of each cell as a reader has it, shape (H, W), row 0 in the south.
+
+    Parameters
+    ----------
+    picture : Picture
+        The pixels, row 0 in the north.
+    metadata : MapMetadata
+        What the YAML file says.
+    dialect : {'nav2', 'humble', 'ros1'}
+        Whose reading to follow.
+    """
+    picture = picture.from_the_south()
+    read = DIALECTS[dialect]
+    if _is_plain(picture):
+        return np.ascontiguousarray(read(picture, metadata))
+    # colours and opacities become wide numbers on the way: not those of all pixels at once
+    height, width = picture.shape
+    cells = np.empty((height, width), dtype=np.int8)
+    step = max(1, _PIXELS_TOGETHER // width)
+    for first in range(0, height, step):
+        rows = slice(first, first + step)
+        alpha = None if picture.alpha is None else picture.alpha[rows]
+        part = replace(picture, samples=picture.samples[rows], alpha=alpha)
+        cells[rows] = read(part, metadata)
+    return cells
+
+
+def _is_plain(picture: Picture) -> bool:
+    """Return whether pixels are bytes that all readers look up in a table."""
+    is_byte = picture.samples.dtype == np.uint8 and picture.samples.ndim == 2
+    is_opaque = picture.alpha is None and (
+        picture.palette is None or bool((picture.palette[:, 3] == 255).all())
+    )
+    return is_byte and is_opaque and picture.file_format == "PNM"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.images.image_format import ImageFormat
+from mapdeal.formats.images.memory import claim_pixels
 from mapdeal.formats.images.pillow import load, open_image, picture_of, size_by_pillow
 from mapdeal.formats.picture import Picture
 
@@ -27,6 +28,7 @@ def read_bmp(data: bytes, path: Path, max_cells: int) -> Picture:
         _check_place_of_pixels(data, path)
         if data[_COMPRESSION] in _RUN_LENGTHS and not _is_os2(data):
             _check_runs(data, path, image.width, image.height)
+        claim_pixels(image, data, path)
         load(image, path)
         has_opacity = data[_BITS] == b"\x20\0" and data[_COMPRESSION] == _RAW
         if has_opacity and not _is_os2(data):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mapdeal.formats.images.image_format import ImageFormat
 from mapdeal.formats.images.jpeg_scans import check_scans
+from mapdeal.formats.images.memory import claim_pixels
 from mapdeal.formats.images.pillow import load, open_image, picture_of, size_by_pillow, warn
 from mapdeal.formats.picture import Picture
 
@@ -20,6 +21,7 @@ def read_jpeg(data: bytes, path: Path, max_cells: int) -> Picture:
         Always: compression moves greys.
     """
     with open_image(io.BytesIO(data), "JPEG", path, max_cells) as image:
+        claim_pixels(image, data, path)
         load(image, path)
         check_scans(data, path)
         text = "JPEG is lossy: greys may have moved across the thresholds"

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.formats.images.image_format import ImageFormat
+from mapdeal.formats.images.memory import claim_pixels
 from mapdeal.formats.images.pillow import (
     grey_and_alpha,
     load,
@@ -35,6 +36,7 @@ def read_png(data: bytes, path: Path, max_cells: int) -> Picture:
     _check_header(data, path)
     with open_image(io.BytesIO(data), "PNG", path, max_cells) as image:
         facts = read_png_facts(data, path)
+        claim_pixels(image, data, path, bits=facts.bits)
         load(image, path)
         if facts.bit_depth == 16 and (facts.has_colour or facts.has_alpha):
             text = "16-bit colour was reduced to 8 bits; ROS 2 reads all 16"

@@ -50,6 +50,13 @@ class PngFacts:
     transparency: bytes | None
     display: tuple[str, ...] = ()
 
+    @property
+    def bits(self) -> int:
+        """Bits of a pixel."""
+        if self.has_palette:
+            return self.bit_depth
+        return self.bit_depth * ((3 if self.has_colour else 1) + self.has_alpha)
+
     def key(self) -> tuple[int, ...] | None:
         """Return the transparent colour of a picture without palette, if it has one."""
         if self.transparency is None or self.has_palette or self.has_alpha:

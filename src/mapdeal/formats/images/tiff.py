@@ -7,10 +7,12 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mapdeal.formats.images.image_format import ImageFormat
+from mapdeal.formats.images.memory import claim_pixels
 from mapdeal.formats.images.pillow import (
     damage_refused,
     load,
@@ -22,6 +24,8 @@ from mapdeal.formats.images.pillow import (
 from mapdeal.formats.images.tiff_parts import TAGS_OF_PARTS, check_decoded, tiff_parts
 from mapdeal.formats.picture import Picture
 
+_BITS_PER_SAMPLE = 258
+
 # Either byte order, the mark of either in the wrong one, and BigTIFF: what Pillow opens.
 _SIGNATURES = (b"MM\0*", b"II*\0", b"MM*\0", b"II\0*", b"MM\0+", b"II+\0")
 
@@ -29,6 +33,7 @@ _SIGNATURES = (b"MM\0*", b"II*\0", b"MM*\0", b"II\0*", b"MM\0+", b"II+\0")
 def read_tiff(data: bytes, path: Path, max_cells: int) -> Picture:
     """Return the picture in a TIFF file, see `ImageFormat.read`."""
     with open_image(io.BytesIO(data), "TIFF", path, max_cells) as image:
+        claim_pixels(image, data, path, bits=_bits_of(image))
         with damage_refused(path):  # Pillow reads the values of tags when they are asked for
             tags = {tag: image.tag_v2.get(tag) for tag in TAGS_OF_PARTS if tag in image.tag_v2}
         parts = tiff_parts(tags, len(data), path)
@@ -37,6 +42,12 @@ def read_tiff(data: bytes, path: Path, max_cells: int) -> Picture:
         with _silent_libtiff():
             check_decoded(parts, tags, data, np.asarray(image), path)
         return picture
+
+
+def _bits_of(image: Any) -> int:
+    """Return the bits of a pixel in the file."""
+    bits = image.tag_v2.get(_BITS_PER_SAMPLE, (1,))
+    return max(1, sum(bits)) if all(isinstance(one, int) for one in bits) else 1
 
 
 @contextmanager

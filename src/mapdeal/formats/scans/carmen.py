@@ -25,6 +25,7 @@ from mapdeal.formats.source import check_regular, status_of
 from mapdeal.formats.text_rows import LONGEST_LINE
 
 _SCANS_TOGETHER = 512
+_READINGS_TOGETHER = 1 << 18
 _POSED = ("FLASER", "ROBOTLASER1")
 _TAGS = (*_POSED, "RAWLASER1")
 _GZIP = b"\x1f\x8b"
@@ -119,7 +120,8 @@ class CarmenLog(ScanSource):
             before = scan
             self._late += scan.time <= latest
             latest = max(latest, scan.time)
-            if together and (scan.laser != together[0].laser or len(together) == _SCANS_TOGETHER):
+            most = max(1, min(_SCANS_TOGETHER, _READINGS_TOGETHER // max(1, len(scan.ranges))))
+            if together and (scan.laser != together[0].laser or len(together) == most):
                 yield _arrays(together)
                 together = []
             together.append(scan)

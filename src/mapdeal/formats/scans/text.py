@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.scans.source import ScanArrays, ScanSource
 from mapdeal.formats.source import check_regular
@@ -24,6 +25,8 @@ from mapdeal.formats.text_rows import delimiter_of, first_line, read_rows
 from mapdeal.grid.coordinates import FARTHEST
 
 _PLANAR = 3
+_COPIES = 4
+"""Arrays of the size of all angles that are there at the same time, at most."""
 
 
 class ScanTexts(ScanSource):
@@ -91,11 +94,13 @@ class ScanTexts(ScanSource):
 
 def _read_angles(path: Path) -> NDArray[np.float64]:
     with _opened(path) as (file, number, delimiter, found):
-        rows = list(
-            read_rows(
-                file, range(found), path=path, first_line=number, delimiter=delimiter, width=found
-            )
-        )
+        rows, taken = [], 0
+        for part in read_rows(
+            file, range(found), path=path, first_line=number, delimiter=delimiter, width=found
+        ):
+            taken += _COPIES * part.nbytes
+            claim(path, taken + PIECES)
+            rows.append(part)
     if not rows:
         raise MalformedInputError("holds no angles", source=path)
     table = np.concatenate(rows)

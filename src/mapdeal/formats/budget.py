@@ -1,0 +1,213 @@
+"""The memory that may be taken: readers ask here before they take it.
+
+A small file can ask for any amount of memory, by the numbers in its header or because it is
+compressed. So every reader says what it is about to take, and the answer may be an error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.free_memory import free_memory
+
+MOST_EXPANSION = 1000
+"""Times their size that compressed data may expand to."""
+
+BLANK_EXPANSION = 1400
+"""The same, of images: an empty map comes to 1032 at most by deflate, to 1366 by LZW."""
+
+_HARMLESS = 1 << 25
+"""Bytes that compressed data may expand to in any case: an empty fax is next to nothing."""
+
+PIECES = 1 << 24
+"""Bytes that readers take for pieces of a file, where they never hold all of it."""
+
+OF_JSON = 30
+"""Times the length of a JSON text that what it says takes, at most."""
+
+_INTERPRETER = 50_000_000
+"""Bytes that are taken before anything is read."""
+
+_LITTLE = 1 << 22
+"""Bytes that are nothing beside those: they are never refused."""
+
+_LEAST = 128_000_000
+_SMALL = 256_000_000
+"""All of little memory is taken, and the least in any case, also by each of many jobs."""
+
+
+@dataclass(frozen=True)
+class _Budget:
+    """What may be taken.
+
+    Parameters
+    ----------
+    limit : int, optional
+        Bytes; None if there is no limit, since it is not known what is free.
+    origin : str
+        Where the limit comes from, as a message says it; nothing if somebody chose it.
+    held : int
+        Bytes of it that are taken, and stay so.
+    """
+
+    limit: int | None
+    origin: str = ""
+    held: int = 0
+
+
+_current: ContextVar[_Budget | None] = ContextVar("budget", default=None)
+
+
+def default_limit(jobs: int = 1) -> int | None:
+    """Return the bytes that each of some jobs may take: its part of half of what is free.
+
+    None if it is not known what is free.
+    """
+    free = free_memory()
+    if free is None:
+        return None
+    if jobs > 1:
+        return max(free // 2 // jobs, _LEAST)
+    return max(free // 2, min(free, _SMALL), _LEAST)
+
+
+@contextmanager
+def use_memory(
+    limit: int | None, *, is_chosen: bool = True, anew: bool = False
+) -> Iterator[None]:  # fmt: skip
+    """Have readers take at most so many bytes within a ``with`` block.
+
+    Parameters
+    ----------
+    limit : int, optional
+        Bytes, what the program itself takes included. None leaves things as they are in a block
+        within another; else it stands for half of what is free.
+    is_chosen : bool
+        Whether somebody chose the limit. Data that expand as no honest file does are read then.
+    anew : bool
+        Whether None stands for half of what is free now, whatever block this one is in.
+
+    Examples
+    --------
+    >>> with use_memory(60_000_000):
+    ...     claim("map.npz", 20_000_000)
+    Traceback (most recent call last):
+    mapdeal.errors.MalformedInputError: map.npz: needs 70 MB of memory, 60 MB may be taken
+    """
+    is_new = anew and limit is None
+    token = _current.set(_by_default() if is_new else _budget_of(limit, is_chosen=is_chosen))
+    try:
+        yield
+    finally:
+        _current.reset(token)
+
+
+def _budget_of(limit: int | None, *, is_chosen: bool = True) -> _Budget:
+    if limit is None:
+        return _current.get() or _by_default()
+    origin = "" if is_chosen else " (by default this job's share of half of what is free now)"
+    return _Budget(limit, origin)
+
+
+def _by_default() -> _Budget:
+    return _Budget(default_limit(), " (by default half of what is free now)")
+
+
+@contextmanager
+def holding(count: int) -> Iterator[None]:
+    """Count bytes that were read as taken within a ``with`` block."""
+    budget = _budget_of(None)
+    token = _current.set(replace(budget, held=budget.held + count))
+    try:
+        yield
+    finally:
+        _current.reset(token)
+
+
+def memory_limit() -> tuple[int | None, str]:
+    """Return the bytes that may be taken, None if there is no limit, and how a message says why."""
+    budget = _budget_of(None)
+    return budget.limit, budget.origin
+
+
+def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:
+    """Refuse what would take more memory than may be taken.
+
+    Parameters
+    ----------
+    path : path or str
+        The file that asks for it.
+    count : int
+        Bytes that are about to be taken, those that the file takes already included.
+    what : str
+        What asks for them, such as a number of cells.
+    hint : str
+        What else to do about it.
+
+    Raises
+    ------
+    MalformedInputError
+        With both figures.
+    """
+    budget = _budget_of(None)
+    needed = _INTERPRETER + budget.held + count
+    if budget.limit is None or needed <= budget.limit or count <= _LITTLE:
+        return
+    amounts = f"{size_text(needed)} of memory, {size_text(budget.limit)} may be taken"
+    rule = f"{what} need {amounts}" if what else f"needs {amounts}"
+    more = f"--max-memory {size_text(needed).replace(' ', '')} allows more, if there is so much"
+    raise MalformedInputError(
+        rule + budget.origin, source=path, hint=f"{more}; {hint}" if hint else more
+    )
+
+
+def check_expansion(
+    path: Path | str, stored: int, expanded: int, *, most: int = MOST_EXPANSION, place: str = ""
+) -> None:
+    """Refuse compressed data that expand as those of no honest file do.
+
+    Parameters
+    ----------
+    path : path or str
+        The file.
+    stored : int
+        Bytes of the compressed data.
+    expanded : int
+        Bytes that they claim to expand to, as closely packed as the format packs them.
+    most : int
+        Times the stored bytes that are allowed.
+    place : str
+        Where in the file they are.
+
+    Raises
+    ------
+    MalformedInputError
+        If they expand to more, to more than a few MB, and nobody chose how much may be taken.
+    """
+    budget = _budget_of(None)
+    if expanded <= max(_HARMLESS, most * stored) or (
+        budget.limit is not None and not budget.origin
+    ):
+        return
+    rule = f"{stored} bytes would expand to {expanded}, more than {most} times as many"
+    hint = "--max-memory SIZE reads it within that size, if the file is to be trusted"
+    raise MalformedInputError(rule, source=path, place=place or None, hint=hint)
+
+
+def size_text(count: int) -> str:
+    """Return a number of bytes as messages show it, rounded up, so that it is enough.
+
+    Examples
+    --------
+    >>> size_text(1_234_000_001), size_text(70_000_000), size_text(500)
+    ('1.24 GB', '70 MB', '0.0005 MB')
+    """
+    unit, name = (1e9, "GB") if count >= 1e9 else (1e6, "MB")
+    digits = 2 - math.floor(math.log10(max(count / unit, 1e-6)))
+    return f"{math.ceil(count / unit * 10**digits) / 10**digits:.15g} {name}"
