@@ -23,7 +23,7 @@ def lint_run(folder: Path) -> list[Finding]:
     """Return what is wrong with a folder of outputs: files that its manifest does not know."""
     manifest = read_json(folder / MANIFEST)
     outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
-    if not isinstance(outputs, dict):
+    if not isinstance(outputs, dict) or not outputs:
         text = f"has no {MANIFEST} of a run; maps are checked by their .yaml or .npz"
         return [_finding("run.no-manifest", folder, text)]
     return list(_of_outputs(folder, outputs))

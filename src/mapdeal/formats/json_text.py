@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from mapdeal.errors import FileAccessError
+from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import OF_JSON, claim
 from mapdeal.formats.source import read_file
 
-_LARGEST_FILE = 1 << 26
+_LARGEST_FILE = 1 << 22  # a manifest has some kilobytes
 
 
 def json_of(value: Any) -> bytes:
@@ -23,10 +24,26 @@ def json_of(value: Any) -> bytes:
 
 
 def read_json(path: Path) -> Any:
-    """Return the value in a JSON file, or None if there is none or it is damaged."""
+    """Return the value in a JSON file, or None if there is none, or it is damaged or too large."""
     try:
         data = read_file(path, limit=_LARGEST_FILE)
-        claim(path, OF_JSON * len(data))
-        return json.loads(data)
-    except (FileAccessError, ValueError, RecursionError):
+    except (FileAccessError, MalformedInputError):
         return None
+    claim(path, OF_JSON * len(data))
+    try:
+        return json.loads(data, parse_constant=_refuse_constant, parse_float=_finite)
+    # numbers of many thousand digits are ValueErrors, as is text that is not UTF-8
+    except (ValueError, RecursionError):
+        return None
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _finite(text: str) -> float:
+    """Return a number; one too large for a float is refused, since it could not be written."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is too large")
+    return value

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TypeGuard
+
 from mapdeal.grid.framed import Figures
 
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
@@ -34,3 +37,17 @@ def summary_of(figures: Figures) -> str:
         return text
     names = [name for name in _OCCUPANCY_SHARES if figures[name] or name != "between"]
     return ", ".join(share(name) for name in names)
+
+
+def are_figures_of(stored: object, stages: Sequence[str]) -> TypeGuard[dict[str, Figures]]:
+    """Return whether what a manifest says are figures of exactly these stages, with sizes."""
+    if not isinstance(stored, dict) or set(stored) != set(stages):
+        return False
+    return all(
+        isinstance(figures, dict) and all(_is_size(figures.get(k)) for k in ("width", "height"))
+        for figures in stored.values()
+    )
+
+
+def _is_size(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value > 0

@@ -13,6 +13,7 @@ from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import exists, holds, is_same_file, real_path
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.framed import Figures
+from mapdeal.pipeline.figures import are_figures_of
 from mapdeal.pipeline.products import passes_of, paths_of, write_products
 from mapdeal.pipeline.progress import written
 from mapdeal.pipeline.settings import ProgressCallback, Settings
@@ -90,15 +91,18 @@ class OutputFolder:
     def unchanged_figures(self) -> dict[str, Figures] | None:
         """Return the figures of each step, if the folder holds all this already."""
         old = read_json(self.path / MANIFEST)
-        if not isinstance(old, dict) or not isinstance(old.get("figures"), dict):
+        if not isinstance(old, dict):
             return None
         if any(old.get(key) != value for key, value in self._manifest().items()):
             return None
-        outputs = old.get("outputs")
-        if not isinstance(outputs, dict):
+        outputs, stored = old.get("outputs"), old.get("figures")
+        wanted = {path.name for path in self.outputs()} - {MANIFEST}
+        if not isinstance(outputs, dict) or set(outputs) != wanted:
+            return None
+        if not are_figures_of(stored, [step.name for step in self.steps]):
             return None
         same = all(holds(self.path / Path(name).name, str(sum_)) for name, sum_ in outputs.items())
-        figures: dict[str, Figures] = old["figures"]
+        figures: dict[str, Figures] = stored
         return figures if same else None
 
     def fill(

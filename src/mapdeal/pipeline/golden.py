@@ -81,10 +81,26 @@ def differences_from_golden(folder: Path, golden: Path, place: str | None = None
 
 def _manifest_of(folder: Path) -> dict[str, Any]:
     manifest = read_json(folder / MANIFEST)
-    keys = ("figures", "outputs", "stages")
-    if not isinstance(manifest, dict) or not all(key in manifest for key in keys):
+    if not _is_manifest(manifest):
         raise MalformedInputError("is no manifest of a run", source=folder / MANIFEST)
-    return manifest
+    found: dict[str, Any] = manifest
+    return found
+
+
+def _is_manifest(value: object) -> bool:
+    """Return whether figures, outputs and stages are there in the shape that a run gives them."""
+    if not isinstance(value, dict):
+        return False
+    figures, outputs, stages = (value.get(key) for key in ("figures", "outputs", "stages"))
+    return (
+        isinstance(figures, dict)
+        and all(isinstance(one, dict) for one in figures.values())
+        and isinstance(outputs, dict)
+        and all(isinstance(digest, str) for digest in outputs.values())
+        and isinstance(stages, list)
+        and all(isinstance(stage, dict) and len(stage) == 1 for stage in stages)
+        and all(isinstance(one, dict) for stage in stages for one in stage.values())
+    )
 
 
 def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | None:

@@ -1,0 +1,153 @@
+"""Manifests that somebody has changed: not ours, or refused, and never the end of a command."""
+
+import copy
+import json
+
+import pytest
+
+from drawn import grid_from_text
+from mapdeal import FileAccessError, MalformedInputError, write_map
+from mapdeal.checks.lint import lint_file
+from mapdeal.pipeline.golden import differences_from_golden
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.run import run_map
+from mapdeal.pipeline.settings import Settings
+
+ODD = [{}, [], 5, None, True, "x", "\ud800", [{}], {"x": {}}]
+SETTINGS = Settings(images=False)
+
+pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A map m.yaml, its run out/m, and a golden run gold/m."""
+    monkeypatch.chdir(tmp_path)
+    write_map("m.yaml", grid_from_text("#######\n#.....#\n#.....#\n#######", 0.5))
+    for name in ("out", "gold"):
+        run_map(tmp_path / "m.yaml", tmp_path / name / "m", load_recipe("default"), SETTINGS)
+    return tmp_path
+
+
+def changed(document):
+    """Yield copies of a JSON document with each part replaced by odd ones, or left out."""
+    for path in list(paths_in(document)):
+        for odd in ODD:
+            yield path, odd, with_part(document, path, odd)
+        if path:
+            yield path, "left out", with_part(document, path, leave_out=True)
+
+
+def paths_in(value, path=()):
+    yield path
+    for key in (
+        value if isinstance(value, dict) else range(len(value) if type(value) is list else 0)
+    ):
+        yield from paths_in(value[key], (*path, key))
+
+
+def with_part(document, path, odd=None, *, leave_out=False):
+    if not path:
+        return odd
+    result = copy.deepcopy(document)
+    parent = result
+    for key in path[:-1]:
+        parent = parent[key]
+    if leave_out:
+        del parent[path[-1]]
+    else:
+        parent[path[-1]] = odd
+    return result
+
+
+def test_a_run_over_an_odd_manifest_is_done_already_or_not_ours(folder):
+    path = folder / "out" / "m" / "manifest.json"
+    document = json.loads(path.read_text())
+    recipe = load_recipe("default")
+    before = {one.name: one.read_bytes() for one in path.parent.iterdir()}
+    for where, odd, manifest in changed(document):
+        path.write_text(json.dumps(manifest))
+        try:
+            report = run_map(folder / "m.yaml", path.parent, recipe, SETTINGS)
+        except FileAccessError as error:
+            assert "exists" in str(error)
+        else:
+            assert report.status == "unchanged", (where, odd)
+            assert manifest == document or where[0] == "figures"
+            assert [*report.figures] == ["inflate", "esdf", "cost"]
+            assert all(one["width"] > 0 < one["height"] for one in report.figures.values())
+    path.write_bytes(before["manifest.json"])
+    assert {one.name: one.read_bytes() for one in path.parent.iterdir()} == before
+
+
+def test_lint_of_an_odd_manifest_has_findings_or_none(folder):
+    path = folder / "out" / "m" / "manifest.json"
+    document = json.loads(path.read_text())
+    for where, odd, manifest in changed(document):
+        path.write_text(json.dumps(manifest))
+        findings = lint_file(path.parent)
+        touches_outputs = where == () or where[0] == "outputs"
+        is_less = odd == "left out" and len(where) == 2
+        assert bool(findings) == (touches_outputs and not is_less), (where, odd)
+        assert all(one.check.startswith("run.") for one in findings)
+
+
+def test_an_odd_golden_manifest_is_refused_or_differs(folder):
+    path = folder / "gold" / "m" / "manifest.json"
+    document = json.loads(path.read_text())
+    told = set()
+    for where, odd, manifest in changed(document):
+        path.write_text(json.dumps(manifest))
+        try:
+            lines = differences_from_golden(folder / "out" / "m", folder / "gold")
+        except MalformedInputError as error:
+            assert str(error) == f"{path}: is no manifest of a run"
+            told.add("refused")
+        else:
+            assert all(isinstance(line, str) for line in lines), (where, odd)
+            told.add("differs" if lines else "equal")
+    assert told == {"refused", "differs", "equal"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param('{"figures": {}, "outputs": {}, "stages": 5}', id="stages of 5"),
+        pytest.param("[" * 100_000, id="nested"),
+        pytest.param("1" * 5000, id="a long number"),
+        pytest.param("NaN", id="nan"),
+        pytest.param('{"x": 1e999}', id="too large a number"),
+        pytest.param(b"\xff\xfe", id="no text"),
+        pytest.param(" " * (1 << 23), id="eight mebibytes"),
+    ],
+)
+def test_a_manifest_that_is_none_is_one_line_in_every_command(command, folder, text):
+    data = text if isinstance(text, bytes) else text.encode()
+    for name in ("out", "gold"):
+        (folder / name / "m" / "manifest.json").write_bytes(data)
+    words = ["run", "m.yaml", "--no-images"]
+    for more, expected in (
+        (["-o", "new", "--golden", "gold"], 3),
+        (["-o", "out"], 4),
+        (["-o", "out", "--dry-run"], 4),
+    ):
+        code, _, err = command(*words, *more)
+        assert code == expected, err
+        assert len([line for line in err.splitlines() if line.startswith("error: ")]) == 1
+        assert "internal" not in err
+    code, out, err = command("lint", "out/m")
+    assert (code, err) == (1, "")
+    assert "run.no-manifest" in out
+
+
+def test_figures_and_outputs_that_are_gone_are_not_taken_for_done(command, folder):
+    path = folder / "out" / "m" / "manifest.json"
+    document = json.loads(path.read_text())
+    write_map("n.yaml", grid_from_text("#######\n#.....#\n#.....#\n#######", 0.5))
+    for key in ("figures", "outputs"):
+        path.write_text(json.dumps({**document, key: {}}))
+        for words in (["m.yaml"], ["m.yaml", "n.yaml"]):
+            code, out, err = command("run", *words, "-o", "out", "--no-images")
+            assert code == (4 if len(words) == 1 else 5), err
+            assert "exists" in err + out
+        (folder / "out" / "summary.json").unlink()
