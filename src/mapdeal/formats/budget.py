@@ -6,7 +6,6 @@ compressed. So every reader says what it is about to take, and the answer may be
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -208,6 +207,7 @@ def size_text(count: int) -> str:
     >>> size_text(1_234_000_001), size_text(70_000_000), size_text(500)
     ('1.24 GB', '70 MB', '0.0005 MB')
     """
-    unit, name = (1e9, "GB") if count >= 1e9 else (1e6, "MB")
-    digits = 2 - math.floor(math.log10(max(count / unit, 1e-6)))
-    return f"{math.ceil(count / unit * 10**digits) / 10**digits:.15g} {name}"
+    step = 10 ** max(len(str(count)) - 3, 0)
+    rounded = -(-count // step) * step
+    unit, name = (10**9, "GB") if rounded >= 10**9 else (10**6, "MB")
+    return f"{rounded / unit:.6f}".rstrip("0").rstrip(".") + f" {name}"

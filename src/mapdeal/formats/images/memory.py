@@ -15,8 +15,8 @@ _KEPT = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16B": 2}
 _KEPT_OF_OTHERS = 4
 """Bytes of a pixel in Pillow's memory, by its modes."""
 
-_CONVERTED = 2
-"""Bytes of a cell and of what marks it while it is made of its pixel."""
+_CONVERTED = 1
+"""Bytes of a cell that is made of its pixel."""
 
 
 def claim_pixels(image: Any, data: bytes, path: Path, *, bits: int | None = None) -> None:
