@@ -19,6 +19,9 @@ CELLS_WORTH_A_THREAD = 1 << 18
 _ROWS_CELLS = 1 << 16
 """Cells that are worked on together: temporary arrays of so many stay in the cache."""
 
+_MOST_THREADS = 1024
+"""More are of no use anywhere, and libraries take no count that C cannot hold."""
+
 _chosen: ContextVar[int | None] = ContextVar("threads", default=None)
 
 
@@ -41,7 +44,8 @@ def use_threads(count: int | None) -> Iterator[None]:
     Parameters
     ----------
     count : int, optional
-        At least 1; None leaves things as they are. Results do not depend on it.
+        At least 1, of which 1024 at most are taken; None leaves things as they are. Results do
+        not depend on it.
 
     Examples
     --------
@@ -49,7 +53,7 @@ def use_threads(count: int | None) -> Iterator[None]:
     ...     thread_count()
     1
     """
-    token = _chosen.set(count or _chosen.get())
+    token = _chosen.set(min(count, _MOST_THREADS) if count else _chosen.get())
     try:
         yield
     finally:
