@@ -71,12 +71,12 @@ def open_image(file: BinaryIO, name: str, path: Path, max_cells: int) -> Any:
     """
     from PIL import Image, UnidentifiedImageError
 
-    try:
-        with damage_refused(path):
+    with damage_refused(path):
+        try:
             image = Image.open(file, formats=(name,))
-            frames = getattr(image, "n_frames", 1)
-    except UnidentifiedImageError:
-        raise OtherContentsError from None
+        except UnidentifiedImageError:
+            raise OtherContentsError from None
+        frames = getattr(image, "n_frames", 1)
     check_size(path, image.width, image.height, max_cells)
     if frames > 1:
         raise MalformedInputError("holds more than one picture", source=path)
@@ -186,10 +186,8 @@ def damage_refused(path: Path) -> Iterator[None]:
         If the bytes are damaged.
     FileAccessError
         If the system cannot read the file.
-    UnidentifiedImageError
-        If they are of another format; the one exception of Pillow's that gets through.
     """
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     # Pillow warns of odd tags and logs what it cannot decode; neither decides anything here.
     logging.getLogger("PIL").addHandler(_PILLOW_LOG)
@@ -198,8 +196,6 @@ def damage_refused(path: Path) -> Iterator[None]:
             # by module: warnings of other threads must pass
             warnings.filterwarnings("ignore", module=_OF_PILLOW)
             yield
-    except UnidentifiedImageError:
-        raise
     except (*_DAMAGE, Image.DecompressionBombError) as error:  # if others set the limit meanwhile
         if isinstance(error, OSError) and error.errno is not None:
             rule = f"cannot be read: {error.strerror}"
