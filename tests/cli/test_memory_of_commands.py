@@ -97,6 +97,25 @@ def tiny_tiff(path, side):
     path.write_bytes(data.ljust(134, b"\0") + bytes(186))
 
 
+def tile_tiff(path, side):
+    """A TIFF of a few pixels in one large tile."""
+    tags = [
+        (256, 4, 10), (257, 4, 10), (258, 3, 8), (259, 3, 5), (262, 3, 1), (277, 3, 1),
+        (322, 4, side), (323, 4, side), (324, 4, 200), (325, 4, 1000),
+    ]  # fmt: skip
+    entries = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in tags)
+    data = b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + struct.pack("<I", 0)
+    path.write_bytes(data.ljust(1200, b"\0"))
+
+
+def long_header(path):
+    """An npz of which the header of an array is blanks."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(
+            "points.npy", b"\x93NUMPY\2\0" + struct.pack("<I", 1 << 27) + b" " * (1 << 27)
+        )
+
+
 def blank_png(path, side):
     """A PNG of one grey."""
 
@@ -136,6 +155,10 @@ def bombs(tmp_path_factory):
     zeros_npz(folder / "map.npz", GEOMETRY, occupancy=(layer, "|i1"))
     zeros_npz(folder / "columns.npz", {}, points=((5_000_000, 3), "<f8", "by columns"))
     lzf_cloud(folder / "lzf.pcd", 40_000_000)
+    long_header(folder / "header.npz")
+    head = b"\x93NUMPY\2\0" + struct.pack("<I", 1 << 28)
+    sparse(folder / "header.npy", head, 1 << 28)
+    tile_tiff(folder / "tile.tif", 20_000)
     tiny_tiff(folder / "tiny.tif", 14_000)
     blank_png(folder / "blank.png", 9000)
     sparse(folder / "grey.pgm", b"P5\n9000 9000\n255\n", 9000 * 9000)
@@ -144,8 +167,9 @@ def bombs(tmp_path_factory):
     sparse(folder / "bits.pbm", b"P4\n16000 16000\n", 2000 * 16000)
     sparse(folder / "bits8.pbm", b"P4\n16000 16000\n", 2000 * 16000)
     (folder / "text.pgm").write_bytes(b"P2\n5000 5000\n255\n" + b"0 " * 25_000_000)
-    for image in ("tiny.tif", "blank.png", "grey.pgm", "wide.pgm", "colour.ppm", "bits.pbm",
-                  "bits8.pbm", "text.pgm"):  # fmt: skip
+    images = ("tiny.tif", "tile.tif", "blank.png", "grey.pgm", "wide.pgm", "colour.ppm",
+              "bits.pbm", "bits8.pbm", "text.pgm")  # fmt: skip
+    for image in images:
         yaml_of(folder / f"{image.split('.')[0]}.yaml", image)
     grid = OccupancyGrid(np.zeros((20, 30), np.int8), 0.05, (1.5, -2.0, 0.4))
     write_map(folder / "small.yaml", grid)
@@ -168,6 +192,7 @@ BOMBS = {
     "cloud by columns": ["local", "--cloud", "columns.npz", "--pose", "0,0,0", "-o", "out"],
     "cloud by LZF": ["local", "--cloud", "lzf.pcd", "--pose", "0,0,0", "-o", "out"],
     "TIFF": ["info", "tiny.yaml"],
+    "TIFF of a tile": ["info", "tile.yaml"],
     "PNG": ["info", "blank.yaml"],
     "PNG in a run": ["run", "blank.yaml", "-o", "out"],
     "P5": ["info", "grey.yaml"],
@@ -199,6 +224,15 @@ def test_what_would_take_too_much_is_refused_before(bombs, words):
     assert "--max-memory" in hint
     assert peak < (MOST + 50) * 1_000_000
     assert sorted(path.name for path in bombs.iterdir()) == before
+
+
+@pytest.mark.parametrize("name", ["header.npz", "header.npy"])
+def test_headers_of_arrays_are_not_read_at_any_length(bombs, name):
+    words = ["local", "--cloud", name, "--pose", "0,0,0", "-o", "out"]
+    code, told, peak = measured(bombs, *words, "--max-memory", "1GB")
+    assert code == 3
+    assert re.search(r"a header of \d+ bytes is too long", told)
+    assert peak < (MOST + 50) * 1_000_000
 
 
 def test_lint_tells_of_it_as_of_every_file_that_cannot_be_read(bombs):

@@ -54,6 +54,26 @@ def test_plain_pictures_with_comments_between_pixels():
     assert np.array_equal(decode(text).samples, PIXELS)
 
 
+def test_long_plain_pictures_are_read_piece_by_piece_as_if_at_once():
+    rng = np.random.default_rng(5)
+    pixels = rng.integers(0, 999, (300, 700))
+    words = [str(value) for value in pixels.reshape(-1).tolist()]
+    blanks = rng.choice([" ", "\n", "\t \r\n"], len(words)).tolist()
+    text = "".join(word + blank for word, blank in zip(words, blanks, strict=True))
+    assert len(text) > 3 << 18
+    head = b"P2 700 300 999\n"
+    assert np.array_equal(decode(head + text.encode()).samples, pixels)
+    for index in (3, 150_000, len(words) - 1):
+        for bad, told in (("1000", "maxval"), ("x", "whole numbers")):
+            damaged = " ".join([*words[:index], bad, *words[index + 1 :]])
+            with pytest.raises(MalformedInputError, match=f"pixel {index}: .*{told}"):
+                decode(head + damaged.encode())
+    with pytest.raises(MalformedInputError, match="must hold 210000 pixel values, got 209999"):
+        decode(head + " ".join(words[:-1]).encode())
+    with pytest.raises(MalformedInputError, match="must hold 210000 pixel values, got 420000"):
+        decode(head + " ".join(words + words).encode())
+
+
 def test_bitmaps_are_black_where_they_are_1():
     expected = [
         [0, 255, 0, 255, 255, 255, 255, 255, 0],

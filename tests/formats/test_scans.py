@@ -105,6 +105,13 @@ def test_a_long_log_comes_in_parts(read):
     assert [pose[0] for part in parts for pose in part[0]] == list(range(1200))
 
 
+def test_scans_of_many_readings_come_few_at_a_time(read):
+    lines = [robotlaser([2] * 90_000, step=1e-5, time=float(k)) for k in range(7)]
+    parts = read(*lines)
+    assert sum(len(ranges) for _, _, ranges in parts) == 7
+    assert max(len(ranges) * len(ranges[0]) for _, _, ranges in parts) <= 1 << 18
+
+
 def test_a_scan_that_is_repeated_counts_once(read):
     lines = [flaser(HALF, time=1), flaser(HALF, time=1), flaser(HALF, time=2)]
     with pytest.warns(MapdealWarning, match="1 of 3 scans repeat the one before, dropped"):

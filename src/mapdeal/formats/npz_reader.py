@@ -6,6 +6,7 @@ unpickled.
 
 from __future__ import annotations
 
+import io
 import warnings
 import zipfile
 import zlib
@@ -22,6 +23,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import PIECES, check_expansion, claim
 from mapdeal.formats.source import check_regular
 
+LONGEST_ARRAY_HEADER = 1 << 16
 _LARGEST_SMALL_ARRAY = 4096
 _LARGEST_SMALL_NUMBER = 1 << 31
 _MOST_COLUMNS = 1 << 16
@@ -217,6 +219,14 @@ class NpzReader:
             _read_into(entry.file, array)
             return array.reshape(entry.shape, order="F" if entry.is_fortran else "C")
 
+    def _header(self, name: str, file: Any, version: tuple[int, int]) -> io.BytesIO:
+        """Return the header with its length before it: numpy would read any length."""
+        length = file.read(2 if version == (1, 0) else 4)
+        count = int.from_bytes(length, "little")
+        if count > LONGEST_ARRAY_HEADER:
+            raise self._error(name, f"a header of {count} bytes is too long")
+        return io.BytesIO(length + file.read(count))
+
     @contextmanager
     def _opened(self, name: str) -> Iterator[_Entry]:
         """Give an entry behind its header; damage that is met in the block is told as such."""
@@ -239,7 +249,8 @@ class NpzReader:
                     raise self._error(name, f"array format {version} is not supported")
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")  # of headers that Python 2 wrote
-                    entry = _Entry(file, info.compress_size, *read_header(file))
+                    header = self._header(name, file, version)
+                    entry = _Entry(file, info.compress_size, *read_header(header))
                 if entry.dtype.hasobject:
                     raise self._error(name, "holds Python objects, which are never loaded")
                 # The header's word is only taken as far as the archive has bytes for it.

@@ -19,7 +19,9 @@ _CONVERTED = 1
 """Bytes of a cell that is made of its pixel."""
 
 
-def claim_pixels(image: Any, data: bytes, path: Path, *, bits: int | None = None) -> None:
+def claim_pixels(
+    image: Any, data: bytes, path: Path, *, bits: int | None = None, tile: int = 0
+) -> None:
     """Refuse an image whose pixels would take more memory than may be taken.
 
     Parameters
@@ -32,6 +34,8 @@ def claim_pixels(image: Any, data: bytes, path: Path, *, bits: int | None = None
         Its name, for messages.
     bits : int, optional
         Bits of a pixel in the file, where Pillow's mode does not tell.
+    tile : int
+        Pixels of a tile, which may be larger than the picture.
 
     Raises
     ------
@@ -39,9 +43,12 @@ def claim_pixels(image: Any, data: bytes, path: Path, *, bits: int | None = None
         If there is too little memory, or so few bytes cannot be such a large picture.
     """
     width, height, mode = image.width, image.height, image.mode
-    row = -(-width * (bits or _BITS.get(mode, _WIDE)) // 8)
-    check_expansion(path, len(data), row * height, most=BLANK_EXPANSION, place="image size")
+    in_file = bits or _BITS.get(mode, _WIDE)
+    expanded = max(-(-width * in_file // 8) * height, -(-tile * in_file // 8))
+    check_expansion(path, len(data), expanded, most=BLANK_EXPANSION, place="image size")
     samples = -(-_BITS.get(mode, _WIDE) // 8)
     # the samples leave Pillow in pieces that are joined: both are there for a moment
     per_cell = _KEPT.get(mode, _KEPT_OF_OTHERS) + 2 * samples + _CONVERTED
-    claim(path, len(data) + per_cell * width * height, what=f"{width} x {height} cells")
+    count = len(data) + per_cell * width * height + -(-tile * in_file // 8)
+    what = f"{width} x {height} cells"
+    claim(path, count, what=f"{what}, in tiles of {tile}," if tile > width * height else what)

@@ -25,6 +25,7 @@ from mapdeal.formats.images.tiff_parts import TAGS_OF_PARTS, check_decoded, tiff
 from mapdeal.formats.picture import Picture
 
 _BITS_PER_SAMPLE = 258
+_TILE = (322, 323)
 
 # Either byte order, the mark of either in the wrong one, and BigTIFF: what Pillow opens.
 _SIGNATURES = (b"MM\0*", b"II*\0", b"MM*\0", b"II\0*", b"MM\0+", b"II+\0")
@@ -33,7 +34,7 @@ _SIGNATURES = (b"MM\0*", b"II*\0", b"MM*\0", b"II\0*", b"MM\0+", b"II+\0")
 def read_tiff(data: bytes, path: Path, max_cells: int) -> Picture:
     """Return the picture in a TIFF file, see `ImageFormat.read`."""
     with open_image(io.BytesIO(data), "TIFF", path, max_cells) as image:
-        claim_pixels(image, data, path, bits=_bits_of(image))
+        claim_pixels(image, data, path, bits=_bits_of(image), tile=_tile_of(image))
         with damage_refused(path):  # Pillow reads the values of tags when they are asked for
             tags = {tag: image.tag_v2.get(tag) for tag in TAGS_OF_PARTS if tag in image.tag_v2}
         parts = tiff_parts(tags, len(data), path)
@@ -48,6 +49,12 @@ def _bits_of(image: Any) -> int:
     """Return the bits of a pixel in the file."""
     bits = image.tag_v2.get(_BITS_PER_SAMPLE, (1,))
     return max(1, sum(bits)) if all(isinstance(one, int) for one in bits) else 1
+
+
+def _tile_of(image: Any) -> int:
+    """Return the pixels of a tile, which are decoded together; 0 if there are none."""
+    width, height = (image.tag_v2.get(tag, 0) for tag in _TILE)
+    return width * height if isinstance(width, int) and isinstance(height, int) else 0
 
 
 @contextmanager
