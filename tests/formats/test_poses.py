@@ -57,10 +57,17 @@ def test_what_is_odd_is_warned_of_once(read):
         read("0 1 2 3 0.2 0 0 0.9797958971132712\n")
 
 
+def test_times_as_far_apart_as_can_be(read):
+    poses = read("-1.7e308 1 2 0 0 0 0 1\n1.7e308 3 4 0 0 0 0 1\n")
+    assert poses.tolist() == [[1.0, 2.0, 0.0], [3.0, 4.0, 0.0]]
+
+
 BAD = [
     ("S7-nan", "1 2 3\n1 nan 3\n", "pose 2"),
     ("S7-inf", "1 2 inf\n", "pose 1"),
     ("S7-huge", "1 1e300 0\n", "pose 1"),
+    ("S10-time-nan", "0 1 2 3 0 0 0 1\nnan 1 2 3 0 0 0 1\n", "pose 2"),
+    ("S10-time-inf", "-inf 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 1\n", "pose 1"),
     ("S7-zero-quaternion", "0 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 0\n", "pose 2"),
     ("columns", "1 2\n", "line 1"),
     ("fewer", "# a\n1 2 3\n1 2\n", "line 3"),

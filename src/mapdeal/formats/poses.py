@@ -83,7 +83,7 @@ def read_poses(path: Path) -> Poses:
         raise MalformedInputError("holds no poses", source=path)
     rows = np.concatenate(parts)
     used = rows if width == _PLANAR else rows[:, 1:]  # times may be in nanoseconds
-    good = (np.abs(used) <= FARTHEST).all(axis=1)  # refuses nan too
+    good = (np.abs(used) <= FARTHEST).all(axis=1) & np.isfinite(rows[:, 0])  # refuses nan too
     if not good.all():
         first = int(np.argmin(good))
         rule = f"must be finite numbers within {FARTHEST:g}"
@@ -96,7 +96,8 @@ def read_poses(path: Path) -> Poses:
         turns = np.where(odd, np.round(rows[:, 2] / (2 * math.pi)), 0.0)
         return np.column_stack([rows[:, :2], rows[:, 2] - turns * 2 * math.pi])
     headings = _headings(rows[:, 4:], path)
-    _warn_of(np.diff(rows[:, 0], prepend=-np.inf) <= 0, "a time that is not after the last", path)
+    is_late = np.concatenate([[False], rows[1:, 0] <= rows[:-1, 0]])
+    _warn_of(is_late, "a time that is not after the last", path)
     return np.column_stack([rows[:, 1:3], headings])
 
 
