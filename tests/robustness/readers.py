@@ -133,6 +133,7 @@ _LISTED = {
 _LISTS = [b"# maps\nmaps/m.yaml\nmaps/deep\n", b"maps/**/*.yaml\nmaps/[mn]?.npz\n", b"maps\r\n"]
 _GRIDS = ["occupancy.npz", "field.npz", "costs.npz", "potential.npz"]
 
+_SHARES = {"BMP": 0.7, "TIFF": 0.6, "JPEG": 0.6}
 _USAGE = (ParameterError,)
 _PAIR = (MalformedInputError, FileAccessError)  # what is named may not be there
 
@@ -148,15 +149,15 @@ def _text(name, texts, read, share=1.0):
 READERS = [
     *(
         Reader(f"map yaml, {dialect}", _MAP_SEEDS, reading.map_reader(dialect), _PAIR, YAML_WORDS,
-               share=0.2 if dialect == "humble" else 0.4)
+               share=0.15 if dialect == "humble" else 0.35)
         for dialect in DIALECTS
     ),
-    *(_file(f"{name} image", _pictures(name), reading.read_picture, IMAGE_WORDS)
-      for name in IMAGE_FORMATS),
+    *(_file(f"{name} image", _pictures(name), reading.read_picture, IMAGE_WORDS,
+            share=_SHARES.get(name, 1.0)) for name in IMAGE_FORMATS),
     _file("P5 by rows", _seeds(seeds.pnm_files()[:5], "m.pgm"), reading.read_by_rows, IMAGE_WORDS),
     _file("bits", _BIT_IMAGES, reading.decode_bits, IMAGE_WORDS),
     Reader("bit map", _BIT_SEEDS, reading.read_bits, _PAIR, YAML_WORDS, share=0.2),
-    _file("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS),
+    _file("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS, share=0.7),
     Reader("lint", _MAP_SEEDS, reading.lint, (), YAML_WORDS, share=0.02),
     _file("pcd", _seeds(seeds.pcd_files(), "c.pcd"), reading.read_cloud_points, CLOUD_WORDS),
     _file("ply", _seeds(seeds.ply_files(), "c.ply"), reading.read_cloud_points, CLOUD_WORDS),
@@ -165,21 +166,21 @@ READERS = [
     _file("cloud npy", _seeds(seeds.npy_files(), "c.npy"), reading.read_cloud_points, NPY_WORDS),
     _file("cloud npz", _zips(["points.npz"], "c.npz"), reading.read_cloud_points, NPY_WORDS),
     _file("CARMEN log", _logs(), reading.read_log, SCAN_WORDS),
-    _file("scans npz", _zips(["scans.npz"], "s.npz"), reading.read_log, NPY_WORDS),
+    _file("scans npz", _zips(["scans.npz"], "s.npz"), reading.read_log, NPY_WORDS, share=0.7),
     _file("scans as text", _scan_texts(), reading.read_scan_texts, CLOUD_WORDS),
     _file("poses", _seeds(seeds.pose_files(), "p.txt"), reading.read_all_poses, CLOUD_WORDS),
     Reader("points", _seeds(seeds.point_files(), "p.csv"), reading.read_point_lines,
-           words=JSON_WORDS, is_file=False),
+           words=JSON_WORDS, is_file=False, share=0.7),
     _file("shapes yaml", _seeds(seeds.SHAPES_YAML, "s.yaml"), reading.read_all_shapes, YAML_WORDS,
-          share=0.6),
+          share=0.4),
     _file("GeoJSON", _seeds(seeds.geojson_files(), "s.json"), reading.read_all_shapes, JSON_WORDS),
     _file("manifest", _manifests(), reading.compare_with_golden, JSON_WORDS),
     Reader("recipe", _seeds(seeds.RECIPES, "r.yaml"), reading.load_one_recipe, _USAGE, YAML_WORDS,
-           is_file=False, share=0.6),
+           is_file=False, share=0.4),
     Reader("list of maps", _seeds(_LISTS, "maps.txt", packed=reading.within_folder, beside=_LISTED),
            reading.list_all_maps, (ParameterError, FileAccessError), TEXT_WORDS, is_file=False,
-           share=0.3),
-    _text("--set", seeds.SETTINGS, reading.load_settings, share=0.2),
+           share=0.25),
+    _text("--set", seeds.SETTINGS, reading.load_settings, share=0.15),
     _text("parameters of stages", seeds.PARAMETERS, reading.accept_parameters, share=0.7),
     _text("footprint", seeds.FOOTPRINTS, reading.parse_footprint),
     _text("size", seeds.SIZES, reading.parse_size),
