@@ -477,3 +477,9 @@ def test_a_comment_without_a_resolution_says_nothing_of_it(checks, comment):
 def test_a_resolution_in_a_comment_is_found_however_it_is_written(checks, noted):
     names, _ = checks(pgm(ROOM, comment=f"CREATOR: saver {noted} m/pix"))
     assert "image.comment-resolution" in names
+
+
+def test_a_folder_without_a_manifest_is_named(command, folder):
+    (found,) = lint_file(folder)
+    text = "has no manifest.json of a run; maps are checked by their .yaml or .npz"
+    assert found == Finding("run.no-manifest", "error", str(folder), text)

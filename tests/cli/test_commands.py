@@ -292,3 +292,29 @@ def test_a_field_s_info_tells_how_it_was_made(command, room, tmp_path):
 def test_the_short_form_of_help(command):
     assert command("-h")[1] == command("--help")[1]
     assert "Usage: mapdeal esdf" in command("esdf", "-h")[1]
+
+
+@pytest.mark.parametrize(
+    ("drawing", "box"),
+    [("?????\n?.???\n???#?\n?????\n?????", [2, 1, 2, 3]), ("??\n??", None), ("?+", [0, 1, 1, 1])],
+)
+def test_info_gives_row_column_height_and_width_of_what_is_known(command, tmp_path, drawing, box):
+    write_map(tmp_path / "m.npz", grid_from_text(drawing))
+    report = json.loads(command("info", tmp_path / "m.npz", "--json")[1])
+    assert report["known_box"] == box
+
+
+def test_what_only_a_robot_s_shape_sets_is_no_option(command, room, tmp_path):
+    words = ["cost", room, "-o", tmp_path / "c.npz"]
+    code, _, err = command(*words, "--circumscribed-radius", "0.3")
+    assert (code, "no such option" in err) == (2, True)
+    assert command(*words, "--robot-radius", "0.3")[0] == 0
+    assert read_map(tmp_path / "c.npz").circumscribed_cost == 253
+
+
+def test_a_shape_without_a_value_is_named(command, room, tmp_path):
+    (tmp_path / "s.yaml").write_text("- {type: circle, center: [1.6, -1.9], radius: 0.2}\n")
+    words = ["edit", "circle", room, "-o", tmp_path / "o.npz", "--point", "1.6,-1.9"]
+    code, _, err = command(*words, "--radius", "0.2")
+    assert (code, err.splitlines()[0]) == (2, "error: --value: is needed to draw with")
+    assert not (tmp_path / "o.npz").exists()

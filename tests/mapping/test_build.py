@@ -418,3 +418,9 @@ def test_parameters_that_cannot_be_are_refused(options, told):
 def test_arrays_that_do_not_fit_are_refused(poses, angles, ranges, told):
     with pytest.raises(ParameterError, match=told):
         build_map(poses, angles, ranges)
+
+
+@pytest.mark.parametrize("size", [(0.0, 1.0), (1.0, 0.0), (-1.0, 1.0), (1.0, -1.0)])
+def test_a_map_without_a_side_is_refused(size):
+    with pytest.raises(ParameterError, match="size"):
+        build_map([[0.0, 0.0, 0.0]], [0.0], [[1.0]], resolution=0.5, size=size, origin=(0, 0))

@@ -136,3 +136,18 @@ def test_definitions_that_cannot_work_are_refused_by_name():
     assert meanings_of(brush) == {}
     with pytest.raises(TypeError, match=r"stage shapeless: .* returns"):
         Stage(lambda grid: grid, "shapeless", "Do nothing.", str, 1.0).makes  # noqa: B018
+
+
+def test_a_potential_alone_hands_its_input_on():
+    assert [one.name for one in catalogue.STAGES if not one.hands_on] == ["potential"]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [("goal", "1.5,-2", (1.5, -2.0)), ("goal", "none", None), ("goal", None, None)],
+)
+def test_an_optional_parameter_is_none_only_if_it_says_so(name, text, value):
+    parameters = parameters_of(mapdeal.potential)
+    assert parameters[name].accept(text) == value
+    with pytest.raises(ParameterError, match="repulsive_cap"):
+        parameters["repulsive_cap"].accept("none")
