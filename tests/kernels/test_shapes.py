@@ -181,3 +181,15 @@ def test_bands_hold_all_rows_and_not_too_many_at_once(ranges, most):
     for first, stop in found:
         per_row = [int(((starts <= r) & (r < stops)).sum()) for r in range(first, stop)]
         assert sum(per_row) <= most + max(per_row)
+
+
+@pytest.mark.parametrize("value", [True, False])
+@pytest.mark.parametrize("width", [96, 203])
+def test_long_spans_of_bits_end_where_they_say(value, width):
+    for start in range(9):
+        for stop in range(width - 17, width + 1):
+            packed = np.full((2, -(-width // 8)), 0 if value else 0xFF, np.uint8)
+            paint_bits(packed, Spans(np.array([1]), np.array([start]), np.array([stop])), value)
+            bits = np.unpackbits(packed, axis=1)
+            assert np.flatnonzero(bits[1] == value).tolist() == list(range(start, stop))
+            assert not (bits[0] == value).any()

@@ -24,6 +24,7 @@ from mapdeal import (
 )
 from mapdeal.pipeline.route import check_reached
 from mapdeal.planning import descent
+from mapdeal.planning.terrain import Terrain
 
 ORIGIN = (1.5, -2.0, 0.4)
 
@@ -243,3 +244,58 @@ def test_a_way_ends_after_ten_times_both_sides_in_steps_of_half_a_cell(places, e
 
     found, how = descent._followed(Winding(), (0.0, 0.0), (float(places), 0.0))
     assert (how, len(found)) == (ending, 140 if ending == "arrived" else 141)
+
+
+def _slope(surface, drawing=None):
+    surface = np.array(surface, dtype=np.float64)
+    if drawing is None:
+        cost = np.zeros(surface.shape, np.uint8)
+    else:
+        cost = np.where(cells(drawing) == 100, 254, 0).astype(np.uint8)
+    return descent._Slope(surface, Terrain.of(Costmap(cost, 0.25, ORIGIN)))
+
+
+@pytest.mark.parametrize(
+    ("row", "col", "value", "gradient"),
+    [
+        (2.0, 3.0, 4 + 9 + 6, (4 + 3, 3 + 2)),  # at the centre of a cell
+        (2.25, 3.0, 0.75 * 4 + 0.25 * 9 + 9 + 6.75, (4.5 + 3, 3 + 2.25)),
+        (2.0, 3.75, 4 + 11.25 + 7.5, (4 + 3.75, 3 + 2)),
+        (2.5, 3.25, 6.5 + 9.75 + 8.125, (5 + 3.25, 3 + 2.5)),
+        (0.0, 0.0, 0.0, (1.0, 3.0)),  # in a corner the differences are one-sided
+        (5.0, 7.0, 25 + 21 + 35, (9 + 7, 3 + 5)),
+    ],
+)
+def test_value_and_gradient_of_a_surface_by_hand(row, col, value, gradient):
+    # z = r^2 + 3 c + r c, whose central differences are 2 r + c and 3 + r
+    r, c = np.mgrid[:6, :8]
+    slope = _slope(r**2 + 3 * c + r * c)
+    place = (row + 0.5, col + 0.5)
+    assert slope.value_at(place) == pytest.approx(value, abs=1e-12)
+    assert slope._gradient_at(place) == pytest.approx(gradient, abs=1e-12)
+
+
+def test_the_lowest_neighbour_is_that_of_the_steepest_way():
+    surface = [[9, 9, 9, 9], [9, 8, 6, 9], [9, 5, 9, 9]]
+    slope = _slope(surface)
+    # from the centre of 8: 3 down over one cell, 2 over one to the side
+    assert slope._lowest_neighbour((1.5, 1.5), 8.0) == (2.5, 1.5)
+    surface[2][2] = 4  # 4 down over 1.41 cells is 2.83 a cell, less steep
+    assert _slope(surface)._lowest_neighbour((1.5, 1.5), 8.0) == (2.5, 1.5)
+    surface[2][2] = 3  # 5 over 1.41 cells is 3.54 a cell
+    assert _slope(surface)._lowest_neighbour((1.5, 1.5), 8.0) == (2.5, 2.5)
+    closed = _slope(surface, "...#\n....\n....")  # drawn with the north at the top
+    assert closed._lowest_neighbour((1.5, 1.5), 8.0) == (2.5, 2.5)
+    closed = _slope(surface, "..#.\n....\n....")
+    assert closed._lowest_neighbour((1.5, 1.5), 8.0) == (2.5, 1.5)
+    assert slope._lowest_neighbour((0.5, 3.5), 6.0) is None
+    # away from a centre its own cell counts too
+    assert _slope([[9, 2, 9]])._lowest_neighbour((0.5, 1.2), 3.0) == (0.5, 1.5)
+
+
+def test_the_goal_is_close_within_a_cell_and_in_sight():
+    slope = _slope(np.zeros((3, 6)), "..#...\n..#...\n..#...")
+    assert slope.leads_to((0.5, 0.5), (1.5, 0.5))
+    assert not slope.leads_to((0.5, 0.5), (1.51, 0.5))
+    assert slope.leads_to((0.01, 4.01), (0.99, 4.99))  # the same cell, 1.39 apart
+    assert not slope.leads_to((0.5, 1.9), (0.5, 2.1))
