@@ -213,3 +213,25 @@ def test_damaged_compressed_data_are_refused(folder, refused, method):
     data[start + 12 : start + 40] = b"\xff" * 28
     (folder / "n.npz").write_bytes(data)
     refused(["info", "n.npz"], 3, "n.npz", "occupancy")
+
+
+@pytest.mark.parametrize("is_large", [False, True], ids=["zip", "zip64"])
+def test_a_list_of_entries_that_is_long_is_not_read(folder, refused, is_large):
+    """The list alone is what costs memory: entries of nothing, all at one place."""
+    count = 70_000 if is_large else 20_000
+    name = b"a" * 40 + b".npy"
+    local = b"PK\3\4" + struct.pack("<HHHHHIIIHH", 20, 0, 0, 0, 33, 0, 0, 0, len(name), 0) + name
+    entry = b"PK\1\2" + struct.pack(
+        "<HHHHHHIIIHHHHHII", 20, 20, 0, 0, 0, 33, 0, 0, 0, len(name), 0, 0, 0, 0, 0, 0
+    )
+    directory = (entry + name) * count
+    start, size = len(local), len(directory)
+    end = b""
+    if is_large:
+        end += b"PK\6\6" + struct.pack("<QHHIIQQQQ", 44, 45, 45, 0, 0, count, count, size, start)
+        end += b"PK\6\7" + struct.pack("<IQI", 0, start + size, 1)
+        count = 0xFFFF
+        size = start = 0xFFFFFFFF
+    end += b"PK\5\6" + struct.pack("<HHHHIIH", 0, 0, count, count, size, start, 0)
+    (folder / "n.npz").write_bytes(local + directory + end)
+    refused(["info", "n.npz"], 3, "n.npz", "too many arrays")

@@ -10,6 +10,7 @@ from glob import has_magic
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
+from mapdeal.formats.budget import claim
 from mapdeal.formats.listing import folders_below, list_files, sorted_naturally
 from mapdeal.formats.source import (
     contents_of,
@@ -25,6 +26,8 @@ from mapdeal.formats.yaml_text import read_mapping
 _YAML = (".yaml", ".yml")
 _HEAD = 1 << 20
 _LARGEST_LIST = 1 << 26
+_PER_NAME = 400
+"""Bytes that the name of a map takes in memory, and what is made of it."""
 
 # Most files need no parser: keys at the top of a mapping stand at the beginning of a line.
 _IMAGE_KEY = re.compile(rb"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""", re.MULTILINE)
@@ -143,6 +146,7 @@ def _lines_of(name: str, standard_input: Callable[[], bytes]) -> list[str]:
     what = f"@{name}"
     try:
         data = standard_input() if name == "-" else read_file(Path(name), limit=_LARGEST_LIST)
+        claim(what, 4 * len(data) + _PER_NAME * data.count(b"\n"))
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1

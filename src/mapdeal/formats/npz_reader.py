@@ -7,6 +7,7 @@ unpickled.
 from __future__ import annotations
 
 import io
+import os
 import warnings
 import zipfile
 import zlib
@@ -25,6 +26,9 @@ from mapdeal.formats.source import check_regular
 
 LONGEST_ARRAY_HEADER = 1 << 16
 _LARGEST_SMALL_ARRAY = 4096
+_LARGEST_DIRECTORY = 1 << 20
+_END_OF_ZIP = (1 << 16) + 256
+_TOLD_BY_ZIP64 = 0xFFFFFFFF
 _LARGEST_SMALL_NUMBER = 1 << 31
 _MOST_COLUMNS = 1 << 16
 _MOST_ROWS_BY_COLUMNS = 1 << 25
@@ -74,6 +78,8 @@ class NpzReader:
         self._taken = 0
         check_regular(path)
         try:
+            if _directory_size(path) > _LARGEST_DIRECTORY:
+                raise MalformedInputError("holds too many arrays", source=path)
             self._zip = zipfile.ZipFile(path)
         except (zipfile.BadZipFile, NotImplementedError, ValueError):
             raise MalformedInputError("is not an npz file", source=path) from None
@@ -262,6 +268,21 @@ class NpzReader:
                 RuntimeError, OSError, SyntaxError, TokenError, LookupError,
                 TypeError) as error:  # fmt: skip
             raise self._error(name, f"damaged: {error}") from None
+
+
+def _directory_size(path: Path) -> int:
+    """Return the bytes of the list of a zip file's entries: read, it takes ten times as many."""
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - _END_OF_ZIP, 0))
+        tail = file.read()
+    end = tail.rfind(b"PK\5\6")
+    if end < 0:
+        return 0
+    own = int.from_bytes(tail[end + 12 : end + 16], "little")
+    large = tail.rfind(b"PK\6\6", 0, end)  # the record of zip64, with wider numbers
+    wide = int.from_bytes(tail[large + 40 : large + 48], "little") if large >= 0 else 0
+    return max(wide, own if own < _TOLD_BY_ZIP64 else 0)
 
 
 def _read_into(file: Any, array: NDArray[Any]) -> None:

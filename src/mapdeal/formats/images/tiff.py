@@ -34,9 +34,10 @@ _SIGNATURES = (b"MM\0*", b"II*\0", b"MM*\0", b"II\0*", b"MM\0+", b"II+\0")
 def read_tiff(data: bytes, path: Path, max_cells: int) -> Picture:
     """Return the picture in a TIFF file, see `ImageFormat.read`."""
     with open_image(io.BytesIO(data), "TIFF", path, max_cells) as image:
-        claim_pixels(image, data, path, bits=_bits_of(image), tile=_tile_of(image))
         with damage_refused(path):  # Pillow reads the values of tags when they are asked for
+            bits, tile = _bits_of(image), _tile_of(image)
             tags = {tag: image.tag_v2.get(tag) for tag in TAGS_OF_PARTS if tag in image.tag_v2}
+        claim_pixels(image, data, path, bits=bits, tile=tile)
         parts = tiff_parts(tags, len(data), path)
         load(image, path, around=_silent_libtiff())
         picture = picture_of(image, "TIFF", path)
@@ -54,7 +55,8 @@ def _bits_of(image: Any) -> int:
 def _tile_of(image: Any) -> int:
     """Return the pixels of a tile, which are decoded together; 0 if there are none."""
     width, height = (image.tag_v2.get(tag, 0) for tag in _TILE)
-    return width * height if isinstance(width, int) and isinstance(height, int) else 0
+    is_tiled = isinstance(width, int) and isinstance(height, int)
+    return max(0, width * height) if is_tiled else 0
 
 
 @contextmanager
