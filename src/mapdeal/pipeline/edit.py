@@ -11,6 +11,7 @@ from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.region import MOST_CELLS
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
 from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.settings import Settings
@@ -73,7 +74,8 @@ def change_file(
     source = read_input(path, options)
     with options.memory():
         count = None if cells is None else cells(source.grid)
-        claim_work(path, source.grid, _PER_CELL, cells=count)
+        if count is None or count <= MOST_CELLS:  # more are refused by whoever makes them
+            claim_work(path, source.grid, _PER_CELL, cells=count)
     with outputs_of(outputs, [*source.files, *inputs], options) as transaction:
         with errors_named(path):
             grid = change(source.grid)
