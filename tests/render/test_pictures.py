@@ -167,13 +167,6 @@ def test_fields_without_a_finite_distance_have_a_legend_instead_of_a_scale():
     assert len(np.unique(endless.indices)) < len(np.unique(finite.indices)) - 50
 
 
-def test_names_in_other_scripts_do_not_change_the_sheet():
-    grid = grid_from_text("#..")
-    latin = occupancy_image(grid, title="K\u00fcche")
-    plain = occupancy_image(grid, title="Kuche")
-    assert np.array_equal(latin.indices, plain.indices)
-
-
 @pytest.mark.parametrize("shape", [(7, 11), (12, 4), (1, 5), (301, 1103)])
 @pytest.mark.parametrize("reduce", [1, 2, 3, 5])
 def test_a_pixel_shows_the_extreme_of_all_its_cells(shape, reduce):

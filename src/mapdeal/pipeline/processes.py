@@ -39,7 +39,7 @@ _STOPPED = 128 + signal.SIGTERM
 _PRELOADED = (
     "mapdeal.pipeline.worker_server",
     "mapdeal.pipeline.jobs", "mapdeal.pipeline.processes", "mapdeal.render.layers",
-    "PIL.Image", "PIL.ImageDraw", "PIL.ImageFont", "PIL.PngImagePlugin", "tokenize",
+    "mapdeal.render.glyphs", "PIL.Image", "PIL.PngImagePlugin", "tokenize",
 )  # fmt: skip
 """What a run imports, some of it late: imported once, where workers are forked from."""
 

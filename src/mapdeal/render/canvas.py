@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +12,21 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.lookup import histogram
 from mapdeal.render.colours import Colours
+from mapdeal.render.glyphs import (
+    SHADES,
+    advance,
+    ascent,
+    capital_height,
+    glyph,
+    middle,
+    printable,
+    text_width,
+)
 
-MOST_COLOURS = 240
+MOST_COLOURS = 256 - SHADES
 """Palette entries that a map may use; the rest are the greys of the text."""
 
-_GREYS = 256 - MOST_COLOURS
-_WHITE = 255
+_BLACK, _WHITE = MOST_COLOURS, 255
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +108,7 @@ def sheet(
     scale_top = top + height + below + int(0.9 * text_size)
     pen.scale_bar(left, scale_top, map_width, metres_per_pixel)
     boxes = pen.legend(left + map_width + pad, top, legend_height, bar, swatches)
-    indices = pen.indices_around(left, top, width, height)
-
+    indices = pen.sheet
     indices[top : top + height, left : left + width] = pixels[::-1]
     _frame(indices, top, left, height, width)
     for (x, y, w, h), content in boxes:
@@ -112,7 +117,7 @@ def sheet(
 
     palette = np.zeros((256, 3), dtype=np.uint8)
     palette[: len(colours)] = colours
-    palette[MOST_COLOURS:] = np.linspace(0, 255, _GREYS).astype(np.uint8)[:, np.newaxis]
+    palette[MOST_COLOURS:] = np.linspace(0, 255, SHADES).astype(np.uint8)[:, np.newaxis]
     return Image(indices, palette)
 
 
@@ -166,22 +171,9 @@ def ticks_between(
     ]
 
 
-def printable(text: str) -> str:
-    """Return `text` as the built-in font can show it: no accents, ? for other scripts.
-
-    Examples
-    --------
-    >>> printable("K\u00fcche 2")
-    'Kuche 2'
-    """
-    plain = unicodedata.normalize("NFKD", text)
-    kept = (c for c in plain if not unicodedata.combining(c))
-    return "".join(c if c.isascii() else "?" for c in kept)
-
-
 def _frame(indices: NDArray[np.uint8], y: int, x: int, height: int, width: int) -> None:
     """Draw a thin dark line around a rectangle, outside of it."""
-    grey = MOST_COLOURS + _GREYS // 3
+    grey = MOST_COLOURS + SHADES // 3
     indices[y - 1, x - 1 : x + width + 1] = grey
     indices[y + height, x - 1 : x + width + 1] = grey
     indices[y - 1 : y + height + 1, x - 1] = grey
@@ -201,60 +193,49 @@ def round_length(length: float) -> float:
     return float(step * power)
 
 
-@cache
-def _font(size: int) -> Any:
-    from PIL import ImageFont
-
-    return ImageFont.load_default(size)
-
-
 class _Pen:
-    """Text and lines, in one size, on a grey sheet of their own."""
+    """Text and lines, in one size, on a white sheet of palette indices."""
 
     def __init__(self, size: int) -> None:
         self._size = size
-        self._font = _font(size)
-        self._title_font = _font(round(1.25 * size))
-        self._draw: Any = None
-        self._sheet: Any = None
+        self._title_size = round(1.25 * size)
+        self.sheet = np.empty((0, 0), dtype=np.uint8)
 
     def open(self, width: int, height: int) -> None:
-        from PIL import Image as PillowImage
-        from PIL import ImageDraw
-
-        self._sheet = PillowImage.new("L", (width, height), _WHITE)
-        self._draw = ImageDraw.Draw(self._sheet)
-
-    def indices_around(self, left: int, top: int, width: int, height: int) -> NDArray[np.uint8]:
-        """Return the sheet as palette indices, all but those of a box, and let it go."""
-        sheet_width, sheet_height = self._sheet.size
-        right, bottom = left + width, top + height
-        boxes = (
-            (0, 0, sheet_width, top),
-            (0, top, left, bottom),
-            (right, top, sheet_width, bottom),
-            (0, bottom, sheet_width, sheet_height),
-        )
-        margins = [np.asarray(self._sheet.crop(box)) for box in boxes]
-        self._sheet = self._draw = None  # before memory is taken for the indices
-        indices = np.empty((sheet_height, sheet_width), dtype=np.uint8)
-        for (x, y, end_x, end_y), greys in zip(boxes, margins, strict=True):
-            indices[y:end_y, x:end_x] = greys // (256 // _GREYS) + MOST_COLOURS
-        return indices
+        self.sheet = np.full((height, width), _WHITE, dtype=np.uint8)
 
     def text_width(self, title: str, subtitle: str) -> int:
         """Return the pixels that the two lines above the map take."""
-        title_width = self._title_font.getlength(printable(title))
-        return int(max(title_width, self._font.getlength(printable(subtitle)))) + 1
+        return 1 + max(text_width(title, self._title_size), text_width(subtitle, self._size))
 
     def text(self, x: int, y: int, text: str, *, limit: int, large: bool = False) -> None:
-        font = self._title_font if large else self._font
+        """Write a line whose upper left corner is given; what does not fit `limit` is cut."""
+        size = self._title_size if large else self._size
         text = printable(text)
-        if font.getlength(text) > limit:
-            while text and font.getlength(text + "...") > limit:
+        if text_width(text, size) > limit:
+            limit -= text_width("...", size)
+            while text and text_width(text, size) > limit:
                 text = text[:-1]
             text += "..."
-        self._draw.text((x, y), text, fill=0, font=font)
+        self._write(x, y + ascent(size), text, size)
+
+    def _label(self, x: float, y: float, text: str) -> None:
+        """Write a line that begins at x, its middle at y."""
+        self._write(int(x), int(y) + middle(self._size), printable(text), self._size)
+
+    def _write(self, x: int, baseline: int, text: str, size: int) -> None:
+        for character in text:
+            letter = glyph(character, size)
+            left, top = max(x + letter.left, 0), max(baseline - letter.top, 0)
+            height, width = letter.shades.shape
+            under = self.sheet[top : top + height, left : left + width]
+            shades = _WHITE - letter.shades[: under.shape[0], : under.shape[1]]
+            np.minimum(under, shades, out=under)
+            x += advance(character, size)
+
+    def _fill(self, left: float, top: float, right: float, bottom: float) -> None:
+        """Fill a black box, its edges included."""
+        self.sheet[int(top) : int(bottom) + 1, int(left) : int(right) + 1] = _BLACK
 
     def minimum_width(self) -> int:
         """Return the width below which a scale bar makes no sense."""
@@ -266,7 +247,7 @@ class _Pen:
             labels += [label for _, label in bar.ticks] + [bar.unit]
         if not labels:
             return 0
-        return int(1.9 * self._size + max(self._font.getlength(label) for label in labels))
+        return int(1.9 * self._size + max(text_width(label, self._size) for label in labels))
 
     def legend_height(self, bar: ColourBar | None, swatches: Sequence[Swatch]) -> int:
         return int(self._size * (1.6 * len(swatches) + (14 if bar is not None else 0)))
@@ -287,18 +268,13 @@ class _Pen:
             boxes.append(((x, top, int(1.2 * size), bar_height), content))
             for position, label in bar.ticks:
                 tick_y = top + round((1 - position) * (bar_height - 1))
-                self._draw.line([(x + 1.2 * size, tick_y), (x + 1.5 * size, tick_y)], fill=0)
-                self._draw.text(
-                    (x + 1.8 * size, tick_y), label, fill=0, font=self._font, anchor="lm"
-                )
+                self._fill(x + 1.2 * size, tick_y, x + 1.5 * size, tick_y)
+                self._label(x + 1.8 * size, tick_y, label)
             y = top + bar_height + size
         for swatch in swatches:
             content = np.full((int(1.1 * size), int(1.2 * size)), swatch.index, dtype=np.uint8)
             boxes.append(((x, y, content.shape[1], content.shape[0]), content))
-            centre = y + content.shape[0] / 2
-            self._draw.text(
-                (x + 1.8 * size, centre), swatch.label, fill=0, font=self._font, anchor="lm"
-            )
+            self._label(x + 1.8 * size, y + content.shape[0] / 2, swatch.label)
             y += int(1.6 * size)
         return boxes
 
@@ -306,7 +282,7 @@ class _Pen:
         """Return the room that labels left of the map take."""
         if not ticks:
             return 0
-        return int(max(self._font.getlength(label) for _, label in ticks) + 0.6 * self._size)
+        return int(max(text_width(label, self._size) for _, label in ticks) + 0.6 * self._size)
 
     def coordinates(
         self, left: int, bottom: int, across: Sequence[tuple[int, str]],
@@ -316,21 +292,19 @@ class _Pen:
         mark = max(3, self._size // 3)
         for pixel, label in across:
             x = left + pixel
-            self._draw.line([(x, bottom), (x, bottom + mark)], fill=0)
-            below = (x, bottom + 1.3 * mark)
-            self._draw.text(below, label, fill=0, font=self._font, anchor="mt")
+            self._fill(x, bottom, x, bottom + mark)
+            baseline = int(bottom + 1.3 * mark) + capital_height(self._size)
+            self._write(x - text_width(label, self._size) // 2, baseline, label, self._size)
         for pixel, label in along:
             y = bottom - pixel
-            self._draw.line([(left - mark, y), (left, y)], fill=0)
-            beside = (left - 1.5 * mark, y)
-            self._draw.text(beside, label, fill=0, font=self._font, anchor="rm")
+            self._fill(left - mark, y, left, y)
+            self._label(left - 1.5 * mark - text_width(label, self._size), y, label)
 
     def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> None:
         length = round_length(width * metres_per_pixel * 0.4)
         pixels = round(length / metres_per_pixel)
         thick = max(2, self._size // 6)
-        self._draw.rectangle([(x, y), (x + pixels, y + thick)], fill=0)
+        self._fill(x, y, x + pixels, y + thick)
         for end in (x, x + pixels):
-            self._draw.rectangle([(end, y - 2 * thick), (end + thick // 2, y + thick)], fill=0)
-        label = f"{length:g} m"
-        self._draw.text((x + pixels + self._size, y), label, fill=0, font=self._font, anchor="lm")
+            self._fill(end, y - 2 * thick, end + thick // 2, y + thick)
+        self._label(x + pixels + self._size, y, f"{length:g} m")

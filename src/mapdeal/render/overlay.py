@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.grid.frame import Frame
 from mapdeal.render.canvas import Swatch
 from mapdeal.render.colours import Colour
+from mapdeal.render.filling import fill_discs, fill_polygons, thick_lines
 from mapdeal.render.raster import Raster
 
 
@@ -51,53 +50,48 @@ def place_of(points_xy: ArrayLike, frame: Frame, raster: Raster) -> NDArray[np.f
 
 
 class Brush:
-    """Draws on pixels whose row 0 is the south; coordinates are in pixels, (column, row)."""
+    """Draws on pixels whose row 0 is the south; coordinates are in pixels, (column, row).
 
-    def __init__(self, draw: Any) -> None:
-        self._draw = draw
+    Parameters
+    ----------
+    pixels : numpy.ndarray of uint8, shape (H, W)
+        Palette indices, changed in place.
+    """
+
+    def __init__(self, pixels: NDArray[np.uint8]) -> None:
+        self._pixels = pixels
 
     def polyline(self, points: NDArray[np.float64], index: int, *, thickness: int) -> None:
         """Draw a line through points, shape (N, 2), with round corners."""
         if len(points) > 1:
-            path = [(float(x), float(y)) for x, y in points]
-            self._draw.line(path, fill=index, width=thickness, joint="curve")
+            fill_polygons(self._pixels, thick_lines(points[:-1], points[1:], thickness), index)
+            fill_discs(self._pixels, points, thickness / 2, index)
 
     def dot(self, centre: NDArray[np.float64], index: int, *, radius: float) -> None:
         """Draw a filled circle."""
-        x, y = (float(value) for value in centre)
-        self._draw.ellipse([(x - radius, y - radius), (x + radius, y + radius)], fill=index)
+        fill_discs(self._pixels, centre[np.newaxis], radius, index)
 
-    def arrow(
-        self, centre: NDArray[np.float64], direction: NDArray[np.float64], index: int, *,
+    def arrows(
+        self, centres: NDArray[np.float64], directions: NDArray[np.float64], index: int, *,
         length: float, thickness: int,
     ) -> None:  # fmt: skip
-        """Draw an arrow around a point, along a unit vector."""
-        along, across = direction * length, np.array([-direction[1], direction[0]]) * length
-        tip, tail, neck = centre + along / 2, centre - along / 2, centre + along * 0.1
-        self._draw.line([tuple(tail), tuple(neck)], fill=index, width=thickness)
-        wings = (tip, neck + across * 0.22, neck - across * 0.22)
-        self._draw.polygon([tuple(corner) for corner in wings], fill=index)
+        """Draw arrows around points, shape (N, 2), along unit vectors."""
+        along, across = directions * length, _left_of(directions) * length
+        tip, tail, neck = centres + along / 2, centres - along / 2, centres + along * 0.1
+        fill_polygons(self._pixels, thick_lines(tail, neck, thickness), index)
+        wings = [tip, neck + across * 0.22, neck - across * 0.22]
+        fill_polygons(self._pixels, np.stack(wings, axis=1), index)
 
     def dart(
         self, centre: NDArray[np.float64], direction: NDArray[np.float64], index: int, *,
         length: float,
     ) -> None:  # fmt: skip
         """Draw an arrowhead around a point, along a unit vector."""
-        along, across = direction * length, np.array([-direction[1], direction[0]]) * length
-        corners = (
-            centre + along * 0.6,
-            centre - along * 0.4 + across * 0.35,
-            centre - along * 0.2,
-            centre - along * 0.4 - across * 0.35,
-        )
-        self._draw.polygon([tuple(corner) for corner in corners], fill=index)
+        along, across = direction * length, _left_of(direction) * length
+        tip, notch = centre + along * 0.6, centre - along * 0.2
+        wings = [centre - along * 0.4 + side * across * 0.35 for side in (1, -1)]
+        fill_polygons(self._pixels, np.array([[tip, wing, notch] for wing in wings]), index)
 
 
-@contextmanager
-def brush_on(pixels: NDArray[np.uint8]) -> Iterator[Brush]:
-    """Give a brush that changes palette indices, shape (H, W), in place."""
-    from PIL import Image, ImageDraw
-
-    image = Image.fromarray(pixels)
-    yield Brush(ImageDraw.Draw(image))
-    pixels[:] = np.asarray(image)
+def _left_of(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack([-direction[..., 1], direction[..., 0]], axis=-1)

@@ -11,7 +11,7 @@ from mapdeal.grid.frame import Frame, xy_ahead
 from mapdeal.render import colours
 from mapdeal.render.canvas import Swatch
 from mapdeal.render.colours import Colour
-from mapdeal.render.overlay import brush_on, place_of
+from mapdeal.render.overlay import Brush, place_of
 from mapdeal.render.raster import Raster
 
 
@@ -39,6 +39,6 @@ class PoseOverlay:
         ahead = xy_ahead(self.pose, frame.resolution)
         centre, tip = place_of([self.pose[:2], ahead], frame, raster)
         direction = (tip - centre) / np.hypot(*(tip - centre))
-        with brush_on(pixels) as brush:
-            brush.dart(centre, direction, first_index, length=max(10.0, max(pixels.shape) / 25))
+        length = max(10.0, max(pixels.shape) / 25)
+        Brush(pixels).dart(centre, direction, first_index, length=length)
         return [Swatch(first_index, "robot")]

@@ -11,7 +11,7 @@ from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.render import colours
 from mapdeal.render.canvas import ColourBar, Image, Swatch, corner_of, frame_text, sheet
-from mapdeal.render.overlay import Brush, Overlay, brush_on
+from mapdeal.render.overlay import Brush, Overlay
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
 
 _LEVELS = 100
@@ -42,15 +42,15 @@ def potential_image(
     levels[obstacles] = _OBSTACLE
     pixels = raster.enlarged(levels).copy()
     scale = raster.enlarge / raster.reduce  # pixels per cell
-    with brush_on(pixels) as brush:
-        arrows = _draw_arrows(brush, field, scale, max(pixels.shape))
-        swatches = [Swatch(_OBSTACLE, "obstacle")] if obstacles.any() else []
-        swatches += [Swatch(_LEVELS + _LEVELS // 4, "unknown: faded")] if unknown.any() else []
-        swatches += [Swatch(_ARROW, "downhill")] if arrows else []
-        if field.goal is not None and field.frame.contains([field.goal])[0]:
-            place = field.frame.continuous_rowcol_from_xy([field.goal])[0, ::-1] * scale
-            brush.dot(place, _GOAL, radius=max(6.0, max(pixels.shape) / 80))
-            swatches.append(Swatch(_GOAL, "goal"))
+    brush = Brush(pixels)
+    arrows = _draw_arrows(brush, field, scale, max(pixels.shape))
+    swatches = [Swatch(_OBSTACLE, "obstacle")] if obstacles.any() else []
+    swatches += [Swatch(_LEVELS + _LEVELS // 4, "unknown: faded")] if unknown.any() else []
+    swatches += [Swatch(_ARROW, "downhill")] if arrows else []
+    if field.goal is not None and field.frame.contains([field.goal])[0]:
+        place = field.frame.continuous_rowcol_from_xy([field.goal])[0, ::-1] * scale
+        brush.dot(place, _GOAL, radius=max(6.0, max(pixels.shape) / 80))
+        swatches.append(Swatch(_GOAL, "goal"))
     scale_colours = colours.potential_scale(_LEVELS)
     faded = colours.mixed(scale_colours, colours.RVIZ_UNKNOWN, 0.6)
     palette = np.vstack([scale_colours, faded, [colours.LETHAL, colours.ARROW, colours.GOAL]])
@@ -88,18 +88,13 @@ def _draw_arrows(brush: Brush, field: PotentialField, scale: float, side: int) -
     step = max(1, math.ceil(spacing / scale))
     rows, cols = (np.arange(step // 2, length, step) for length in field.shape)
     directions = _along_columns_and_rows(field)[:, rows[:, np.newaxis], cols]
-    obstacles = field.obstacles()
+    drawn = directions.any(axis=0) & ~field.obstacles()[rows[:, np.newaxis], cols]
+    i, j = np.nonzero(drawn)
+    centres = (np.stack([cols[j], rows[i]], axis=1) + 0.5) * np.float64(scale)
     length = 0.75 * step * scale
-    count = 0
     thickness = max(1, round(length / 14))
-    for i, j in np.ndindex(len(rows), len(cols)):
-        direction = directions[:, i, j]
-        if obstacles[rows[i], cols[j]] or not direction.any():
-            continue
-        centre = np.array([cols[j] + 0.5, rows[i] + 0.5]) * scale
-        brush.arrow(centre, direction, _ARROW, length=length, thickness=thickness)
-        count += 1
-    return count
+    brush.arrows(centres, directions[:, i, j].T, _ARROW, length=length, thickness=thickness)
+    return len(centres)
 
 
 def _along_columns_and_rows(field: PotentialField) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from mapdeal.grid.route import Route
 from mapdeal.render import colours
 from mapdeal.render.canvas import Swatch
 from mapdeal.render.colours import Colour
-from mapdeal.render.overlay import brush_on, place_of
+from mapdeal.render.overlay import Brush, place_of
 from mapdeal.render.raster import Raster
 
 
@@ -48,16 +48,16 @@ class RouteOverlay:
         side = max(pixels.shape)
         radius = max(4.0, side / 110)
         swatches = []
-        with brush_on(pixels) as brush:
-            if len(route.points_xy):
-                path = place_of(route.points_xy, frame, raster)
-                brush.polyline(path, line, thickness=max(3, round(side / 250)))
-                swatches.append(Swatch(line, "route"))
-            ends = [(route.goal, goal), (route.start, start)]
-            swatches += [Swatch(start, "start"), Swatch(goal, "goal")]
-            if route.local_minimum is not None:
-                ends.append((route.local_minimum, minimum))
-                swatches.append(Swatch(minimum, "local minimum"))
-            for point, index in ends:
-                brush.dot(place_of([point], frame, raster)[0], index, radius=radius)
+        brush = Brush(pixels)
+        if len(route.points_xy):
+            path = place_of(route.points_xy, frame, raster)
+            brush.polyline(path, line, thickness=max(3, round(side / 250)))
+            swatches.append(Swatch(line, "route"))
+        ends = [(route.goal, goal), (route.start, start)]
+        swatches += [Swatch(start, "start"), Swatch(goal, "goal")]
+        if route.local_minimum is not None:
+            ends.append((route.local_minimum, minimum))
+            swatches.append(Swatch(minimum, "local minimum"))
+        for point, index in ends:
+            brush.dot(place_of([point], frame, raster)[0], index, radius=radius)
         return swatches

@@ -1,0 +1,209 @@
+"""Letters in shades of grey, drawn from the outlines in ``glyphs.npz``.
+
+Only whole numbers are calculated with, so that a text is the same pixels with any version of any
+library. The outlines are those of Aileron Regular, see ``glyphs.md``; ``docs/glyphs.py`` wrote
+the file.
+"""
+
+from __future__ import annotations
+
+import io
+import pkgutil
+import unicodedata
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+SHADES = 16
+"""Levels of coverage, from 0 for none to 15."""
+
+REPLACEMENT = "\ufffd"
+"""Drawn as a box, for characters that there is no outline of."""
+
+_UNITS = 2048  # of outlines, per em
+_PIXEL = 64  # of coordinates, per pixel
+_SCANS = 16  # lines across a pixel on which coverage is measured
+_PIECES = 6  # straight ones that a curve becomes
+
+_CAPITALS, _SMALL, _OVERSHOOT = 1413, 1085, 29
+_ASCENT, _DESCENT = 0.97, 0.23
+_HEIGHTS = np.array([
+    -_UNITS, -_OVERSHOOT, 0, _SMALL, _SMALL + _OVERSHOOT, _CAPITALS, _CAPITALS + _OVERSHOOT,
+    2 * _UNITS,
+])  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Glyph:
+    """A character in one size.
+
+    Attributes
+    ----------
+    shades : numpy.ndarray of uint8, shape (H, W)
+        How much of each pixel is covered, below `SHADES`; row 0 at the top.
+    left, top : int
+        Where the pixels begin: columns right of the pen, rows above the baseline.
+    advance : int
+        How far the pen moves, pixels.
+    """
+
+    shades: NDArray[np.uint8]
+    left: int
+    top: int
+    advance: int
+
+
+def printable(text: str) -> str:
+    """Return `text` in characters that have outlines: no accents if need be, else boxes.
+
+    Examples
+    --------
+    >>> printable("K\u00fcche 2"), printable("Gda\u0144sk"), printable("\u5009\u5eab")
+    ('Küche 2', 'Gdansk', '\ufffd\ufffd')
+    """
+    known = _outlines().places
+    kept = []
+    for character in unicodedata.normalize("NFC", text):
+        if character in known:
+            kept.append(character)
+            continue
+        plain = unicodedata.normalize("NFKD", character)
+        parts = [c for c in plain if not unicodedata.combining(c)]
+        kept += [c if c in known else REPLACEMENT for c in parts]
+    return "".join(kept)
+
+
+def text_width(text: str, size: int) -> int:
+    """Return the pixels that `text` takes in a line."""
+    return sum(advance(character, size) for character in printable(text))
+
+
+def advance(character: str, size: int) -> int:
+    """Return how far a character moves the pen, pixels."""
+    outlines = _outlines()
+    units = outlines.advances[outlines.places[character]]
+    return (2 * units * size + _UNITS) // (2 * _UNITS)
+
+
+def ascent(size: int) -> int:
+    """Return the rows between the top of a line and its baseline."""
+    return -int(-_ASCENT * size // 1)
+
+
+def middle(size: int) -> int:
+    """Return the rows between the middle of a line and its baseline."""
+    return (ascent(size) + int(-_DESCENT * size // 1)) // 2
+
+
+def capital_height(size: int) -> int:
+    """Return the height of capitals and digits, pixels."""
+    return _whole_pixels(_CAPITALS, size)
+
+
+@cache
+def glyph(character: str, size: int) -> Glyph:
+    """Return a character of `printable` text as pixels, `size` pixels per em."""
+    outlines = _outlines()
+    points = outlines.segments(outlines.places[character])
+    shift = advance(character, size)
+    if not len(points):
+        return Glyph(np.zeros((0, 0), dtype=np.uint8), 0, 0, shift)
+    x = points[..., 0] * (size * _PIXEL) // (_UNITS * _PIECES**2)
+    y = _fitted(points[..., 1] // _PIECES**2, size)
+    left, bottom = int(x.min()) // _PIXEL, int(y.min()) // _PIXEL
+    width = int(x.max()) // _PIXEL - left + 1
+    height = -(-int(y.max()) // _PIXEL) - bottom
+    shades = _shades(x - left * _PIXEL, y - bottom * _PIXEL, height, width)
+    return Glyph(shades[::-1], left, bottom + height, shift)
+
+
+def _fitted(y: NDArray[np.int64], size: int) -> NDArray[np.int64]:
+    """Return heights in units as `_PIXEL`s, letters' tops and bottoms on the edges of pixels."""
+    small, capitals = (_whole_pixels(units, size) * _PIXEL for units in (_SMALL, _CAPITALS))
+    below = (_UNITS - _OVERSHOOT) * size * _PIXEL // _UNITS
+    above = (2 * _UNITS - _CAPITALS - _OVERSHOOT) * size * _PIXEL // _UNITS
+    fitted = np.array([-below, 0, 0, small, small, capitals, capitals, capitals + above])
+    piece = np.searchsorted(_HEIGHTS, y, side="right") - 1
+    start, end = _HEIGHTS[piece], _HEIGHTS[piece + 1]
+    risen: NDArray[np.int64] = (y - start) * (fitted[piece + 1] - fitted[piece]) // (end - start)
+    return fitted[piece] + risen
+
+
+def _whole_pixels(units: int, size: int) -> int:
+    return (2 * units * size + _UNITS) // (2 * _UNITS)
+
+
+def _shades(
+    x: NDArray[np.int64], y: NDArray[np.int64], height: int, width: int
+) -> NDArray[np.uint8]:
+    """Return what lines, shape (N, 2) each, enclose; row 0 is at the bottom.
+
+    Along each of some lines across a row of pixels, a pixel is covered from where an upward edge
+    is crossed to where a downward one is.
+    """
+    step = _PIXEL // _SCANS
+    first, last = (-((step // 2 - y[:, k]) // step) for k in (0, 1))  # scans at or above
+    upward = last > first
+    low, high = np.minimum(first, last), np.maximum(first, last)
+    count = high - low
+    edge = np.repeat(np.arange(len(count)), count)
+    scan = low[edge] + np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    rise = scan * step + step // 2 - y[edge, 0]
+    crossing = x[edge, 0] + rise * (x[edge, 1] - x[edge, 0]) // (y[edge, 1] - y[edge, 0])
+    sign = np.where(upward[edge], 1, -1)
+    column, beyond = crossing // _PIXEL, crossing % _PIXEL
+    covered = np.zeros((height, width + 1), dtype=np.int64)
+    np.add.at(covered, (scan // _SCANS, column), sign * (_PIXEL - beyond))
+    np.add.at(covered, (scan // _SCANS, column + 1), sign * beyond)
+    whole = _SCANS * _PIXEL
+    share = np.minimum(np.abs(np.cumsum(covered, axis=1)[:, :width]), whole)
+    return ((2 * share * (SHADES - 1) + whole) // (2 * whole)).astype(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class _Outlines:
+    """Closed contours of points on and off quadratic curves by turns, in units."""
+
+    places: dict[str, int]
+    advances: list[int]
+    contours: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    points: NDArray[np.int64]
+
+    def segments(self, place: int) -> NDArray[np.int64]:
+        """Return a glyph's straight pieces, shape (N, 2, 2), in units times `_PIECES` squared."""
+        first, last = (int(self.contours[:end].sum()) for end in (place, place + 1))
+        pieces = []
+        start = int(self.lengths[:first].sum())
+        for length in self.lengths[first:last].tolist():
+            on, off = self.points[start : start + length].reshape(-1, 2, 2).transpose(1, 0, 2)
+            pieces.append(_pieces(on, off, np.roll(on, -1, axis=0)))
+            start += length
+        return np.concatenate(pieces) if pieces else np.empty((0, 2, 2), dtype=np.int64)
+
+
+def _pieces(
+    start: NDArray[np.int64], off: NDArray[np.int64], end: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return quadratic curves as straight pieces, shape (N, 2, 2)."""
+    t = np.arange(_PIECES + 1)[:, np.newaxis, np.newaxis]
+    rest = _PIECES - t
+    points = start * rest**2 + off * (2 * t * rest) + end * t**2
+    return np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 2)
+
+
+@cache
+def _outlines() -> _Outlines:
+    data = pkgutil.get_data("mapdeal.render", "glyphs.npz")
+    assert data is not None  # noqa: S101 - None is for loaders that have no files at all
+    with np.load(io.BytesIO(data)) as file:
+        characters = file["characters"].tolist()
+        return _Outlines(
+            places={chr(code): place for place, code in enumerate(characters)},
+            advances=file["advances"].tolist(),
+            contours=file["contours"].astype(np.int64),
+            lengths=file["lengths"].astype(np.int64),
+            points=np.cumsum(file["steps"], axis=1, dtype=np.int64).T,
+        )
