@@ -1,0 +1,352 @@
+"""What stands where in pictures, in which colour, read off their pixels."""
+
+import hashlib
+import math
+
+import numpy as np
+import pytest
+
+from drawn import grid_from_text
+from mapdeal import Costmap, Frame, OccupancyGrid, Route, esdf, exponential_cost, potential
+from mapdeal.render import canvas, colours
+from mapdeal.render.canvas import ColourBar, Swatch, _Pen, sheet
+from mapdeal.render.colours import interpolated, mixed
+from mapdeal.render.difference import difference_image
+from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.pose import PoseOverlay
+from mapdeal.render.potential import potential_image
+from mapdeal.render.raster import Raster
+from mapdeal.render.route import RouteOverlay
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What the picture asked of the sheet, after a call."""
+    seen = {}
+
+    def record(pixels, palette, **rest):
+        seen.update(rest, pixels=pixels, palette=palette)
+        return sheet(pixels, palette, **rest)
+
+    for module in ("layers", "potential", "difference"):
+        monkeypatch.setattr(f"mapdeal.render.{module}.sheet", record)
+    return seen
+
+
+def colours_of(seen):
+    """The map's colours, one a cell, row 0 in the south, of maps that are enlarged."""
+    return seen["palette"][seen["pixels"]]
+
+
+def cell_colours(seen, shape):
+    step = seen["pixels"].shape[0] // shape[0]
+    middle = step // 2
+    return colours_of(seen)[middle::step, middle::step][: shape[0], : shape[1]]
+
+
+def legend(seen):
+    return {
+        swatch.label: tuple(seen["palette"][swatch.index].tolist()) for swatch in seen["swatches"]
+    }
+
+
+def test_changes_have_the_colours_that_their_legend_says(asked):
+    kinds = np.arange(7, dtype=np.uint8)[np.newaxis]
+    difference_image(kinds, Frame(7, 1, 0.25), title="t")
+    expected = {
+        "only in one map": (225, 225, 225),
+        "unknown": (112, 137, 134),
+        "free": (255, 255, 255),
+        "free or unknown": (250, 220, 130),
+        "wall": (0, 0, 0),
+        "wall removed": (225, 30, 60),
+        "wall added": (0, 120, 220),
+    }
+    assert legend(asked) == expected
+    assert [tuple(c) for c in cell_colours(asked, (1, 7))[0].tolist()] == list(expected.values())
+    assert asked["swatches"][0].label == "wall added"
+
+
+def test_occupancy_is_grey_by_value(asked):
+    grid = OccupancyGrid(np.array([[0, 25, 50, 100, -1]], np.int8), 0.25)
+    occupancy_image(grid, title="t")
+    shown = [tuple(c) for c in cell_colours(asked, (1, 5))[0].tolist()]
+    assert shown == [(255,) * 3, (191,) * 3, (128,) * 3, (0,) * 3, (112, 137, 134)]
+    assert legend(asked) == {
+        "occupied": (0, 0, 0), "free": (255, 255, 255), "unknown": (112, 137, 134)
+    }  # fmt: skip
+    bar = asked["bar"]
+    assert bar.ticks == [(0.0, "0"), (0.25, "25"), (0.5, "50"), (0.75, "75"), (1.0, "100")]
+    assert list(bar.indices) == list(range(101))
+    occupancy_image(grid_from_text("#."), title="t")
+    assert asked["bar"] is None
+
+
+def test_costs_go_from_pale_yellow_to_dark_purple(asked):
+    costmap = Costmap([[1, 64, 127, 189, 252]], 0.25)
+    cost_image(costmap, title="t")
+    shown = cell_colours(asked, (1, 5))[0].astype(int)
+    anchors = [(255, 247, 188), (254, 196, 79), (236, 112, 20), (190, 30, 70), (92, 12, 92)]
+    assert abs(shown - anchors).max() <= 4
+    assert tuple(shown[0]) == anchors[0]
+    assert asked["bar"].ticks[0] == (1 / 252, "1")
+    assert asked["bar"].ticks[-1] == (1.0, "252")
+    assert [(round(252 * place), label) for place, label in asked["bar"].ticks] == [
+        (1, "1"), (50, "50"), (100, "100"), (150, "150"), (200, "200"), (252, "252")
+    ]  # fmt: skip
+    assert asked["bar"].unit == "cost"
+    assert list(asked["bar"].indices) == list(range(200))
+
+
+def test_costs_that_mean_something_have_their_colours(asked):
+    cost_image(Costmap([[0, 252, 253, 254, 255]], 0.25), title="t")
+    shown = [tuple(c) for c in cell_colours(asked, (1, 5))[0].tolist()]
+    assert shown[0] == (255, 255, 255)
+    assert shown[2:] == [(0, 190, 200), (16, 16, 20), (112, 137, 134)]
+    assert list(legend(asked)) == ["lethal 254", "inscribed 253", "free 0", "unknown"]
+    cost_image(
+        Costmap(np.array([[-1, 0, 50, 99, 100]], np.int8), 0.25, scale="occupancy"), title="t"
+    )
+    shown = [tuple(c) for c in cell_colours(asked, (1, 5))[0].tolist()]
+    assert (shown[0], shown[1], shown[4]) == ((112, 137, 134), (255, 255, 255), (16, 16, 20))
+    assert legend(asked)["lethal 100"] == (16, 16, 20)
+    assert asked["bar"].ticks[-1] == (1.0, "99")
+
+
+def test_the_highest_cost_shows_where_cells_share_a_pixel(asked):
+    costs = np.zeros((1, 400), np.uint8)
+    costs[0, 0], costs[0, 1], costs[0, 2], costs[0, 4:6] = 100, 254, 255, (255, 7)
+    cost_image(Costmap(costs, 0.25), title="t", image_max=200)
+    shown = [tuple(c) for c in colours_of(asked)[0, :3].tolist()]
+    assert shown[0] == (16, 16, 20)
+    assert shown[1] == (255, 255, 255)  # a known cost before an unknown one
+    assert shown[2] not in ((112, 137, 134), (255, 255, 255))
+
+
+def test_the_circumscribed_line_bounds_the_cells_at_or_above_it(asked):
+    ramp = np.tile(np.arange(100, 130, dtype=np.uint8), (9, 1))
+    costmap = Costmap(ramp, 0.25, circumscribed_cost=115)
+    cost_image(costmap, title="t", image_max=0)
+    line = np.all(colours_of(asked) == colours.CONTOUR, axis=2)
+    assert np.flatnonzero(line[4]).tolist() == [15, 16]
+    assert legend(asked)["circumscribed 115"] == colours.CONTOUR
+
+
+def test_distances_are_blue_outside_and_red_inside(asked):
+    field = esdf(grid_from_text("....." + "#" * 9 + "......"))
+    field_image(field, title="t")
+    shown = cell_colours(asked, (1, 20))[0].astype(int)
+    assert shown[19, 2] > shown[19, 0] + 40  # the farthest free cell: dark blue
+    assert shown[19].sum() < shown[16].sum() < shown[14].sum()
+    assert shown[9, 0] > shown[9, 2] + 40  # the deepest one: red
+    assert shown[9].sum() < shown[6].sum()
+    far, deep = float(field.distance.max()), float(-field.distance.min())
+    places = {label: place for place, label in asked["bar"].ticks}
+    assert places["0"] == 0.3
+    assert places[f"{far:.3g}"] == 1.0
+    assert places[f"-{deep:.3g}"] == 0.0
+    for label, place in places.items():
+        value = float(label)
+        expected = 0.3 + 0.7 * value / far if value >= 0 else 0.3 * (1 + value / deep)
+        assert place == pytest.approx(expected, abs=0.005)
+    indices = np.array(asked["bar"].indices)
+    assert (np.diff(indices) >= 0).all()
+    assert (indices[0], indices[-1]) == (0, 118)
+    assert (indices[:60] < 49).all()
+    assert (indices[60:] >= 49).all()
+
+
+def test_the_smallest_distance_shows_where_cells_share_a_pixel(asked):
+    grid = grid_from_text("#" + "." * 399)
+    field = esdf(grid)
+    field_image(field, title="t", image_max=100)
+    pixels = asked["pixels"][0]
+    far = float(field.distance.max())
+    for pixel in (10, 40, 70, 99):
+        nearest = float(field.distance[0, 4 * pixel])
+        assert abs(int(pixels[pixel]) - (49 + min(int(nearest / far * 70), 69))) <= 0
+
+
+def test_unknown_cells_are_faded(asked):
+    field = esdf(grid_from_text("#...??"))
+    field_image(field, title="t")
+    shown = cell_colours(asked, (1, 6))[0].astype(int)
+    assert abs(shown[5] - np.array(colours.RVIZ_UNKNOWN)).max() < 60
+    assert "unknown: faded" in legend(asked)
+    assert mixed([(0, 100, 200)], (100, 100, 100), 0.6).tolist() == [[60, 100, 140]]
+
+
+def test_a_potential_is_coloured_by_its_normalised_value(asked):
+    grid = grid_from_text("\n".join(["." * 30] * 11 + ["#" + "." * 29]), 0.5, (0.0, 0.0, 0.0))
+    field = potential(grid)
+    potential_image(field, title="t")
+    step = asked["pixels"].shape[1] // 30
+    row = asked["pixels"][0, 0::step]  # arrows begin farther up
+    expected = np.minimum(field.normalised[0] / 10 * 100, 99).astype(int)
+    assert row[0] == 200  # the obstacle
+    assert np.array_equal(row[1:], expected[1:])
+    assert asked["bar"].ticks == [(k / 10, str(k)) for k in range(0, 11, 2)]
+    assert tuple(asked["palette"][0].tolist()) == (250, 250, 235)
+    assert tuple(asked["palette"][99].tolist()) == (35, 45, 95)
+    assert legend(asked)["downhill"] == (150, 40, 20)
+
+
+@pytest.mark.parametrize("yaw", [0.0, math.pi / 2, 2.5])
+def test_a_robot_s_tip_is_ahead_of_it(asked, yaw):
+    costmap = Costmap(np.zeros((40, 60), np.uint8), 0.5, (3.0, -1.0, 0.4))
+    place = costmap.frame.xy_from_rowcol([[20, 30]])[0]
+    overlay = PoseOverlay((*place, yaw + 0.4))
+    cost_image(costmap, title="t", overlay=overlay)
+    marked = np.argwhere(np.all(colours_of(asked) == colours.ROBOT, axis=2))[:, ::-1] + 0.5
+    scale = asked["pixels"].shape[1] / 60
+    centre = np.array([30.5, 20.5]) * scale
+    ahead = (marked - centre) @ [math.cos(yaw), math.sin(yaw)]
+    length = max(10.0, max(asked["pixels"].shape) / 25)
+    assert ahead.max() == pytest.approx(0.6 * length, abs=2.5)
+    assert ahead.min() == pytest.approx(-0.4 * length, abs=1.5)
+    aside = (marked - centre) @ [-math.sin(yaw), math.cos(yaw)]
+    assert (aside.max(), -aside.min()) == pytest.approx((0.35 * length,) * 2, abs=1.5)
+    assert legend(asked)["robot"] == (0, 175, 60)
+    assert asked["subtitle"].endswith(overlay.text)
+
+
+@pytest.mark.parametrize(("reduce", "enlarge"), [(1, 1), (5, 1), (1, 4)])
+def test_a_pixel_s_side_in_metres(reduce, enlarge):
+    raster = Raster(enlarge=enlarge, reduce=reduce)
+    assert raster.metres_per_pixel(0.05) == pytest.approx(0.05 * reduce / enlarge)
+
+
+def longest_black_run(image):
+    """Return the length of the longest black run of pixels in a row."""
+    black = np.pad(image.indices == canvas.MOST_COLOURS, ((0, 0), (1, 1)))
+    edges = np.flatnonzero(np.diff(black.ravel().astype(np.int8)))
+    return int((edges[1::2] - edges[::2]).max())
+
+
+@pytest.mark.parametrize(("side", "image_max"), [(300, 2048), (1500, 500), (1500, 0)])
+def test_the_scale_bar_is_as_long_as_it_says(monkeypatch, side, image_max):
+    labels = []
+    write = _Pen._label
+    monkeypatch.setattr(
+        _Pen, "_label", lambda pen, x, y, text: (labels.append(text), write(pen, x, y, text))
+    )
+    grid = OccupancyGrid(np.zeros((side // 3, side), np.int8), 0.05, (0.0, 0.0, 0.3))
+    image = occupancy_image(grid, title="", image_max=image_max)
+    metres = next(float(t.removesuffix(" m")) for t in labels if t.endswith(" m"))
+    raster = Raster.fitting(grid.shape, image_max)
+    length = longest_black_run(image)
+    pixels = metres / raster.metres_per_pixel(0.05)
+    assert pixels + 1 <= length <= pixels + 1 + 20  # and the end's own thickness
+    assert length - pixels - 1 == max(2, 14 // 6) // 2 or side == 1500
+    width = side // raster.reduce * raster.enlarge
+    assert 0.15 * width < pixels <= 0.4 * width + 1
+
+
+def test_a_colour_bar_has_its_first_colour_at_the_bottom_and_ticks_beside_their_colours():
+    bar = ColourBar(range(100), [(0.0, "0"), (0.25, "5"), (1.0, "20")], "unit")
+    palette = np.stack([np.arange(100), np.arange(100), np.full(100, 255)], axis=1).astype(np.uint8)
+    image = sheet(np.full((600, 600), 99, np.uint8), palette, title="", subtitle="",
+                  metres_per_pixel=0.05, bar=bar)  # fmt: skip
+    column = np.flatnonzero((image.indices == 50).any(axis=0))
+    strip = image.indices[:, column[0]]
+    rows = np.flatnonzero(strip < 100)
+    assert strip[rows[-1]] == 0
+    assert strip[rows[0]] == 99
+    assert (np.diff(strip[rows].astype(int)) <= 0).all()
+    beside = image.indices[:, column[-1] + 3]
+    ticks = np.flatnonzero(beside == canvas.MOST_COLOURS)
+    ticks = ticks[(ticks >= rows[0]) & (ticks <= rows[-1])]
+    assert ticks.tolist() == [rows[0], rows[0] + round(0.75 * (len(rows) - 1)), rows[-1]]
+
+
+def test_coordinates_stand_beside_the_pixels_that_they_name(monkeypatch):
+    texts = []
+    monkeypatch.setattr(_Pen, "_write", lambda _, x, y, text, __: texts.append((text, x, y)))
+    pixels = np.zeros((600, 300), np.uint8)
+    image = sheet(pixels, np.full((1, 3), 200, np.uint8), title="", subtitle="",
+                  metres_per_pixel=0.01, corner_xy=(-1.0, 10.0))  # fmt: skip
+    rows, cols = np.nonzero(image.indices == 0)
+    bottom, left = rows.max() + 1, cols.min()
+    below = np.flatnonzero(image.indices[bottom + 2] == canvas.MOST_COLOURS)
+    beside = np.flatnonzero(image.indices[:, left - 3] == canvas.MOST_COLOURS)
+    named = {text: (x, y) for text, x, y in texts}
+    for label in ("-1", "0", "1", "2") if "0" in named else ("-1.0", "0.0", "1.0", "2.0"):
+        place = left + round((float(label) + 1.0) / 0.01)
+        assert place in below
+        assert named[label][0] < place
+    upward = [t for t in named if t.replace(".", "").isdigit() and float(t) >= 10]
+    assert len(upward) >= 5
+    for label in upward:
+        place = bottom - round((float(label) - 10.0) / 0.01)
+        assert place in beside
+        assert abs(named[label][1] - place) <= 8
+        assert named[label][0] < left - 5
+
+
+def test_a_legend_s_boxes_stand_below_each_other():
+    swatches = [Swatch(1, "one"), Swatch(2, "two")]
+    image = sheet(np.zeros((300, 300), np.uint8), np.full((3, 3), 9, np.uint8), title="",
+                  subtitle="", metres_per_pixel=0.1, swatches=swatches)  # fmt: skip
+    boxes = [np.argwhere(image.indices == index) for index in (1, 2)]
+    assert [len(box) for box in boxes] == [int(1.1 * 14) * int(1.2 * 14)] * 2
+    assert (boxes[1].min(axis=0) - boxes[0].min(axis=0)).tolist() == [int(1.6 * 14), 0]
+
+
+def test_the_map_is_framed_and_the_north_is_on_top():
+    pixels = np.zeros((60, 200), np.uint8)
+    pixels[-1] = 1
+    image = sheet(pixels, np.full((2, 3), 9, np.uint8), title="", subtitle="", metres_per_pixel=0.1)
+    top, left = np.argwhere(image.indices == 1).min(axis=0)
+    assert np.array_equal(image.indices[top : top + 60, left : left + 200], pixels[::-1])
+    grey = canvas.MOST_COLOURS + 5
+    assert (image.indices[top - 1, left - 1 : left + 201] == grey).all()
+    assert (image.indices[top + 60, left - 1 : left + 201] == grey).all()
+    assert (image.indices[top - 1 : top + 61, left - 1] == grey).all()
+    assert (image.indices[top - 1 : top + 61, left + 200] == grey).all()
+
+
+@pytest.mark.parametrize("levels", [40, 49, 70, 100, 200])
+def test_no_colour_hinges_on_how_a_library_rounds(levels, monkeypatch):
+    exact = []
+    rint = np.rint
+    monkeypatch.setattr("numpy.rint", lambda x: (exact.append(x), rint(x))[1])
+    for scale in (colours.cost_scale, colours.potential_scale, colours.free_side,
+                  colours.obstacle_side):  # fmt: skip
+        scale(levels)
+    for values in exact:
+        assert abs(values % 1 - 0.5).min() > 1e-9
+
+
+def test_a_scale_passes_through_its_anchors():
+    anchors = [(255, 0, 0), (0, 255, 0), (0, 0, 255)]
+    assert interpolated(anchors, 5)[::2].tolist() == [list(anchor) for anchor in anchors]
+
+
+def digest(image):
+    shape = np.array(image.indices.shape, "<u4").tobytes()
+    content = shape + image.indices.tobytes() + image.palette.tobytes()
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def test_pictures_are_the_same_wherever_they_are_drawn():
+    # Recorded once. They change when somebody changes the drawing on purpose, and only then:
+    # a new version of a library, or another machine, is no reason.
+    grid = grid_from_text("#..?\n....\n..##", 0.25, (1.5, -2.0, 0.0))
+    robot = PoseOverlay((2.0, -1.6, 0.7))
+    route = Route("descent", False, (1.6, -1.6), (2.3, -1.4), [[1.6, -1.6], [2.1, -1.5]], 0.51,
+                  0.51, 1.0, local_minimum=(2.1, -1.5))  # fmt: skip
+    pictures = {
+        "occupancy": occupancy_image(grid, title="K\u00fcche 5 \u00d7 7 m\u00b2 \u5009"),
+        "field": field_image(esdf(grid), title="Field"),
+        "cost": cost_image(exponential_cost(grid), title="Cost", overlay=robot),
+        "route": occupancy_image(grid, title="Route", overlay=RouteOverlay(route)),
+    }
+    assert {name: digest(image) for name, image in pictures.items()} == RECORDED
+
+
+RECORDED = {
+    "occupancy": "727c500f5cbf7e27",
+    "field": "fad83cae4bd0a35a",
+    "cost": "2b689133242f37ea",
+    "route": "73b9119568bebc8e",
+}
