@@ -1,5 +1,6 @@
 """Names that the system refuses, and folders that are closed whoever runs the tests."""
 
+import io
 import os
 from pathlib import Path
 
@@ -21,6 +22,7 @@ def private(folder, monkeypatch):
 
         return call
 
+    monkeypatch.setattr(io, "open", refusing(io.open, is_listing=False))
     for name in ("stat", "open", "mkdir", "scandir", "listdir"):
         is_listing = name in ("scandir", "listdir")
         monkeypatch.setattr(os, name, refusing(getattr(os, name), is_listing))

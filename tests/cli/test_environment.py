@@ -68,11 +68,11 @@ def test_what_can_be_encoded_is_written_as_it_is(folder, streams):
         assert written()[0].splitlines()[0] == shown
 
 
-@pytest.mark.parametrize("name", [None, *command_names()])
-def test_help_onto_a_full_disk_is_told_in_one_line(monkeypatch, capsys, name):
+@pytest.mark.parametrize("words", ["", *command_names(), "edit polygon", "edit reset"])
+def test_help_onto_a_full_disk_is_told_in_one_line(monkeypatch, capsys, words):
     with suppress(OSError), open("/dev/full", "w") as full:  # closing it fails, too
         monkeypatch.setattr(sys, "stdout", full)
-        code = main(["--help"] if name is None else [name, "--help"])
+        code = main([*words.split(), "--help"])
     assert code == 4
     told = "error: standard output: cannot be written: No space left on device\n"
     assert capsys.readouterr().err == told

@@ -1,10 +1,11 @@
 """Which maps names stand for, and where what is made of them goes."""
 
+import itertools
 from pathlib import Path
 
 import pytest
 
-from mapdeal import FileAccessError, ParameterError
+from mapdeal import FileAccessError, MalformedInputError, ParameterError
 from mapdeal.formats.map_listing import list_maps
 
 MAP = "image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
@@ -29,7 +30,7 @@ def put(path, text):
 
 
 def listed(*names, output="out", stdin=b""):
-    return list_maps(names, Path(output), lambda: stdin)
+    return list_maps(names, Path(output), lambda: [stdin])
 
 
 def places(*names, **more):
@@ -186,3 +187,16 @@ def test_a_folder_without_a_map(folder):
 def test_an_empty_name(folder):
     with pytest.raises(ParameterError, match="must not be empty"):
         listed("")
+
+
+def test_a_list_that_never_ends_is_refused(folder):
+    endless = itertools.repeat(b"maps/a.yaml\n" * 1_000_000)
+    with pytest.raises(MalformedInputError, match="standard input: must not be larger than"):
+        list_maps(["@-"], Path("out"), lambda: endless)
+
+
+def test_a_long_list_of_files_is_read_off_in_one_go(folder):
+    for number in range(300):
+        put(folder / "many" / f"{number}.yaml", MAP if number % 2 else "a: 1\n")
+    found = listed("many", "many/*.yaml")
+    assert len(found.maps) == len(found.repeated) == len(found.left_out) == 150

@@ -110,6 +110,17 @@ def _made_context(make: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         raise FileAccessError(rule, source="standard output") from None
 
 
+def _leave_files_to_us(command: Any) -> None:
+    """Keep a command, and those below it, from saying in click's way what cannot be used."""
+    command.make_context = partial(_made_context, command.make_context)
+    for parameter in command.params:
+        if isinstance(parameter.type, TyperPath):
+            parameter.type.readable = False  # whoever opens the file says why it cannot
+            vars(parameter.type)["convert"] = _NotEmpty(parameter.type.convert)
+    for below in getattr(command, "commands", {}).values():
+        _leave_files_to_us(below)
+
+
 class _LazyGroup(TyperGroup):
     """A group that imports a command when it is asked for.
 
@@ -133,15 +144,11 @@ class _LazyGroup(TyperGroup):
             app = stage_app(cmd_name)
         begin_work()
         command: Any = typer.main.get_command(app)
-        command.make_context = partial(_made_context, command.make_context)
+        _leave_files_to_us(command)
         command.name = cmd_name
         first, _, _ = (command.help or "").partition("\n\n")
         command.short_help = " ".join(first.split())  # else it is cut off in the list
         command.context_settings["help_option_names"] = ["-h", "--help"]
-        for parameter in command.params:
-            if isinstance(parameter.type, TyperPath):
-                parameter.type.readable = False  # whoever opens the file says why it cannot
-                vars(parameter.type)["convert"] = _NotEmpty(parameter.type.convert)
         self.commands[cmd_name] = command
         return command
 
@@ -237,10 +244,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _check_words(words: Iterable[str]) -> None:
-    """Refuse what no system can hand over to a process, so that nobody behind need expect it."""
+    """Refuse what no system hands over to a process, so that nobody behind need expect it."""
     for word in words:
-        if "\0" in word:
-            raise ParameterError("must not hold a NUL character", source="command line", got=word)
+        try:
+            is_possible = b"\0" not in os.fsencode(word)
+        except UnicodeEncodeError:  # half of a pair of surrogates
+            is_possible = False
+        if not is_possible:
+            raise ParameterError("is no word of a command line", got=word)
 
 
 def _refusal_of_the_system(error: Exception) -> FileAccessError | None:

@@ -116,7 +116,7 @@ def run(
     settings = replace(settings, progress=None)  # of a single map alone, see `run_single`
     if scheduler is not None:
         output = absolute_path(output)
-    listing = list_maps(sources, output, lambda: b"".join(terminal.input_chunks()))
+    listing = list_maps(sources, output, terminal.input_chunks)
     names = {path.name for path in output_folder(output, {}, loaded, settings).outputs()}
     all_jobs = jobs_of(listing.maps, output, names)
     say_listing(listing)

@@ -17,6 +17,7 @@ from mapdeal.formats.source import (
     exists,
     head_of,
     is_folder,
+    joined,
     normal_path,
     read_file,
     real_path,
@@ -88,7 +89,7 @@ class _Found:
 
 
 def list_maps(
-    names: Iterable[str], output: Path, standard_input: Callable[[], bytes]
+    names: Iterable[str], output: Path, standard_input: Callable[[], Iterable[bytes]]
 ) -> MapListing:  # fmt: skip
     """Return the maps that names stand for.
 
@@ -101,7 +102,7 @@ def list_maps(
     output : Path
         The folder of outputs: nothing in it is taken for an input of a folder or pattern.
     standard_input : callable
-        Gives all that comes in on stdin.
+        Gives what comes in on stdin, bit by bit.
 
     Returns
     -------
@@ -141,11 +142,14 @@ def list_maps(
     )
 
 
-def _lines_of(name: str, standard_input: Callable[[], bytes]) -> list[str]:
+def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[str]:
     """Return the names in a list, without comments and empty lines."""
     what = f"@{name}"
     try:
-        data = standard_input() if name == "-" else read_file(Path(name), limit=_LARGEST_LIST)
+        if name == "-":
+            data = joined(standard_input(), limit=_LARGEST_LIST, source="standard input")
+        else:
+            data = read_file(Path(name), limit=_LARGEST_LIST)
         claim(what, 4 * len(data) + _PER_NAME * data.count(b"\n"))
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

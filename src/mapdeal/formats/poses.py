@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealWarning
 from mapdeal.formats.budget import PIECES, claim
-from mapdeal.formats.source import chunks_of
+from mapdeal.formats.source import LARGEST_FILE, LONGEST_STREAM, chunks_of, is_regular
 from mapdeal.formats.text_rows import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.coordinates import FARTHEST
 
@@ -103,9 +103,12 @@ def read_poses(path: Path) -> Poses:
 
 def _contents_of(path: Path) -> bytes:
     """Return what stands in a file, which may be a pipe without an end."""
+    most = LARGEST_FILE if is_regular(path) else LONGEST_STREAM
     chunks, length = [], 0
     for chunk in chunks_of(path):
         length += len(chunk)
+        if length > most:
+            raise MalformedInputError(f"must not be larger than {most} bytes", source=path)
         claim(path, 2 * length)
         chunks.append(chunk)
     return b"".join(chunks)

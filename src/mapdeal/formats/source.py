@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -24,6 +24,8 @@ _GIBIBYTE = 1 << 30
 LARGEST_FILE = 16 * _GIBIBYTE
 _HEAD = 1 << 20
 _CHUNK = 1 << 18
+LONGEST_STREAM = 1 << 28
+"""Bytes that are taken from a pipe or a device: it may never end."""
 
 
 @contextmanager
@@ -268,6 +270,23 @@ def check_state(path: Path, state: FileState) -> None:
     """Raise FileAccessError if the file of a name is not the one that it was."""
     if state_of(path) != state:
         raise FileAccessError(CHANGED, source=path)
+
+
+def joined(chunks: Iterable[bytes], *, limit: int, source: Path | str) -> bytes:
+    """Return what comes in bit by bit as one.
+
+    Raises
+    ------
+    MalformedInputError
+        If it is more than `limit` bytes.
+    """
+    parts, length = [], 0
+    for chunk in chunks:
+        parts.append(chunk)
+        length += len(chunk)
+        if length > limit:
+            raise MalformedInputError(f"must not be larger than {limit} bytes", source=source)
+    return b"".join(parts)
 
 
 def check_regular(path: Path) -> None:

@@ -68,12 +68,12 @@ def run_all(
         outcomes[index] = outcome
         on_done(jobs[index], outcome)
 
+    make_folder(output)
     try:
         if workers is None:
             for index in range(len(jobs)):
                 done(index, attempt(run_one, job_of(index)))
         else:
-            make_folder(output)
             dispatch(len(jobs), job_of, partial(attempt, run_one), workers, done)
     except KeyboardInterrupt:
         _write_summary(jobs, outcomes, output, what)

@@ -1,0 +1,151 @@
+"""Every command with every name that a system can refuse, as an input and as an output."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bad_maps import tree, write_map
+from odd_names import private
+
+# X is the odd name. What a suffix decides is asked for with each suffix.
+INPUTS = [
+    *(f"{name} X.yaml -o o.npz" for name in
+      ("active", "inflate", "esdf", "cost", "convert", "potential --goal 1.6,-1.9",
+       "window --size 1,1", "shift --origin 1,1", "edit polygon --blank --point 1.5,-2",
+       "edit reset --size 1,1 --corner 1,-2")),
+    *(f"{name} X{end}" for end in (".yaml", ".npz", ".pgm", "") for name in ("info", "lint")),
+    "diff m.yaml X.yaml", "query X.npz --at 1.6,-1.9", "route X.yaml --from 1,1 --to 1,1",
+    "pack X.yaml -o o.pbm", "unpack X.pbm -o o.yaml", "diff X.npz m.yaml",
+    "run -j1 X.yaml -o out", "run -j1 X.npz m.yaml -o out", "run -j1 X -o out", "run -j1 @X -o out",
+    "run -j1 X* -o out", "run -j1 X/**/*.yaml -o out", "run -n X.yaml -o out",
+    "run -j1 @list.txt -o out",
+    "run -j1 m.yaml -o out --recipe X.yaml", "run -j1 m.yaml -o out --no-images --golden X",
+    "cost m.yaml -o o.npz --mask X.yaml", "query m.yaml --points X",
+    "edit polygon m.yaml -o o.npz --file X.yaml", "edit polygon m.yaml -o o.npz --file X.geojson",
+    *(f"local --cloud X{end} --pose 1,1,0 -o out" for end in
+      (".pcd", ".xyz", ".npz", "", "/*.pcd")),
+    "local --cloud c.xyz --poses X -o out", "local --cloud X --poses poses.txt -o out",
+    "local --cloud c.xyz --pose 1,1,0 --map X.yaml -o out",
+    "local --cloud c.xyz --pose 1,1,0 --recipe X.yaml -o out",
+    "build X.log -o o.yaml", "build X.npz -o o.yaml",
+    "build --poses X --angles poses.txt --ranges poses.txt -o o.yaml",
+    "build --poses poses.txt --angles X --ranges poses.txt -o o.yaml",
+    "build --poses poses.txt --angles poses.txt --ranges X -o o.yaml",
+    "info image.yaml", "lint image.yaml", "run -j1 image.yaml -o out",
+]  # fmt: skip
+OUTPUTS = [
+    *(f"{name} m.yaml -o X.yaml" for name in ("active", "inflate", "cost", "window --size 1,1")),
+    "esdf m.yaml -o X.npy", "esdf m.yaml -o X.png", "esdf m.yaml -o o.npz --image X.png",
+    "esdf m.yaml -o X.npz --force", "convert m.yaml -o X.pgm --force",
+    "pack m.yaml -o X.pbm", "route m.yaml --from 1.6,-1.9 --to 1.6,-1.9 -o X.json",
+    "run -j1 m.yaml -o X", "run -j1 . -o X", "run -n m.yaml -o X", "run -j1 m.yaml -o X --force",
+    "run -j1 m.yaml -o out --no-images --golden X --update-golden",
+    "local --cloud c.xyz --pose 1,1,0 -o X", "local --cloud c.xyz --poses one.txt -o X",
+    "lint m.yaml --fix -o X.yaml", "diff m.yaml m.yaml --image X.png",
+    "edit line m.yaml --point 1,1 2,2 -o X.npz", "build log.npz -o o.npz --layers X.npz",
+]  # fmt: skip
+NAMES = {
+    "long": lambda end: "n" * 300 + end,
+    "deep": lambda end: "d/" * 2100 + end,
+    "nul": lambda end: f"a\0b{end}",
+    "loop": lambda end: f"loop{end}",
+    "below-a-loop": lambda end: f"loop/x{end}",
+    "link-to-nothing": lambda end: f"dangling{end}",
+    "private": lambda end: f"closed/x{end}",
+    "link-into-private": lambda end: f"into{end}",
+    "below-a-file": lambda end: f"m.yaml/x{end}",
+    "full": lambda _: "/dev/full",
+    "memory": lambda _: "/proc/self/mem",
+    "zeros": lambda _: "/dev/zero",
+    "empty": lambda _: "",
+    "folder": lambda _: "closed",
+    "newline": lambda end: f"a\nb{end}",
+    "surrogate": lambda end: os.fsdecode(b"\xff") + end,
+    "half-a-pair": lambda end: f"\ud800{end}",
+    "user": lambda end: f"~nobody-of-this-name/x{end}",
+    "gone": lambda end: f"x{end}",
+}
+CLOSED = ("private", "link-into-private", "folder")
+BATCHES = {".", "@list.txt", "--poses"}
+ENDS = (".yaml", ".npz", ".pgm", ".pbm", ".pcd", ".ply", ".xyz", ".npy", ".log", ".png", ".json",
+        ".geojson", "")  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_map(tmp_path)
+    Path("c.xyz").write_text("1 1\n2 1.5\n")
+    Path("poses.txt").write_text("1,1,0\n2,1,0\n")
+    Path("one.txt").write_text("1,1,0\n")
+    np.savez("log.npz", poses=np.zeros((1, 3)), angles=np.zeros(1), ranges=np.ones((1, 1)))
+    Path("closed").mkdir()
+    for end in ENDS:
+        Path(f"closed/x{end}").write_bytes(Path("m.yaml").read_bytes())
+        Path(f"loop{end}").symlink_to(f"pool{end}")
+        Path(f"pool{end}").symlink_to(f"loop{end}")
+        Path(f"into{end}").symlink_to(f"closed/x{end}")
+        Path(f"dangling{end}").symlink_to("nothing/at/all")
+    return tmp_path
+
+
+def words_of(line, name):
+    """The words of a command, with the odd name made for the suffix that follows it."""
+    words = []
+    for word in line.split():
+        place = word.find("X")
+        words.append(word if place < 0 else word[:place] + NAMES[name](word[place + 1 :]))
+    return words
+
+
+def check(command, folder, monkeypatch, line, name, *, is_output):
+    words = words_of(line, name)
+    before = tree(folder)
+    with monkeypatch.context() as patch:
+        if name == "gone":
+            gone = folder / "gone"
+            gone.mkdir()
+            patch.chdir(gone)
+            gone.rmdir()
+            words = [str(folder / word) if word in before else word for word in words]
+        if name in CLOSED:
+            private("closed", patch)
+        code, _, err = command(*words)
+    lines = err.splitlines()
+    assert code in (0, 1, 2, 3, 4, 5), err
+    assert "Traceback" not in err
+    assert all(one.startswith(("error: ", "hint: ", "warning: ")) for one in lines), err
+    errors = [one for one in lines if one.startswith("error: ")]
+    if code != 5 and not BATCHES & set(words):  # each of whose maps tells its own
+        assert len(errors) == (code > 1) or (code == 1 and len(errors) == 1), err
+        assert code in (0, 1) or "--golden" in words or tree(folder) == before
+    if not is_output:
+        assert code != 0 or words[0] == "run" or name in ("zeros", "full", "surrogate")
+    for left in ("out", *(path for path in folder.iterdir() if path.name.startswith("o."))):
+        shutil.rmtree(folder / left, ignore_errors=True)
+        (folder / left).unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_input_that_the_system_refuses_is_one_line(
+    command, folder, monkeypatch, mapdeal_warnings, name
+):
+    (folder / "list.txt").write_text(
+        f"m.yaml\n{NAMES[name]('.yaml')}\n".replace("\0", "?"), "utf-8", "replace"
+    )
+    image = NAMES[name](".pgm").replace("\0", "\\0").replace("\n", "\\n").replace("\ud800", "?")
+    text = (folder / "m.yaml").read_text().replace("m.pgm", f'"{image}"')
+    (folder / "image.yaml").write_text(text, "utf-8", "replace")
+    for line in INPUTS:
+        check(command, folder, monkeypatch, line, name, is_output=False)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_output_that_the_system_refuses_is_one_line_and_writes_nothing(
+    command, folder, monkeypatch, mapdeal_warnings, name
+):
+    for line in OUTPUTS:
+        check(command, folder, monkeypatch, line, name, is_output=True)
