@@ -224,3 +224,27 @@ def test_an_odd_epoch_stops_no_command(tmp_path, epoch):
     words = ["inflate", EXAMPLE, "-o", tmp_path / "a.yaml", "--kernel", "disc"]
     told = process(*words, SOURCE_DATE_EPOCH=epoch, MAPDEAL_KERNELS="scipy")
     assert (told.returncode, told.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("closed", ["<&-", "2>&-", "<&- 2>&-", "<&- >&- 2>&-"])
+def test_no_file_gets_the_number_of_a_closed_stream(closed, tmp_path):
+    code = (
+        "import os; from mapdeal.cli.process import occupy_standard_streams; "
+        "occupy_standard_streams(); file = open('output', 'w'); os.write(2, b'from a library'); "
+        "file.write(str(file.fileno() > 2)); file.close()"
+    )
+    told = subprocess.run(
+        ["bash", "-c", f'"{sys.executable}" -c "{code}" {closed}'], cwd=tmp_path, check=False
+    )
+    assert told.returncode == 0
+    assert (tmp_path / "output").read_text() == "True"
+
+
+@pytest.mark.parametrize("closed", ["<&- 2>&-", "<&- >&- 2>&-"])
+def test_what_is_written_does_not_depend_on_streams(closed, tmp_path):
+    for folder, more in (("usual", ""), ("closed", closed)):
+        assert shell(f"$mapdeal run $MAP -o {folder} -q {more}", tmp_path).returncode == 0
+    usual, other = (tmp_path / name / "office" for name in ("usual", "closed"))
+    assert {p.name: p.read_bytes() for p in usual.iterdir()} == {
+        p.name: p.read_bytes() for p in other.iterdir()
+    }

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from typing import NoReturn
 
 _INTERRUPTED = 130
+_STDERR = 2
 
 
 def run_process() -> NoReturn:
@@ -28,6 +29,7 @@ def run_process() -> NoReturn:
     # as nothing has begun, the process just ends.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end_at_once)
+    occupy_standard_streams()
     gc.disable()  # until the command is imported, see `begin_work`
     # numpy's linear algebra would start a thread per processor, for matrices of 3 x 3.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -52,6 +54,20 @@ def run_process() -> NoReturn:
         sys.exit(code)
     # All files are closed and all threads have ended: there is nothing to take apart.
     os._exit(code)
+
+
+def occupy_standard_streams() -> None:
+    """Open what is closed of stdin, stdout and stderr onto nothing.
+
+    Otherwise the next file that is opened gets the number 2, be it an output, and what libraries
+    in C print goes into it.
+    """
+    try:
+        while (descriptor := os.open(os.devnull, os.O_RDWR)) <= _STDERR:
+            os.set_inheritable(descriptor, True)
+        os.close(descriptor)
+    except OSError:  # no descriptors to be had: nor are there for outputs
+        pass
 
 
 def begin_work() -> None:
