@@ -23,7 +23,7 @@ def read_jpeg(data: bytes, path: Path, max_cells: int) -> Picture:
     with open_image(io.BytesIO(data), "JPEG", path, max_cells) as image:
         claim_pixels(image, data, path)
         load(image, path)
-        check_scans(data, path)
+        check_scans(data, path, image)
         text = "JPEG is lossy: greys may have moved across the thresholds"
         warn(path, text, "image.lossy")
         return picture_of(image, "JPEG", path)

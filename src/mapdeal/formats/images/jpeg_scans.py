@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
+from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.images.pillow import damage_refused
+from mapdeal.formats.images.pillow import damage_refused, have_same_pixels
 
 _TEM, _SOI, _EOI, _SOS, _DRI = 0x01, 0xD8, 0xD9, 0xDA, 0xDD
 _RESTARTS = range(0xD0, 0xD8)
@@ -78,7 +76,7 @@ class _Frame:
         return filler.join(data[first:last] for first, last in pairwise(edges))
 
 
-def check_scans(data: bytes, path: Path) -> tuple[int, int]:
+def check_scans(data: bytes, path: Path, image: Any = None) -> tuple[int, int]:
     """Refuse a JPEG stream of which some coefficients are missing.
 
     Parameters
@@ -87,6 +85,8 @@ def check_scans(data: bytes, path: Path) -> tuple[int, int]:
         The stream, with all tables, from the mark of its start to that of its end or beyond.
     path : Path
         The file that it is from, for messages.
+    image : PIL.Image.Image, optional
+        What has been decoded of it, if anything has.
 
     Returns
     -------
@@ -109,9 +109,16 @@ def check_scans(data: bytes, path: Path) -> tuple[int, int]:
     frame = _frame_of(data, path)
     if not frame.has_all_scans:
         raise MalformedInputError("scans of the JPEG image are missing", source=path)
-    expected = _decoded(data, path)
     for filler in _FILLERS:
-        if not np.array_equal(_decoded(frame.filled_up(data, filler), path), expected):
+        with (
+            damage_refused(path),
+            nullcontext(image) if image is not None else _opened(data) as expected,
+            _opened(frame.filled_up(data, filler)) as filled,
+        ):
+            expected.load()
+            filled.load()
+            is_same = have_same_pixels(expected, filled)
+        if not is_same:
             raise _ends_early(path)
     return frame.height, frame.width
 
@@ -195,11 +202,10 @@ def _ends_of_data(data: bytes, start: int, path: Path) -> tuple[list[int], list[
             restarts.append(code)
 
 
-def _decoded(data: bytes, path: Path) -> NDArray[Any]:
+def _opened(data: bytes) -> Any:
     from PIL import Image
 
-    with damage_refused(path), Image.open(io.BytesIO(data), formats=("JPEG",)) as image:
-        return np.asarray(image)
+    return Image.open(io.BytesIO(data), formats=("JPEG",))
 
 
 def _ends_early(path: Path) -> MalformedInputError:

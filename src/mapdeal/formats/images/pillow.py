@@ -23,6 +23,7 @@ from mapdeal.formats.images.image_format import OtherContentsError
 from mapdeal.formats.picture import Picture, check_size
 
 _EXIF_ORIENTATION = 0x0112
+_COMPARED_TOGETHER = 1 << 20  # pixels
 _PILLOW_LOG = logging.NullHandler()
 
 # Pillow's limit, the filters of warnings and the terminal that libtiff writes to belong to the
@@ -153,6 +154,16 @@ def grey_and_alpha(image: Any, name: str) -> Picture:
     """Return the first and the last channel of an image as brightness and opacity."""
     pixels = np.asarray(image)
     return Picture(name, "grey", pixels[..., 0], alpha=pixels[..., -1])
+
+
+def have_same_pixels(one: Any, other: Any) -> bool:
+    """Return whether two decoded images are equal; looks at some rows at a time."""
+    if (one.mode, one.size) != (other.mode, other.size):
+        return False
+    height = max(1, _COMPARED_TOGETHER // one.width)
+    boxes = ((0, top, one.width, min(top + height, one.height))
+             for top in range(0, one.height, height))  # fmt: skip
+    return all(one.crop(box).tobytes() == other.crop(box).tobytes() for box in boxes)
 
 
 def warn(path: Path, text: str, check: str) -> None:

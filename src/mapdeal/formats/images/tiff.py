@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mapdeal.formats.images.image_format import ImageFormat
 from mapdeal.formats.images.memory import claim_pixels
 from mapdeal.formats.images.pillow import (
@@ -40,10 +38,9 @@ def read_tiff(data: bytes, path: Path, max_cells: int) -> Picture:
         claim_pixels(image, data, path, bits=bits, tile=tile)
         parts = tiff_parts(tags, len(data), path)
         load(image, path, around=_silent_libtiff())
-        picture = picture_of(image, "TIFF", path)
         with _silent_libtiff():
-            check_decoded(parts, tags, data, np.asarray(image), path)
-        return picture
+            check_decoded(parts, tags, data, image, path)
+        return picture_of(image, "TIFF", path)
 
 
 def _bits_of(image: Any) -> int:

@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.images.jpeg_scans import check_scans
-from mapdeal.formats.images.pillow import damage_refused
+from mapdeal.formats.images.pillow import damage_refused, have_same_pixels
 
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION, _SAMPLES, _PLANAR = 256, 257, 258, 259, 277, 284
 _STRIP_OFFSETS, _ROWS_PER_STRIP, _STRIP_SIZES = 273, 278, 279
@@ -124,7 +123,7 @@ def tiff_parts(tags: Mapping[int, Any], file_size: int, path: Path) -> TiffParts
 
 
 def check_decoded(
-    parts: TiffParts, tags: Mapping[int, Any], data: bytes, pixels: NDArray[Any], path: Path
+    parts: TiffParts, tags: Mapping[int, Any], data: bytes, image: Any, path: Path
 ) -> None:
     """Refuse a picture of which some pixels were not in the file.
 
@@ -134,7 +133,7 @@ def check_decoded(
         As `tiff_parts` returns and takes them.
     data : bytes
         The file.
-    pixels : numpy.ndarray
+    image : PIL.Image.Image
         What was decoded.
     path : Path
         The file's name, for messages.
@@ -154,9 +153,10 @@ def check_decoded(
         # Whoever decodes complete data never gets to what lies behind them.
         for filler in _FILLERS:
             filled = [stream + filler for stream in parts.of(data)]
-            with damage_refused(path):
-                decoded = _decoded(_fax_of(tags, filled))
-            if not np.array_equal(decoded, pixels):
+            with damage_refused(path), _opened(_fax_of(tags, filled)) as decoded:
+                decoded.load()
+                is_same = have_same_pixels(image, decoded)
+            if not is_same:
                 raise MalformedInputError("the pixels end early", source=path, place="fax data")
 
 
@@ -220,11 +220,10 @@ def _fax_of(tags: Mapping[int, Any], parts: Sequence[bytes]) -> bytes:
     return b"II*\0" + struct.pack("<I", end) + body + directory
 
 
-def _decoded(data: bytes) -> NDArray[Any]:
+def _opened(data: bytes) -> Any:
     from PIL import Image
 
-    with Image.open(io.BytesIO(data), formats=("TIFF",)) as image:
-        return np.asarray(image)
+    return Image.open(io.BytesIO(data), formats=("TIFF",))
 
 
 def _damaged(path: Path, what: str) -> MalformedInputError:
