@@ -173,6 +173,7 @@ def test_jobs_share_out_threads_and_memory(monkeypatch):
     run = jobs.MapRun(load_recipe("default"))
     shared = run.sharing(3)
     assert (shared.settings.threads, shared.settings.max_memory) == (2, 8_000_000_000 // 3)
+    assert not shared.settings.memory_is_chosen
     assert run.sharing(1) == run
     chosen = jobs.MapRun(load_recipe("default"), Settings(threads=5, max_memory=10**9))
     assert chosen.sharing(3) == chosen

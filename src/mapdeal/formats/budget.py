@@ -110,7 +110,7 @@ def use_memory(
 def _budget_of(limit: int | None, *, is_chosen: bool = True) -> _Budget:
     if limit is None:
         return _current.get() or _by_default()
-    origin = "" if is_chosen else " (by default this job's share of half of what is free now)"
+    origin = "" if is_chosen else " (by default this job's share of the memory)"
     return _Budget(limit, origin)
 
 

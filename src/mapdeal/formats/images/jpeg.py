@@ -21,7 +21,7 @@ def read_jpeg(data: bytes, path: Path, max_cells: int) -> Picture:
         Always: compression moves greys.
     """
     with open_image(io.BytesIO(data), "JPEG", path, max_cells) as image:
-        claim_pixels(image, data, path)
+        claim_pixels(image, data, path, is_decoded_twice=True)
         load(image, path)
         check_scans(data, path, image)
         text = "JPEG is lossy: greys may have moved across the thresholds"

@@ -15,12 +15,21 @@ _KEPT = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16B": 2}
 _KEPT_OF_OTHERS = 4
 """Bytes of a pixel in Pillow's memory, by its modes."""
 
+_COPIES = 2
+"""Of a file that is decoded once more, with other bytes behind its data."""
+
 _CONVERTED = 1
 """Bytes of a cell that is made of its pixel."""
 
 
 def claim_pixels(
-    image: Any, data: bytes, path: Path, *, bits: int | None = None, tile: int = 0
+    image: Any,
+    data: bytes,
+    path: Path,
+    *,
+    bits: int | None = None,
+    tile: int = 0,
+    is_decoded_twice: bool = False,
 ) -> None:
     """Refuse an image whose pixels would take more memory than may be taken.
 
@@ -36,6 +45,8 @@ def claim_pixels(
         Bits of a pixel in the file, where Pillow's mode does not tell.
     tile : int
         Pixels of a tile, which may be larger than the picture.
+    is_decoded_twice : bool
+        Whether a check decodes the picture once more, and compares the two.
 
     Raises
     ------
@@ -48,7 +59,12 @@ def claim_pixels(
     check_expansion(path, len(data), expanded, most=BLANK_EXPANSION, place="image size")
     samples = -(-_BITS.get(mode, _WIDE) // 8)
     # the samples leave Pillow in pieces that are joined: both are there for a moment
-    per_cell = _KEPT.get(mode, _KEPT_OF_OTHERS) + 2 * samples + _CONVERTED
-    count = len(data) + per_cell * width * height + -(-tile * in_file // 8)
+    decoding = _KEPT.get(mode, _KEPT_OF_OTHERS) + 2 * samples
+    per_cell = decoding + _CONVERTED
+    length = len(data)
+    if is_decoded_twice:
+        per_cell += decoding + samples
+        length += _COPIES * len(data)
+    count = length + per_cell * width * height + -(-tile * in_file // 8)
     what = f"{width} x {height} cells"
     claim(path, count, what=f"{what}, in tiles of {tile}," if tile > width * height else what)

@@ -35,7 +35,7 @@ def read_tiff(data: bytes, path: Path, max_cells: int) -> Picture:
         with damage_refused(path):  # Pillow reads the values of tags when they are asked for
             bits, tile = _bits_of(image), _tile_of(image)
             tags = {tag: image.tag_v2.get(tag) for tag in TAGS_OF_PARTS if tag in image.tag_v2}
-        claim_pixels(image, data, path, bits=bits, tile=tile)
+        claim_pixels(image, data, path, bits=bits, tile=tile, is_decoded_twice=True)
         parts = tiff_parts(tags, len(data), path)
         load(image, path, around=_silent_libtiff())
         with _silent_libtiff():
