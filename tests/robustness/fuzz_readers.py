@@ -24,8 +24,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from mapdeal.errors import MapdealError, MapdealWarning
+from mapdeal.formats.budget import use_memory
 from robustness.mutation import Dice, mutant
 from robustness.readers import READERS
+from robustness.reading import MEMORY
 
 LONGEST = 5.0
 """Seconds for a mutant, when there is nothing else to do for the machine."""
@@ -94,7 +96,11 @@ def fuzz(reader, mutants, folder, seed, longest):
     read_seeds(reader, folder / "good")  # what is imported late is not counted as theirs
     alike = {one.packed: [other.data for other in reader.seeds if other.packed == one.packed]
              for one in reader.seeds}  # fmt: skip
-    with _files_of(reader.seeds, folder) as files, _watched() as caught:
+    with (
+        _files_of(reader.seeds, folder) as files,
+        use_memory(MEMORY, is_chosen=False),
+        _watched() as caught,
+    ):
         for number in range(mutants):
             index = dice.below(len(reader.seeds))
             good = reader.seeds[index]

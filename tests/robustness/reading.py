@@ -40,8 +40,8 @@ from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.stages.catalogue import STAGES
 from mapdeal.stages.parameters import parameters_of
 
-MAX_CELLS = 1 << 16
-"""Given to readers that take a limit: mutants are to be refused by it, not to fill the memory."""
+MEMORY = 70_000_000
+"""Bytes that readers may take, of which they count 50 million as taken by the program."""
 
 _LARGEST_RATIO = 300
 """How many numbers a byte of a file may stand for: what LZF, the densest, can do."""
@@ -51,10 +51,10 @@ _LARGEST_RATIO = 300
 
 
 def read_picture(path, data):
-    picture = read_image(path, max_cells=MAX_CELLS)
+    picture = read_image(path)
     height, width = picture.shape
-    assert 0 < height * width <= MAX_CELLS
-    assert read_image_size(path, max_cells=MAX_CELLS) == (height, width)
+    assert 0 < height * width <= MEMORY
+    assert read_image_size(path) == (height, width)
     assert picture.samples.shape == (
         (height, width, 3) if picture.colour == "rgb" else (height, width)
     )
@@ -105,7 +105,7 @@ def read_by_rows(path, data):
 
 def map_reader(dialect):
     def read(path, data):
-        with open_map(path, dialect=dialect, max_cells=MAX_CELLS) as file:
+        with open_map(path, dialect=dialect) as file:
             grid = file.read().grid
             assert file.shape() == grid.shape
             if file.shape_by_rows is not None:
@@ -145,7 +145,7 @@ def _check_grid(grid):
 
 
 def read_grid(path, data):
-    grid = read_map(path, max_cells=MAX_CELLS)
+    grid = read_map(path)
     _check_grid(grid)
     assert npz_size(path) == grid.shape
     assert grid.shape[0] * grid.shape[1] <= len(data) * _LARGEST_RATIO
@@ -154,7 +154,7 @@ def read_grid(path, data):
 
 
 def decode_bits(path, data):
-    packed, width = decode_pbm(data, path, max_cells=MAX_CELLS)
+    packed, width = decode_pbm(data, path)
     assert packed.dtype == np.uint8
     assert packed.shape[1] == (width + 7) // 8
     assert 0 < packed.size <= len(data)
@@ -165,14 +165,14 @@ def decode_bits(path, data):
 
 
 def read_bits(path, data):
-    bits = read_bit_map(path.with_suffix(".pbm"), max_cells=MAX_CELLS)
+    bits = read_bit_map(path.with_suffix(".pbm"))
     _check_grid(bits)
     assert bits.shape[0] * bits.shape[1] <= 8 * path.with_suffix(".pbm").stat().st_size
     return bits
 
 
 def lint(path, data):
-    findings = lint_file(path, max_cells=MAX_CELLS)
+    findings = lint_file(path)
     assert all(finding.message.isprintable() for finding in findings), findings
     return findings
 
