@@ -194,26 +194,34 @@ def _write(descriptor, data):
 
 @contextmanager
 def _watched():
-    """Give the list that warnings go to; hold memory, and what comes out of the terminal's end."""
+    """Give the list that warnings go to; hold memory and time."""
 
     def end(*_):
         raise TooLongError
 
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     before = signal.signal(signal.SIGALRM, end)
-    resource.setrlimit(resource.RLIMIT_AS, (_size_of_process() + _MORE_MEMORY, hard))
     try:
-        with warnings.catch_warnings(record=True) as caught:
+        with _held_memory(), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             yield caught
     finally:
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
         signal.signal(signal.SIGALRM, before)
 
 
-def _size_of_process():
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    return pages * resource.getpagesize()
+@contextmanager
+def _held_memory():
+    """Let the process take little more than it has, where the system tells what that is."""
+    status = Path("/proc/self/statm")
+    if not status.exists():
+        yield
+        return
+    size = int(status.read_text().split()[0]) * resource.getpagesize()
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (size + _MORE_MEMORY, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 if __name__ == "__main__":
