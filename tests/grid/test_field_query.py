@@ -1,6 +1,7 @@
 """Distances and gradients at points."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -170,3 +171,25 @@ def test_at_centres_rounding_does_not_choose_the_side_of_the_gradient(origin):
     # towards the next column, which the last one has not
     expected = np.append(np.diff(field.distance[0]), 0) / 0.1
     assert along.reshape(grid.shape) == pytest.approx(np.tile(expected, (5, 1)), abs=1e-6)
+
+
+def test_figures_of_a_field_are_its_range_and_its_obstacles():
+    distance = np.array([[-0.5, -0.25, 1.5], [0.75, 2.25, 0.5]], np.float32)
+    occupancy = np.array([[100, 100, 0], [-1, 0, 50]], np.int8)
+    field = DistanceField(distance, occupancy, 0.25, (1.5, -2.0, 0.4), convention="border")
+    assert field.figures() == {
+        "width": 3, "height": 2, "resolution": 0.25, "origin": [1.5, -2.0, 0.4],
+        "convention": "border", "obstacles": 2, "lowest_distance": -0.5, "highest_distance": 2.25,
+    }  # fmt: skip
+    counted = replace(field, lethal_threshold=50, unknown="occupied")
+    assert counted.figures()["obstacles"] == 4
+    for endless in (np.inf, -np.inf):
+        figures = replace(field, distance=np.where(distance == 0.75, endless, distance)).figures()
+        assert (figures["lowest_distance"], figures["highest_distance"]) == (None, None)
+
+
+def test_figures_of_a_map_count_every_kind_of_cell():
+    grid = OccupancyGrid([[100, 100, 100, 0, 0], [-1, 1, 99, 50, 98]], 0.25)
+    figures = grid.figures()
+    assert [figures[name] for name in ("occupied", "free", "unknown", "between")] == [3, 2, 1, 4]
+    assert (figures["width"], figures["height"]) == (5, 2)

@@ -186,3 +186,11 @@ def test_nobody_can_change_what_others_are_given_too():
     layer = LazyLayer((4, 3), np.uint8, make, block_height=2, keep=1)
     with pytest.raises(ValueError, match="read-only"):
         layer[0:2][0, 0] = 1
+
+
+def test_a_layer_becomes_an_array_of_the_type_that_is_asked_for():
+    layer = lazy()
+    for dtype in (np.float64, np.int16, None):
+        array = np.asarray(layer, dtype=dtype)
+        assert array.dtype == (dtype or layer.dtype)
+        assert array.tolist() == WHOLE.tolist()
