@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from mapdeal import OccupancyGrid
 from mapdeal.checks import image_checks, yaml_checks
@@ -193,3 +194,31 @@ def test_a_tolerance_reaches_as_far_as_it_says_and_no_further(tolerance, beyond)
     second = OccupancyGrid([[0, 0, 0, 100]], 0.5)
     # the wall has moved by 3 cells; free cells have free ones beside them
     assert compare(first, second, tolerance=tolerance).beyond == beyond
+
+
+@pytest.fixture
+def png_pair(tmp_path):
+    """Return what there is to check of a PNG and its YAML."""
+
+    def make(pixels):
+        Image.fromarray(np.array(pixels, dtype=np.uint8)).save(tmp_path / "m.png")
+        lines = [f"{key}: {value}" for key, value in {**YAML, "image": "m.png"}.items()]
+        (tmp_path / "m.yaml").write_text("\n".join(lines))
+        return gather(tmp_path / "m.yaml")[0]
+
+    return make
+
+
+def test_coloured_and_see_through_pixels_are_counted(png_pair):
+    grey, tinted, blue = [9, 9, 9], [9, 9, 8], [0, 0, 255]
+    facts = png_pair([[grey, tinted, grey, blue], [grey, grey, grey, blue]])
+    assert said(image_checks.colour, facts) == [
+        "3 pixels are coloured; readers make grey of them differently"
+    ]
+    assert said(image_checks.alpha, facts) == []
+    assert said(image_checks.colour, png_pair([[grey, grey], [grey, grey]])) == []
+    facts = png_pair([[[9, 9, 9, 255], [9, 9, 9, 254], [9, 9, 9, 0]]])
+    assert said(image_checks.alpha, facts) == [
+        "2 pixels are not opaque: unknown to Nav2, grey to ROS 1"
+    ]
+    assert said(image_checks.alpha, png_pair([[[9, 9, 9, 255]]])) == []

@@ -71,3 +71,12 @@ def test_amcl_knows_three_states_and_a_map_of_them():
     assert seen.occupancy.tolist() == [[0, -1, -1], [-1, 100, -1]]
     assert np.array_equal(seen.amcl_states(), grid.amcl_states())
     assert (seen.resolution, seen.origin) == (0.2, (1.0, 2.0, 0.5))
+
+
+def test_masks_of_a_map():
+    grid = OccupancyGrid([[-1, 0, 1], [50, 99, 100]], 0.05)
+    assert grid.unknown().tolist() == [[True, False, False], [False, False, False]]
+    assert grid.occupied().tolist() == [[False, False, False], [False, False, True]]
+    assert grid.occupied(50).tolist() == [[False, False, False], [True, True, True]]
+    assert grid.as_amcl_sees_it().occupancy.tolist() == [[-1, 0, -1], [-1, -1, 100]]
+    assert grid.amcl_states().tolist() == [[0, -1, 0], [0, 0, 1]]

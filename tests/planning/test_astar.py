@@ -198,3 +198,23 @@ def test_what_is_no_costmap_and_no_point_is_refused_with_what_to_pass():
     with pytest.raises(ParameterError, match="outside") as caught:
         shortest_route(Costmap.from_occupancy(grid), (9.0, 0.2), (0.7, 0.2))
     assert caught.value.hint == "the map lies within x 0 .. 1, y 0 .. 0.5"
+
+
+def test_by_default_costs_count_double_and_distances_do_not():
+    cost = np.zeros((3, 9), np.uint8)
+    cost[0] = 254
+    cost[2] = 126
+    costmap = Costmap(cost, 0.25, ORIGIN)
+    ends = [tuple(costmap.frame.xy_from_rowcol([[1, col]])[0].tolist()) for col in (1, 7)]
+    route = shortest_route(costmap, *ends)
+    assert (route.length, route.cost) == pytest.approx((1.5, 1.5))
+    ends = [tuple(costmap.frame.xy_from_rowcol([[2, col]])[0].tolist()) for col in (1, 2)]
+    route = shortest_route(costmap, *ends)
+    assert (route.length, route.cost) == pytest.approx((0.25, 0.5))
+
+
+def test_the_extent_that_is_told_has_no_negative_zero():
+    costmap = Costmap(np.zeros((2, 3), np.uint8), 0.5, (-1e-9, -1.0, 0.0))
+    with pytest.raises(ParameterError) as caught:
+        shortest_route(costmap, (9.0, 9.0), (0.25, -0.75))
+    assert caught.value.hint == "the map lies within x 0 .. 1.5, y -1 .. 0"
