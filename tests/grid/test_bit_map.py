@@ -143,3 +143,11 @@ def test_a_bit_map_cannot_be_changed():
 def test_unknown_cells_are_no_obstacles():
     mask = BitMap.from_occupancy(grid_from_text("#?.\n.?#")).to_mask()
     assert mask.tolist() == [[False, False, True], [True, False, False]]
+
+
+def test_figures_of_a_bit_map_count_its_cells_and_not_its_padding():
+    mask = np.zeros((3, 11), bool)
+    mask[0, :4] = mask[2, 10] = True
+    figures = BitMap.from_mask(mask, *PLACE).figures()
+    names = ("occupied", "free", "unknown", "between", "width", "height")
+    assert [figures[name] for name in names] == [5, 28, 0, 0, 11, 3]

@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 
 from engines import needs_compiled
 from mapdeal import MalformedInputError, MapBuilder, ParameterError, build_map
+from mapdeal.grid.frame import Frame
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.beams import BeamLimits, Scans, beams_of
+from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
+from mapdeal.mapping.counting import Counting
 from oracles import line
 
 RES = 0.25
@@ -424,3 +426,16 @@ def test_arrays_that_do_not_fit_are_refused(poses, angles, ranges, told):
 def test_a_map_without_a_side_is_refused(size):
     with pytest.raises(ParameterError, match="size"):
         build_map([[0.0, 0.0, 0.0]], [0.0], [[1.0]], resolution=0.5, size=size, origin=(0, 0))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_beams_too_far_to_be_followed_are_left_out(axis):
+    far = (2**30 + 9) * RES
+    sensors = np.zeros((3, 2))
+    sensors[1, axis] = far
+    sensors[2, axis] = -far
+    counts = BeamCounts(1, 3, 3, 0, 0)
+    beams = Beams(sensors, np.array([[1.0, 0.0]] * 3), np.ones(3), np.ones(3, bool), counts)
+    kept, starts, ends = Counting(Frame(4, 8, RES)).cells_of(beams)
+    assert (starts.tolist(), ends.tolist()) == ([[0, 0]], [[0, 4]])
+    assert kept.sensors_xy.tolist() == [[0.0, 0.0]]

@@ -179,3 +179,13 @@ def test_a_file_holds_every_layer_and_gives_the_field_back(tmp_path, goal):
         assert getattr(again, name) == getattr(field, name)
     assert np.array_equal(again.potential, field.potential)
     assert np.array_equal(again.occupancy, field.occupancy)
+
+
+def test_gains_may_be_0_and_no_less():
+    grid = OccupancyGrid([[100, 0, 0, 0]], 0.5)
+    field = potential(grid, goal=(1.75, 0.25), attractive_gain=0.0)
+    assert field.potential.tolist() == field.repulsive.tolist()
+    field = potential(grid, goal=(1.75, 0.25), repulsive_gain=0.0)
+    assert field.potential.tolist() == [[1.5, 1.0, 0.5, 0.0]]
+    with pytest.raises(ParameterError, match="attractive_gain"):
+        PotentialField(field.repulsive, grid.occupancy, 0.5, attractive_gain=-1e-9)
