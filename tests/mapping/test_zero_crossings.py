@@ -127,3 +127,10 @@ def test_a_straight_wall_is_one_cell_thick_at_any_angle():
         side = np.where(wall, 0, np.sign(field))
         assert not (side[1:] * side[:-1] < 0).any()
         assert not (side[:, 1:] * side[:, :-1] < 0).any()
+
+
+def test_a_spare_cell_is_left_out_on_any_side_of_its_partners():
+    row = np.array([[0.1, -0.2, 0.3]])
+    for field in (row, row[:, ::-1], row.T, row.T[::-1]):
+        found = thin_surface(field, crossings_of(field))
+        assert np.array_equal(found, field == -0.2)

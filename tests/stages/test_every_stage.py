@@ -151,3 +151,7 @@ def test_an_optional_parameter_is_none_only_if_it_says_so(name, text, value):
     assert parameters[name].accept(text) == value
     with pytest.raises(ParameterError, match="repulsive_cap"):
         parameters["repulsive_cap"].accept("none")
+
+
+def test_costs_end_a_recipe_and_nothing_else_does():
+    assert {one.name for one in catalogue.STAGES if one.is_last} == {"cost"}
