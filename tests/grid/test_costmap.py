@@ -55,3 +55,11 @@ def test_unknown_cells_are_free_to_a_static_layer_that_does_not_track_them():
     assert costs.tolist() == [[0, 253, 254, 254, 255]]
     costs = Costmap.from_static_layer(grid, lethal_threshold=0, inscribed_value=None).cost
     assert costs.tolist() == [[254, 254, 254, 254, 255]]
+
+
+def test_entries_hold_the_circumscribed_cost_if_there_is_one():
+    costmap = Costmap([[0, 254]], 0.5, circumscribed_cost=61)
+    entries = costmap.entries()
+    assert (entries["circumscribed_cost"], entries["cost_scale"]) == (61, "costmap2d")
+    assert entries["cost"].tolist() == [[0, 254]]
+    assert set(Costmap([[0, 254]], 0.5).entries()) == {"cost", "cost_scale"}

@@ -194,3 +194,4 @@ def test_a_layer_becomes_an_array_of_the_type_that_is_asked_for():
         array = np.asarray(layer, dtype=dtype)
         assert array.dtype == (dtype or layer.dtype)
         assert array.tolist() == WHOLE.tolist()
+        assert layer.__array__(dtype).dtype == array.dtype
