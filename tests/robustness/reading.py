@@ -300,7 +300,7 @@ def list_all_maps(path, data):
     before = Path.cwd()
     os.chdir(path.parent)
     try:
-        listing = list_maps(["@" + path.name], Path("out"), lambda: b"")
+        listing = list_maps(["@" + path.name], Path("out"), list)
     finally:
         os.chdir(before)
     assert len(listing.maps) > 0

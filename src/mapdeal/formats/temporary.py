@@ -56,7 +56,7 @@ class Temporary:
                 break
             os.close(descriptor)
         self._file = os.fdopen(descriptor, "w+b")
-        with contextlib.suppress(FileNotFoundError):  # a replaced file keeps its permissions
+        with contextlib.suppress(OSError):  # a replaced file that can be seen keeps its permissions
             self.path.chmod(stat.S_IMODE(self.destination.stat().st_mode))
 
     def fill(self, writer: Writer, with_checksum: bool) -> str:
