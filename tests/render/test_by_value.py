@@ -161,10 +161,9 @@ def test_the_smallest_distance_shows_where_cells_share_a_pixel(asked):
     field = esdf(grid)
     field_image(field, title="t", image_max=100)
     pixels = asked["pixels"][0]
-    far = float(field.distance.max())
-    for pixel in (10, 40, 70, 99):
-        nearest = float(field.distance[0, 4 * pixel])
-        assert abs(int(pixels[pixel]) - (49 + min(int(nearest / far * 70), 69))) <= 0
+    nearest = field.distance[0, ::4]
+    levels = 49 + np.minimum(nearest / field.distance.max() * 70, 69).astype(int)
+    assert np.count_nonzero(pixels[1:] == levels[1:]) >= 97  # of 99: some hinge on rounding
 
 
 def test_unknown_cells_are_faded(asked):
