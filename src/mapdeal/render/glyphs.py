@@ -154,34 +154,31 @@ def _shades(
     crossing = x[edge, 0] + rise * (x[edge, 1] - x[edge, 0]) // (y[edge, 1] - y[edge, 0])
     sign = np.where(upward[edge], 1, -1)
     column, beyond = crossing // _PIXEL, crossing % _PIXEL
-    covered = np.zeros((height, width + 1), dtype=np.int64)
-    np.add.at(covered, (scan // _SCANS, column), sign * (_PIXEL - beyond))
-    np.add.at(covered, (scan // _SCANS, column + 1), sign * beyond)
+    covered = np.zeros(height * (width + 1), dtype=np.int64)
+    place = scan // _SCANS * (width + 1) + column
+    np.add.at(covered, place, sign * (_PIXEL - beyond))
+    np.add.at(covered, place + 1, sign * beyond)
     whole = _SCANS * _PIXEL
-    share = np.minimum(np.abs(np.cumsum(covered, axis=1)[:, :width]), whole)
+    share = np.cumsum(covered.reshape(height, width + 1), axis=1)[:, :width]
+    share = np.minimum(np.abs(share), whole)
     return ((2 * share * (SHADES - 1) + whole) // (2 * whole)).astype(np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
 class _Outlines:
-    """Closed contours of points on and off quadratic curves by turns, in units."""
+    """Closed contours of quadratic curves: points on them, and one off each, in units."""
 
     places: dict[str, int]
     advances: list[int]
-    contours: NDArray[np.int64]
-    lengths: NDArray[np.int64]
-    points: NDArray[np.int64]
+    first_curves: list[int]
+    start: NDArray[np.int64]
+    off: NDArray[np.int64]
+    end: NDArray[np.int64]
 
     def segments(self, place: int) -> NDArray[np.int64]:
         """Return a glyph's straight pieces, shape (N, 2, 2), in units times `_PIECES` squared."""
-        first, last = (int(self.contours[:end].sum()) for end in (place, place + 1))
-        pieces = []
-        start = int(self.lengths[:first].sum())
-        for length in self.lengths[first:last].tolist():
-            on, off = self.points[start : start + length].reshape(-1, 2, 2).transpose(1, 0, 2)
-            pieces.append(_pieces(on, off, np.roll(on, -1, axis=0)))
-            start += length
-        return np.concatenate(pieces) if pieces else np.empty((0, 2, 2), dtype=np.int64)
+        curves = slice(*self.first_curves[place : place + 2])
+        return _pieces(self.start[curves], self.off[curves], self.end[curves])
 
 
 def _pieces(
@@ -199,11 +196,17 @@ def _outlines() -> _Outlines:
     data = pkgutil.get_data("mapdeal.render", "glyphs.npz")
     assert data is not None  # noqa: S101 - None is for loaders that have no files at all
     with np.load(io.BytesIO(data)) as file:
-        characters = file["characters"].tolist()
+        points = np.cumsum(file["steps"], axis=1, dtype=np.int64).T
+        last_curves = np.cumsum(file["lengths"], dtype=np.int64) // 2  # points on and off by turns
+        first_curves = np.concatenate([[0], last_curves])
+        ends = np.arange(1, last_curves[-1] + 1)
+        ends[last_curves - 1] = first_curves[:-1]
+        first_contours = np.concatenate([[0], np.cumsum(file["contours"], dtype=np.int64)])
         return _Outlines(
-            places={chr(code): place for place, code in enumerate(characters)},
+            places={chr(code): place for place, code in enumerate(file["characters"].tolist())},
             advances=file["advances"].tolist(),
-            contours=file["contours"].astype(np.int64),
-            lengths=file["lengths"].astype(np.int64),
-            points=np.cumsum(file["steps"], axis=1, dtype=np.int64).T,
+            first_curves=first_curves[first_contours].tolist(),
+            start=points[::2],
+            off=points[1::2],
+            end=points[::2][ends],
         )
