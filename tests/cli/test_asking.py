@@ -405,3 +405,13 @@ def test_costs_of_a_route_reach_beyond_every_robot(corners, inflation_radius):
     )
     assert cost.parameters["inflation_radius"] == pytest.approx(inflation_radius, rel=1e-12)
     assert cost.parameters["inscribed_radius"] == min(corners[0])
+
+
+def test_a_descent_is_weighed_as_it_is_told(command, tmp_path):
+    write_map(tmp_path / "c.npz", Costmap(np.full((1, 5), 126, np.uint8), 0.5))
+    words = ["route", tmp_path / "c.npz", "--method", "descent", "--from", "0.25,0.25"]
+    for more, cost in (([], 4.0), (["--cost-travel-multiplier", "6"], 8.0)):
+        code, out, _ = command(*words, "--to", "2.25,0.25", *more)
+        route = json.loads(out)
+        assert (code, route["reached"]) == (0, True)
+        assert (route["length_m"], route["cost"]) == pytest.approx((2.0, cost))

@@ -126,3 +126,18 @@ def test_tiny_weights_stay_open_and_huge_ones_are_refused(each_engine):
 def test_start_and_goal_must_be_open_cells(each_engine, goal):
     with pytest.raises(ValueError, match="open cells"):
         cheapest_path(np.array([[1.0, 0.0, 1.0]]), (0, 0), goal)
+
+
+@needs_compiled
+@pytest.mark.parametrize("seed", range(4))
+def test_both_engines_find_the_same_path_in_a_larger_field(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    weights = rng.choice([1.0, 1.5, 3.0], size=(60, 90))
+    weights[rng.random(weights.shape) < 0.2] = 0.0
+    weights[1, 2] = weights[57, 88] = 1.0
+    found = []
+    for name in ("compiled", "scipy"):
+        monkeypatch.setenv(engine.VARIABLE, name)
+        cells, cost = cheapest_path(weights, (1, 2), (57, 88))
+        found.append((cells.tolist(), cost))
+    assert found[0] == found[1]

@@ -158,3 +158,18 @@ def test_the_numbers_of_recipe_nav2_are_those_of_nav2_bringup():
                   "inflate_around_unknown": False, "lethal_threshold": None,
                   "circumscribed_radius": None}},
     ]  # fmt: skip
+
+
+def test_a_simulation_adds_no_second_active_region():
+    assert list(described("seed-sim", sim=True)) == ["active", "inflate", "esdf", "cost"]
+    assert [step.name for step in load_recipe("seed-sim", sim=True).steps].count("active") == 1
+    assert list(described("default", sim=True)) == ["active", "inflate", "esdf", "cost"]
+
+
+def test_a_parameter_of_no_model_is_unknown_and_one_of_another_is_that_model_s():
+    with pytest.raises(ParameterError) as caught:
+        load_recipe("default", settings=["cost.inscribed_radis=1"])
+    assert "inscribed_radius" in f"{caught.value} {caught.value.hint}"
+    assert "is a parameter of model" not in str(caught.value)
+    with pytest.raises(ParameterError, match="is a parameter of model rings, not of exponential"):
+        load_recipe("default", settings=["cost.values=1"])
