@@ -454,3 +454,8 @@ def test_real_clouds(real_maps):
         assert np.isfinite(points).all()
     car = read_cloud(pcl / "car6.pcd")
     assert np.abs(car.mean(axis=0) - (-37, -65, -6)).max() < 1.5
+
+
+def test_an_array_of_two_columns_is_of_points_without_a_height(read):
+    table = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    assert read("c.npy", saved(np.save, table)).tolist() == table.tolist()
