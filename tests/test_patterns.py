@@ -35,6 +35,7 @@ REASONS = {
     ("cli/options.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
         ("fullmatch", "digits, white space and letters have nothing in common"),
     ("cli/stage_command.py", r".*?\.(?=\s+[A-Z`]|$)"): ("match", OURS),
+    ("formats/commit.py", r"\.mapdeal-[0-9a-f]{12}\.old"): ("fullmatch", "of fixed length"),
     ("formats/free_memory.py", r"^MemAvailable:\s+(\d+) kB"):
         ("search", "tried at the beginnings of lines; the two runs have nothing in common"),
     ("formats/free_memory.py", r"^0::/(.*)$"): ("search", "tried at the beginnings of lines"),

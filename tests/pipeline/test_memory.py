@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from mapdeal import MalformedInputError
+from mapdeal.formats import budget as budget_of_readers
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline import memory
 
@@ -89,5 +90,5 @@ def test_a_map_in_memory_takes_what_its_steps_say_and_its_pictures():
     ],
 )
 def test_the_budget_is_half_of_what_is_free_shared_by_jobs(monkeypatch, given, free, jobs, budget):
-    monkeypatch.setattr(memory, "free_memory", lambda: free)
+    monkeypatch.setattr(budget_of_readers, "free_memory", lambda: free)
     assert memory.memory_budget(given, jobs) == budget

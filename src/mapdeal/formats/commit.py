@@ -24,7 +24,7 @@ from mapdeal.formats.temporary import PREFIX, Temporary, locked, sync_folder
 
 JOURNAL = f"{PREFIX}journal"
 _FORMAT = "mapdeal-journal/1"
-_ASIDE = re.compile(re.escape(PREFIX) + r"[0-9a-f]{12}\.old")
+_ASIDE = re.compile(r"\.mapdeal-[0-9a-f]{12}\.old")
 _LARGEST_JOURNAL = 1 << 24
 
 
@@ -183,13 +183,17 @@ def _change_all(
     for path in existing if not replaces else ():
         raise FileAccessError("the output exists", source=path, hint="--force replaces it")
     keeps = bool(existing) and len(sources) > 1  # one name changes at once, and new ones mix not
-    changes = [
-        _Change(
-            path.parent, path.name, None if source is None else _what_stands_at(source),
-            f"{PREFIX}{os.urandom(6).hex()}.old" if keeps and path in existing else None,
-        )
-        for path, source in sources.items()
-    ]  # fmt: skip
+    try:
+        changes = [
+            _Change(
+                path.parent, path.name, None if source is None else _what_stands_at(source),
+                f"{PREFIX}{os.urandom(6).hex()}.old" if keeps and path in existing else None,
+            )
+            for path, source in sources.items()
+        ]  # fmt: skip
+    except OSError as error:  # a folder was closed, or has gone, meanwhile
+        rule = f"cannot be written: {error.strerror}"
+        raise FileAccessError(rule, source=folders[0]) from None
     journals = folders if keeps and with_journal else []
     try:
         _write_journals(changes, journals)

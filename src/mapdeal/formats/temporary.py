@@ -93,7 +93,7 @@ class Temporary:
     def remove(self) -> None:
         """Remove the file, unless it has its own name already."""
         if self._is_ours:
-            with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+            with contextlib.suppress(OSError):  # it is gone, or the next command takes it away
                 self.path.unlink()
             self._is_ours = False
         self._close()
