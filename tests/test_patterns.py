@@ -45,6 +45,7 @@ REASONS = {
     ("formats/map_listing.py", r"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
         ("search", "tried at the beginnings of lines, where one run follows what is fixed"),
     ("formats/pnm.py", r"[ \t\n\v\f\r]*"): ("match", "one class, and it cannot fail"),
+    ("formats/pnm.py", r"[ \t\n\v\f\r]"): ("search", "one character"),
     ("formats/pnm.py", r"[^ \t\n\v\f\r#]*"): ("match", "one class, and it cannot fail"),
     ("formats/pnm.py", r"#[^\n\r]*"): ("match sub", "it cannot fail behind its first sign"),
     ("formats/pnm.py", r"P[1-7fF](\s|#)"): ("match", "three characters"),
