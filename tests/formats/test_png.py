@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mapdeal.formats.deflate import PART
 from mapdeal.formats.png import write_grey_png, write_indexed_png, write_rgba_png
 
-SHAPES = [(1, 1), (3, 5), (700, 1300)]  # the last in several bands
+ROWS, COLUMNS = 2 * PART // 1300, 1300  # more than one band
+SHAPES = [(1, 1), (3, 5), (ROWS, COLUMNS)]
 
 
 def decoded(write, *arrays):
@@ -34,7 +36,7 @@ def test_pixels_come_back(shape):
 
 
 def test_the_sum_over_all_rows_is_the_last_part_of_the_stream():
-    grey = np.random.default_rng(2).integers(0, 256, (700, 1300), np.uint8)
+    grey = np.random.default_rng(2).integers(0, 256, (ROWS, COLUMNS), np.uint8)
     buffer = io.BytesIO()
     write_grey_png(buffer, grey)
     data, stream, at = buffer.getvalue(), b"", 8
@@ -46,4 +48,4 @@ def test_the_sum_over_all_rows_is_the_last_part_of_the_stream():
         )
         stream += body if name == b"IDAT" else b""
         at += 12 + length
-    assert len(zlib.decompress(stream)) == 700 * 1301  # it checks the sum
+    assert len(zlib.decompress(stream)) == ROWS * (COLUMNS + 1)  # it checks the sum

@@ -209,6 +209,24 @@ def test_a_robot_s_tip_is_ahead_of_it(asked, yaw):
     assert asked["subtitle"].endswith(overlay.text)
 
 
+def test_a_robot_stands_in_its_place_on_a_reduced_picture(asked):
+    costmap = Costmap(np.zeros((900, 1200), np.uint8), 0.5, (3.0, -1.0, 0.4))
+    place = costmap.frame.xy_from_rowcol([[600, 300]])[0]
+    cost_image(costmap, title="t", overlay=PoseOverlay((*place, 0.4)), image_max=400)
+    marked = np.argwhere(np.all(colours_of(asked) == colours.ROBOT, axis=2))
+    assert marked.mean(axis=0) == pytest.approx((200, 100), abs=3)
+
+
+def test_a_pixel_of_a_field_is_an_obstacle_s_with_one_such_cell_and_unknown_with_all(asked):
+    drawing = np.full((40, 400), ".")
+    drawing[10, 100], drawing[20:22, 200:202], drawing[30, 300] = "#", "?", "?"
+    grid = grid_from_text("\n".join("".join(row) for row in drawing[::-1]))
+    field_image(esdf(grid), title="t", image_max=200)
+    pixels = asked["pixels"]
+    assert np.argwhere(pixels == 238).tolist() == [[5, 50]]  # the obstacle's own outline
+    assert np.argwhere((pixels >= 119) & (pixels < 238)).tolist() == [[10, 100]]
+
+
 @pytest.mark.parametrize(("reduce", "enlarge"), [(1, 1), (5, 1), (1, 4)])
 def test_a_pixel_s_side_in_metres(reduce, enlarge):
     raster = Raster(enlarge=enlarge, reduce=reduce)
@@ -349,3 +367,63 @@ RECORDED = {
     "cost": "2b689133242f37ea",
     "route": "73b9119568bebc8e",
 }
+
+
+def test_a_scale_says_where_unknown_cells_go_beyond_it(asked):
+    field_image(esdf(grid_from_text("##..." + "?" * 20)), title="t")
+    assert asked["bar"].ticks[-1] == (1.0, ">0.75")
+    field_image(esdf(grid_from_text("##...")), title="t")
+    assert asked["bar"].ticks[-1] == (1.0, "0.75")
+    assert asked["bar"].ticks[0] == (0.3, "0")
+    assert {label[0] for place, label in asked["bar"].ticks if place < 0.3} == {"-"}
+    field_image(esdf(grid_from_text("?" * 9 + "##..."), unknown="occupied"), title="t")
+    deepest = [label for place, label in asked["bar"].ticks if place == 0.0]
+    assert [label[:2] for label in deepest] == ["<-"]
+
+
+@pytest.mark.parametrize(
+    ("drawing", "label"), [("...", "+inf: no obstacle"), ("###", "-inf: nothing free")]
+)
+def test_a_field_without_an_end_says_which(asked, drawing, label):
+    field_image(esdf(grid_from_text(drawing)), title="t")
+    assert list(legend(asked)) == [label]
+    assert asked["bar"] is None
+
+
+def test_a_pixel_of_a_potential_shows_the_highest_and_is_unknown_with_all_its_cells(asked):
+    drawing = np.full((40, 400), ".")
+    drawing[10, 100], drawing[20:22, 200:202], drawing[30, 300] = "#", "?", "?"
+    grid = grid_from_text("\n".join("".join(row) for row in drawing[::-1]), origin=(0.0, 0.0, 0.0))
+    field = potential(grid)
+    potential_image(field, title="t", image_max=200)
+    pixels = asked["pixels"]
+    assert pixels[5, 50] == 200
+    assert np.argwhere((pixels >= 100) & (pixels < 200)).tolist() == [[10, 100]]
+    highest = field.normalised.reshape(20, 2, 200, 2).max(axis=(1, 3))
+    free = pixels < 100
+    assert np.array_equal(pixels[free], np.minimum(highest[free] / 10 * 100, 99).astype(int))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, math.pi / 2])
+def test_arrows_stand_on_their_cells_and_lead_downhill(asked, yaw):
+    grid = OccupancyGrid(np.zeros((8, 12), np.int8), 0.5, (1.0, 2.0, yaw))
+    goal = tuple(grid.frame.xy_from_rowcol([[3, 11]])[0])  # at the right edge
+    potential_image(potential(grid, goal=goal), title="t")
+    arrows = np.argwhere(np.all(colours_of(asked) == colours.ARROW, axis=2))
+    step = asked["pixels"].shape[0] // 8
+    cell = arrows[(arrows // step == [3, 5]).all(axis=1)] - np.array([3, 5]) * step + 0.5
+    assert cell[:, 0].mean() == pytest.approx(step / 2, abs=1.5)  # level
+    assert (cell[:, 1].min() + cell[:, 1].max()) / 2 == pytest.approx(step / 2, abs=1.5)
+    rows_of_last, rows_of_first = (
+        np.ptp(cell[abs(cell[:, 1] - cell[:, 1].mean() - away) < 2, 0]) for away in (2, -12)
+    )
+    assert rows_of_last > rows_of_first  # the head is on the goal's side
+
+
+def test_a_new_wall_shows_where_cells_share_a_pixel_and_small_maps_do_not_shrink(asked):
+    changes = np.full((10, 400), 2, np.uint8)
+    changes[3, 7] = 6
+    difference_image(changes, Frame(400, 10, 0.25), title="t", image_max=200)
+    assert np.argwhere(asked["pixels"] == 6).tolist() == [[1, 3]]
+    difference_image(changes, Frame(400, 10, 0.25), title="t")
+    assert asked["pixels"].shape == (20, 800)

@@ -67,6 +67,7 @@ def test_a_level_line_is_as_thick_as_asked_and_has_no_gaps(thickness):
     assert not pixels[:, :3].any()
     assert not pixels[:, 20:].any()
     assert thick_lines(np.zeros((1, 2)), np.zeros((1, 2)), thickness).shape == (0, 4, 2)
+    assert thick_lines(np.zeros((1, 2)), np.full((1, 2), 0.1), thickness).shape == (1, 4, 2)
 
 
 def test_a_line_of_many_points_is_round_where_it_bends():
