@@ -13,6 +13,7 @@ import pytest
 from clouds import pcd, ply
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, esdf, inflate, local_map, read_map, ring_cost, write_map
+from mapdeal.pipeline.local import sequence_of
 
 NAMES = [
     *(f"{stem}.{end}" for stem in ("local", "inflated") for end in ("pgm", "yaml", "png")),
@@ -322,3 +323,16 @@ def test_real_clouds_give_local_maps(command, real_maps, tmp_path, monkeypatch):
                                "--size", "24,24", "-o", name, "--no-images")  # fmt: skip
         assert code == 0
         assert read_map(f"{name}/local.yaml").occupied().sum() > 20
+
+
+@pytest.mark.parametrize(("clouds", "digits"), [(10, 1), (11, 2), (100, 2), (101, 3)])
+def test_folders_have_as_many_digits_as_the_last_number(tmp_path, monkeypatch, clouds, digits):
+    monkeypatch.setattr("mapdeal.pipeline.local._DIGITS", 1)
+    names = []
+    for k in range(clouds):
+        (tmp_path / f"{k}.csv").write_text("1,1\n")
+        names.append(str(tmp_path / f"{k}.csv"))
+    (tmp_path / "poses.txt").write_text("0 0 0\n" * clouds)
+    jobs = sequence_of(names, tmp_path / "poses.txt", tmp_path / "o")
+    assert [job.folder.name for job in jobs] == [f"{k:0{digits}}" for k in range(clouds)]
+    assert [job.cloud.stem for job in jobs] == [str(k) for k in range(clouds)]

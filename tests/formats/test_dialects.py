@@ -198,3 +198,10 @@ def test_tiff_reads_like_png(tmp_path):
     assert read_map(path).occupancy.tolist() == [[0, 100, -1], [100, -1, 0]]
     # ROS 1 gives every TIFF an opacity of 255, which it averages in: 205 becomes free.
     assert read_map(path, dialect="ros1").occupancy.tolist() == [[0, 100, 0], [100, 0, 0]]
+
+
+def test_ros_1_does_not_see_the_transparent_colour_of_a_coloured_picture(tmp_path):
+    pixels = np.repeat(np.array([[254, 0, 205]], dtype=np.uint8)[..., np.newaxis], 3, axis=2)
+    Image.fromarray(pixels).save(tmp_path / "key.png", transparency=(254, 254, 254))
+    path = _write_yaml(tmp_path / "map.yaml", "key.png")
+    assert read_map(path, dialect="ros1").occupancy.tolist() == [[0, 100, -1]]

@@ -17,6 +17,7 @@ from drawn import cells
 from mapdeal import MalformedInputError, read_map
 from mapdeal.formats.image import read_image, read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS, IMAGE_SUFFIXES
+from mapdeal.formats.map_server import _costs_of
 
 ROOT = Path(__file__).parents[2]
 PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)
@@ -206,3 +207,19 @@ def test_pillow_is_not_loaded_for_pnm(tmp_path):
     words = [sys.executable, "-c", code]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+@pytest.mark.parametrize("mode", ["L", "LA", "RGB", "I;16"])
+def test_an_image_of_costs_has_one_grey_channel_of_8_bits(tmp_path, mode):
+    pixels = {
+        "L": np.array([[0, 254]], np.uint8), "LA": np.array([[[0, 255], [254, 9]]], np.uint8),
+        "RGB": np.array([[[0, 0, 0], [254, 254, 1]]], np.uint8),
+        "I;16": np.array([[0, 60_000]], np.uint16),
+    }[mode]  # fmt: skip
+    Image.fromarray(pixels).save(tmp_path / "c.png")
+    picture = read_image(tmp_path / "c.png")
+    if mode == "L":
+        assert _costs_of(picture, tmp_path / "c.png").tolist() == [[0, 254]]
+        return
+    with pytest.raises(MalformedInputError, match="one 8-bit grey channel"):
+        _costs_of(picture, tmp_path / "c.png")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.formats.scans import carmen
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.formats.scans.text import ScanTexts
 
@@ -338,3 +339,14 @@ def test_real_logs(real_maps):
             assert all(np.array_equal(a, b) for a, b in zip(part, other, strict=True))
     ranges = np.concatenate([p.ranges for p in open_log(folder / "intel-corrected.log").scans()])
     assert (ranges == 81.83).mean() == pytest.approx(0.025, abs=0.001)
+
+
+@pytest.mark.parametrize(
+    ("longest", "ranges"),
+    [(b"0", [1.0, 2.0, 3.0]), (b"2", [1.0, math.inf, math.inf]), (b"9", [1.0, 2.0, 3.0])],
+)
+def test_a_laser_without_a_longest_range_has_returned_all(longest, ranges):
+    words = [b"ROBOTLASER1", b"0", b"-0.1", b"0.2", b"0.1", longest, b"0.01", b"0", b"3"]
+    laser, found, following = carmen._parse_laser([*words, b"1", b"2", b"3", b"0"])
+    assert (found, following) == (ranges, 13)
+    assert (laser.start, laser.step, laser.readings) == (-0.1, 0.1, 3)

@@ -6,6 +6,7 @@ import pytest
 
 from drawn import grid_from_text
 from mapdeal import write_map
+from mapdeal.pipeline.golden import differences_from_golden, store_golden
 
 EMPTY, POST = "#" + "." * 23 + "#", "#" + "." * 11 + "#" + "." * 11 + "#"
 ROOM = "\n".join(["#" * 25, *[EMPTY] * 6, POST, *[EMPTY] * 6, "#" * 25])
@@ -90,3 +91,12 @@ def test_several_maps(command, golden):
     code, out, _ = command(*words, "--force")
     assert code == 1
     assert {line.split(":")[0] for line in out.splitlines() if "differ" in line} == {"n"}
+
+
+def test_a_golden_run_is_called_as_its_folder_unless_it_has_a_place(command, tmp_path):
+    write_map(tmp_path / "m.yaml", grid_from_text("#..\n..."))
+    assert command("run", tmp_path / "m.yaml", "-o", tmp_path / "o", "--no-images")[0] == 0
+    for place, name in ((None, "m"), ("a/b", "a/b")):
+        store_golden(tmp_path / "o" / "m", tmp_path / "golden", place)
+        assert (tmp_path / "golden" / name / "manifest.json").exists()
+        assert differences_from_golden(tmp_path / "o" / "m", tmp_path / "golden", place) == []
