@@ -184,3 +184,14 @@ def test_a_point_one_tolerance_below_the_upper_edges_is_in_no_cell():
     assert (x + 1e-9, y + 1e-9) == (8.0, 3.0)
     cells, inside = frame.bounded_rowcol_from_xy([[x, 0.5], [0.5, y], [7.99, 2.99]])
     assert (cells.tolist(), inside.tolist()) == ([[-1, -1], [-1, -1], [2, 7]], [False, False, True])
+
+
+@pytest.mark.parametrize("shape", [(5, 3), (3, 5), (4, 4)])
+def test_rows_of_a_grid_keep_their_place(shape):
+    occupancy = np.arange(shape[0] * shape[1], dtype=np.int8).reshape(shape)
+    grid = OccupancyGrid(occupancy, 0.5, (1.0, -2.0, 0.0))
+    for first in range(shape[0]):
+        for end in range(first + 1, shape[0] + 1):
+            part = grid.part(slice(first, end))
+            assert part.occupancy.tolist() == occupancy[first:end].tolist()
+            assert part.origin == (1.0, -2.0 + 0.5 * first, 0.0)

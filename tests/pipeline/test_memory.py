@@ -8,6 +8,7 @@ from mapdeal import MalformedInputError
 from mapdeal.formats import budget as budget_of_readers
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline import memory
+from mapdeal.pipeline.settings import Settings
 
 DEMAND = memory._Demand(base=1000, more=3.0, block=40)
 
@@ -92,3 +93,16 @@ def test_a_map_in_memory_takes_what_its_steps_say_and_its_pictures():
 def test_the_budget_is_half_of_what_is_free_shared_by_jobs(monkeypatch, given, free, jobs, budget):
     monkeypatch.setattr(budget_of_readers, "free_memory", lambda: free)
     assert memory.memory_budget(given, jobs) == budget
+
+
+def test_a_map_that_just_fits_is_not_cut():
+    def need(most, shape=(3, 4)):
+        settings = Settings(max_memory=most)
+        return memory.need_of(
+            Path("m.pgm"), shape, [Step], settings, image_max=None, is_by_rows=True
+        )
+
+    assert need(1078) == memory.Need(1078, by_blocks=False)
+    large = 1000 + int(6.5 * 4000 * 4000)
+    assert need(large, (4000, 4000)) == memory.Need(large, by_blocks=False)
+    assert need(large - 1, (4000, 4000)) == memory.Need(large - 1, by_blocks=True)
