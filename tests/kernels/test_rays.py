@@ -181,3 +181,16 @@ def test_a_cell_one_truncation_behind_the_surface_is_measured_the_next_is_not():
     expected = np.array([1, 1, 0.5, 0, -0.5, -1, 0, 0, 0])
     assert (sums[0] / DISTANCE_UNIT).tolist() == expected.tolist()
     assert weights.tolist() == [[1, 1, 1, 1, 1, 1, 0, 0, 0]]
+
+
+@needs_compiled
+@pytest.mark.parametrize(("start", "end"), [((1, 3), (1, 2)), ((1, 2), (1, 3)), ((1, 1), (1, 1))])
+def test_cells_of_rays_have_two_numbers_each(start, end):
+    from mapdeal.kernels import _rays
+
+    hits, misses = np.zeros((2, 2, 4), np.int32)
+    with pytest.raises(ValueError, match="cells have two columns"):
+        _rays.count(
+            np.zeros(start, np.int64), np.zeros(end, np.int64), np.zeros(1, np.uint8),
+            hits, misses, 0, 2,
+        )  # fmt: skip
