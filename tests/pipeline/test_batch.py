@@ -3,6 +3,8 @@
 import json
 import pickle
 import threading
+from concurrent.futures import BrokenExecutor, Future
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -207,3 +209,35 @@ def test_names_that_differ_in_case(monkeypatch, ignores_case):
 def test_messages_in_a_summary_name_files_as_it_does(text, told):
     job = Job(Path("/d/in/a/m.yaml"), Path("/d/out/a/m"), "a/m.yaml", "a/m")
     assert text_of(text, job) == told
+
+
+class OnceWorkers:
+    """Workers in this process, of which the first dies of its job and no other can be started."""
+
+    size = 1
+
+    def __init__(self):
+        self.starts = 0
+
+    @contextmanager
+    def started(self, _size, work):
+        self.starts += 1
+        if self.starts > 1:
+            raise FileAccessError("cannot be started", source="worker processes")
+
+        def submit(job):
+            if job.path.stem == "dies":
+                raise BrokenExecutor
+            sent = Future()
+            sent.set_result(work(job))
+            return sent
+
+        yield submit
+
+
+def test_the_summary_tells_what_was_done_before_no_more_workers_could_be_started(tmp_path):
+    made = jobs(["a", "dies", "b"], tmp_path)
+    with pytest.raises(FileAccessError, match="cannot be started"):
+        run_all(made, tmp_path, batch_work.do, lambda *_: None, workers=OnceWorkers())
+    summary = json.loads((tmp_path / "summary.json").read_text())["maps"]
+    assert [one["status"] for one in summary] == ["done", "interrupted", "interrupted"]

@@ -53,6 +53,8 @@ def run_all(
     ------
     KeyboardInterrupt
         If there was one; the summary is written then, too.
+    MapdealError
+        If no more workers can be started; the summary tells what was done before.
     """
     marked: dict[int, Job] = {}
     outcomes: dict[int, Outcome] = {}
@@ -79,6 +81,10 @@ def run_all(
         _write_summary(jobs, outcomes, output, what)
         told = f"{len(outcomes)} of {len(jobs)} {what}s are done, the same command goes on"
         raise KeyboardInterrupt(told) from None
+    except MapdealError:
+        if outcomes:
+            _write_summary(jobs, outcomes, output, what)
+        raise
     _write_summary(jobs, outcomes, output, what)
     return [outcomes[index] for index in range(len(jobs))]
 
