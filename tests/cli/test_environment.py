@@ -8,8 +8,9 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
-from bad_maps import tree, write_map
+from bad_maps import tree, write_map, yaml_text
 from mapdeal.cli.main import command_names, main
 
 ROOT = Path(__file__).parents[2]
@@ -132,9 +133,11 @@ def test_odd_variables_do_not_change_what_is_done_f14_f15(folder, environment):
 
 
 def test_a_library_that_cannot_be_loaded_is_one_line(folder, command, monkeypatch):
+    Image.new("L", (3, 2)).save(folder / "p.png")
+    (folder / "p.yaml").write_text(yaml_text(image="p.png"))
     monkeypatch.setitem(sys.modules, "PIL", None)
     monkeypatch.setitem(sys.modules, "PIL.Image", None)
-    code, out, err = command("esdf", "m.yaml", "-o", "o.npz", "--image", "o.png")
+    code, out, err = command("esdf", "p.yaml", "-o", "o.npz")
     assert (code, out) == (4, "")
     error, hint = err.splitlines()
     assert error.startswith("error: a library cannot be loaded: import of PIL")
