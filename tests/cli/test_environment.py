@@ -81,9 +81,10 @@ def test_help_onto_a_full_disk_is_told_in_one_line(monkeypatch, capsys, words):
 
 @pytest.mark.parametrize("value", ["0", "1", "x", "-5", "9" * 30, ""])
 def test_help_for_terminals_of_any_width(command, monkeypatch, value):
-    monkeypatch.setenv("COLUMNS", value)
     for words in (["--help"], ["run", "--help"]):
-        code, out, err = command(*words)
+        with monkeypatch.context() as here:  # whoever reports of tests asks for it, too
+            here.setenv("COLUMNS", value)
+            code, out, err = command(*words)
         assert (code, err) == (0, "")
         assert "Usage:mapdeal" in "".join(out.split())
 

@@ -13,28 +13,25 @@ import sys
 from multiprocessing import forkserver
 from pathlib import Path
 
-_SERVER = os.getpid()
-_has_failed = False
-
-
-def _fail_silently(*_: object) -> None:
-    """Keep a server that cannot fork from printing a traceback: the command says what it lacks."""
-    global _has_failed
-    _has_failed = True
+_SERVER, _COMMAND = os.getpid(), os.getppid()
 
 
 def _remove_folder() -> None:
     """Remove the folder that multiprocessing has made for the socket, if it is known.
 
-    Where the server has failed, the command is still there and does so itself.
+    So long as the command is there, it does so itself, and would miss it.
     """
     server = getattr(forkserver, "_forkserver", None)
     address = getattr(server, "_forkserver_address", None)
-    if _has_failed or os.getpid() != _SERVER or not isinstance(address, str):
+    if os.getpid() != _SERVER or os.getppid() == _COMMAND or not isinstance(address, str):
         return
     folder = Path(address).parent
     if folder.name.startswith("pymp-"):
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _fail_silently(*_: object) -> None:
+    """Keep a server that cannot fork from printing a traceback: the command says what it lacks."""
 
 
 sys.excepthook = _fail_silently
