@@ -294,7 +294,7 @@ def site(folder, side):
 @pytest.fixture(scope="module")
 def ordinary(tmp_path_factory):
     folder = tmp_path_factory.mktemp("site")
-    site(folder, 2200)
+    site(folder, 1600)
     return folder
 
 
@@ -313,7 +313,7 @@ COMMANDS = {
     "diff": ["diff", "site.yaml", "other.yaml"],
     "query": ["query", "site.yaml", "--at", "2,2"],
     "query field": ["query", "esdf.npz", "--at", "2,2"],
-    "route": ["route", "cost.npz", "--from", "0.1,0.1", "--to", "100.1,100.1"],
+    "route": ["route", "cost.npz", "--from", "0.1,0.1", "--to", "70.1,70.1"],
     "descent": ["route", "cost.npz", "--from", "0.1,0.1", "--to", "9.1,9.1", "--method",
                 "descent"],
     "log-odds": ["build", "scans.npz", "--size", "100,100", "--origin", "0,0", *OUT],

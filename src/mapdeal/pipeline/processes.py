@@ -12,6 +12,7 @@ import errno
 import multiprocessing
 import os
 import signal
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -35,6 +36,9 @@ _T = TypeVar("_T")
 _SECONDS_TO_CLEAN_UP = 10.0
 _SECONDS_BETWEEN_LOOKS = 0.1
 _STOPPED = 128 + signal.SIGTERM
+
+_LONGEST_FOLDER = 107 - len("/pymp-12345678/listener-12345678")
+"""Bytes that the name of the folder for temporary files may have, so that of a socket fits."""
 
 _PRELOADED = (
     "mapdeal.pipeline.worker_server",
@@ -163,6 +167,8 @@ def _context() -> BaseContext:
 def _context_of_server() -> BaseContext:
     from multiprocessing import forkserver, resource_tracker, util
 
+    if len(os.fsencode(tempfile.gettempdir())) > _LONGEST_FOLDER:
+        raise OSError("AF_UNIX path too long")  # asked before a folder is made, to be left there
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(_PRELOADED))
     # Ctrl-C goes to all processes of a terminal. Here it is this one's to answer; a worker that
