@@ -158,3 +158,16 @@ def sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def folder_for_sockets() -> Path:
+    """Return the folder in which the system wants what is there for a while, as `TMPDIR` says.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none that can be written to.
+    """
+    import tempfile  # of use to few
+
+    return Path(tempfile.gettempdir())

@@ -12,7 +12,6 @@ import errno
 import multiprocessing
 import os
 import signal
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -26,6 +25,7 @@ from typing import Any, NoReturn, TypeVar
 
 from mapdeal.errors import FileAccessError
 from mapdeal.formats.signals import signals_put_off
+from mapdeal.formats.temporary import folder_for_sockets
 from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.threads import is_started
 from mapdeal.pipeline.dispatch import Submit, Work
@@ -167,7 +167,7 @@ def _context() -> BaseContext:
 def _context_of_server() -> BaseContext:
     from multiprocessing import forkserver, resource_tracker, util
 
-    if len(os.fsencode(tempfile.gettempdir())) > _LONGEST_FOLDER:
+    if len(os.fsencode(folder_for_sockets())) > _LONGEST_FOLDER:
         raise OSError("AF_UNIX path too long")  # asked before a folder is made, to be left there
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(_PRELOADED))
