@@ -336,3 +336,41 @@ def test_where_there_are_no_locks_nothing_is_taken_for_dead(tmp_path, monkeypatc
     before = contents(tmp_path)
     settle(tmp_path / "a")
     assert contents(tmp_path) == before
+
+
+def test_a_file_of_somebody_else_in_a_sticky_folder_leaves_nothing_behind(tmp_path, monkeypatch):
+    make_old(tmp_path)
+    for folder in (tmp_path / "a", tmp_path / "b"):
+        folder.chmod(0o1777)
+    link, rename = os.link, Path.rename
+    foreign = tmp_path / "a" / "map.yaml"
+    owner = os.geteuid()
+    os.chown(foreign, owner + 1 if owner == 0 else owner, -1)
+    monkeypatch.setattr(os, "geteuid", lambda: owner + 2 if owner else owner + 1000)
+    kept = []
+    monkeypatch.setattr(os, "link", lambda *names, **how: (kept.append(names), link(*names, **how)))
+
+    def refused(self, target):
+        if self == foreign:
+            raise PermissionError(1, "Operation not permitted")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    with pytest.raises(FileAccessError, match=r"map\.yaml: cannot be replaced: Operation not"):
+        replace_all(tmp_path)
+    assert kept == []  # a second name could not be taken away again
+    assert contents(tmp_path) == OLD
+
+
+def test_a_journal_that_cannot_be_worked_off_stops_only_who_needs_its_files(tmp_path, monkeypatch):
+    killed_half_way(tmp_path)
+    (tmp_path / "a" / "other.txt").write_bytes(b"other")
+
+    def refused(*_, **__):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "unlink", refused)
+    monkeypatch.setattr(Path, "replace", refused)
+    assert read_file(tmp_path / "a" / "other.txt") == b"other"
+    with pytest.raises(FileAccessError, match="Operation not permitted"):
+        read_file(tmp_path / "a" / "map.yaml")

@@ -12,6 +12,7 @@ import contextlib
 import json
 import os
 import re
+import stat
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,9 +55,14 @@ class _Change:
         return self.folder / self.name
 
     def keep_aside(self) -> None:
-        """Give the old file its second name, unless the disk knows no such thing."""
-        if self.aside is not None:
-            with contextlib.suppress(OSError, NotImplementedError):  # it is renamed, later
+        """Give the old file its second name, unless the disk knows no such thing.
+
+        Nor if nobody but its owner could take that name away again.
+        """
+        if self.aside is None:
+            return
+        with contextlib.suppress(OSError, NotImplementedError):  # it is renamed, later
+            if _is_ours_to_remove(self.path):
                 os.link(self.path, self.folder / self.aside, follow_symlinks=False)
 
     def make(self, source: Path | None) -> None:
@@ -90,7 +96,8 @@ class _Change:
             if is_ours:
                 (self.folder / self.aside).replace(self.path)
             else:  # nothing had been done yet, or somebody has gone on from there
-                (self.folder / self.aside).unlink()
+                with contextlib.suppress(OSError):  # nobody misses it
+                    (self.folder / self.aside).unlink()
 
 
 def put_in_place(
@@ -127,19 +134,35 @@ def put_in_place(
             return
 
 
-def settle(folder: Path) -> None:
+def settle(folder: Path, name: str | None = None) -> None:
     """Undo what a killed process has done in a folder; wait for the end of what a live one does.
 
     To be called before anything in the folder is read or written. Where the disk has no locks,
     nobody can tell the two apart, and nothing is done.
 
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    name : str, optional
+        The only file in it that matters, to somebody who reads.
+
     Raises
     ------
     FileAccessError
-        If something cannot be undone.
+        If something cannot be undone, be it in a folder that is closed to us, and it matters.
     """
     if not os.path.lexists(folder / JOURNAL):
         return
+    try:
+        _settle(folder)
+    except FileAccessError:
+        journal = _read_journal(folder)
+        if name is None or journal is None or name in {one.name for one in journal.changes}:
+            raise
+
+
+def _settle(folder: Path) -> None:
     folders = {folder}
     while True:
         with locked(folders) as is_alone, signals_put_off():
@@ -323,6 +346,14 @@ def _what_stands_at(path: Path) -> FileState | None:
         return FileState.of_status(path.lstat())
     except (FileNotFoundError, NotADirectoryError):
         return None
+
+
+def _is_ours_to_remove(path: Path) -> bool:
+    """Return whether a sticky folder, if it is one, lets us remove and rename a file in it."""
+    folder = path.parent.stat()
+    if not folder.st_mode & stat.S_ISVTX or not hasattr(os, "geteuid"):
+        return True
+    return os.geteuid() in (folder.st_uid, path.lstat().st_uid)
 
 
 def _inside(folder: Path) -> Iterator[Path]:

@@ -72,7 +72,7 @@ def status_of(path: Path) -> os.stat_result:
         If there is none, or no file can have such a name.
     """
     with access_to(path):
-        settle(path.parent)
+        settle(path.parent, path.name)
         return path.stat()
 
 
