@@ -19,7 +19,7 @@ from mapdeal.formats.temporary import Temporary, Writer, remove_stale
 from mapdeal.kernels.thread_pool import ThreadPool
 from mapdeal.kernels.threads import thread_count
 
-_ATTEMPTS = 100
+_ATTEMPTS = 10_000
 
 _T = TypeVar("_T")
 
