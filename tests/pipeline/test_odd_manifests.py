@@ -109,6 +109,20 @@ def test_an_odd_golden_manifest_is_refused_or_differs(folder):
     assert told == {"refused", "differs", "equal"}
 
 
+def test_info_of_an_odd_manifest_tells_what_there_is_or_refuses(command, folder):
+    path = folder / "out" / "m" / "manifest.json"
+    document = json.loads(path.read_text())
+    seen = set()
+    for where, odd, manifest in changed(document):
+        path.write_text(json.dumps(manifest))
+        code, out, err = command("info", path.parent, path.parent / "cost.npz")
+        assert code in (0, 3), (where, odd, err)
+        if code == 3:
+            assert err == f"error: {path}: is no manifest of a run\n"
+        seen.add((code, "made by" in out))
+    assert seen == {(0, True), (0, False), (3, False)}
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -135,6 +149,8 @@ def test_a_manifest_that_is_none_is_one_line_in_every_command(command, folder, t
         assert code == expected, err
         assert len([line for line in err.splitlines() if line.startswith("error: ")]) == 1
         assert "internal" not in err
+    code, _, err = command("info", "out/m")
+    assert (code, err.splitlines()) == (3, ["error: out/m/manifest.json: is no manifest of a run"])
     code, out, err = command("lint", "out/m")
     assert (code, err) == (1, "")
     assert "run.no-manifest" in out

@@ -1,8 +1,11 @@
+import json
 import warnings
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from mapdeal import FileAccessError, Footprint, MapdealWarning, ParameterError
+from mapdeal import FileAccessError, Footprint, MapdealWarning, OccupancyGrid, ParameterError
 from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
 
 SHAPE = Footprint.polygon([[0.3, 0.4], [0.3, -0.4], [-0.3, -0.4], [-0.3, 0.4]])
@@ -81,6 +84,59 @@ def test_a_shape_goes_into_inflate_or_else_into_cost():
     assert plain["cost"]["circumscribed_radius"] == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize(
+    "shape",
+    [
+        SHAPE,
+        Footprint.circle(0.3),
+        Footprint.sixteen_gon(0.3),
+        Footprint.polygon([[0.4, 0.1], [0.1, 0.3], [-0.2, -0.3]]).padded(0.01),
+    ],
+)
+@pytest.mark.parametrize("recipe", ["default", "nav2", "local", "seed-real"])
+def test_the_radius_that_is_told_is_the_one_that_acts(recipe, shape):
+    """Stages without the shape, with what was recorded as the radius, make the same cells."""
+    grid = OccupancyGrid(np.eye(12, 17, dtype=np.int8) * 100, 0.1, (1.5, -2.0, 0.4))
+    told = load_recipe(recipe, footprint=shape)
+    settings = []
+    for step in told.steps:
+        if step.stage.robot is not None:
+            name = step.stage.robot.replaces
+            settings.append(f"{step.name}.{name}={step.described()[step.name][name]!r}")
+    by_radius = load_recipe(recipe, settings=settings)
+    for with_shape, without in zip(told.steps, by_radius.steps, strict=True):
+        assert with_shape.title == without.title
+        made = [step.apply(grid, Path("m")) for step in (with_shape, without)]
+        np.testing.assert_array_equal(made[0].layer, made[1].layer)
+
+
+def test_a_shape_gives_inflate_the_radius_that_is_recorded():
+    # by hand: 0.3 and 0.4 are the sides of a triangle of 0.5; padded 0.33, 0.44 and 0.55
+    assert described("default", footprint=SHAPE)["inflate"]["radius"] == pytest.approx(0.5)
+    padded = Footprint.polygon([[0.3, 0.41], [0.3, -0.41], [-0.3, -0.41]]).padded(0.03)
+    assert described("default", footprint=padded)["inflate"]["radius"] == pytest.approx(0.55)
+    circle = described("seed-real", footprint=Footprint.circle(0.25))["inflate"]
+    assert (circle["radius"], circle["footprint"]) == (0.25, {"radius": 0.25})
+
+
+def test_of_a_radius_and_a_shape_the_later_setting_counts():
+    shape = "inflate.footprint=[[0.3, 0.4], [0.3, -0.4], [-0.3, -0.4], [-0.3, 0.4]]"
+    settings = ["inflate.radius=0.2", shape]
+    inflated = described("seed-real", settings=settings)["inflate"]
+    assert (inflated["radius"], inflated["kernel"]) == (0.5, "square")
+    settings.reverse()
+    inflated = described("seed-real", settings=settings)["inflate"]
+    assert (inflated["radius"], inflated["footprint"]) == (0.2, None)
+
+
+@pytest.mark.parametrize("shape", [SHAPE, Footprint.circle(0.3), None])
+@pytest.mark.parametrize("name", ["default", "nav2"])
+def test_the_stages_of_a_manifest_are_a_recipe(tmp_path, name, shape):
+    steps = load_recipe(name, footprint=shape).described()
+    path = write(tmp_path, json.dumps({"stages": steps}))
+    assert load_recipe(path).described() == steps
+
+
 def test_a_radius_that_counts_twice_is_warned_of():
     with pytest.warns(MapdealWarning, match="twice"):
         load_recipe("default", settings=["cost.inscribed_radius=0.2"])
@@ -110,6 +166,15 @@ def test_a_recipe_file_in_every_way_of_writing(tmp_path):
         ("stages:\n  - inflate: {radios: 1}\n", "no such parameter"),
         ("stages:\n  - inflate: {radius: wide}\n", "inflate.radius"),
         ("stages:\n  - inflate: {radius: -1}\n", "inflate.radius"),
+        (
+            "stages:\n  - inflate: {radius: 0.4, footprint: {radius: 0.3}}\n",
+            "makes it 0.3, got 0.4",
+        ),
+        (
+            "stages:\n  - inflate: {footprint: {radius: 0}}\n",
+            "footprint.radius: must be .* above 0",
+        ),
+        ("stages:\n  - inflate: {footprint: {width: 1}}\n", "look like"),
         ("stages:\n  - esdf:\n  - esdf:\n", "once"),
         ("stages:\n  - cost:\n  - esdf:\n", "follow cost"),
         ("stages:\n  - cost: {model: rings, down: 4}\n", "threshold"),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import one_line
@@ -24,7 +26,8 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @shared_options("dialect", "max_cells", "max_memory")
 def info(
     sources: Annotated[
-        list[Path], typer.Argument(metavar="MAP...", help="Maps, costmaps or fields.")
+        list[Path],
+        typer.Argument(metavar="MAP...", help="Maps, costmaps, fields, or folders of runs."),
     ],
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per file, each on a line.")
@@ -32,7 +35,7 @@ def info(
     *,
     settings: Settings,
 ) -> None:
-    """Tell size, origin, cell counts and checksum of files."""
+    """Tell size, origin, cell counts and checksum of files, and how a run has made them."""
     for index, source in enumerate(sources):
         report = describe_file(source, dialect=settings.dialect, max_cells=settings.max_cells)
         if as_json:
@@ -42,6 +45,37 @@ def info(
 
 
 def _text(report: dict[str, Any]) -> str:
+    rows = _rows_of_run(report) if report["kind"] == "run" else _rows_of_map(report)
+    lines = [f"  {name:<11} {value}" for name, value in rows]
+    return "\n".join(one_line(line) for line in [str(report["file"]), *lines])
+
+
+def _rows_of_run(report: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return what there is to say of a run: its inputs, and each stage with its figures."""
+    rows = [
+        ("kind", f"run of mapdeal {opt.said(report['version'])}"),
+        ("inputs", _listed(report["inputs"], with_values=False)),
+        ("options", _listed(report["options"])),
+    ]
+    for name, parameters in _stages(report["stages"]):
+        rows.append((name, _listed(parameters)))
+        rows.append(("", _listed(report["figures"].get(name, {}))))
+    return rows
+
+
+def _stages(stages: list[dict[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
+    for stage in stages:
+        yield from stage.items()
+
+
+def _listed(values: object, *, with_values: bool = True) -> str:
+    if not isinstance(values, dict):
+        return opt.said(values)
+    return ", ".join(f"{key} {opt.said(one)}" if with_values else key
+                     for key, one in values.items())  # fmt: skip
+
+
+def _rows_of_map(report: dict[str, Any]) -> list[tuple[str, str]]:
     width, height, resolution = report["width"], report["height"], report["resolution"]
     x, y, yaw = report["origin"]
     rows = [
@@ -74,6 +108,7 @@ def _text(report: dict[str, Any]) -> str:
         how += ", negate" if report["negate"] else ""
         rows.append(("image", str(report["image"])))
         rows.append(("read as", f"{how}, dialect {report['dialect']}"))
+    for name, parameters in _stages(report.get("made_by", [])):
+        rows.append(("made by", f"{name}: {_listed(parameters)}"))
     rows.append(("sha256", report["sha256"]))
-    lines = [f"  {name:<11} {value}" for name, value in rows]
-    return "\n".join(one_line(line) for line in [str(report["file"]), *lines])
+    return rows

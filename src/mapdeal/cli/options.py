@@ -160,9 +160,21 @@ def region(size: str, at: str | None, corner: str | None) -> dict[str, Any]:
 
 def described(stage: str, parameters: Mapping[str, object]) -> str:
     """Return a stage's parameters as a verbose command says them."""
-    words = {None: "none", True: "yes", False: "no"}
-    pairs = (
-        f"{name}={words[value] if value is None or isinstance(value, bool) else value}"
-        for name, value in parameters.items()
-    )
-    return f"{stage}: {', '.join(pairs)}"
+    return f"{stage}: {', '.join(f'{name}={said(value)}' for name, value in parameters.items())}"
+
+
+def said(value: object) -> str:
+    """Return a value of a parameter, option or figure as a recipe would have it.
+
+    Examples
+    --------
+    >>> said(None), said(True), said({"radius": 0.25}), said("disc"), said([0.3, None])
+    ('none', 'yes', '{radius: 0.25}', 'disc', '[0.3, none]')
+    """
+    if value is None or isinstance(value, bool):
+        return {None: "none", True: "yes", False: "no"}[value]
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {said(one)}" for key, one in value.items()) + "}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(said, value))}]"
+    return str(value)

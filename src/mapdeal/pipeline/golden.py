@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.formats.json_text import json_of, read_json
+from mapdeal.errors import FileAccessError
+from mapdeal.formats.json_text import json_of
 from mapdeal.formats.source import status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.folder import MANIFEST
-from mapdeal.stages.catalogue import models_of
+from mapdeal.pipeline.manifest import manifest_in, product_of
 
 _SHOWN = 3
 _PICTURE = ".png"
@@ -32,7 +32,7 @@ def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
     Path
         Where it is now.
     """
-    manifest = _manifest_of(folder)
+    manifest = manifest_in(folder)
     target = golden / (place or folder.name) / MANIFEST
     with Transaction([target], force=True) as transaction:
         transaction.write_bytes(target, json_of(manifest))
@@ -70,37 +70,13 @@ def differences_from_golden(folder: Path, golden: Path, place: str | None = None
     except FileAccessError as error:
         rule, hint = f"no golden run: {error.rule}", "--update-golden stores it"
         raise FileAccessError(rule, source=stored, hint=hint) from None
-    new, old = _manifest_of(folder), _manifest_of(stored.parent)
+    new, old = manifest_in(folder), manifest_in(stored.parent)
     lines = []
     for stage in dict.fromkeys([*old["figures"], *new["figures"]]):
         told = _difference(stage, old, new)
         if told is not None:
             lines.append(f"{place or folder.name}: {stage}: {told}")
     return lines
-
-
-def _manifest_of(folder: Path) -> dict[str, Any]:
-    manifest = read_json(folder / MANIFEST)
-    if not _is_manifest(manifest):
-        raise MalformedInputError("is no manifest of a run", source=folder / MANIFEST)
-    found: dict[str, Any] = manifest
-    return found
-
-
-def _is_manifest(value: object) -> bool:
-    """Return whether figures, outputs and stages are there in the shape that a run gives them."""
-    if not isinstance(value, dict):
-        return False
-    figures, outputs, stages = (value.get(key) for key in ("figures", "outputs", "stages"))
-    return (
-        isinstance(figures, dict)
-        and all(isinstance(one, dict) for one in figures.values())
-        and isinstance(outputs, dict)
-        and all(isinstance(digest, str) for digest in outputs.values())
-        and isinstance(stages, list)
-        and all(isinstance(stage, dict) and len(stage) == 1 for stage in stages)
-        and all(isinstance(one, dict) for stage in stages for one in stage.values())
-    )
 
 
 def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | None:
@@ -125,17 +101,12 @@ def _parameters(manifest: dict[str, Any], stage: str) -> dict[str, Any]:
 
 
 def _files(manifest: dict[str, Any], stage: str) -> dict[str, str]:
-    stem = _product_of(stage)
+    stem = product_of(stage)
     return {
         name: str(digest)
         for name, digest in manifest["outputs"].items()
         if Path(name).stem == stem and Path(name).suffix != _PICTURE
     }
-
-
-def _product_of(stage: str) -> str:
-    """Return what the files of a stage are called; of one that is no recipe's, its name."""
-    return next((one.product for one in models_of(stage).values()), stage)
 
 
 def _differs(name: str, old: dict[str, str], new: dict[str, str]) -> bool:

@@ -1,4 +1,4 @@
-"""What a map file holds, as figures."""
+"""What a map file or the folder of a run holds, as figures."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from mapdeal.errors import FileAccessError
 from mapdeal.formats.map_yaml import Dialect
-from mapdeal.formats.maps import read_source
+from mapdeal.formats.maps import open_map
+from mapdeal.formats.source import exists, is_folder, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
+from mapdeal.pipeline.folder import MANIFEST
+from mapdeal.pipeline.manifest import manifest_in, stages_behind
 from mapdeal.pipeline.memory import claim_work
 
 _OF_POTENTIAL, _OF_OTHERS = 33.0, 2.0
@@ -28,9 +32,18 @@ def describe_file(
     """Return what there is to know of a map, costmap or field, as JSON can hold it.
 
     ``known_box`` is row, column, height and width of the known cells' bounding box, row 0 in
-    the south; ``sha256`` is of the layer's bytes in that order.
+    the south; ``sha256`` is of the layer's bytes in that order. ``made_by`` has the stages that
+    have made the file, with the parameters that took effect, where it lies in the folder of the
+    run that wrote it. A folder of a run, or its manifest, is told of as a whole.
     """
-    source = read_source(path, dialect=dialect, max_cells=max_cells)
+    if is_folder(path) or path.name == MANIFEST:
+        return _describe_run(path)
+    with (
+        sums_of_reads() as sums,
+        open_map(path, dialect=dialect, max_cells=max_cells) as file,
+    ):
+        source = file.read()
+        named = file.sums_by_name(sums)
     grid = source.grid
     claim_work(path, grid, _OF_POTENTIAL if isinstance(grid, PotentialField) else _OF_OTHERS)
     report: dict[str, Any] = {"file": str(path), "kind": grid.kind}
@@ -42,7 +55,20 @@ def describe_file(
     if not isinstance(grid, Costmap):
         report["known_box"] = _known_box(grid.occupancy)
     report["sha256"] = hashlib.sha256(grid.layer.data).hexdigest()
-    return report
+    stages = stages_behind(path.name, path.parent, named)
+    return report if stages is None else report | {"made_by": stages}
+
+
+def _describe_run(path: Path) -> dict[str, Any]:
+    """Return what the manifest of a run tells of it, the sums of its outputs aside."""
+    folder = path if is_folder(path) else path.parent
+    if path == folder and not exists(folder / MANIFEST):
+        rule = f"is a folder without a {MANIFEST} of a run"
+        raise FileAccessError(rule, source=path, hint="name the maps in it")
+    status_of(folder / MANIFEST)
+    manifest = manifest_in(folder)
+    keys = ("version", "inputs", "options", "stages", "figures")
+    return {"file": str(path), "kind": "run"} | {key: manifest.get(key) for key in keys}
 
 
 def _known_box(occupancy: Any) -> list[int] | None:

@@ -186,9 +186,12 @@ def _apply_setting(draft: Draft, setting: str, name: str) -> None:
         raise ParameterError(rule, source="--set", got=setting, hint=hint)
     parameter = parameter.replace("-", "_")
     robot = _stage_in((stage, given)).robot
-    if robot is not None and parameter == robot.replaces not in robot.sets:
-        for name_of_shape in robot.sets:
-            given.pop(name_of_shape, None)
+    if robot is not None and robot.replaces not in robot.sets:  # one takes the other's place
+        if parameter == robot.replaces:
+            for name_of_shape in robot.sets:
+                given.pop(name_of_shape, None)
+        elif parameter in robot.sets:
+            given.pop(robot.replaces, None)
     given[parameter] = value.strip()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,7 @@ from mapdeal.formats.npz import Grid
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
-from mapdeal.stages.definition import Stage
+from mapdeal.stages.definition import RobotShape, Stage
 from mapdeal.stages.esdf import field_view
 from mapdeal.stages.parameters import accept_parameters, unknown_name
 
@@ -27,7 +28,7 @@ class Step:
     stage : Stage
         The stage, in one of its models.
     parameters : mapping
-        Every parameter of the stage's function.
+        Every parameter of the stage's function, as it takes effect.
     view : mapping
         The parameters of its view, if it has one.
     """
@@ -86,7 +87,8 @@ def make_step(name: str, given: Mapping[str, object]) -> Step:
     Raises
     ------
     ParameterError
-        If the stage or a parameter is not known, or a value not allowed.
+        If the stage or a parameter is not known, a value not allowed, or a robot's shape and a
+        radius that is not its own are given.
     """
     models = models_of(name)
     if not models:
@@ -98,7 +100,24 @@ def make_step(name: str, given: Mapping[str, object]) -> Step:
     own, view = ({key: value for key, value in given.items() if key in known}
                  for known in (stage.own_parameters, stage.view_parameters))  # fmt: skip
     parameters = accept_parameters(stage.function, own, name)
+    if stage.robot is not None and stage.robot.in_effect is not None:
+        _settle_shape(parameters, stage.robot, own, name)
     return Step(stage, parameters, accept_parameters(stage.view, view, name) if stage.view else {})
+
+
+def _settle_shape(
+    parameters: dict[str, Any], robot: RobotShape, given: Mapping[str, object], name: str
+) -> None:
+    """Put what takes effect in the place of what a robot's shape overrules."""
+    in_effect = robot.in_effect
+    if in_effect is None:
+        return
+    key, value = robot.replaces, in_effect(parameters)
+    if key in given and not math.isclose(parameters[key], value, rel_tol=1e-9):
+        place = f"{name}.{key}"
+        rule = f"cannot be given together with {' and '.join(robot.sets)}, which makes it {value:g}"
+        raise ParameterError(rule, place=place, got=parameters[key])
+    parameters[key] = value
 
 
 def _in_model(

@@ -60,11 +60,15 @@ class RobotShape:
         The parameters that a shape sets.
     parameters : callable
         Returns these, given a footprint.
+    in_effect : callable, optional
+        Returns the value of `replaces` that the stage works with, given all parameters, where
+        a shape that is a parameter itself overrules it.
     """
 
     replaces: str
     sets: tuple[str, ...]
     parameters: Callable[[Footprint], dict[str, object]]
+    in_effect: Callable[[Parameters], float] | None = None
 
 
 @dataclass(frozen=True)

@@ -26,19 +26,22 @@ _RADIUS_TOLERANCE = 1e-9
 """In metres: cells whose centre lies exactly on the radius belong to the disc."""
 
 
-def _title(parameters: Parameters) -> str:
-    footprint = parameters["footprint"]
-    radius = footprint.circumscribed_radius if footprint else parameters["radius"]
-    return f"inflated by {radius:.4g} m ({parameters['kernel']})"
+def _radius_in_effect(parameters: Parameters) -> float:
+    footprint: Footprint | None = parameters["footprint"]
+    return parameters["radius"] if footprint is None else footprint.circumscribed_radius
 
 
 @stage(
     name="inflate",
     product="inflated",
     summary="Grow obstacles by a radius or by a robot's shape.",
-    title=_title,
+    title=lambda parameters: (
+        f"inflated by {_radius_in_effect(parameters):.4g} m ({parameters['kernel']})"
+    ),
     memory=2.0,
-    robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
+    robot=RobotShape(
+        "radius", ("footprint",), lambda footprint: {"footprint": footprint}, _radius_in_effect
+    ),
 )
 def inflate(
     grid: OccupancyGrid,
@@ -58,7 +61,8 @@ def inflate(
     radius : float
         Metres to grow obstacles by.
     footprint : Footprint, optional
-        The robot's corners; their circumscribed radius takes the place of `radius`.
+        The robot's corners, or in a recipe {radius: R} of a round one; the circumscribed radius
+        takes the place of `radius`.
     kernel : {'disc', 'square'}
         Grow to a disc, or to a square of cells.
         ``disc``: cells whose centre lies within `radius` of an obstacle cell's centre.

@@ -233,6 +233,9 @@ def _split_annotated(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     return hint, ()
 
 
+_RADIUS = Parameter("footprint.radius", None, float, optional=False, bounds=(ABOVE_0,))
+
+
 def _footprint(value: object) -> Footprint:
     if isinstance(value, Footprint):
         return value
@@ -240,5 +243,7 @@ def _footprint(value: object) -> Footprint:
         return Footprint.parse(value)
     if isinstance(value, (list, tuple)):
         return Footprint.polygon(value)
-    rule = "must look like [[x1, y1], [x2, y2], ...]"
+    if isinstance(value, Mapping) and list(value) == ["radius"]:
+        return Footprint.circle(_RADIUS.accept(value["radius"]))
+    rule = "must look like [[x1, y1], [x2, y2], ...] or {radius: R}"
     raise ParameterError(rule, place="footprint", got=value)
