@@ -222,6 +222,27 @@ def sum_of_inverse_distances(marked, scale, least):
     return result
 
 
+def slopes_along_map_axes(values, resolution, yaw):
+    """d/dx and d/dy in the map frame, per metre: differences of the cells beside each.
+
+    One-sided at the border, 0 along an axis of a single cell.
+    """
+    height, width = len(values), len(values[0])
+    along_x, along_y = np.zeros((height, width)), np.zeros((height, width))
+    for row in range(height):
+        for col in range(width):
+            south, north = max(row - 1, 0), min(row + 1, height - 1)
+            west, east = max(col - 1, 0), min(col + 1, width - 1)
+            up = right = 0.0
+            if north > south:
+                up = (values[north][col] - values[south][col]) / ((north - south) * resolution)
+            if east > west:
+                right = (values[row][east] - values[row][west]) / ((east - west) * resolution)
+            along_x[row, col] = right * math.cos(yaw) - up * math.sin(yaw)
+            along_y[row, col] = right * math.sin(yaw) + up * math.cos(yaw)
+    return along_x, along_y
+
+
 def lowest_cost(weights, start, goal):
     """Cost of the cheapest path over eight neighbours, by relaxing all steps until none helps.
 

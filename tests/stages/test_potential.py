@@ -1,10 +1,12 @@
 """The potential, and what the field says of itself."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import oracles
 from drawn import grid_from_text
@@ -107,6 +109,48 @@ def test_without_a_goal_there_is_only_repulsion():
     assert field.normalised == pytest.approx(expected)
 
 
+GAINS = {"attractive_gain": 3.0, "repulsive_gain": 0.5}
+
+
+@settings(max_examples=40)
+@given(occupancies(longest=8), RESOLUTIONS, st.sampled_from([0.0, 0.4, -3.0, 2.0]), st.booleans())
+def test_the_gradient_is_that_of_the_repulsion_or_of_the_sum(occupancy, resolution, yaw, has_goal):
+    grid = OccupancyGrid(occupancy, resolution, (1.5, -2.0, yaw))
+    goal = tuple(grid.frame.xy_from_rowcol([[-2, 1]])[0].tolist()) if has_goal else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapdealWarning)
+        field = potential(grid, goal=goal, **GAINS)
+    repulsive = np.minimum(
+        oracles.sum_of_inverse_distances(occupancy == 100, resolution, 0.001), 1e5
+    )
+    values = repulsive
+    if has_goal:
+        rows, cols = np.indices(occupancy.shape)
+        values = 3.0 * np.hypot(rows + 2, cols - 1) * resolution + 0.5 * repulsive
+    expected = oracles.slopes_along_map_axes(values.tolist(), resolution, yaw)
+    noise = 1e-9 * (1 + values.max()) / resolution
+    entries = field.entries()
+    assert entries["gradient"].shape == (2, *grid.shape)
+    assert entries["gradient"][0] == pytest.approx(expected[0], rel=1e-9, abs=noise)
+    assert entries["gradient"][1] == pytest.approx(expected[1], rel=1e-9, abs=noise)
+    steepness = [math.hypot(*pair) for pair in zip(*(e.flat for e in expected), strict=True)]
+    magnitude = entries["gradient_magnitude"]
+    assert magnitude.ravel() == pytest.approx(np.array(steepness), rel=1e-9, abs=noise)
+    assert field.figures()["steepest_gradient"] == pytest.approx(
+        max(steepness), rel=1e-9, abs=noise
+    )
+
+
+def test_the_gradient_of_a_lone_obstacle_by_hand():
+    """Three cells of 0.25 m in a row, yaw a quarter turn: along a row is along y."""
+    field = potential(OccupancyGrid([[100, 0, 0]], 0.25, (1.5, -2.0, math.pi / 2)))
+    assert field.repulsive.tolist() == [[0.0, 4.0, 2.0]]
+    along_y = [(4 - 0) / 0.25, (2 - 0) / 0.5, (2 - 4) / 0.25]
+    assert field.gradient[1, 0] == pytest.approx(along_y)
+    assert field.gradient[0, 0] == pytest.approx(0, abs=1e-12)
+    assert field.gradient_magnitude[0] == pytest.approx([16, 4, 8])
+
+
 def test_where_all_is_level_the_normalised_field_and_the_gradient_are_0():
     field = potential(grid_from_text("..."))
     assert not field.normalised.any()
@@ -165,19 +209,21 @@ def test_a_file_holds_every_layer_and_gives_the_field_back(tmp_path, goal):
     field = potential(grid_from_text(".#.?\n...."), goal=goal, attractive_gain=3.0)
     write_map(tmp_path / "p.npz", field)
     with np.load(tmp_path / "p.npz") as entries:
-        layers = {"repulsive", "normalised"}
+        layers = {"repulsive", "normalised", "gradient", "gradient_magnitude"}
         if goal:
-            layers |= {"attractive", "potential", "gradient", "gradient_magnitude"}
-            assert entries["gradient"].shape == (2, 2, 4)
+            layers |= {"attractive", "potential"}
             assert entries["goal"].tolist() == list(goal)
+        assert entries["gradient"].shape == (2, 2, 4)
+        assert np.array_equal(entries["gradient_magnitude"], field.gradient_magnitude)
         assert all(entries[name].dtype == np.float64 for name in layers)
         assert layers <= set(entries.files)
-        assert ("gradient" in entries.files) == (goal is not None)
+        assert ("potential" in entries.files) == (goal is not None)
     again = read_map(tmp_path / "p.npz")
     assert isinstance(again, PotentialField)
     for name in ("goal", "origin", "resolution", "attractive_gain", "repulsive_cap"):
         assert getattr(again, name) == getattr(field, name)
     assert np.array_equal(again.potential, field.potential)
+    assert np.array_equal(again.gradient, field.gradient)
     assert np.array_equal(again.occupancy, field.occupancy)
 
 

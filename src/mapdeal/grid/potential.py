@@ -86,19 +86,17 @@ class PotentialField(Framed):
             "obstacles": int(np.count_nonzero(self.obstacles())),
             "lowest_potential": float(self.potential.min()),
             "highest_potential": float(self.potential.max()),
+            "steepest_gradient": float(self.gradient_magnitude.max()),
         }
 
     def entries(self) -> dict[str, Any]:
         """Return all layers that there are, the map, and the numbers they were made with."""
         entries: dict[str, Any] = {"repulsive": self.repulsive, "normalised": self.normalised}
         if self.goal is not None:
-            entries |= {
-                "attractive": self.attractive,
-                "potential": self.potential,
-                "gradient": self.gradient,
-                "gradient_magnitude": self.gradient_magnitude,
-                "goal": np.array(self.goal),
-            }
+            entries |= {"attractive": self.attractive, "potential": self.potential}
+        entries |= {"gradient": self.gradient, "gradient_magnitude": self.gradient_magnitude}
+        if self.goal is not None:
+            entries["goal"] = np.array(self.goal)
         return entries | {
             "occupancy": self.occupancy,
             "attractive_gain": np.float64(self.attractive_gain),
@@ -147,9 +145,10 @@ class PotentialField(Framed):
     def gradient(self) -> NDArray[np.float64]:
         """Slope of the potential along x and y of the map frame, per metre, shape (2, H, W).
 
-        It points uphill. Central differences between the neighbouring cells, one-sided at the
-        border; along an axis of a single cell 0. Beside an obstacle they look into its cell,
-        whose own term the sum leaves out; `downhill_surface` puts it back.
+        It points uphill; without a goal it is that of the repulsion. Central differences
+        between the neighbouring cells, one-sided at the border; along an axis of a single cell 0.
+        Beside an obstacle they look into its cell, whose own term the sum leaves out;
+        `downhill_surface` puts it back.
         """
         return _read_only(self._slopes(self.potential))
 
@@ -189,9 +188,9 @@ class PotentialField(Framed):
         along_cols = np.gradient(values, axis=1) if width > 1 else np.zeros(self.shape)
         yaw = self.origin[2]
         cos, sin = math.cos(yaw), math.sin(yaw)
-        slopes = np.stack(
-            [along_cols * cos - along_rows * sin, along_cols * sin + along_rows * cos]
-        )
+        slopes = np.empty((2, height, width))
+        np.subtract(along_cols * cos, along_rows * sin, out=slopes[0])
+        np.add(along_cols * sin, along_rows * cos, out=slopes[1])
         slopes /= self.resolution
         return slopes
 

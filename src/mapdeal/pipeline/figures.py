@@ -28,7 +28,8 @@ def summary_of(figures: Figures) -> str:
         least, most = figures["lowest_potential"], figures["highest_potential"]
         x, y = figures["goal"] or (None, None)
         what = "no goal, repulsion" if x is None else f"goal {x:.10g}, {y:.10g}, potential"
-        return f"{what} {least:.5g} .. {most:.5g}"
+        text = f"{what} {least:.5g} .. {most:.5g}"
+        return f"{text}, gradient up to {figures['steepest_gradient']:.5g} per metre"
     if "lethal" in figures:
         names = [name for name in _COST_SHARES if name in figures]
         text = ", ".join(share(name) for name in names)

@@ -19,7 +19,7 @@ from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.manifest import manifest_in, stages_behind
 from mapdeal.pipeline.memory import claim_work
 
-_OF_POTENTIAL, _OF_OTHERS = 33.0, 2.0
+_OF_POTENTIAL, _OF_OTHERS = 62.0, 2.0
 """Bytes for each cell that figures take; those of a potential are of layers that it does not have
 until they are asked for."""
 

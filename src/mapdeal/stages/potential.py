@@ -68,7 +68,8 @@ def potential(
     PotentialField
         ``repulsive``: min(repulsive_cap, sum of 1 / d over ALL obstacle cells), d in metres
         between cell centres, terms with d <= 0.001 m left out; ``attractive``: metres to the
-        goal; ``potential``: the gains times both.
+        goal; ``potential``: the gains times both; ``gradient`` and ``gradient_magnitude``: of the
+        potential, or without a goal of the repulsion.
 
     Raises
     ------
