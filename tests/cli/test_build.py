@@ -95,8 +95,11 @@ def test_options_reach_the_method_and_the_grid(command, log, run):
 def test_other_numbers_of_the_methods(command, log, run):
     assert command("build", log, "-o", "c.npz", "--method", "counting", "--ratio", "0.1")[0] == 0
     assert command("build", log, "-o", "t.npz", "--method", "tsdf", "--truncation", "4")[0] == 0
+    words = ["--method", "tsdf", "--truncation-behind", "3"]
+    assert command("build", log, "-o", "b.npz", *words)[0] == 0
     for name, options in (("c", {"method": "counting", "ratio": 0.1}),
-                          ("t", {"method": "tsdf", "truncation": 4})):  # fmt: skip
+                          ("t", {"method": "tsdf", "truncation": 4}),
+                          ("b", {"method": "tsdf", "truncation_behind": 3})):  # fmt: skip
         expected = build_map(*run, **options).grid
         found = read_map(f"{name}.npz")
         assert found.shape == expected.shape

@@ -84,21 +84,22 @@ def test_values_are_clamped_after_each_ray(shape, rays, odds, start, threads):
     rays=beams(),
     seed=st.integers(0, 999),
     truncation=st.sampled_from([0.7, 2.0, 5.0]),
+    behind=st.sampled_from([0.5, 1.0, 3.0]),
 )
-def test_distances_are_those_from_the_sensor_to_the_centres(shape, rays, seed, truncation):
+def test_distances_are_those_from_the_sensor_to_the_centres(shape, rays, seed, truncation, behind):
     starts, ends, is_hit = arrays(rays)
     rng = np.random.default_rng(seed)
     sensors = starts + rng.random((len(rays), 2))
     ranges = np.where(is_hit, rng.uniform(0, 25, len(rays)), np.inf)
     sums, weights = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int32)
-    measure_rays(starts, ends, sensors, ranges, truncation, sums, weights)
+    measure_rays(starts, ends, sensors, ranges, truncation, behind, sums, weights)
     expected, counts = np.zeros(shape), np.zeros(shape, dtype=int)
     for k, (first, end, _) in enumerate(rays):
         for row, col in line(first, end):
             away = math.dist((row + 0.5, col + 0.5), sensors[k])
             share = (ranges[k] - away) / truncation
-            if inside((row, col), shape) and share >= -1:
-                expected[row, col] += min(share, 1.0)
+            if inside((row, col), shape) and share >= -behind:
+                expected[row, col] += max(min(share, 1.0), -1.0)
                 counts[row, col] += 1
     np.testing.assert_array_equal(weights, counts)
     np.testing.assert_allclose(sums / DISTANCE_UNIT, expected, atol=1e-6 * max(1, len(rays)))
@@ -150,7 +151,7 @@ def test_many_rays_give_the_same_bytes_on_both_engines_and_any_threads(monkeypat
         with use_threads(threads):
             count_rays(starts, ends, is_hit, hits, misses)
             weigh_rays(starts, ends, is_hit, Odds(-1, 2, -40, 50), values, seen)
-            measure_rays(starts, ends, sensors, ranges, 2.5, sums, weights)
+            measure_rays(starts, ends, sensors, ranges, 2.5, 1.7, sums, weights)
         found.append([layer.tobytes() for layer in (hits, misses, values, seen, sums, weights)])
     assert found[0] == found[1] == found[2]
     assert misses.sum() > ray_twin._CELLS_TOGETHER
@@ -171,16 +172,26 @@ def test_arrays_of_other_shapes_are_refused():
 
 
 @pytest.mark.usefixtures("each_engine")
-def test_a_cell_one_truncation_behind_the_surface_is_measured_the_next_is_not():
-    sums, weights = np.zeros((1, 9), np.int64), np.zeros((1, 9), np.int32)
+@pytest.mark.parametrize(
+    ("behind", "expected"),
+    [
+        (0.5, [1, 1, 0.5, 0, -0.5]),
+        (1.0, [1, 1, 0.5, 0, -0.5, -1]),
+        (2.0, [1, 1, 0.5, 0, -0.5, -1, -1, -1]),
+    ],
+)
+def test_a_cell_so_many_truncations_behind_the_surface_is_measured_the_next_is_not(
+    behind, expected
+):
+    sums, weights = np.zeros((1, 10), np.int64), np.zeros((1, 10), np.int32)
     # from the centre of cell 0 to a surface 3 cells on; a truncation of 2 cells
     measure_rays(
-        np.array([[0, 0]]), np.array([[0, 8]]), np.array([[0.5, 0.5]]), np.array([3.0]),
-        2.0, sums, weights,
+        np.array([[0, 0]]), np.array([[0, 9]]), np.array([[0.5, 0.5]]), np.array([3.0]),
+        2.0, behind, sums, weights,
     )  # fmt: skip
-    expected = np.array([1, 1, 0.5, 0, -0.5, -1, 0, 0, 0])
-    assert (sums[0] / DISTANCE_UNIT).tolist() == expected.tolist()
-    assert weights.tolist() == [[1, 1, 1, 1, 1, 1, 0, 0, 0]]
+    count = len(expected)
+    assert (sums[0] / DISTANCE_UNIT).tolist() == expected + [0] * (10 - count)
+    assert weights.tolist() == [[1] * count + [0] * (10 - count)]
 
 
 @needs_compiled

@@ -111,18 +111,23 @@ def test_log_odds_are_added_and_clamped_beam_by_beam(run, limits, odds):
     assert off.max() <= 0.501
 
 
-@given(run=runs(), limits=LIMITS, truncation=st.sampled_from([1.0, 2.0, 3.5]))
-def test_tsdf_is_the_mean_of_distances_along_the_beams(run, limits, truncation):
-    built = build_map(*run, method="tsdf", truncation=truncation, **GRID, **limits)
+BEHIND = st.sampled_from([(1.0, 1.0), (2.0, 1.0), (2.0, 3.0), (2.0, 0.5), (3.5, 0.4), (1.0, 2.6)])
+
+
+@given(run=runs(), limits=LIMITS, numbers=BEHIND)
+def test_tsdf_is_the_mean_of_distances_along_the_beams(run, limits, numbers):
+    truncation, behind = numbers
+    options = {"truncation": truncation, "truncation_behind": behind}
+    built = build_map(*run, method="tsdf", **options, **GRID, **limits)
     sums, weights = np.zeros(SHAPE), np.zeros(SHAPE, int)
     left, bottom = GRID["origin"]
     cut = truncation * RES
-    for cells, r, sensor in walk(*run, GRID["origin"], beyond=cut, **limits):
+    for cells, r, sensor in walk(*run, GRID["origin"], beyond=behind * cut, **limits):
         for row, col in filter(inside, cells):
             centre = (left + (col + 0.5) * RES, bottom + (row + 0.5) * RES)
             share = 1.0 if r is None else (r - math.dist(centre, sensor)) / cut
-            if share >= -1:
-                sums[row, col] += min(share, 1.0)
+            if share >= -behind:
+                sums[row, col] += max(min(share, 1.0), -1.0)
                 weights[row, col] += 1
     np.testing.assert_array_equal(built.layers["weight"], weights)
     field = built.layers["tsdf"]
@@ -193,6 +198,9 @@ def test_the_grid_holds_all_that_beams_reach_with_a_margin_of_two_cells():
     assert built.grid.shape == (7 + 4, 5 + 4)
     behind = build_map([[1.1, -2.3, 0.0]], [0.0], [[1.0]], resolution=0.5, method="tsdf")
     assert behind.grid.shape == (1 + 4, 5 + 4)  # two cells more behind the hit, to 3.1
+    behind = build_map([[1.1, -2.3, 0.0]], [0.0], [[1.0]], resolution=0.5, method="tsdf",
+                       truncation=1.5, truncation_behind=3.0)  # fmt: skip
+    assert behind.grid.shape == (1 + 4, 7 + 4)  # 4.5 cells more, to 4.35
 
 
 def test_beams_too_far_to_be_followed_are_outside():
@@ -387,6 +395,11 @@ BAD = [
     ({"range_max": 10**400}, "range_max"),
     ({"method": "tsdf", "truncation": 0.5}, "truncation"),
     ({"method": "tsdf", "truncation": math.nan}, "truncation"),
+    ({"method": "tsdf", "truncation_behind": 0.4}, "truncation_behind: must be 0.5 to 500 trunc"),
+    ({"method": "tsdf", "truncation_behind": 501}, "truncation_behind"),
+    ({"method": "tsdf", "truncation_behind": math.nan}, "truncation_behind"),
+    ({"method": "tsdf", "truncation_behind": "x"}, "truncation_behind"),
+    ({"method": "counting", "truncation_behind": 3}, "truncation_behind"),
     ({"range_min": -1.0}, "range_min"),
     ({"range_max": 0.0}, "range_max"),
     ({"range_min": 3.0, "range_max": 2.0}, "range_max"),

@@ -92,6 +92,13 @@ def build(
         float | None,
         typer.Option(metavar="CELLS", help="tsdf: distances are cut off here.  [default: 2]"),
     ] = None,
+    truncation_behind: Annotated[
+        float | None,
+        typer.Option(
+            metavar="N",
+            help="tsdf: truncations behind a hit up to which beams are followed.  [default: 1]",
+        ),
+    ] = None,
     layers: Annotated[
         Path | None,
         typer.Option(metavar="OUT.npz", help="Write the map with its evidence, too."),
@@ -114,7 +121,7 @@ def build(
             values=values or None,
         ),
         "counting": opt.given(ratio=ratio),
-        "tsdf": opt.given(truncation=truncation),
+        "tsdf": opt.given(truncation=truncation, truncation_behind=truncation_behind),
     }  # fmt: skip
     for other, given in own.items():
         if other != method and given:

@@ -30,6 +30,7 @@ def measure(
     sensors: NDArray[Any],
     ranges: NDArray[Any],
     truncation: float,
+    behind: float,
     sums: NDArray[Any],
     weights: NDArray[Any],
     bottom: int,

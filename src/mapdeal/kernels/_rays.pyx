@@ -22,7 +22,8 @@ cdef extern from "rays.h" nogil:
     )
     void measure_in(
         const Part *part, const int64_t *starts, const int64_t *ends, const double *sensors,
-        const double *ranges, int64_t beams, double truncation, int64_t *sums, int32_t *weights,
+        const double *ranges, int64_t beams, double truncation, double behind, int64_t *sums,
+        int32_t *weights,
     )
 
 
@@ -86,7 +87,7 @@ def weigh(
 
 def measure(
     const int64_t[:, ::1] starts, const int64_t[:, ::1] ends, const double[:, ::1] sensors,
-    const double[::1] ranges, double truncation,
+    const double[::1] ranges, double truncation, double behind,
     int64_t[:, ::1] sums, int32_t[:, ::1] weights, int64_t bottom, int64_t top,
 ):
     """Add to each cell its signed distance along each beam, and count the beams."""
@@ -100,5 +101,5 @@ def measure(
     with nogil:
         measure_in(
             &part, &starts[0, 0], &ends[0, 0], &sensors[0, 0], &ranges[0], starts.shape[0],
-            truncation, &sums[0, 0], &weights[0, 0],
+            truncation, behind, &sums[0, 0], &weights[0, 0],
         )

@@ -69,6 +69,7 @@ def measure_rays(
     sensors_rowcol: NDArray[np.float64],
     ranges: NDArray[np.float64],
     truncation: float,
+    behind: float,
     sums: NDArray[np.int64],
     weights: Counts,
 ) -> None:
@@ -78,9 +79,9 @@ def measure_rays(
         y = row + 0.5 - sensors_rowcol[whose, 0]
         x = col + 0.5 - sensors_rowcol[whose, 1]
         distance = (ranges[whose] - np.sqrt(y * y + x * x)) / truncation
-        near = distance >= -1.0
-        most = np.minimum(distance[near], 1.0)
-        whole = (most * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)).astype(np.int64) - DISTANCE_UNIT
+        near = distance >= -behind
+        share = np.minimum(np.maximum(distance[near], -1.0), 1.0)
+        whole = (share * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)).astype(np.int64) - DISTANCE_UNIT
         np.add.at(sums.reshape(-1), at[near], whole)
         np.add.at(weights.reshape(-1), at[near], 1)
 

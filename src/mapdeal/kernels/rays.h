@@ -137,7 +137,7 @@ static void weigh_in(const Part *part, const int64_t *starts, const int64_t *end
 
 static void measure_in(const Part *part, const int64_t *starts, const int64_t *ends,
                        const double *sensors, const double *ranges, int64_t beams,
-                       double truncation, int64_t *sums, int32_t *weights)
+                       double truncation, double behind, int64_t *sums, int32_t *weights)
 {
     for (int64_t k = 0; k < beams; k++) {
         const int64_t *start = starts + 2 * k, *end = ends + 2 * k;
@@ -147,9 +147,10 @@ static void measure_in(const Part *part, const int64_t *starts, const int64_t *e
             const double y = (double)(at / part->width) + 0.5 - sensors[2 * k];
             const double x = (double)(at % part->width) + 0.5 - sensors[2 * k + 1];
             const double distance = (ranges[k] - sqrt(y * y + x * x)) / truncation;
-            if (distance >= -1.0) {
-                const double most = distance > 1.0 ? 1.0 : distance;
-                sums[at] += (int64_t)(most * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)) -
+            if (distance >= -behind) {
+                const double least = distance < -1.0 ? -1.0 : distance;
+                const double share = least > 1.0 ? 1.0 : least;
+                sums[at] += (int64_t)(share * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)) -
                             (int64_t)DISTANCE_UNIT;
                 weights[at]++;
             }

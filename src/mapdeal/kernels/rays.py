@@ -112,6 +112,7 @@ def measure_rays(
     sensors_rowcol: NDArray[np.float64],
     ranges: NDArray[np.float64],
     truncation: float,
+    behind: float,
     sums: NDArray[np.int64],
     weights: Counts,
 ) -> None:
@@ -126,7 +127,9 @@ def measure_rays(
     ranges : numpy.ndarray of float64, shape (N,)
         The distance to what it hits, in cells; inf if it hits nothing.
     truncation : float
-        In cells. Distances beyond it count as it, behind what is hit not at all.
+        In cells. Distances beyond it count as it, on both sides.
+    behind : float
+        Truncations behind what is hit up to which cells count.
     sums : numpy.ndarray of int64, shape (H, W)
         Sums of range minus distance from the sensor to the cell's centre, as share of the
         truncation, in `DISTANCE_UNIT`.
@@ -137,12 +140,16 @@ def measure_rays(
     sensors_rowcol = np.ascontiguousarray(sensors_rowcol)
     ranges = np.ascontiguousarray(ranges)
     if engine_name() != "compiled":
-        ray_twin.measure_rays(starts, ends, sensors_rowcol, ranges, truncation, sums, weights)
+        ray_twin.measure_rays(
+            starts, ends, sensors_rowcol, ranges, truncation, behind, sums, weights
+        )
         return
     from mapdeal.kernels import _rays
 
     def work(bottom: int, top: int) -> None:
-        _rays.measure(starts, ends, sensors_rowcol, ranges, truncation, sums, weights, bottom, top)
+        _rays.measure(
+            starts, ends, sensors_rowcol, ranges, truncation, behind, sums, weights, bottom, top
+        )
 
     _by_rows(work, sums.shape[0])
 

@@ -14,7 +14,9 @@ from mapdeal.mapping.beams import Beams, as_number
 from mapdeal.mapping.evidence import Evidence, Layers
 from mapdeal.mapping.zero_crossings import crossings_of, thin_blocks, thin_surface
 
-_MOST_TRUNCATION = 1000.0
+_FARTHEST = 1000.0
+"""Cells that distances, and beams behind what they hit, reach at most."""
+
 _TENTHS_OF_THIN = 3
 """Share of hits above which free cells are thin obstacles: that of method counting."""
 
@@ -27,18 +29,21 @@ class Tsdf(Evidence):
     frame : Frame
         The cells.
     truncation : float
-        In cells, 1 to 1000: distances beyond count as it, and beams have no effect farther
-        than that behind what they hit.
+        In cells, 1 to 1000: distances beyond count as it.
+    truncation_behind : float
+        How far beams are followed behind what they hit, in truncations; 1 to 1000 cells.
 
     Raises
     ------
     ParameterError
-        If the truncation is out of its bounds.
+        If one of them is out of its bounds.
 
     Notes
     -----
     The distance is the beam's range less that from the sensor to the cell's centre: positive
-    in front of what is hit. All beams weigh the same. A cell is occupied where the field
+    in front of what is hit. All beams weigh the same. Cells more than a truncation behind it, which
+    only a `truncation_behind` above 1 reaches, count as -1: what lies behind a wall thinner than
+    that becomes solid, unless beams from there outweigh it. A cell is occupied where the field
     changes sign between it and a neighbour in its row or column, both reached by beams, and it
     is the one nearer to zero; such walls are thinned to one cell. Of the other cells those
     with a positive field are free, all else is unknown.
@@ -64,12 +69,20 @@ class Tsdf(Evidence):
     [[3.7, 0.5]]
     """
 
-    def __init__(self, frame: Frame, *, truncation: float = 2.0) -> None:
+    def __init__(
+        self, frame: Frame, *, truncation: float = 2.0, truncation_behind: float = 1.0
+    ) -> None:
         super().__init__(frame)
-        if not 1 <= as_number(truncation, "truncation") <= _MOST_TRUNCATION:  # nan too
-            rule = f"must be 1 to {_MOST_TRUNCATION:g} cells"
+        if not 1 <= as_number(truncation, "truncation") <= _FARTHEST:  # nan too
+            rule = f"must be 1 to {_FARTHEST:g} cells"
             raise ParameterError(rule, place="truncation", got=truncation)
-        self._truncation = self.reach_behind = float(truncation)
+        self._truncation = float(truncation)
+        self._behind = as_number(truncation_behind, "truncation_behind")
+        self.reach_behind = self._truncation * self._behind
+        if not 1 <= self.reach_behind <= _FARTHEST:
+            least, most = 1 / self._truncation, _FARTHEST / self._truncation
+            rule = f"must be {least:.6g} to {most:.6g} truncations: 1 to {_FARTHEST:g} cells"
+            raise ParameterError(rule, place="truncation_behind", got=truncation_behind)
         self._sums = np.zeros(frame.shape, dtype=np.int64)
         self._weights, self._hits, self._misses = np.zeros((3, *frame.shape), dtype=np.int32)
 
@@ -77,10 +90,13 @@ class Tsdf(Evidence):
         """Add what beams say; see `Evidence.add`."""
         near, starts, ends = self.cells_of(beams)
         count_rays(starts, ends, near.is_hit, self._hits, self._misses)
-        near, starts, ends = self.cells_of(beams, self._truncation * self.frame.resolution)
+        near, starts, ends = self.cells_of(beams, self.reach_behind * self.frame.resolution)
         sensors = self.frame.continuous_rowcol_from_xy(near.sensors_xy)
         ranges = np.where(near.is_hit, near.ranges / self.frame.resolution, np.inf)
-        measure_rays(starts, ends, sensors, ranges, self._truncation, self._sums, self._weights)
+        measure_rays(
+            starts, ends, sensors, ranges, self._truncation, self._behind,
+            self._sums, self._weights,
+        )  # fmt: skip
 
     def occupancy(self) -> NDArray[np.int8]:
         """Return the map of the evidence so far, shape (H, W)."""
