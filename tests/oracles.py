@@ -105,8 +105,8 @@ def exponential_cost(
     return result
 
 
-def metric_view(occupancy, occupied, resolution, view_range):
-    """The 0..100 view that falls linearly to 0 at view_range."""
+def metric_view(occupancy, occupied, resolution, view_range, strength=1.0):
+    """The 0..100 view of the strengthened distances that falls linearly to 0 at view_range."""
     squared = squared_distance(occupied)
     result = np.zeros(occupancy.shape, dtype=np.int8)
     for index in np.ndindex(occupancy.shape):
@@ -115,20 +115,20 @@ def metric_view(occupancy, occupied, resolution, view_range):
         elif occupancy[index] == -1:
             result[index] = -1
         elif squared[index] is not None:
-            d = min(math.sqrt(squared[index]) * resolution, view_range)
+            d = min(strength * (math.sqrt(squared[index]) * resolution), view_range)
             result[index] = int(100 * (1 - d / view_range))
     return result
 
 
-def seed_view(occupancy, occupied, resolution):
-    """The 0..100 view scaled between the map's own extremes."""
+def seed_view(occupancy, occupied, resolution, strength=1.0):
+    """The 0..100 view of the strengthened distances scaled between the map's own extremes."""
     outside, inside = squared_distance(occupied), squared_distance(~occupied)
     result = np.zeros(occupancy.shape, dtype=np.int8)
     if occupied.any() and not occupied.all():
-        farthest = max(math.sqrt(s) for s in outside.ravel()) * resolution
+        farthest = strength * max(math.sqrt(s) for s in outside.ravel()) * resolution
         deepest = max(math.sqrt(s) for s in inside.ravel()) * resolution
         for index in np.ndindex(occupancy.shape):
-            d = math.sqrt(outside[index]) * resolution
+            d = strength * math.sqrt(outside[index]) * resolution
             result[index] = int(100 * (farthest - d) / (farthest - resolution + deepest))
     result[occupancy == -1] = -1
     result[occupied] = 100

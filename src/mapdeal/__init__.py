@@ -3,7 +3,7 @@
 Read and write: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_shapes`,
 `read_cloud`, `read_poses`.
 Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField`, `BitMap`, each with its
-`Frame`.
+`Frame`; `FieldView` with its `ViewScale`.
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
 `ring_cost`, `potential`; a robot's `Footprint`; `apply_keepout_mask`.
 Maps from sensors: `local_map`, and `LocalMapper` with `LocalOptions` for clouds that come in

@@ -23,6 +23,8 @@ from mapdeal.grid.bit_map import BitMap as BitMap
 from mapdeal.grid.costmap import Costmap as Costmap
 from mapdeal.grid.field import DistanceField as DistanceField
 from mapdeal.grid.field import FieldSamples as FieldSamples
+from mapdeal.grid.field_view import FieldView as FieldView
+from mapdeal.grid.field_view import ViewScale as ViewScale
 from mapdeal.grid.footprint import Footprint as Footprint
 from mapdeal.grid.frame import Frame as Frame
 from mapdeal.grid.frame import xy_ahead as xy_ahead

@@ -173,7 +173,7 @@ def test_a_check_finds_what_it_is_about(checks, name, map_):
 
 def test_every_check_has_a_case():
     covered = {name for name, _ in CASES} | {"image.depth", "image.outside-folder"}
-    covered |= {"run.no-manifest", "run.missing-file", "run.other-file"}
+    covered |= {"run.no-manifest", "run.missing-file", "run.other-file", "run.uniform-cost"}
     assert covered == set(CHECKS)
     assert len(CHECKS) >= 30
     assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
@@ -277,7 +277,8 @@ def test_two_checks_of_one_name_are_refused(restored_checks):
 
 
 def test_a_folder_of_a_run_is_what_its_manifest_says(command, folder):
-    assert command("run", "good.yaml", "-o", "out", "--no-images")[0] == 0
+    words = ["--no-images", "--set", "inflate.radius=0.01"]
+    assert command("run", "good.yaml", "-o", "out", *words)[0] == 0
     assert lint_file(folder / "out" / "good") == []
     (folder / "out" / "good" / "cost.npz").write_bytes(b"of another run")
     (folder / "out" / "good" / "esdf.pgm").unlink()
@@ -287,6 +288,21 @@ def test_a_folder_of_a_run_is_what_its_manifest_says(command, folder):
     ]  # fmt: skip
     assert command("lint", "out/good")[0] == 1
     assert [f.check for f in lint_file(folder)] == ["run.no-manifest"]
+
+
+def test_a_run_whose_costs_say_nothing_has_a_finding(command, folder):
+    words = ["--recipe", "seed-real", "--set", "inflate.radius=0"]
+    words += ["--set", "cost.down=100", "--set", "cost.up=100"]
+    code, _, err = command("run", "good.yaml", "-o", "out", "--no-images", *words)
+    assert (code, err.count("% of the open cells cost 0: lower down (100)")) == (
+        0,
+        1,
+    )
+    (found,) = lint_file(folder / "out" / "good")
+    assert (found.check, found.severity) == ("run.uniform-cost", "warning")
+    assert found.message == "cost: 100 % of the open cells cost 0"
+    assert command("lint", "out/good")[0] == 0
+    assert command("lint", "out/good", "--strict")[0] == 1
 
 
 def test_fix_takes_the_traps_out(command, folder):

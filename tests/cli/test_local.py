@@ -161,10 +161,11 @@ def test_parameters_and_the_robot_s_shape_reach_the_stages(command, cloud, point
 
 def test_the_robot_s_own_points_are_warned_of(command, cloud):
     (cloud.parent / "own.xyz").write_text("0 0 0\n1 0 0\n")
-    _, _, err = command("local", "--cloud", "own.xyz", "--pose", "0,0,0", "-o", "a", "--no-images")
+    small = ["--size", "3,3", "--no-images"]
+    _, _, err = command("local", "--cloud", "own.xyz", "--pose", "0,0,0", "-o", "a", *small)
     assert err.startswith("warning: own.xyz: the robot's own cell is an obstacle once inflated")
     assert len(err.splitlines()) == 1
-    _, _, err = command("local", "--cloud", "own.xyz", "--pose", "0,0,0", "-o", "b", "--no-images",
+    _, _, err = command("local", "--cloud", "own.xyz", "--pose", "0,0,0", "-o", "b", *small,
                         "--min-range", "0.1")  # fmt: skip
     assert err == ""
 
@@ -196,7 +197,9 @@ def test_a_sequence_gets_numbered_folders_in_order(command, sequence, points):
     assert [(e["cloud"], e["folder"]) for e in summary][9:] == [
         ("9.csv", "0009"), ("10.csv", "0010"), ("11.csv", "0011")
     ]  # fmt: skip
-    assert len(summary[2]["warnings"]) == 1
+    no_point, uniform = summary[2]["warnings"]
+    assert "no point marks a cell" in no_point
+    assert uniform.endswith("100 % of the open cells cost 0: there is no obstacle")
     for k in (0, 11):
         expected = local_map(points[10 * k : 10 * k + 10], (k * 0.1, 0, float(f"0.{k}")),
                              size=(3, 2), resolution=0.1)  # fmt: skip

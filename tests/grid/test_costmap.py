@@ -38,7 +38,7 @@ def test_figures_count_each_cell_once():
     assert costmap.figures() == {
         "width": 5, "height": 2, "resolution": 0.5, "origin": [0.0, 0.0, 0.0],
         "cost_scale": "costmap2d", "free": 3, "lethal": 1, "inscribed": 2, "unknown": 1,
-        "circumscribed_cost": 61, "graded": 3,
+        "circumscribed_cost": 61, "graded": 3, "most_common": {"cost": 0, "share": 0.5},
     }  # fmt: skip
     published = Costmap([[0, 0, 0, 1, 99], [100, 100, 98, -1, 7]], 0.5, scale="occupancy")
     figures = published.figures()

@@ -5,7 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapdeal import FileAccessError, Footprint, MapdealWarning, OccupancyGrid, ParameterError
+from mapdeal import (
+    FileAccessError,
+    Footprint,
+    MapdealWarning,
+    OccupancyGrid,
+    ParameterError,
+    esdf,
+    read_map,
+)
 from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
 
 SHAPE = Footprint.polygon([[0.3, 0.4], [0.3, -0.4], [-0.3, -0.4], [-0.3, 0.4]])
@@ -41,6 +49,8 @@ def test_the_default_recipe_has_the_documented_defaults():
     [
         ("default", ["inflate", "esdf", "cost"]),
         ("nav2", ["esdf", "cost"]),
+        ("local", ["inflate", "esdf", "cost"]),
+        ("arena", ["inflate", "esdf", "cost"]),
         ("seed-real", ["inflate", "esdf", "cost"]),
         ("seed-sim", ["active", "inflate", "esdf", "cost"]),
     ],
@@ -57,6 +67,74 @@ def test_the_recipes_of_the_design_document():
     for recipe in (real, sim):
         assert (recipe["esdf"]["view"], recipe["cost"]["view"]) == ("seed", "seed")
         assert recipe["cost"]["model"] == "threshold"
+
+
+def test_thresholds_in_metres_say_which_values_take_effect():
+    arena = described("arena")["cost"]
+    assert (arena["down_distance"], arena["down"]) == (1.0, 50)
+    assert (arena["up_distance"], arena["up"]) == (0.5, 75)
+    seed = described("arena", settings=["cost.view=seed"])["cost"]
+    assert (seed["down"], seed["up"]) == (None, None)  # the map decides
+    value = described("arena", settings=["cost.down=30"])["cost"]
+    assert (value["down_distance"], value["down"], value["up"]) == (None, 30, 75)
+    metres = described("seed-real", settings=["cost.view=metric", "cost.down_distance=1.5"])["cost"]
+    assert (metres["down_distance"], metres["down"], metres["up"]) == (1.5, 25, 54)
+
+
+def test_a_threshold_is_a_value_or_a_distance(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("stages: [{cost: {model: threshold, down: 30, down_distance: 1.0}}]")
+    with pytest.raises(ParameterError, match=r"cost\.down: .*down_distance, which makes it 50"):
+        load_recipe(str(path))
+    path.write_text("stages: [{cost: {model: threshold, down: 50, down_distance: 1.0}}]")
+    load_recipe(str(path))  # as a manifest says it
+
+
+def drawn_arena():
+    """An arena of 9.05 x 6 m in cells of 5 cm, with nine blocks, as of the ICRA challenges."""
+    cells = np.full((120, 181), 0, np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    blocks = [
+        (0, 1.0, 1.0, 0.2), (1.5, 0, 0.2, 1.0), (1.5, 3.0, 0.8, 0.2),
+        (3.6, 0.94, 1.0, 0.2), (4.2, 2.7, 0.35, 0.35), (4.2, 4.3, 1.0, 0.2),
+        (7.2, 1.8, 0.8, 0.2), (7.2, 4.8, 0.2, 1.0), (8.0, 4.7, 1.0, 0.2),
+    ]  # fmt: skip
+    for x, y, width, height in blocks:
+        col, row = round(x / 0.05), round(y / 0.05)
+        cells[row : row + round(height / 0.05), col : col + round(width / 0.05)] = 100
+    return OccupancyGrid(cells, 0.05, (-1.0, 0.5, 0.0))
+
+
+def test_the_arena_recipe_grades_an_arena_that_the_seed_s_does_not():
+    shares = {}
+    for name in ("arena", "seed-real"):
+        grid = drawn_arena()
+        for step in load_recipe(name).steps:
+            grid = step.apply(grid, Path("arena.yaml"))
+        free = drawn_arena().occupancy == 0
+        shares[name] = np.mean((grid.cost[free] > 0) & (grid.cost[free] < 99))
+        is_told = step.remark_on(grid.figures()) is not None
+        assert is_told == (name == "seed-real")
+    assert shares["arena"] > 0.5
+    assert shares["seed-real"] == 0
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["LihanChen2004__pb_rm_simulation/map/RMUC.yaml",
+     "LihanChen2004__pb_rm_simulation/map/RMUL.yaml",
+     "turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10.yaml",
+     "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
+     "ros-navigation__navigation2/nav2_bringup/maps/warehouse.yaml"],
+)  # fmt: skip
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_the_arena_recipe_grades_a_fifth_near_obstacles_on_real_maps(real_maps, name):
+    original = grid = read_map(real_maps / name)
+    for step in load_recipe("arena").steps:
+        grid = step.apply(grid, real_maps / name)
+    metres = esdf(original, convention="center").distance
+    near = (original.occupancy == 0) & (metres <= 2)
+    assert np.mean((grid.cost[near] > 0) & (grid.cost[near] < 99)) >= 0.2
 
 
 def test_sim_cuts_out_the_active_region_and_counts_unknown_as_occupied():

@@ -62,7 +62,7 @@ def test_stages_work_each_on_what_the_one_before_made(room, tmp_path):
 
 
 def test_the_same_run_gives_the_same_bytes_whatever_the_threads(room, tmp_path):
-    recipe = load_recipe("seed-sim")
+    recipe = load_recipe("arena", sim=True)
     run_map(room, tmp_path / "one", recipe, Settings(threads=1))
     run_map(room, tmp_path / "many", recipe, Settings(threads=4))
     assert contents(tmp_path / "one") == contents(tmp_path / "many")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import oracles
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, ParameterError, esdf, field_view
+from mapdeal import OccupancyGrid, ParameterError, ViewScale, esdf, field_view
 from mapdeal.stages.field_values import squares_in
 from strategies import RESOLUTIONS, occupancies
 
@@ -70,19 +70,48 @@ def test_squared_cells_come_back_exactly_over_a_thousand_cells():
         assert np.array_equal(squared, rows**2 + cols**2)
 
 
-@given(occupancies(), RESOLUTIONS, CONVENTIONS, st.sampled_from([0.4, 1.0, 2.0]))
+STRENGTHS = st.sampled_from([0.3, 1.0, 1.5, 7.0])
+
+
+@given(occupancies(), RESOLUTIONS, CONVENTIONS, st.sampled_from([0.4, 1.0, 2.0]), STRENGTHS)
 def test_the_metric_view_equals_brute_force_whatever_the_convention(
-    occupancy, resolution, convention, view_range
+    occupancy, resolution, convention, view_range, strength
 ):
-    field = esdf(OccupancyGrid(occupancy, resolution), convention=convention, strength=1.7)
-    expected = oracles.metric_view(occupancy, occupancy >= 100, resolution, view_range)
-    assert np.array_equal(field_view(field, view_range=view_range).occupancy, expected)
+    field = esdf(OccupancyGrid(occupancy, resolution), convention=convention, strength=strength)
+    expected = oracles.metric_view(occupancy, occupancy >= 100, resolution, view_range, strength)
+    view = field_view(field, view_range=view_range)
+    assert np.array_equal(view.occupancy, expected)
+    assert view.scale == ViewScale("metric", view_range)
 
 
-@given(occupancies(), RESOLUTIONS, CONVENTIONS)
-def test_the_seed_view_equals_brute_force_up_to_rounding(occupancy, resolution, convention):
-    field = esdf(OccupancyGrid(occupancy, resolution), convention=convention)
-    expected = oracles.seed_view(occupancy, occupancy >= 100, resolution)
+def test_the_view_is_of_the_strengthened_distances_by_hand():
+    # 0.25 m cells: 0.5, 1 and 1.5 m once doubled, of a range of 2 m
+    grid = OccupancyGrid([[100, 0, 0, 0, -1], [100, 0, 0, 0, -1]], 0.25, (3.0, -1.0, 0.7))
+    for convention in ("seed", "center", "border"):
+        view = field_view(esdf(grid, strength=2.0, convention=convention), view_range=2.0)
+        assert view.occupancy.tolist() == [[100, 75, 50, 25, -1]] * 2
+    # D = 2 m, of the unknown cells, which count as free, and I = 0.25 m
+    view = field_view(esdf(grid, strength=2.0), view="seed")
+    assert view.occupancy.tolist() == [[100, 75, 50, 25, -1]] * 2
+    assert (view.scale.farthest, view.scale.deepest) == (2.0, 0.25)
+
+
+def test_a_strength_reaches_as_far_as_the_view_that_is_made_of_the_whole_map(monkeypatch):
+    occupancy = np.zeros((3, 70), np.int8)
+    occupancy[1, 5] = 100
+    field = esdf(OccupancyGrid(occupancy, 0.05), strength=0.4)
+    expected = oracles.metric_view(occupancy, occupancy >= 100, 0.05, 1.0, 0.4)
+    assert np.array_equal(field_view(field, view_range=1.0).occupancy, expected)
+    monkeypatch.setattr("mapdeal.stages.field_values._LARGEST_TABLE", 0)
+    assert np.array_equal(field_view(field, view_range=1.0).occupancy, expected)
+
+
+@given(occupancies(), RESOLUTIONS, CONVENTIONS, STRENGTHS)
+def test_the_seed_view_equals_brute_force_up_to_rounding(
+    occupancy, resolution, convention, strength
+):
+    field = esdf(OccupancyGrid(occupancy, resolution), convention=convention, strength=strength)
+    expected = oracles.seed_view(occupancy, occupancy >= 100, resolution, strength)
     # I comes from float32 metres; only a value on the edge of two whole numbers may move.
     difference = field_view(field, view="seed").occupancy.astype(int) - expected
     assert np.abs(difference).max() <= 1

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,7 +7,17 @@ from hypothesis import strategies as st
 
 import oracles
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, ParameterError, esdf, ring_cost, threshold_cost
+from mapdeal import (
+    MapdealWarning,
+    OccupancyGrid,
+    ParameterError,
+    esdf,
+    exponential_cost,
+    field_view,
+    potential,
+    ring_cost,
+    threshold_cost,
+)
 from strategies import occupancies
 
 
@@ -30,8 +42,6 @@ def test_threshold_costs_equal_brute_force_on_the_view(occupancy, view, one, oth
     if view == "metric":
         values = oracles.metric_view(occupancy, occupancy >= 100, 0.1, 2.0)
     else:
-        from mapdeal import field_view
-
         values = field_view(esdf(grid), view="seed").occupancy  # held to its oracle elsewhere
     cost = threshold_cost(esdf(grid), view=view, down=down, up=up, down_factor=0.3).cost
     for index in np.ndindex(occupancy.shape):
@@ -51,6 +61,123 @@ def test_threshold_costs_equal_brute_force_on_the_view(occupancy, view, one, oth
 def test_thresholds_in_the_wrong_order_are_refused():
     with pytest.raises(ParameterError, match="down"):
         threshold_cost(grid_from_text("#."), down=60, up=50)
+    with pytest.raises(ParameterError, match=r"down_distance.*up_distance"):
+        threshold_cost(grid_from_text("#."), down_distance=0.4, up_distance=0.5)
+    with pytest.raises(ParameterError, match="down"):  # the view at 1.8 m is 10
+        threshold_cost(grid_from_text("#."), down=11, up_distance=1.8)
+
+
+def test_thresholds_in_metres_by_hand():
+    # 0.25 m cells, views 100, 87, 75, 62, 50, 37, 25, -1
+    grid = OccupancyGrid([[100, 0, 0, 0, 0, 0, 0, -1]] * 2, 0.25, (1.0, 2.0, 0.3))
+    metres = {"down_distance": 1.25, "up_distance": 0.75, "down_factor": 0.5, "up_factor": 1.0}
+    assert threshold_cost(grid, **metres).cost.tolist() == [[100, 87, 75, 31, 25, 0, 0, -1]] * 2
+    doubled = esdf(grid, strength=2.0)  # 0.5, 1, 1.5 m and more: views 75, 50, 25, 0
+    assert threshold_cost(doubled, **metres).cost.tolist() == [[100, 75, 25, 0, 0, 0, 0, -1]] * 2
+    # one in metres and one as a value of the view
+    mixed = threshold_cost(grid, down_distance=1.0, up=62, down_factor=1.0, up_factor=0.5)
+    assert mixed.cost.tolist() == [[100, 43, 37, 62, 0, 0, 0, -1]] * 2
+
+
+@given(
+    occupancies(),
+    st.sampled_from([0.04, 0.05, 0.1, 0.25]),
+    st.sampled_from(["metric", "seed"]),
+    st.integers(0, 20),
+    st.integers(0, 20),
+    st.sampled_from([0.5, 1.0, 1.5]),
+)
+def test_thresholds_in_metres_part_the_cells_at_these_distances(
+    occupancy, resolution, view, one, other, strength
+):
+    up, down = (cells * resolution for cells in sorted((one, other)))
+    grid = OccupancyGrid(occupancy, resolution, (0.5, -2.0, 1.0))
+    found = threshold_cost(
+        esdf(grid, strength=strength), view=view, view_range=20 * 0.25,
+        down_distance=down, up_distance=up, down_factor=0.0, up_factor=1.0,
+    ).cost  # fmt: skip
+    occupied = occupancy >= 100
+    squared = oracles.squared_distance(occupied)
+    span, end = 100.0 / (20 * 0.25), up
+    if view == "seed" and occupied.any() and not occupied.all():
+        inside = oracles.squared_distance(~occupied)
+        farthest = strength * max(math.sqrt(s) for s in squared.ravel()) * resolution
+        deepest = max(math.sqrt(s) for s in inside.ravel()) * resolution
+        span, end = 100.0 / (farthest - resolution + deepest), min(up, farthest)
+    for index in np.ndindex(occupancy.shape):
+        if occupied[index] or occupancy[index] == -1:
+            assert found[index] == (100 if occupied[index] else -1)
+        elif squared[index] is None:
+            assert found[index] == 0
+        else:
+            d = strength * math.sqrt(squared[index]) * resolution
+            if d >= up:
+                assert found[index] == 0  # the middle factor is 0, too
+            elif (end - d) * span > 1.001:  # farther than the view's truncation
+                assert found[index] > 0
+
+
+@pytest.mark.parametrize("name", ["down_distance", "up_distance"])
+def test_a_threshold_beyond_the_metric_view_is_refused(name):
+    with pytest.raises(ParameterError, match=rf"{name}.*view_range"):
+        threshold_cost(grid_from_text("#."), **{"down": 0, name: 2.5})
+    threshold_cost(grid_from_text("#."), down=0, **{name: 2.5}, view="seed")
+    threshold_cost(grid_from_text("#."), down=0, **{name: 2.5}, view_range=2.5)
+
+
+def test_a_view_gives_the_costs_of_its_field():
+    grid = OccupancyGrid([[100, 0, 0, 0, 0, -1], [-1, 0, 0, 30, 0, 100]], 0.25, (1.0, 2.0, 0.3))
+    field = esdf(grid, strength=1.3)
+    for view in ("metric", "seed"):
+        made = field_view(field, view=view, view_range=1.5)
+        for more in ({}, {"down_distance": 0.6, "up_distance": 0.3, "down_factor": 0.4}):
+            options = {"view": view, "view_range": 1.5, **more}
+            expected = threshold_cost(field, **options)
+            found = threshold_cost(made, **options)
+            assert np.array_equal(found.cost, expected.cost)
+            assert (found.origin, found.scale) == (expected.origin, expected.scale)
+
+
+def test_a_view_is_taken_as_it_is_and_says_so():
+    made = field_view(esdf(grid_from_text("#...", 0.25)), view_range=1.0)
+    with pytest.warns(MapdealWarning, match="a view already, metric, 0 at 1 m"):
+        assert threshold_cost(made, view_range=2.0).cost.tolist() == [[100, 99, 0, 0]]
+    with pytest.raises(ParameterError, match="lethal_threshold"):
+        threshold_cost(made, view_range=1.0, lethal_threshold=50)
+
+
+@pytest.mark.parametrize("stage", [exponential_cost, ring_cost, potential])
+def test_a_view_is_no_map_to_the_others(stage):
+    with pytest.raises(ParameterError, match="view of a distance field"):
+        stage(field_view(esdf(grid_from_text("#..."))))
+
+
+@pytest.mark.parametrize("model", [exponential_cost, ring_cost])
+def test_models_that_ignore_the_strength_warn(model):
+    grid = grid_from_text("#...")
+    with pytest.warns(MapdealWarning, match=r"no account of the field's strength, 1\.5"):
+        found = model(esdf(grid, strength=1.5))
+    assert np.array_equal(found.cost, model(esdf(grid)).cost)  # no warning here
+
+
+def test_threshold_costs_are_of_the_strengthened_distances():
+    grid = OccupancyGrid([[100, 0, 0, 0, 0, 0, -1]], 0.25, (1.0, 2.0, 0.3))
+    options = {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.0}
+    # doubled: 0.5, 1, 1.5, 2, 2.5 m: views 75, 50, 25, 0, 0
+    found = threshold_cost(esdf(grid, strength=2.0), **options).cost
+    assert found.tolist() == [[100, 75, 25, 12, 0, 0, -1]]
+    # halved: 0.125 to 0.625 m: views 93, 87, 81, 75, 68
+    found = threshold_cost(esdf(grid, strength=0.5), **options).cost
+    assert found.tolist() == [[100, 93, 87, 81, 75, 68, -1]]
+
+
+def test_a_clip_counts_with_the_strength():
+    grid = OccupancyGrid([[100] + [0] * 19], 0.1)
+    # clipped at 0.6 m, which doubled is 1.2 m: the view there is 40, below down
+    whole = threshold_cost(esdf(grid, strength=2.0)).cost
+    assert np.array_equal(threshold_cost(esdf(grid, max_distance=0.6, strength=2.0)).cost, whole)
+    with pytest.raises(ParameterError, match="max_distance"):  # 1.2 m, which halved is 0.6 m
+        threshold_cost(esdf(grid, max_distance=1.2, strength=0.5))
 
 
 def test_rings_by_hand_cover_unknown_cells_and_keep_the_rest():

@@ -9,6 +9,7 @@ from typing import Any
 from mapdeal.checks.finding import CHECKS, Finding, declare_check
 from mapdeal.formats.json_text import read_json
 from mapdeal.formats.source import exists, holds
+from mapdeal.grid.costmap import UNIFORM_SHARE
 
 MANIFEST = "manifest.json"
 
@@ -16,6 +17,11 @@ declare_check("run.no-manifest", "error", "a folder without the manifest of a ru
 declare_check("run.missing-file", "error", "a file that the manifest lists is gone")
 declare_check(
     "run.other-file", "error", "a file is not the manifest's: changed, or of a run that was killed"
+)
+declare_check(
+    "run.uniform-cost",
+    "warning",
+    "costs of a run that say nothing: one for nearly all cells, or no cell open",
 )
 
 
@@ -26,7 +32,7 @@ def lint_run(folder: Path) -> list[Finding]:
     if not isinstance(outputs, dict) or not outputs:
         text = f"has no {MANIFEST} of a run; maps are checked by their .yaml or .npz"
         return [_finding("run.no-manifest", folder, text)]
-    return list(_of_outputs(folder, outputs))
+    return [*_of_outputs(folder, outputs), *_of_costs(folder, manifest.get("figures"))]
 
 
 def _of_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:
@@ -37,6 +43,21 @@ def _of_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:
         elif not holds(path, str(digest)):
             text = f"{path.name} is not the file that the manifest tells of"
             yield _finding("run.other-file", folder, text)
+
+
+def _of_costs(folder: Path, figures: object) -> Iterator[Finding]:
+    """Look for costs that say nothing of where to drive."""
+    for stage, told in figures.items() if isinstance(figures, dict) else ():
+        if not isinstance(told, dict) or "most_common" not in told:
+            continue
+        common = told["most_common"]
+        if common is None:
+            yield _finding("run.uniform-cost", folder, f"{stage}: no cell is open")
+        elif isinstance(common, dict):
+            share, cost = common.get("share"), common.get("cost")
+            if isinstance(share, float) and share > UNIFORM_SHARE:
+                text = f"{stage}: {100 * share:.4g} % of the open cells cost {cost}"
+                yield _finding("run.uniform-cost", folder, text)
 
 
 def _finding(name: str, folder: Path, text: str) -> Finding:

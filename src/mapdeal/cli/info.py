@@ -93,6 +93,9 @@ def _rows_of_map(report: dict[str, Any]) -> list[tuple[str, str]]:
         made = f"unknown {report['unknown']}, lethal_threshold {report['lethal_threshold']}, "
         made += f"max_distance {limit}, strength {report['strength']:g}"
         rows.append(("made with", made))
+    if "view" in report:
+        end = report.get("view_range", report.get("farthest"))
+        rows.append(("view", f"{report['view']}, 0 at {end:.4g} m"))
     if report.get("known_box"):
         row, col, box_height, box_width = report["known_box"]
         rows.append(

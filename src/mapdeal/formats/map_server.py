@@ -17,9 +17,10 @@ from mapdeal.formats.picture import Picture, Samples
 from mapdeal.formats.pixel_rows import PixelRows
 from mapdeal.formats.source import contents_of, exists
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
-from mapdeal.kernels.blocks import CacheBudget, lazy_layer
+from mapdeal.kernels.blocks import CacheBudget, Layer, lazy_layer
 
 
 def read_cells(
@@ -59,7 +60,7 @@ def read_cells(
     occupancy = cells_of(picture, metadata, dialect)
     if metadata.mode == "raw":
         warn_of_lost_values(picture, image_path)
-    return OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
+    return _grid_of(occupancy, metadata)
 
 
 def lazy_cells(
@@ -82,7 +83,14 @@ def lazy_cells(
     layer = lazy_layer(
         pixels.shape, np.int8, occupancy, block_height=block_height, budget=budget
     )  # fmt: skip
-    return OccupancyGrid(layer, metadata.resolution, metadata.origin)
+    return _grid_of(layer, metadata)
+
+
+def _grid_of(occupancy: Layer, metadata: MapMetadata) -> OccupancyGrid:
+    """Return the map of some values, or the view of a field if the YAML file calls them one."""
+    if metadata.view is not None:
+        return FieldView(occupancy, metadata.resolution, metadata.origin, metadata.view)
+    return OccupancyGrid(occupancy, metadata.resolution, metadata.origin)
 
 
 def find_image(yaml_path: Path, image: str) -> Path:

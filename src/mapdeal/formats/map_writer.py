@@ -17,6 +17,7 @@ from mapdeal.formats.pnm import write_pgm
 from mapdeal.formats.temporary import Writer
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.scales import occupancy_from_cost
@@ -89,7 +90,8 @@ def write_pair(
         else:
             write_image = _pixel_writer(image, _published_pixels(grid), grid)
     else:
-        mode = mode or ("raw" if _has_between(grid.occupancy) else "trinary")
+        is_raw = isinstance(grid, FieldView) or _has_between(grid.occupancy)
+        mode = mode or ("raw" if is_raw else "trinary")
         if mode == "trinary":
             grid = in_trinary(grid)
         write_image = _occupancy_writer(image, grid, mode)
@@ -102,6 +104,7 @@ def write_pair(
         occupied_thresh=1.0 if scaled else 0.65,
         free_thresh=0.0 if scaled else 0.196,
         cost_scale=cost_scale,
+        view=grid.scale if isinstance(grid, FieldView) and mode == "raw" else None,
         extra=extra or {},
     )
     transaction.write(image, write_image)

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.yaml_text import Entry, read_mapping, yaml_document
 from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
+from mapdeal.grid.field_view import ESDF_VIEW, View, ViewScale
 from mapdeal.grid.values import CostScale
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -20,6 +21,7 @@ Dialect = Literal["nav2", "humble", "ros1"]
 _REQUIRED = ("image", "resolution", "origin")
 _KNOWN = (*_REQUIRED, "mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
 _LEGACY_MODES = ("trinary", "scale", "raw")
+_VIEW_KEYS = ("layer", "view", "view_range", "farthest", "deepest")
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class MapMetadata:
         Thresholds on the darkness 0..1.
     cost_scale : {'costmap2d'}, optional
         Present where the pixels are costs rather than occupancy.
+    view : ViewScale, optional
+        Present where the values are the view of a distance field.
     extra : mapping
         Keys that map_server does not know, kept for a round trip.
     """
@@ -54,6 +58,7 @@ class MapMetadata:
     occupied_thresh: float = 0.65
     free_thresh: float = 0.196
     cost_scale: CostScale | None = None
+    view: ViewScale | None = None
     extra: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
 
@@ -101,18 +106,20 @@ def metadata_of(
     if free_thresh == occupied_thresh:
         text = f"equals occupied_thresh; read as dialect {dialect} does"
         _warn(path, "free_thresh", text, "thresholds.equal")
+    mode = _mode(path, entries, dialect)
+    view = _view(entries, mode)
+    known = (*_KNOWN, *_LEGACY_MODES, *(_VIEW_KEYS if view is not None else ()))
     return MapMetadata(
         image=_image(entries["image"]),
         resolution=_resolution(entries["resolution"]),
         origin=_origin(entries["origin"], mend),
-        mode=_mode(path, entries, dialect),
+        mode=mode,
         negate=_negate(entries),
         occupied_thresh=occupied_thresh,
         free_thresh=free_thresh,
         cost_scale=_cost_scale(entries),
-        extra={
-            k: e.printable_value() for k, e in entries.items() if k not in (*_KNOWN, *_LEGACY_MODES)
-        },
+        view=view,
+        extra={k: e.printable_value() for k, e in entries.items() if k not in known},
     )
 
 
@@ -129,6 +136,8 @@ def yaml_of(metadata: MapMetadata) -> bytes:
     }
     if metadata.cost_scale is not None:
         document["cost_scale"] = metadata.cost_scale
+    if metadata.view is not None:
+        document |= {"layer": ESDF_VIEW, **metadata.view.entries()}
     document.update(metadata.extra)
     return yaml_document(document)
 
@@ -235,6 +244,30 @@ def _cost_scale(entries: dict[str, Entry]) -> CostScale | None:
     if entries["cost_scale"].text() != "costmap2d":
         raise entries["cost_scale"].error("must be costmap2d")
     return "costmap2d"
+
+
+def _view(entries: dict[str, Entry], mode: Mode) -> ViewScale | None:
+    """Return what the values stand for, if they are the view of a distance field."""
+    if "layer" not in entries or entries["layer"].text() != ESDF_VIEW:
+        return None
+    layer = entries["layer"]
+    if mode != "raw" or "cost_scale" in entries:
+        raise layer.error("needs mode raw, and no cost_scale")
+    if "view" not in entries:
+        raise layer.error("needs key view")
+    if entries["view"].text() not in get_args(View):
+        raise entries["view"].error("must be metric or seed")
+    view: View = entries["view"].text()  # type: ignore[assignment]
+    missing = [key for key in ViewScale.keys_of(view) if key not in entries]
+    if missing:
+        hint = f"a view {view} is described by {', '.join(ViewScale.keys_of(view))}"
+        raise layer.error(f"needs key{'s' if len(missing) > 1 else ''} {', '.join(missing)}",
+                          hint=hint)  # fmt: skip
+    numbers = {key: _number(entries[key]) for key in ViewScale.keys_of(view)}
+    try:
+        return ViewScale(view, **numbers)
+    except ParameterError as error:
+        raise entries[str(error.place)].error(error.rule) from None
 
 
 def _image(entry: Entry) -> str:

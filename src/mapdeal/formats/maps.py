@@ -26,6 +26,7 @@ from mapdeal.formats.source import check_state, exists, sha256_of, state_of, sta
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.kernels.blocks import CacheBudget
@@ -287,6 +288,10 @@ def as_occupancy(grid: Grid, what: str = "the input") -> OccupancyGrid:
         text = f"{what} holds costs; taken as the occupancy that ROS would publish for them"
         warnings.warn(text, MapdealWarning, stacklevel=2)
         return grid.to_occupancy()
+    if isinstance(grid, FieldView):
+        text = f"{what} is the 0..100 view of a distance field; its values are taken as a map's"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
+        return grid.as_map()
     return grid
 
 

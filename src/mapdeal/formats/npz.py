@@ -11,7 +11,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from mapdeal.formats.npz_reader import NpzReader
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.field_view import ESDF_VIEW, FieldView, View, ViewScale
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.kernels.blocks import Layer, is_lazy
@@ -179,7 +180,13 @@ def _read_potential(reader: NpzReader, resolution: float, origin: Any) -> Potent
 
 
 def _read_occupancy(reader: NpzReader, resolution: float, origin: Any) -> OccupancyGrid:
-    return OccupancyGrid(reader.layer("occupancy", np.int8), resolution, origin)
+    occupancy = reader.layer("occupancy", np.int8)
+    if "layer" not in reader.names():
+        return OccupancyGrid(occupancy, resolution, origin)
+    reader.text("layer", (ESDF_VIEW,))
+    view: View = reader.text("view", get_args(View))  # type: ignore[assignment]
+    lengths = {name: reader.number(name) for name in ViewScale.keys_of(view)}
+    return FieldView(occupancy, resolution, origin, ViewScale(view, **lengths))
 
 
 _READERS: dict[str, Callable[[NpzReader, float, Any], Grid]] = {

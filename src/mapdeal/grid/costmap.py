@@ -29,6 +29,9 @@ from mapdeal.grid.values import (
 from mapdeal.kernels.blocks import counts_of, is_lazy
 from mapdeal.kernels.lookup import look_up
 
+UNIFORM_SHARE = 0.98
+"""Share of the open cells above which one cost for them means that the costs say nothing."""
+
 
 @dataclass(frozen=True, eq=False)
 class Costmap(ValueGrid):
@@ -90,7 +93,26 @@ class Costmap(ValueGrid):
             figures["unknown"] = int(counts[UNKNOWN])
         named = sum(figures.get(name, 0) for name in ("free", "lethal", "inscribed", "unknown"))
         figures["graded"] = int(counts.sum()) - named
+        figures["most_common"] = self._most_common(counts)
         return figures
+
+    def _most_common(self, counts: NDArray[np.int64]) -> Figures | None:
+        """Return the cost that most open cells have, and which share of them; None without any.
+
+        Open are cells that are neither lethal, inscribed nor unknown. On scale ``occupancy`` 99
+        is what ROS publishes for inscribed, but to some models just the highest cost: where it is
+        nearly everywhere, 99 is the answer, with its share of all cells but obstacles.
+        """
+        closed_from = INSCRIBED_INFLATED_OBSTACLE
+        if self.scale == "occupancy":
+            closed_from = OCCUPIED - 1
+            besides, highest = int(counts[:OCCUPIED].sum()), int(counts[closed_from])
+            if highest > UNIFORM_SHARE * besides:
+                return {"cost": closed_from, "share": highest / besides}
+        open_ = counts[:closed_from]
+        if not open_.any():
+            return None
+        return {"cost": int(open_.argmax()), "share": int(open_.max()) / int(open_.sum())}
 
     def entries(self) -> dict[str, Any]:
         """Return the costs, their scale, and the circumscribed cost if it is known."""

@@ -13,6 +13,7 @@ from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
@@ -60,6 +61,8 @@ def convert_file(
             grid = _converted(source.grid, encoding, static_layer)
         if isinstance(grid, DistanceField) and output.suffix != ".npz":
             grid, mode = field_view(grid), mode or "raw"
+        if isinstance(grid, FieldView) and mode not in (None, "raw"):
+            grid = grid.as_map()
         if isinstance(grid, OccupancyGrid) and mode == "trinary":
             grid = in_trinary(grid)
         extra = dict(source.metadata.extra) if source.metadata else {}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import FileAccessError
+from mapdeal.errors import FileAccessError, MapdealWarning, one_line
 from mapdeal.formats.json_text import json_of, read_json
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import exists, holds, is_same_file, real_path
@@ -105,6 +106,13 @@ class OutputFolder:
         figures: dict[str, Figures] = stored
         return figures if same else None
 
+    def repeat_warnings(self, source: Path) -> None:
+        """Warn of what the run that has written the folder has warned of in its products."""
+        old = read_json(self.path / MANIFEST)
+        remarks = old.get("warnings") if isinstance(old, dict) else None
+        for remark in remarks if isinstance(remarks, list) else ():
+            _warn(source, one_line(str(remark)))
+
     def fill(
         self,
         products: Iterable[Product],
@@ -133,6 +141,7 @@ class OutputFolder:
         self.check_inputs(read)
         old = read_json(self.path / MANIFEST)
         figures: dict[str, Figures] = {}
+        remarks: list[str] = []
         passes = sum(passes_of(step, path.suffix) for step in self.steps
                      for path in self._outputs_of(step))  # fmt: skip
         with (
@@ -148,6 +157,10 @@ class OutputFolder:
             for product in products:
                 step, grid = product.step, product.grid
                 figures[step.name] = {**grid.figures(), **product.figures}
+                remark = step.remark_on(figures[step.name])
+                if remark is not None:
+                    remarks.append(remark)
+                    _warn(read[0], remark)
                 write_products(
                     transaction,
                     step,
@@ -159,7 +172,9 @@ class OutputFolder:
                     overlay=overlay,
                 )
             sums = {path.name: digest for path, digest in transaction.checksums().items()}
-            document = json_of({**self._manifest(), "figures": figures, "outputs": sums})
+            document = json_of(
+                {**self._manifest(), "figures": figures, "warnings": remarks, "outputs": sums}
+            )
             transaction.write_bytes(self.path / MANIFEST, document)
             if isinstance(old, dict):
                 self._remove_left_over(transaction, old)
@@ -200,3 +215,7 @@ class OutputFolder:
             path = self.path / Path(str(name)).name
             if path.name not in current:
                 transaction.remove_if_unchanged(path, str(digest))
+
+
+def _warn(source: Path, remark: str) -> None:
+    warnings.warn(f"{source}: {remark}", MapdealWarning, stacklevel=3)

@@ -160,6 +160,7 @@ def local_from_cloud(
     target.check_inputs(files)
     figures = target.unchanged_figures() if skip and not common.settings.force else None
     if figures is not None:
+        target.repeat_warnings(cloud)
         return RunReport(folder, "unchanged", figures)
     with use_threads(common.settings.threads):
         figures = target.fill(

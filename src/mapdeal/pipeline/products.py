@@ -17,6 +17,7 @@ from mapdeal.formats.transaction import Transaction
 from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
@@ -61,6 +62,11 @@ _FILES: dict[type[Any], GridFiles] = {
         "OUT", "The result: .yaml (with .pgm) or .npz.",
         (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image,
         {".npz": 1, ".yaml": 2, PICTURE: 1},  # trinary, unless a value lies in between
+    ),
+    FieldView: GridFiles(
+        "OUT", "The view: .yaml (with .pgm) or .npz.",
+        (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image,
+        {".npz": 1, ".yaml": 1, PICTURE: 1},
     ),
     Costmap: GridFiles(
         "OUT", "The costs: .yaml (with .pgm) or .npz.",

@@ -18,7 +18,7 @@ from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.definition import Stage
 from mapdeal.stages.parameters import unknown_name
 
-BUILT_IN = ("default", "nav2", "local", "seed-real", "seed-sim")
+BUILT_IN = ("default", "nav2", "local", "arena", "seed-real", "seed-sim")
 
 Draft = list[tuple[str, dict[str, object]]]
 
@@ -185,13 +185,10 @@ def _apply_setting(draft: Draft, setting: str, name: str) -> None:
         hint = f"its stages are {', '.join(done for done, _ in draft)}"
         raise ParameterError(rule, source="--set", got=setting, hint=hint)
     parameter = parameter.replace("-", "_")
-    robot = _stage_in((stage, given)).robot
-    if robot is not None and robot.replaces not in robot.sets:  # one takes the other's place
-        if parameter == robot.replaces:
-            for name_of_shape in robot.sets:
-                given.pop(name_of_shape, None)
-        elif parameter in robot.sets:
-            given.pop(robot.replaces, None)
+    for by, other in _stage_in((stage, given)).in_place_of.items():  # one takes the other's place
+        if parameter in (by, other.parameter):
+            given.pop(by, None)
+            given.pop(other.parameter, None)
     given[parameter] = value.strip()
 
 

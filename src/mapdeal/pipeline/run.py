@@ -67,6 +67,7 @@ def run_map(
         target.check_inputs(source.files)
         figures = None if settings.force else target.unchanged_figures()
         if figures is not None:
+            target.repeat_warnings(path)
             return RunReport(folder, "unchanged", figures)
         figures = target.fill(
             products_of(recipe, source.grid, path),

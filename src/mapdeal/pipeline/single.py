@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.formats.budget import holding
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.maps import as_occupancy, read_source
@@ -61,7 +62,11 @@ def apply_to_file(
             watched = watch.watched(grid)
             write_product(transaction, output, watched, step, encoding=encoding)
             add_picture(transaction, settings, watched, f"{path.stem}: {title}")
-            return grid.figures()
+            figures = grid.figures()
+            remark = step.remark_on(figures)
+            if remark is not None:
+                warnings.warn(f"{path}: {remark}", MapdealWarning, stacklevel=2)
+            return figures
 
 
 def _masked(grid: Grid, mask: OccupancyGrid, path: Path) -> Costmap:

@@ -12,9 +12,11 @@ from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.formats.maps import as_occupancy
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
-from mapdeal.stages.definition import RobotShape, Stage
+from mapdeal.stages.definition import Stage
 from mapdeal.stages.esdf import field_view
 from mapdeal.stages.parameters import accept_parameters, unknown_name
 
@@ -55,12 +57,17 @@ class Step:
     def apply(self, grid: Grid, source: Path) -> Grid:
         """Return what the stage makes of `grid`; errors name the file it came from."""
         try:
-            takes_it = self.stage.takes_field and isinstance(grid, DistanceField)
+            takes_it = self.stage.takes_field and isinstance(grid, (DistanceField, FieldView))
             taken = grid if takes_it else as_occupancy(grid)
             made: Grid = self.stage.function(taken, **self.parameters)
         except MapdealError as error:
             raise error.found_in(source) from None
         return made
+
+    def remark_on(self, figures: Figures) -> str | None:
+        """Return what there is to warn of in what the step has made, None if nothing."""
+        text = self.stage.remark({**self.parameters, **self.view}, figures)
+        return None if text is None else f"{self.name}: {text}"
 
     def view_of(self, product: DistanceField) -> OccupancyGrid:
         """Return the map that stands for a product which holds no values of a map."""
@@ -100,24 +107,26 @@ def make_step(name: str, given: Mapping[str, object]) -> Step:
     own, view = ({key: value for key, value in given.items() if key in known}
                  for known in (stage.own_parameters, stage.view_parameters))  # fmt: skip
     parameters = accept_parameters(stage.function, own, name)
-    if stage.robot is not None and stage.robot.in_effect is not None:
-        _settle_shape(parameters, stage.robot, own, name)
+    _settle(parameters, stage, own)
     return Step(stage, parameters, accept_parameters(stage.view, view, name) if stage.view else {})
 
 
-def _settle_shape(
-    parameters: dict[str, Any], robot: RobotShape, given: Mapping[str, object], name: str
-) -> None:
-    """Put what takes effect in the place of what a robot's shape overrules."""
-    in_effect = robot.in_effect
-    if in_effect is None:
-        return
-    key, value = robot.replaces, in_effect(parameters)
-    if key in given and not math.isclose(parameters[key], value, rel_tol=1e-9):
-        place = f"{name}.{key}"
-        rule = f"cannot be given together with {' and '.join(robot.sets)}, which makes it {value:g}"
-        raise ParameterError(rule, place=place, got=parameters[key])
-    parameters[key] = value
+def _settle(parameters: dict[str, Any], stage: Stage, given: Mapping[str, object]) -> None:
+    """Give parameters whose place others take the value that takes effect."""
+    for by, rule in stage.in_place_of.items():
+        if parameters[by] is None:
+            continue
+        key, value = rule.parameter, rule.value(parameters)
+        old = parameters[key]
+        if key in given and not (value == old or _are_close(value, old)):
+            what = "" if value is None else f", which makes it {value:g}"
+            rule_text = f"cannot be given together with {by}{what}"
+            raise ParameterError(rule_text, place=f"{stage.name}.{key}", got=old)
+        parameters[key] = value
+
+
+def _are_close(one: float | None, other: float | None) -> bool:
+    return one is not None and other is not None and math.isclose(one, other, rel_tol=1e-9)
 
 
 def _in_model(

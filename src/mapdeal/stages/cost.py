@@ -5,16 +5,45 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
+from mapdeal.grid.costmap import UNIFORM_SHARE
+from mapdeal.grid.framed import Figures
 from mapdeal.stages.definition import Parameters, stage
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+Advice = Callable[[Parameters, int], str]
+"""Returns which parameter to change, given all of them and the cost that most cells have."""
+
 
 def cost_model(
-    name: str, *, title: Callable[[Parameters], str], memory: float, **more: Any
+    name: str,
+    *,
+    title: Callable[[Parameters], str],
+    memory: float,
+    advice: Advice,
+    when_closed: str,
+    **more: Any,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Make a function a model of costs; see `mapdeal.stages.definition.Stage`."""
+    """Make a function a model of costs; see `mapdeal.stages.definition.Stage`.
+
+    Parameters
+    ----------
+    name : str
+        The model.
+    title, memory
+        As of a `Stage`.
+    advice : callable
+        What to change where nearly all open cells have one cost.
+    when_closed : str
+        What to change where no cell is open.
+    **more
+        Further entries of the `Stage`.
+    """
+
+    def remark(parameters: Parameters, figures: Figures) -> str | None:
+        return _remark_on_uniform_costs(figures, parameters, advice, when_closed)
+
     return stage(
         name="cost",
         model=name,
@@ -22,5 +51,24 @@ def cost_model(
         title=title,
         memory=memory,
         is_last=True,
+        remark=remark,
         **more,
     )
+
+
+def _remark_on_uniform_costs(
+    figures: Figures, parameters: Parameters, advice: Advice, when_closed: str
+) -> str | None:
+    """Return what to say of costs that are the same nearly everywhere, None of others."""
+    common = figures["most_common"]
+    if common is None:
+        cells = figures["width"] * figures["height"]
+        if figures["unknown"] == cells:
+            return "every cell is unknown"
+        return f"every known cell is lethal or inscribed: {when_closed}"
+    if common["share"] <= UNIFORM_SHARE:
+        return None
+    text = f"{100 * common['share']:.4g} % of the open cells cost {common['cost']}"
+    if not figures["lethal"]:
+        return f"{text}: there is no obstacle"
+    return f"{text}: {advice(parameters, common['cost'])}"

@@ -11,7 +11,7 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any, ParamSpec, Protocol, TypeVar, get_args, get_type_hints
 
@@ -20,6 +20,7 @@ import numpy as np
 from mapdeal.errors import ParameterError
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.framed import Figures
 from mapdeal.stages.parameters import Parameter, parameters_of
 
 P = ParamSpec("P")
@@ -60,15 +61,27 @@ class RobotShape:
         The parameters that a shape sets.
     parameters : callable
         Returns these, given a footprint.
-    in_effect : callable, optional
-        Returns the value of `replaces` that the stage works with, given all parameters, where
-        a shape that is a parameter itself overrules it.
     """
 
     replaces: str
     sets: tuple[str, ...]
     parameters: Callable[[Footprint], dict[str, object]]
-    in_effect: Callable[[Parameters], float] | None = None
+
+
+@dataclass(frozen=True)
+class InPlaceOf:
+    """What a parameter does to another one that it takes the place of where it is given.
+
+    Parameters
+    ----------
+    parameter : str
+        The other one.
+    value : callable
+        Returns, given all parameters, what the other one comes to; None if the map decides.
+    """
+
+    parameter: str
+    value: Callable[[Parameters], float | None]
 
 
 @dataclass(frozen=True)
@@ -125,6 +138,11 @@ class Stage:
         What it makes of a robot's shape; None if that does not matter to it.
     in_simulation : InSimulation, optional
         What ``--sim`` does to it.
+    in_place_of : mapping of str to InPlaceOf
+        The parameters that take the place of others where they are given.
+    remark : callable
+        Returns what there is to warn of in the product, given all parameters and its figures;
+        None if there is nothing.
     rows_alone : callable, optional
         Returns, given its parameters, how workers of a cluster compute it.
     """
@@ -144,6 +162,8 @@ class Stage:
     is_last: bool = False
     robot: RobotShape | None = None
     in_simulation: InSimulation | None = None
+    in_place_of: Mapping[str, InPlaceOf] = field(default_factory=dict)
+    remark: Callable[[Parameters, Figures], str | None] = lambda *_: None
     rows_alone: Callable[[Parameters], RowsAlone] | None = None
 
     def __post_init__(self) -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.field import DistanceField, obstacles_in
+from mapdeal.grid.field_view import FieldView, View, ViewScale
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
@@ -32,8 +32,6 @@ from mapdeal.stages.field_values import (
 )
 from mapdeal.stages.parameters import ABOVE_0, FACTOR, METRES, STRENGTH, LethalThreshold
 
-View = Literal["metric", "seed"]
-
 
 @checked
 def field_view(
@@ -41,25 +39,25 @@ def field_view(
     *,
     view: View = "metric",
     view_range: Annotated[float, ABOVE_0, METRES] = 2.0,
-) -> OccupancyGrid:
+) -> FieldView:
     """Return the field as values 0..100 that grow towards obstacles.
 
     Parameters
     ----------
     field : DistanceField
-        The field; its convention and strength make no difference, since the view is of the
-        distance between cell centres.
+        The field. The view is of the distance d between cell centres, whatever the convention,
+        times the field's strength.
     view : {'metric', 'seed'}
         How distances become 0..100. ``metric``: trunc(100 (1 - min(d, view_range) /
         view_range)), the same on every map. ``seed``: trunc(100 (D - d) / (D - resolution + I)),
-        scaled between the map's own largest free distance D and deepest obstacle I, as design
-        document 000 has it.
+        scaled between the map's own largest free distance D and deepest obstacle I, as
+        robot_costmap does it.
     view_range : float
         Where the metric view is 0.
 
     Returns
     -------
-    OccupancyGrid
+    FieldView
         100 on obstacles, -1 on unknown cells that are not obstacles, 0 elsewhere if the map
         has no obstacle.
 
@@ -70,51 +68,45 @@ def field_view(
     [[100, 75, 50, -1]]
     """
     obstacles = field.obstacles()
-    scale = ViewScale.of(field, obstacles, view=view, view_range=view_range)
-    values = scale.values_of(field, obstacles)
-    return OccupancyGrid(values, field.resolution, field.origin)
+    viewer = Viewer.of(field, obstacles, view=view, view_range=view_range)
+    values = viewer.values_of(field, obstacles)
+    return FieldView(values, field.resolution, field.origin, viewer.scale)
 
 
 @dataclass(frozen=True)
-class ViewScale:
-    """What the view of a field depends on beside the single cell.
+class Viewer:
+    """What makes the view of a field, once what it depends on beside the single cell is known.
 
     Parameters
     ----------
-    view : {'metric', 'seed'}
-        Which view.
-    view_range : float
-        Metres at which the metric view reaches 0.
+    scale : ViewScale
+        How distances become 0..100.
     shape : tuple of int
         Rows and columns of the whole field.
     has_obstacles, has_others : bool
         Whether the field has any obstacle, and any cell that is none.
-    farthest, deepest : float
-        Of the seed view: the largest distance outside of obstacles, and the largest within.
     """
 
-    view: View
-    view_range: float
+    scale: ViewScale
     shape: tuple[int, int]
     has_obstacles: bool
     has_others: bool
-    farthest: float = 0.0
-    deepest: float = 0.0
 
     @classmethod
     def of(
         cls, field: DistanceField, obstacles: NDArray[np.bool_], *, view: View, view_range: float
-    ) -> ViewScale:
-        """Return the scale of a field."""
+    ) -> Viewer:
+        """Return the viewer of a field."""
         has_obstacles = not holds_everywhere(obstacles, np.logical_not)
         has_others = not holds_everywhere(obstacles, lambda values: values)
         farthest = deepest = 0.0
-        if view == "seed" and has_obstacles:
+        if view == "seed" and has_obstacles and has_others:
             for block in blocks_of(obstacles):
                 part, mask = field.part(block), obstacles[block]
-                farthest = max(farthest, largest_distance_in(part, mask))
+                farthest = max(farthest, field.strength * largest_distance_in(part, mask))
                 deepest = max(deepest, deepest_in(part, mask))
-        return cls(view, view_range, field.shape, has_obstacles, has_others, farthest, deepest)
+        scale = ViewScale(view, view_range, farthest, deepest)
+        return cls(scale, field.shape, has_obstacles, has_others)
 
     def values_of(
         self,
@@ -141,22 +133,14 @@ class ViewScale:
             values = bytes_of_metres(
                 field,
                 obstacles,
-                self._metric if self.view == "metric" else self._seed_of(field.resolution),
-                constant_from=self.view_range if self.view == "metric" else self.farthest,
+                lambda metres: self.scale.values_of(field.strength * metres, field.resolution),
+                constant_from=self.scale.end / field.strength,
                 shape=self.shape,
             )
         unknown = field.occupancy == UNKNOWN
         set_where(values, unknown, UNKNOWN)
         set_where(values, obstacles, OCCUPIED)
         return values
-
-    def _metric(self, metres: NDArray[np.float64]) -> NDArray[np.float64]:
-        return 100 * (1 - np.minimum(metres, self.view_range) / self.view_range)
-
-    def _seed_of(self, resolution: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-        # no obstacle cell is less than a cell deep, though a clip may hide that
-        span = self.farthest + max(self.deepest - resolution, 0.0)
-        return lambda metres: 100 * (self.farthest - np.minimum(metres, self.farthest)) / span
 
 
 @stage(
@@ -191,14 +175,15 @@ def esdf(
         the nearest obstacle cell's centre, and d_in from an obstacle cell's centre to the
         nearest free cell's, in metres:
         ``seed`` d and resolution - d_in, so 0 on the outermost obstacle cells (Fast-Planner
-        and design document 000); ``center`` d and -d_in; ``border`` d - resolution / 2 and
+        and robot_costmap); ``center`` d and -d_in; ``border`` d - resolution / 2 and
         resolution / 2 - d_in, zero on the edge between the cells (grid_map).
     max_distance : float, optional
         Clip both signs to this.
     lethal_threshold : int
         Occupancy of an obstacle, 1..100.
     strength : float
-        Factor of positive distances. It is applied after clipping: the k of design document 000.
+        Factor of positive distances. It is applied after clipping. Views, and costs by thresholds,
+        are made of the distances times the factor; the other costs take no account of it.
 
     Returns
     -------

@@ -32,7 +32,12 @@ from mapdeal.stages.cost import cost_model
 from mapdeal.stages.definition import Parameters, RobotShape
 from mapdeal.stages.esdf import reach_is_kept
 from mapdeal.stages.field_values import bytes_in
-from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold, obstacles_of
+from mapdeal.stages.obstacle_source import (
+    ObstacleSource,
+    check_lethal_threshold,
+    obstacles_of,
+    warn_of_strength,
+)
 from mapdeal.stages.parameters import (
     AT_LEAST_0,
     METRES,
@@ -40,6 +45,8 @@ from mapdeal.stages.parameters import (
     FromRobot,
     LethalThreshold,
 )
+
+_HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
 
 
 def _title(parameters: Parameters) -> str:
@@ -57,10 +64,24 @@ def _radii_of(footprint: Footprint) -> dict[str, object]:
     }
 
 
+def _advice(parameters: Parameters, cost: int) -> str:
+    """Return what to change where nearly all open cells have one cost."""
+    inscribed, inflation, factor = (
+        parameters[name] for name in ("inscribed_radius", "inflation_radius", "cost_scaling_factor")
+    )
+    if cost > 0:
+        return f"raise cost_scaling_factor ({factor:g})"
+    if factor > 0 and inscribed + math.log(_HIGHEST_GRADED) / factor < inflation:
+        return f"lower cost_scaling_factor ({factor:g})"
+    return f"raise inflation_radius ({inflation:g} m)"
+
+
 @cost_model(
     "exponential",
     title=_title,
     memory=3.0,
+    advice=_advice,
+    when_closed="lower inscribed_radius, or the radius of inflate",
     robot=RobotShape("inscribed_radius", ("inscribed_radius", "circumscribed_radius"), _radii_of),
 )
 def exponential_cost(
@@ -111,7 +132,8 @@ def exponential_cost(
     Warns
     -----
     MapdealWarning
-        If the inscribed or the circumscribed radius is larger than the inflation radius.
+        If the inscribed or the circumscribed radius is larger than the inflation radius, or the
+        field has a strength other than 1.
 
     Notes
     -----
@@ -131,6 +153,7 @@ def exponential_cost(
     [[254, 253, 253, 152, 92, 0]]
     """
     lethal_threshold = check_lethal_threshold(source, lethal_threshold)
+    warn_of_strength(source, "exponential")
     profile = CostProfile.of(
         inscribed_radius,
         inflation_radius,

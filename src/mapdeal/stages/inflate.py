@@ -19,29 +19,26 @@ from mapdeal.kernels.blocks import holds_everywhere, made_by_windows
 from mapdeal.kernels.distance import within_distance
 from mapdeal.kernels.lookup import set_where
 from mapdeal.kernels.neighbourhood import dilate_square
-from mapdeal.stages.definition import Parameters, RobotShape, stage
+from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
 from mapdeal.stages.parameters import AT_LEAST_0, METRES, LethalThreshold
 
 _RADIUS_TOLERANCE = 1e-9
 """In metres: cells whose centre lies exactly on the radius belong to the disc."""
 
 
-def _radius_in_effect(parameters: Parameters) -> float:
-    footprint: Footprint | None = parameters["footprint"]
-    return parameters["radius"] if footprint is None else footprint.circumscribed_radius
+def _circumscribed(parameters: Parameters) -> float:
+    footprint: Footprint = parameters["footprint"]
+    return footprint.circumscribed_radius
 
 
 @stage(
     name="inflate",
     product="inflated",
     summary="Grow obstacles by a radius or by a robot's shape.",
-    title=lambda parameters: (
-        f"inflated by {_radius_in_effect(parameters):.4g} m ({parameters['kernel']})"
-    ),
+    title=lambda parameters: f"inflated by {parameters['radius']:.4g} m ({parameters['kernel']})",
     memory=2.0,
-    robot=RobotShape(
-        "radius", ("footprint",), lambda footprint: {"footprint": footprint}, _radius_in_effect
-    ),
+    robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
+    in_place_of={"footprint": InPlaceOf("radius", _circumscribed)},
 )
 def inflate(
     grid: OccupancyGrid,

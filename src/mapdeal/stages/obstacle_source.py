@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
 
@@ -14,13 +17,31 @@ ObstacleSource = OccupancyGrid | DistanceField
 
 
 def check_lethal_threshold(source: ObstacleSource, lethal_threshold: int | None) -> int:
-    """Return the threshold to use: the field's own for a field, else the given or 100."""
+    """Return the threshold to use: the field's own for a field, else the given or 100.
+
+    Raises
+    ------
+    ParameterError
+        If a field was made with another one, or the source is a view of a field.
+    """
+    if isinstance(source, FieldView):
+        rule = "is the 0..100 view of a distance field, not a map"
+        hint = "only costs of model threshold are made of it; take the map or the npz of the field"
+        raise ParameterError(rule, hint=hint)
     if isinstance(source, DistanceField):
         if lethal_threshold not in (None, source.lethal_threshold):
             rule = f"the distance field was made with {source.lethal_threshold}"
             raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
         return source.lethal_threshold
     return DEFAULT_LETHAL_THRESHOLD if lethal_threshold is None else lethal_threshold
+
+
+def warn_of_strength(source: ObstacleSource, model: str) -> None:
+    """Warn where costs are made of a field whose strength the model takes no account of."""
+    if isinstance(source, DistanceField) and source.strength != 1:
+        text = f"cost: model {model} takes no account of the field's strength"
+        text += f", {source.strength:g}; views and model threshold do"
+        warnings.warn(text, MapdealWarning, stacklevel=4)
 
 
 def obstacles_of(source: ObstacleSource, lethal_threshold: int) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ from mapdeal.stages.obstacle_source import (
     check_lethal_threshold,
     obstacles_of,
     occupancy_with_obstacles,
+    warn_of_strength,
 )
 from mapdeal.stages.parameters import COST, PERCENT, LethalThreshold
 
@@ -25,6 +26,11 @@ from mapdeal.stages.parameters import COST, PERCENT, LethalThreshold
     "rings",
     title=lambda parameters: f"cost, rings {', '.join(map(str, parameters['values']))}",
     memory=5.0,
+    advice=lambda parameters, _: (
+        f"give more values; {','.join(map(str, parameters['values']))} reach "
+        f"{len(parameters['values'])} cells"
+    ),
+    when_closed="lower the radius of inflate",
 )
 def ring_cost(
     source: ObstacleSource,
@@ -50,9 +56,14 @@ def ring_cost(
         On scale ``occupancy``: obstacles 100, the rings their values, unknown cells in a ring
         included; all other cells keep their value.
 
+    Warns
+    -----
+    MapdealWarning
+        If the field has a strength other than 1: rings count cells.
+
     References
     ----------
-    Design document 000, ``Set_Cost_Map``.
+    ``Set_Cost_Map`` of the ROS package robot_costmap.
 
     Examples
     --------
@@ -64,6 +75,7 @@ def ring_cost(
     if not values:
         raise ParameterError("needs at least one number", place="values", got=values)
     threshold = check_lethal_threshold(source, lethal_threshold)
+    warn_of_strength(source, "rings")
     obstacles = obstacles_of(source, threshold)
 
     def rings(rows: slice) -> NDArray[np.int8]:

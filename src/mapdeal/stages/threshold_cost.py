@@ -1,19 +1,24 @@
-"""Stage ``cost``, model ``threshold``: design document 000's costs from the field's view."""
+"""Stage ``cost``, model ``threshold``: costs by thresholds on the field's view."""
 
 from __future__ import annotations
 
+import functools
+import warnings
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import ParameterError
+from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.field_view import FieldView, View, ViewScale
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.kernels.blocks import blocks_of
+from mapdeal.kernels.blocks import blocks_of, looked_up
 from mapdeal.stages.cost import cost_model
-from mapdeal.stages.esdf import View, ViewScale, esdf
+from mapdeal.stages.definition import InPlaceOf, Parameters
+from mapdeal.stages.esdf import Viewer, esdf
+from mapdeal.stages.field_values import furthest_kept
 from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold
 from mapdeal.stages.parameters import (
     ABOVE_0,
@@ -27,17 +32,57 @@ from mapdeal.stages.parameters import (
 
 _HIGHEST_BELOW_OBSTACLE = 99
 
+_TOLERANCE = 1e-9
+"""Metres by which a cell may be nearer than a threshold, through rounding."""
+
+
+def _title(parameters: Parameters) -> str:
+    named = []
+    for name in ("down", "up"):
+        distance = parameters[f"{name}_distance"]
+        named.append(f"{parameters[name]:g}" if distance is None else f"{distance:g} m")
+    return f"cost, thresholds {' and '.join(named)}, {parameters['view']}"
+
+
+def _distance_as_value(parameters: Parameters, name: str) -> float | None:
+    """Return the view at a threshold in metres; in view seed the map decides."""
+    if parameters["view"] != "metric":
+        return None
+    scale = ViewScale("metric", parameters["view_range"])
+    return _value_at(parameters[name], name, None, scale, 0.0)
+
+
+def _advice(parameters: Parameters, cost: int) -> str:
+    """Return what to change where nearly all open cells have one cost."""
+    if cost == 0 and parameters["down_distance"] is not None:
+        return f"raise down_distance ({parameters['down_distance']:g} m)"
+    if cost == 0 and parameters["down"] > 0:
+        return f"lower down ({parameters['down']:g}), or give down_distance in metres"
+    if parameters["view"] == "seed":
+        return "view seed is scaled by the extremes of the map; take view metric"
+    if cost == _HIGHEST_BELOW_OBSTACLE:
+        return f"lower up_factor ({parameters['up_factor']:g})"
+    return "raise up_factor and down_factor" if cost == 0 else "change down, up and their factors"
+
 
 @cost_model(
     "threshold",
-    title=lambda p: f"cost, thresholds {p['down']:g} and {p['up']:g}, {p['view']}",
+    title=_title,
     memory=9.0,
+    advice=_advice,
+    when_closed="lower the radius of inflate",
+    in_place_of={
+        name: InPlaceOf(value, functools.partial(_distance_as_value, name=name))
+        for value, name in (("down", "down_distance"), ("up", "up_distance"))
+    },
 )
 def threshold_cost(
-    source: ObstacleSource,
+    source: ObstacleSource | FieldView,
     *,
-    down: Annotated[float, PERCENT, VIEW_VALUE] = 45,
-    up: Annotated[float, PERCENT, VIEW_VALUE] = 54,
+    down: Annotated[float, PERCENT, VIEW_VALUE] | None = 45,
+    up: Annotated[float, PERCENT, VIEW_VALUE] | None = 54,
+    down_distance: Annotated[float, AT_LEAST_0, METRES] | None = None,
+    up_distance: Annotated[float, AT_LEAST_0, METRES] | None = None,
     down_factor: Annotated[float, AT_LEAST_0, FACTOR] = 0.0,
     up_factor: Annotated[float, AT_LEAST_0, FACTOR] = 1.5,
     view: View = "metric",
@@ -48,12 +93,18 @@ def threshold_cost(
 
     Parameters
     ----------
-    source : OccupancyGrid or DistanceField
-        The field; a map is made into one first, with unknown cells free.
-    down : float
-        View values up to here cost 0.
-    up : float
-        End of the middle range.
+    source : OccupancyGrid, DistanceField or FieldView
+        The field; a map is made into one first, with unknown cells free. A view is taken as it
+        is: `view` and `view_range` then make no difference.
+    down : float, optional
+        View values up to here cost 0. None where `down_distance` is given.
+    up : float, optional
+        End of the middle range. None where `up_distance` is given.
+    down_distance : float, optional
+        Where the costs begin, in place of `down`, which becomes the view at this distance. Cells
+        this far from obstacles, and farther, cost 0.
+    up_distance : float, optional
+        Where the middle range ends, in place of `up`, which becomes the view at this distance.
     down_factor : float
         Factor of the middle range.
     up_factor : float
@@ -74,11 +125,16 @@ def threshold_cost(
     Raises
     ------
     ParameterError
-        If the field was clipped where the costs still depend on the distance.
+        If the field was clipped where the costs still depend on the distance, `down` exceeds
+        `up`, or a distance lies where the view is 0 already.
 
     Notes
     -----
-    Design document 000 lets the product overflow its 8 bits; 100 is kept for obstacles here.
+    Distances are those between cell centres, times the field's strength. The view is truncated to
+    whole numbers, so that a threshold in metres acts up to one of them nearer to obstacles.
+
+    The rule is that of robot_costmap, where the product overflows 8 bits; here 100 is kept for
+    obstacles.
 
     Examples
     --------
@@ -86,18 +142,67 @@ def threshold_cost(
     >>> grid = OccupancyGrid([[100, 0, 0, 0, 0, -1]], resolution=0.25)
     >>> threshold_cost(grid).cost.tolist()  # the view is 100, 87, 75, 62, 50, -1
     [[100, 99, 99, 93, 0, -1]]
+    >>> threshold_cost(grid, down_distance=0.75, up_distance=0.5, down_factor=1).cost.tolist()
+    [[100, 99, 75, 0, 0, -1]]
     """
-    table = table_of_views(down, up, down_factor, up_factor)
-    threshold = check_lethal_threshold(source, lethal_threshold)
-    if not isinstance(source, DistanceField):
-        source = esdf(source, lethal_threshold=threshold)
-    if source.max_distance is not None:
-        for rows in blocks_of(source.distance):
-            check_clip(source.part(rows), down, view, view_range)
-    obstacles = source.obstacles()
-    scale = ViewScale.of(source, obstacles, view=view, view_range=view_range)
-    cost = scale.values_of(source, obstacles, table)
+    if isinstance(source, FieldView):
+        _check_view(source, view, view_range, lethal_threshold)
+        scale = source.scale
+    else:
+        threshold = check_lethal_threshold(source, lethal_threshold)
+        if not isinstance(source, DistanceField):
+            source = esdf(source, lethal_threshold=threshold)
+        obstacles = source.obstacles()
+        viewer = Viewer.of(source, obstacles, view=view, view_range=view_range)
+        scale = viewer.scale
+    _check_order(down_distance, up_distance)
+    lower = _value_at(down_distance, "down_distance", down, scale, source.resolution)
+    upper = _value_at(up_distance, "up_distance", up, scale, source.resolution)
+    table = table_of_views(lower, upper, down_factor, up_factor)
+    if isinstance(source, FieldView):
+        cost = looked_up(source.occupancy, table)
+    else:
+        if source.max_distance is not None:
+            for rows in blocks_of(source.distance):
+                check_clip(source.part(rows), lower, view, view_range)
+        cost = viewer.values_of(source, obstacles, table)
     return Costmap(cost, source.resolution, source.origin, scale="occupancy")
+
+
+def _check_view(
+    source: FieldView, view: View, view_range: float, lethal_threshold: int | None
+) -> None:
+    """Warn of parameters that an input which is a view already makes void; refuse one."""
+    if lethal_threshold not in (None, OCCUPIED):
+        rule = "the view was made with a threshold of its own"
+        raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
+    asked = ViewScale(view, view_range)
+    if asked.view != source.scale.view or (view == "metric" and asked != source.scale):
+        text = (
+            f"cost: the input is a view already, {source.scale.described()}; it is taken as it is"
+        )
+        warnings.warn(text, MapdealWarning, stacklevel=4)
+
+
+def _check_order(down_distance: float | None, up_distance: float | None) -> None:
+    if down_distance is None or up_distance is None or down_distance >= up_distance:
+        return
+    rule = f"must not be less than up_distance ({up_distance:g} m)"
+    raise ParameterError(rule, place="down_distance", got=down_distance)
+
+
+def _value_at(
+    distance: float | None, name: str, value: float | None, scale: ViewScale, resolution: float
+) -> float:
+    """Return the view at a distance, or the value that is given where no distance is."""
+    if distance is None:
+        if value is None:
+            raise ParameterError("is needed where its value is none", place=name)
+        return value
+    if scale.view == "metric" and distance > scale.view_range:
+        rule = f"must not be larger than view_range ({scale.view_range:g} m), where the view is 0"
+        raise ParameterError(rule, place=name, got=distance, hint=f"give view_range {distance:g}")
+    return scale.value_at(max(distance - _TOLERANCE, 0.0), resolution)
 
 
 def table_of_views(
@@ -105,7 +210,9 @@ def table_of_views(
 ) -> NDArray[np.int8]:
     """Return the cost of each value of the view, shape (256,), by its byte: -1 is the last."""
     if down > up:
-        raise ParameterError(f"must not be larger than up ({up:g})", place="down", got=down)
+        hint = "down and up are values of the view; give both, or both as distances"
+        rule = f"must not be larger than up ({up:g})"
+        raise ParameterError(rule, place="down", got=down, hint=hint)
     table = np.zeros(256, dtype=np.int8)
     for value in range(FREE, OCCUPIED):
         factor = 0.0 if value <= down else down_factor if value <= up else up_factor
@@ -127,7 +234,8 @@ def check_clip(field: DistanceField, down: float, view: View, view_range: float)
     clipped = (field.distance >= limit * np.float32(field.strength)) | (field.distance <= -limit)
     if not clipped.any():
         return
-    at_clip = 100 * (1 - min(field.max_distance, view_range) / view_range)
+    end = field.strength * furthest_kept(field)
+    at_clip = 100 * (1 - min(end, view_range) / view_range)
     if view == "metric" and int(at_clip) <= down:
         return
     rule = f"the field is clipped where the {view} view still falls"

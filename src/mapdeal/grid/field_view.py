@@ -1,0 +1,141 @@
+"""The 0..100 view of a distance field: pixels that stand for distances."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.coordinates import Origin
+from mapdeal.grid.framed import Figures
+from mapdeal.grid.occupancy import OccupancyGrid
+
+View = Literal["metric", "seed"]
+
+ESDF_VIEW = "esdf_view"
+"""What files call the layer."""
+
+
+@dataclass(frozen=True)
+class ViewScale:
+    """How distances become 0..100.
+
+    Parameters
+    ----------
+    view : {'metric', 'seed'}
+        ``metric``: scaled by a range; ``seed``: by the extremes of the map.
+    view_range : float
+        Metres at which the metric view reaches 0.
+    farthest, deepest : float
+        Of the seed view: the largest distance outside of obstacles, with the field's strength,
+        and the largest within, metres.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such view, or a length is not allowed.
+    """
+
+    view: View = "metric"
+    view_range: float = 2.0
+    farthest: float = 0.0
+    deepest: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.view not in ("metric", "seed"):
+            raise ParameterError("must be metric or seed", place="view", got=self.view)
+        if not 0 < self.view_range < math.inf:
+            rule = "must be a finite number, above 0"
+            raise ParameterError(rule, place="view_range", got=self.view_range)
+        for name in ("farthest", "deepest"):
+            if not 0 <= getattr(self, name) < math.inf:  # nan is refused, too
+                rule = "must be a finite number, at least 0"
+                raise ParameterError(rule, place=name, got=getattr(self, name))
+
+    @property
+    def end(self) -> float:
+        """Metres from which on the view is 0."""
+        return self.view_range if self.view == "metric" else self.farthest
+
+    def values_of(self, metres: NDArray[np.float64], resolution: float) -> NDArray[np.float64]:
+        """Return the view of distances between cell centres, not yet truncated.
+
+        Parameters
+        ----------
+        metres : numpy.ndarray of float64
+            The distances times the field's strength; they may be +inf.
+        resolution : float
+            Side of a cell, metres.
+
+        Examples
+        --------
+        >>> ViewScale("metric", 2.0).values_of(np.array([0.5, 3.0]), 0.05).tolist()
+        [75.0, 0.0]
+        """
+        if self.view == "metric":
+            return 100 * (1 - np.minimum(metres, self.view_range) / self.view_range)
+        # no obstacle cell is less than a cell deep, though a clip may hide that
+        span = self.farthest + max(self.deepest - resolution, 0.0)
+        if span == 0:
+            return np.zeros_like(metres)
+        return 100 * (self.farthest - np.minimum(metres, self.farthest)) / span
+
+    def value_at(self, distance: float, resolution: float) -> int:
+        """Return the view of one distance, as `values_of` has it, truncated."""
+        return int(self.values_of(np.array([distance]), resolution)[0])
+
+    @staticmethod
+    def keys_of(view: View) -> tuple[str, ...]:
+        """Return the lengths that a view depends on, by their names."""
+        return ("view_range",) if view == "metric" else ("farthest", "deepest")
+
+    def entries(self) -> dict[str, Any]:
+        """Return what a file says of the scale, by its keys."""
+        lengths = {name: float(getattr(self, name)) for name in self.keys_of(self.view)}
+        return {"view": self.view, **lengths}
+
+    def described(self) -> str:
+        """Return the scale in words."""
+        return f"{self.view}, 0 at {self.end:.4g} m"
+
+
+@dataclass(frozen=True, eq=False)
+class FieldView(OccupancyGrid):
+    """A distance field as values 0..100 that grow towards obstacles.
+
+    Parameters
+    ----------
+    occupancy : array_like of int8, shape (H, W)
+        The view: 100 on obstacles, -1 on unknown cells that are not obstacles.
+    resolution, origin
+        As of an `OccupancyGrid`.
+    scale : ViewScale
+        What the values stand for.
+    """
+
+    kind = "view of a distance field"
+
+    scale: ViewScale = ViewScale()
+
+    def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> FieldView:
+        """Return a view of the same scale with other values."""
+        return replace(self, occupancy=values, origin=origin or self.origin)
+
+    def as_map(self) -> OccupancyGrid:
+        """Return the values as those of a map."""
+        return OccupancyGrid(self.occupancy, self.resolution, self.origin)
+
+    def as_amcl_sees_it(self) -> OccupancyGrid:
+        """Return the map that is left to amcl."""
+        return self.as_map().as_amcl_sees_it()
+
+    def entries(self) -> dict[str, Any]:
+        """Return the values and what they stand for."""
+        return {**super().entries(), "layer": ESDF_VIEW, **self.scale.entries()}
+
+    def _own_figures(self) -> Figures:
+        return {**super()._own_figures(), **self.scale.entries()}

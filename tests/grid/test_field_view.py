@@ -1,0 +1,167 @@
+"""The view of a field as a grid, and on its way through files."""
+
+import numpy as np
+import pytest
+
+from drawn import grid_from_text
+from mapdeal import (
+    FieldView,
+    MalformedInputError,
+    MapdealWarning,
+    OccupancyGrid,
+    ParameterError,
+    ViewScale,
+    esdf,
+    field_view,
+    inflate,
+    read_map,
+    threshold_cost,
+    window,
+    write_map,
+)
+
+GRID = OccupancyGrid([[100, 0, 0, 0, 0, -1], [-1, 0, 0, 30, 0, 100]], 0.25, (1.0, 2.0, 0.3))
+METRIC = field_view(esdf(GRID), view_range=0.7)
+SEED = field_view(esdf(GRID, strength=1.3), view="seed")
+
+
+@pytest.mark.parametrize("ending", [".yaml", ".png", ".npz"])
+@pytest.mark.parametrize("view", [METRIC, SEED])
+def test_a_view_comes_back_from_its_files(tmp_path, ending, view):
+    write_map(tmp_path / f"v{ending}", view)
+    back = read_map(tmp_path / ("v.yaml" if ending == ".png" else f"v{ending}"))
+    assert isinstance(back, FieldView)
+    assert np.array_equal(back.occupancy, view.occupancy)
+    assert (back.scale, back.origin, back.resolution) == (view.scale, view.origin, view.resolution)
+
+
+@pytest.mark.parametrize("dialect", ["nav2", "humble", "ros1"])
+def test_every_dialect_reads_the_view(tmp_path, dialect):
+    write_map(tmp_path / "v.yaml", METRIC)
+    assert np.array_equal(
+        read_map(tmp_path / "v.yaml", dialect=dialect).occupancy, METRIC.occupancy
+    )
+
+
+def test_the_yaml_says_what_the_values_are(tmp_path):
+    write_map(tmp_path / "m.yaml", METRIC)
+    write_map(tmp_path / "s.yaml", SEED)
+    lines = (tmp_path / "m.yaml").read_text().splitlines()
+    assert lines[1] == "mode: raw"
+    assert lines[-3:] == ["layer: esdf_view", "view: metric", "view_range: 0.7"]
+    # (0, 3) and (1, 2) lie farthest from an obstacle, a cell across and two along
+    farthest, deepest = SEED.scale.farthest, SEED.scale.deepest
+    assert (farthest, deepest) == (pytest.approx(1.3 * 0.25 * 5**0.5), 0.25)
+    assert (tmp_path / "s.yaml").read_text().splitlines()[-4:] == [
+        "layer: esdf_view", "view: seed", f"farthest: {farthest!r}", "deepest: 0.25",
+    ]  # fmt: skip
+
+
+def test_a_view_of_obstacles_and_free_cells_alone_is_still_raw(tmp_path):
+    view = field_view(esdf(grid_from_text("#...\n....", 5.0)), view_range=1.0)
+    assert set(np.unique(view.occupancy)) == {0, 100}
+    write_map(tmp_path / "v.yaml", view)
+    assert "mode: raw" in (tmp_path / "v.yaml").read_text()
+    assert isinstance(read_map(tmp_path / "v.yaml"), FieldView)
+
+
+def test_another_mode_makes_it_a_map(tmp_path):
+    with pytest.warns(MapdealWarning, match="lost in mode trinary"):
+        write_map(tmp_path / "t.yaml", METRIC, mode="trinary")
+    assert "layer" not in (tmp_path / "t.yaml").read_text()
+    assert type(read_map(tmp_path / "t.yaml")) is OccupancyGrid
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "rule"),
+    [
+        ("view", None, "needs key view"),
+        ("view", "polar", "must be metric or seed"),
+        ("view_range", None, "needs key view_range"),
+        ("view_range", "0", "above 0"),
+        ("view_range", ".inf", "must be"),
+        ("view_range", "wide", "must be"),
+        ("view", "seed", "needs keys farthest, deepest"),
+        ("mode", "trinary", "needs mode raw"),
+        ("cost_scale", "costmap2d", "no cost_scale"),
+    ],
+)
+def test_a_view_that_is_described_wrongly_is_refused(tmp_path, key, value, rule):
+    path = tmp_path / "v.yaml"
+    write_map(path, METRIC)
+    lines = [line for line in path.read_text().splitlines() if not line.startswith(f"{key}:")]
+    path.write_text("\n".join([*lines, *([f"{key}: {value}"] if value is not None else [])]))
+    with pytest.raises(MalformedInputError, match=rule):
+        read_map(path)
+
+
+def test_another_layer_is_no_view(tmp_path):
+    path = tmp_path / "v.yaml"
+    write_map(path, METRIC)
+    path.write_text(path.read_text().replace("esdf_view", "height"))
+    assert type(read_map(path)) is OccupancyGrid
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"view": "polar"}, {"view_range": 0.0}, {"view_range": float("nan")},
+              {"farthest": -1.0}, {"deepest": float("inf")}],
+)  # fmt: skip
+def test_scales_off_their_bounds_are_refused(wrong):
+    with pytest.raises(ParameterError):
+        ViewScale(**wrong)
+
+
+def test_a_part_of_a_view_is_a_view():
+    part = window(METRIC, size_xy=(0.5, 0.5), corner_xy=METRIC.origin[:2])
+    assert isinstance(part, FieldView)
+    assert part.scale == METRIC.scale
+    assert type(METRIC.as_amcl_sees_it()) is OccupancyGrid
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_map("m.yaml", GRID)
+    return tmp_path
+
+
+@pytest.mark.parametrize("view", [["--view", "seed"], ["--view-range", "1.5"]])
+def test_costs_of_the_view_are_those_of_the_field(command, files, view):
+    assert command("esdf", "m.yaml", "-o", "e.npz", "--strength", "1.3")[0] == 0
+    assert command("esdf", "m.yaml", "-o", "e.yaml", "--strength", "1.3", *view)[0] == 0
+    words = ["--model", "threshold", *view, "--down", "20", "--up", "50", "--up-factor", "1"]
+    for name in ("e.npz", "e.yaml"):
+        code, _, err = command("cost", name, "-o", f"{name}.cost.npz", *words)
+        assert (code, err) == (0, "")
+    assert (files / "e.npz.cost.npz").read_bytes() == (files / "e.yaml.cost.npz").read_bytes()
+    asked = {"view": "seed"} if "seed" in view else {"view_range": 1.5}
+    field = esdf(GRID, strength=1.3)
+    expected = threshold_cost(field, down=20, up=50, up_factor=1, **asked)
+    assert np.array_equal(read_map("e.yaml.cost.npz").cost, expected.cost)
+
+
+@pytest.mark.parametrize("model", ["exponential", "rings"])
+def test_other_models_refuse_the_view(command, files, model):
+    write_map("v.yaml", METRIC)
+    code, _, err = command("cost", "v.yaml", "-o", "c.npz", "--model", model)
+    assert code == 2
+    assert err.startswith(
+        "error: v.yaml: is the 0..100 view of a distance field, not a map\nhint: "
+    )
+    assert not (files / "c.npz").exists()
+
+
+def test_what_takes_maps_says_that_it_takes_the_values_of_a_view(command, files):
+    write_map("v.yaml", METRIC)
+    code, _, err = command("inflate", "v.yaml", "-o", "i.npz", "--radius", "0.3")
+    assert (code, err.count("is the 0..100 view of a distance field")) == (0, 1)
+    assert np.array_equal(
+        read_map("i.npz").occupancy, inflate(METRIC.as_map(), radius=0.3).occupancy
+    )
+
+
+def test_info_tells_the_view(command, files):
+    write_map("v.yaml", METRIC)
+    out = command("info", "v.yaml")[1]
+    assert "view of a distance field" in out
+    assert "metric, 0 at 0.7 m" in out

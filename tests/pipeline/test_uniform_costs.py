@@ -1,0 +1,144 @@
+"""Costs that say nothing of where to drive are warned of, with the parameter to change."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from drawn import grid_from_text
+from mapdeal import Costmap, OccupancyGrid, write_map
+from mapdeal.pipeline.step import make_step
+
+WALL = OccupancyGrid([[100, *[0] * 199]] * 3, 0.05, (1.5, -2.0, 0.4))
+EMPTY = OccupancyGrid(np.zeros((3, 7), np.int8), 0.05, (1.5, -2.0, 0.4))
+
+
+@given(
+    st.sampled_from(["costmap2d", "occupancy"]).flatmap(
+        lambda scale: st.tuples(
+            st.just(scale),
+            arrays(
+                np.uint8 if scale == "costmap2d" else np.int8,
+                array_shapes(min_dims=2, max_dims=2, max_side=12),
+                elements=st.sampled_from([0, 1, 99, 100, 253, 254, 255] if scale == "costmap2d"
+                                         else [-1, 0, 1, 98, 99, 100]),
+            ),
+        )
+    )
+)  # fmt: skip
+def test_the_most_common_cost_equals_brute_force(case):
+    scale, cost = case
+    found = Costmap(cost, 0.3, (1.0, 2.0, 0.5), scale).figures()["most_common"]
+    values = cost.ravel().tolist()
+    if scale == "occupancy":
+        besides = [value for value in values if value not in (-1, 100)]
+        if besides and besides.count(99) / len(besides) > 0.98:
+            assert found == {"cost": 99, "share": besides.count(99) / len(besides)}
+            return
+    closed = {253, 254, 255} if scale == "costmap2d" else {-1, 99, 100}
+    open_ = [value for value in values if value not in closed]
+    if not open_:
+        assert found is None
+    else:
+        shares = {value: open_.count(value) / len(open_) for value in open_}
+        assert found == {"cost": found["cost"], "share": max(shares.values())}
+        assert shares[found["cost"]] == found["share"]
+
+
+@pytest.mark.parametrize(
+    ("grid", "model", "parameters", "advice"),
+    [
+        (WALL, "exponential", {"inflation_radius": 0.1}, "cost 0: raise inflation_radius (0.1 m)"),
+        (WALL, "exponential", {"cost_scaling_factor": 90.0},
+         "cost 0: lower cost_scaling_factor (90)"),
+        (WALL, "exponential", {"cost_scaling_factor": 0.0, "inflation_radius": 20.0},
+         "cost 252: raise cost_scaling_factor (0)"),
+        (WALL, "rings", {}, "cost 0: give more values; 90,70,50 reach 3 cells"),
+        (WALL, "threshold", {"down": 96, "up": 97},
+         "cost 0: lower down (96), or give down_distance in metres"),
+        (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.0},
+         "cost 0: raise down_distance (0.15 m)"),
+        (WALL, "threshold", {"view_range": 1000.0}, "cost 99: lower up_factor (1.5)"),
+        (WALL, "threshold", {"view": "seed", "down": 0, "up": 0, "up_factor": 900.0},
+         "cost 99: view seed is scaled by the extremes of the map; take view metric"),
+        (WALL, "threshold", {"down": 0, "up": 100, "down_factor": 0.01, "view_range": 1000.0},
+         "cost 0: raise up_factor and down_factor"),
+        (EMPTY, "exponential", {}, "cost 0: there is no obstacle"),
+        (EMPTY, "rings", {}, "cost 0: there is no obstacle"),
+    ],
+)  # fmt: skip
+def test_the_remark_says_which_parameter_to_change(grid, model, parameters, advice):
+    step = make_step("cost", {"model": model, **parameters})
+    remark = step.remark_on(step.apply(grid, "m.yaml").figures())
+    assert remark.startswith("cost: ")
+    assert remark.endswith(advice)
+
+
+@pytest.mark.parametrize(("model", "parameters"), [
+    ("exponential", {}), ("threshold", {"up_factor": 1.0}), ("rings", {"values": (90, 70, 50, 30)}),
+])  # fmt: skip
+def test_graded_costs_are_not_remarked_on(model, parameters):
+    step = make_step("cost", {"model": model, **parameters})
+    grid = OccupancyGrid(WALL.occupancy[:, :60], 0.05)
+    assert step.remark_on(step.apply(grid, "m.yaml").figures()) is None
+
+
+def test_exactly_98_percent_are_not_too_many():
+    step = make_step("cost", {})
+    for graded, is_told in ((2, False), (1, True)):
+        cost = np.zeros((1, 101), np.uint8)
+        cost[0, 0], cost[0, 1 : 1 + graded] = 254, 7
+        assert (step.remark_on(Costmap(cost, 0.1).figures()) is not None) == is_told
+
+
+@pytest.mark.parametrize(
+    ("text", "remark"),
+    [("####", "every known cell is lethal or inscribed: lower inscribed_radius, or the radius of"),
+     ("????", "every cell is unknown")],
+)  # fmt: skip
+def test_no_open_cell_is_remarked_on(text, remark):
+    step = make_step("cost", {})
+    found = step.remark_on(step.apply(grid_from_text(text), "m.yaml").figures())
+    assert found.startswith(f"cost: {remark}")
+
+
+@pytest.fixture
+def wall(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_map("m.yaml", WALL)
+    write_map("n.yaml", EMPTY)
+    return tmp_path
+
+
+def test_a_run_warns_once_and_its_manifest_and_a_second_run_say_it_again(command, wall):
+    words = ["run", "m.yaml", "-o", "o", "--no-images", "--set", "inflate.radius=0.05",
+             "--set", "cost.inflation_radius=0.1"]  # fmt: skip
+    code, _, err = command(*words)
+    assert (code, err.count("warning"), err.count("% of the open cells")) == (
+        0,
+        1,
+        1,
+    )
+    manifest = json.loads((wall / "o" / "m" / "manifest.json").read_text())
+    (told,) = manifest["warnings"]
+    assert err == f"warning: m.yaml: {told}\n"
+    share = manifest["figures"]["cost"]["most_common"]["share"]
+    assert share == np.mean(np.load(wall / "o" / "m" / "cost.npz")["cost"][:, 2:] == 0)
+    assert command(*words)[1:] == ("m.yaml -> o/m: unchanged\n", err)
+
+
+def test_cost_and_batches_warn(command, wall):
+    _, _, err = command("cost", "m.yaml", "-o", "c.npz", "--inflation-radius", "0.1")
+    assert err.count("open cells cost 0: raise inflation_radius (0.1 m)") == 1
+    _, _, err = command("cost", "m.yaml", "-o", "d.npz", "--inflation-radius", "0.1",
+                        "--max-memory", "80M", "--threads", "1")  # fmt: skip
+    assert err.count("open cells cost 0: raise inflation_radius (0.1 m)") == 1
+    code, _, err = command("run", "m.yaml", "n.yaml", "-o", "b", "--no-images", "--recipe", "nav2")
+    assert code == 0
+    assert err.count("n.yaml: cost: 100 % of the open cells cost 0") == 1
+    m, n = json.loads((wall / "b" / "summary.json").read_text())["maps"]
+    assert "warnings" not in m
+    assert "n.yaml: cost: 100 % of the open cells" in n["warnings"][0]
