@@ -131,7 +131,7 @@ def test_a_centred_frame_can_be_turned_about_the_world_s_origin():
 def test_the_cell_ahead_of_a_robot(yaw, cell):
     frame = Frame.centred(20, 20, 0.1)
     assert frame.rowcol_ahead((0.05, 0.05, yaw), 0.4) == cell
-    # Document 003 in its right-handed form: theta is measured from the y axis.
+    # a right-handed form: theta is measured from the y axis.
     theta = yaw - math.pi / 2
     point = [0.05 - 0.4 * math.sin(theta), 0.05 + 0.4 * math.cos(theta)]
     assert tuple(frame.unbounded_rowcol_from_xy([point])[0].tolist()) == cell

@@ -83,7 +83,7 @@ def draw(
     References
     ----------
     ``setConvexPolygonCost`` of costmap_2d draws nothing if one vertex is outside; that is
-    `strict`. Lines and circles are those of design document 003, with both ends drawn.
+    `strict`.
 
     Examples
     --------

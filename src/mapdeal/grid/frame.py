@@ -53,7 +53,7 @@ class Frame:
 
     @classmethod
     def centred(cls, height: int, width: int, resolution: float, yaw: float = 0.0) -> Frame:
-        """Return a frame around the world's (0, 0), as design document 003 lays it out.
+        """Return a frame around the world's (0, 0).
 
         (0, 0) is the lower corner of cell (height // 2, width // 2), so that the cell of a
         point is floor(y / resolution) + height // 2, floor(x / resolution) + width // 2, for
@@ -254,11 +254,6 @@ class Frame:
             x, y (metres) and yaw (radians, 0 along x, anticlockwise) of the robot.
         distance : float
             Metres; negative for a point behind the robot.
-
-        References
-        ----------
-        Design document 003, which adds a distance in metres to an index in cells and measures
-        the heading from the y axis: its right-handed theta is yaw - pi / 2.
 
         Examples
         --------

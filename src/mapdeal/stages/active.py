@@ -66,8 +66,7 @@ def active_region(
 
     References
     ----------
-    Design document 000 takes the same box, with the bugs that the documentation of this stage
-    lists; ``crop_map`` of ROS map_server is the same rule on pixels.
+    ``crop_map`` of ROS map_server is the same rule on pixels.
 
     Examples
     --------

@@ -63,8 +63,7 @@ def inflate(
     kernel : {'disc', 'square'}
         Grow to a disc, or to a square of cells.
         ``disc``: cells whose centre lies within `radius` of an obstacle cell's centre.
-        ``square``: cells within ceil(radius / resolution) cells along both axes, as design
-        document 000 has it.
+        ``square``: cells within ceil(radius / resolution) cells along both axes.
     lethal_threshold : int
         Occupancy of an obstacle, 1..100.
     inflate_unknown : bool

@@ -1,9 +1,6 @@
 """Scans in three text files: poses, angles, ranges.
 
-References
-----------
-Design document 004; the layout of its data: comma separated, no header, a pose and the ranges of a
-scan a line, all angles on one.
+Comma separated, no header; a pose and the ranges of a scan a line, all angles on one.
 """
 
 from __future__ import annotations
