@@ -37,6 +37,35 @@ def squared_distance_by_columns(marked):
     return best
 
 
+def groups(marked):
+    """Sets of 8-connected cells, by flooding."""
+    left = {tuple(cell) for cell in np.argwhere(marked).tolist()}
+    while left:
+        group, edge = set(), {left.pop()}
+        while edge:
+            group |= edge
+            near = {(r + i, c + j) for r, c in edge for i in (-1, 0, 1) for j in (-1, 0, 1)}
+            edge = near & left
+            left -= edge
+        yield group
+
+
+def thickness(marked):
+    """For each marked cell the shorter of its runs along row and column, by walking from it."""
+    found = {}
+    for row, col in map(tuple, np.argwhere(marked).tolist()):
+        runs = []
+        for down, right in ((0, 1), (1, 0)):
+            length = 1
+            for sign in (1, -1):
+                r, c = row + sign * down, col + sign * right
+                while 0 <= r < marked.shape[0] and 0 <= c < marked.shape[1] and marked[r, c]:
+                    length, r, c = length + 1, r + sign * down, c + sign * right
+            runs.append(length)
+        found[row, col] = min(runs)
+    return found
+
+
 def disc_inflation(occupied, radius, resolution):
     """Mask of cells whose centre is within the radius of an occupied cell's centre."""
     squared = squared_distance(occupied)

@@ -167,3 +167,48 @@ def test_the_angle_of_view_is_where_it_should_be(command, tmp_path, monkeypatch)
     grid = read_map("m.npz")
     places = grid.frame.xy_from_rowcol(np.argwhere(grid.occupied()))
     assert sorted(places.tolist()) == [[1.25, 3.25], [2.25, 1.25]]
+
+
+def seen_through(path, hits, passes, places):
+    """A log of poles, three cells long, that few of the beams hit which go by to a wall."""
+    lines = []
+    for place in places:
+        for row in range(3):
+            for reading in [2.0] * hits + [6.0] * passes:
+                readings = [0.0] * 90 + [reading] + [0.0] * 89
+                pose = (0.0125, place + 0.04 * row + 0.0125, 0.0)
+                words = ["FLASER", 180, *readings, *pose, 0, 0, 0, len(lines), "h", len(lines)]
+                lines.append(" ".join(map(str, words)))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("method", "advice"),
+    [
+        ("log-odds", "--log-occ above 2 keeps more, --values keeps their evidence"),
+        ("counting", "--ratio 0.24 keeps all of them"),
+        ("tsdf", "--method counting with a small --ratio keeps them"),
+    ],
+)
+def test_groups_of_hits_that_the_map_lacks_are_told(command, tmp_path, method, advice):
+    log = seen_through(tmp_path / "poles.log", 3, 9, (1.0, 3.0))
+    words = ["--method", method, "--resolution", "0.04"]
+    code, _, err = command("build", log, "-o", tmp_path / "m.npz", *words)
+    assert code == 0
+    assert err == (
+        f"warning: {log}: 2 groups of cells hit 3 times and more left nothing occupied within 2 "
+        f"cells; the largest has 3 cells, around 2.02, 1.06; {advice}\n"
+    )
+    log = seen_through(tmp_path / "pole.log", 3, 9, (1.0,))
+    _, _, err = command("build", log, "-o", tmp_path / "n.npz", *words)
+    assert ": 1 group of cells hit 3 times and more left nothing" in err
+    assert "; it has 3 cells, around 2.02, 1.06; " in err
+
+
+def test_what_is_advised_keeps_them(command, tmp_path):
+    log = seen_through(tmp_path / "poles.log", 3, 9, (1.0, 3.0))
+    counting = ["--method", "counting", "--ratio", "0.24"]
+    for k, words in enumerate((counting, ["--log-occ", "3.1"], ["--values"])):
+        words += ["--resolution", "0.04"]
+        assert command("build", log, "-o", tmp_path / f"{k}.npz", *words)[::2] == (0, "")

@@ -128,12 +128,11 @@ def build(
             option = f"--{next(iter(given)).replace('_', '-')}"
             raise ParameterError(f"is not for --method {method}", source=option)
     how = BuildSettings(
-        method,
+        {method: own[method]},
         BeamLimits(range_min, range_max, clear_max),
         resolution,
         None if size is None else opt.pair(size, "--size"),
         None if origin is None else opt.pair(origin, "--origin"),
-        own[method],
     )
     source = _source_of(log, poses, angles, ranges, flip_y=flip_y, max_bad=max_bad)
     passes = 2 if how.sizes_itself else 1

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from mapdeal.kernels.rays import Odds
 
 DISTANCE_UNIT = 1 << 20
+SEEN, A_HIT, MOST_HITS = 1, 2, 3
 
 _CELLS_TOGETHER = 1 << 21
 
@@ -48,10 +49,11 @@ def weigh_rays(
     is_hit: NDArray[np.bool_],
     odds: Odds,
     values: Counts,
-    seen: NDArray[np.bool_],
+    seen: NDArray[np.uint8],
 ) -> None:
     """Do as `mapdeal.kernels.rays.weigh_rays`."""
     hit = _hit(ends, is_hit, values.shape)
+    _note_hits(hit.at, seen.reshape(-1))
     done = 0
     for whose, at, stop in _passed(starts, ends, values.shape, with_end=False):
         some = slice(done, int(np.searchsorted(hit.whose, stop)))
@@ -134,8 +136,14 @@ def _steps_inside(
     return first, last, extent[:, 0], extent[:, 1]
 
 
+def _note_hits(at: Cells, seen: NDArray[np.uint8]) -> None:
+    cells, counts = np.unique(at, return_counts=True)
+    hits = np.minimum(seen[cells] // A_HIT + counts, MOST_HITS)
+    seen[cells] = SEEN + A_HIT * hits
+
+
 def _add_in_order(
-    at: Cells, order: Cells, added: Cells, odds: Odds, values: Counts, seen: NDArray[np.bool_]
+    at: Cells, order: Cells, added: Cells, odds: Odds, values: Counts, seen: NDArray[np.uint8]
 ) -> None:
     """Add to cells in order, clamping after each: many at a time.
 
@@ -163,4 +171,4 @@ def _add_in_order(
         at, a, low, high = at[first], a[first], low[first], high[first]
     flat = values.reshape(-1)
     flat[at] = np.clip(flat[at] + a, low, high)
-    seen.reshape(-1)[at] = True
+    seen.reshape(-1)[at] |= SEEN

@@ -112,6 +112,9 @@ static int32_t clamped(const Odds *odds, int32_t value)
     return value > odds->highest ? odds->highest : value;
 }
 
+/* What `seen` is made of; hits are counted up to a few. */
+enum { SEEN = 1, A_HIT = 2, MOST_HITS = 3 };
+
 static void weigh_in(const Part *part, const int64_t *starts, const int64_t *ends,
                      const uint8_t *is_hit, int64_t beams, const Odds *odds, int32_t *values,
                      uint8_t *seen)
@@ -122,13 +125,13 @@ static void weigh_in(const Part *part, const int64_t *starts, const int64_t *end
         int64_t at = line.at, error = line.error;
         for (int64_t i = line.first; i <= line.last; i++) {
             values[at] = clamped(odds, values[at] + odds->on_miss);
-            seen[at] = 1;
+            seen[at] |= SEEN;
             NEXT(line, at, error);
         }
         if (is_hit[k] && holds(part, end)) {
             at = end[0] * part->width + end[1];
             values[at] = clamped(odds, values[at] + odds->on_hit);
-            seen[at] = 1;
+            seen[at] = (uint8_t)(least_of(seen[at] + A_HIT, MOST_HITS * A_HIT + SEEN) | SEEN);
         }
     }
 }

@@ -25,6 +25,9 @@ Counts = NDArray[np.int32]
 DISTANCE_UNIT = ray_twin.DISTANCE_UNIT
 """What `measure_rays` adds for a distance of one truncation: sums of whole numbers are exact."""
 
+SEEN, A_HIT, MOST_HITS = ray_twin.SEEN, ray_twin.A_HIT, ray_twin.MOST_HITS
+"""What `weigh_rays` notes of cells beside their values: hits are counted up to a few."""
+
 _PARTS_PER_THREAD = 2
 """Each part of the rows costs another look at every beam."""
 
@@ -77,7 +80,7 @@ def weigh_rays(
     is_hit: NDArray[np.bool_],
     odds: Odds,
     values: Counts,
-    seen: NDArray[np.bool_],
+    seen: NDArray[np.uint8],
 ) -> None:
     """Add to cells, in place, what each ray says of them, clamping after each.
 
@@ -89,8 +92,8 @@ def weigh_rays(
         What is added, and the bounds, at most 2^30.
     values : numpy.ndarray of int32, shape (H, W)
         The values, within the bounds.
-    seen : numpy.ndarray of bool, shape (H, W)
-        Becomes True where anything is added.
+    seen : numpy.ndarray of uint8, shape (H, W)
+        `SEEN` where anything was added, and `A_HIT` for each hit up to `MOST_HITS`; 0 elsewhere.
     """
     starts, ends = _contiguous(starts, ends)
     if engine_name() != "compiled":
@@ -99,9 +102,7 @@ def weigh_rays(
     from mapdeal.kernels import _rays
 
     def work(bottom: int, top: int) -> None:
-        _rays.weigh(
-            starts, ends, is_hit.view(np.uint8), *odds, values, seen.view(np.uint8), bottom, top
-        )
+        _rays.weigh(starts, ends, is_hit.view(np.uint8), *odds, values, seen, bottom, top)
 
     _by_rows(work, values.shape[0])
 

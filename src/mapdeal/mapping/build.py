@@ -17,6 +17,7 @@ from mapdeal.grid.region import MOST_CELLS, Region
 from mapdeal.mapping.beams import BeamCounts, BeamLimits, Scans, beams_of
 from mapdeal.mapping.counting import Counting
 from mapdeal.mapping.evidence import Evidence, Layers
+from mapdeal.mapping.hit_groups import HitGroups
 from mapdeal.mapping.log_odds import LogOdds
 from mapdeal.mapping.tsdf import Tsdf
 
@@ -120,11 +121,14 @@ class BuiltMap:
         ``surface``.
     counts : BeamCounts
         How many beams there were of each kind.
+    vanished : HitGroups
+        Groups of cells that were hit three times and more, and that the map has nothing of.
     """
 
     grid: OccupancyGrid
     layers: Layers
     counts: BeamCounts
+    vanished: HitGroups
 
 
 class MapBuilder:
@@ -156,18 +160,25 @@ class MapBuilder:
     ) -> None:
         self._evidence = _evidence(frame, method, parameters)
         self._limits = limits or BeamLimits()
-        self._counts = BeamCounts()
+        self.counts = BeamCounts()
 
     def add(self, scans: Scans) -> None:
         """Add what scans have seen."""
         for part in scans.parts():
             beams = beams_of(part, self._limits)
             self._evidence.add(beams)
-            self._counts += beams.counts
+            self.counts += beams.counts
 
-    def result(self) -> BuiltMap:
-        """Return the map of all scans so far."""
-        return BuiltMap(self._evidence.grid(), self._evidence.layers(), self._counts)
+    def result(self, *, with_layers: bool = True) -> BuiltMap:
+        """Return the map of all scans so far; without layers `BuiltMap.layers` is empty."""
+        grid = self._evidence.grid()
+        vanished = self._evidence.vanished_from(grid)
+        layers = self._evidence.layers() if with_layers else {}
+        return BuiltMap(grid, layers, self.counts, vanished)
+
+    def advice(self, vanished: HitGroups) -> str:
+        """Return what a person can do for groups of hits to stay on the map."""
+        return self._evidence.advice(vanished)
 
 
 def _evidence(frame: Frame, method: str, parameters: Mapping[str, Any]) -> Evidence:

@@ -11,6 +11,7 @@ from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.rays import count_rays
 from mapdeal.mapping.beams import Beams, as_number
 from mapdeal.mapping.evidence import Evidence, Layers
+from mapdeal.mapping.hit_groups import OFTEN, HitGroups
 
 _UNIT = 1_000_000
 
@@ -65,6 +66,20 @@ class Counting(Evidence):
         values = np.where(occupied, np.int8(OCCUPIED), np.int8(FREE))
         values[visits == 0] = UNKNOWN
         return values
+
+    def often_hit(self) -> NDArray[np.bool_]:
+        """Return which cells were hit often; see `Evidence.often_hit`."""
+        return self._hits >= OFTEN
+
+    def advice(self, vanished: HitGroups) -> str:
+        """Return the ratio that keeps groups of hits; see `Evidence.advice`."""
+        at = tuple(vanished.cells.T)
+        hits = self._hits[at].astype(np.int64)
+        # of each cell the largest number of percent below its share of hits
+        percent = (100 * hits - 1) // (hits + self._misses[at])
+        most = np.maximum.reduceat(percent, vanished.starts).min()
+        which = "it" if len(vanished) == 1 else "all of them"
+        return f"--ratio {most / 100:g} keeps {which}"
 
     def layers(self) -> Layers:
         """Return ``hits`` and ``misses``, int32."""

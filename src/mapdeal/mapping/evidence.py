@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.bresenham import FARTHEST_CELL
 from mapdeal.mapping.beams import Beams
+from mapdeal.mapping.hit_groups import HitGroups, vanished_groups
 
 Cells = NDArray[np.int64]
 Layers = dict[str, NDArray[Any]]
@@ -41,8 +43,20 @@ class Evidence(ABC):
         """Return the map of the evidence so far, shape (H, W): -1, 0..100."""
 
     @abstractmethod
+    def often_hit(self) -> NDArray[np.bool_]:
+        """Return which cells `OFTEN` or more beams have hit, shape (H, W); see `hit_groups`."""
+
+    @abstractmethod
     def layers(self) -> Layers:
         """Return the evidence itself, by the names of an npz's keys."""
+
+    @abstractmethod
+    def advice(self, vanished: HitGroups) -> str:
+        """Return what a person can do for groups of hits to stay on the map."""
+
+    def vanished_from(self, grid: OccupancyGrid) -> HitGroups:
+        """Return the groups of hits that the map of the evidence has nothing of."""
+        return vanished_groups(self.often_hit(), grid.occupancy == OCCUPIED)
 
     def grid(self) -> OccupancyGrid:
         """Return the map of the evidence so far."""

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.kernels.rays import Odds, weigh_rays
+from mapdeal.kernels.rays import A_HIT, SEEN, Odds, weigh_rays
 from mapdeal.mapping.beams import Beams, as_number
 from mapdeal.mapping.evidence import Evidence, Layers
+from mapdeal.mapping.hit_groups import OFTEN, HitGroups
 
 _UNIT = 1 << 16
 """What an evidence of 1 is: in whole numbers sums are exact, in whatever order they are made."""
@@ -78,7 +80,7 @@ class LogOdds(Evidence):
         )
         self._publish_values = values
         self._values = np.full(frame.shape, _EVEN * _UNIT, dtype=np.int32)
-        self._seen = np.zeros(frame.shape, dtype=np.bool_)
+        self._seen = np.zeros(frame.shape, dtype=np.uint8)
 
     def add(self, beams: Beams) -> None:
         """Add what beams say; see `Evidence.add`."""
@@ -93,12 +95,26 @@ class LogOdds(Evidence):
             rounded = np.full(self.frame.shape, UNKNOWN, dtype=np.int8)
             rounded[self._values < _EVEN * _UNIT] = FREE
             rounded[self._values > _EVEN * _UNIT] = OCCUPIED
-        rounded[~self._seen] = UNKNOWN
+        rounded[self._seen == 0] = UNKNOWN
         return rounded
+
+    def often_hit(self) -> NDArray[np.bool_]:
+        """Return which cells were hit often; see `Evidence.often_hit`."""
+        return self._seen >= SEEN + OFTEN * A_HIT
+
+    def vanished_from(self, grid: OccupancyGrid) -> HitGroups:
+        """Return the groups that have vanished; where values are written none has."""
+        return HitGroups.none() if self._publish_values else super().vanished_from(grid)
+
+    def advice(self, vanished: HitGroups) -> str:
+        """Return what keeps groups of hits; see `Evidence.advice`."""
+        now = self._odds.on_hit / _UNIT
+        more, all_ = ("may keep it", "its") if len(vanished) == 1 else ("keeps more", "their")
+        return f"--log-occ above {now:g} {more}, --values keeps {all_} evidence"
 
     def layers(self) -> Layers:
         """Return ``log_odds``: the numbers, float64, nan where no beam has been."""
-        return {"log_odds": np.where(self._seen, self._values / _UNIT, np.nan)}
+        return {"log_odds": np.where(self._seen > 0, self._values / _UNIT, np.nan)}
 
 
 def _whole(value: float, name: str, least: int, most: int, rule: str) -> int:

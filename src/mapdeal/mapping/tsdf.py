@@ -12,6 +12,7 @@ from mapdeal.kernels.neighbourhood import dilate_square
 from mapdeal.kernels.rays import DISTANCE_UNIT, count_rays, measure_rays
 from mapdeal.mapping.beams import Beams, as_number
 from mapdeal.mapping.evidence import Evidence, Layers
+from mapdeal.mapping.hit_groups import OFTEN, HitGroups
 from mapdeal.mapping.zero_crossings import crossings_of, thin_blocks, thin_surface
 
 _FARTHEST = 1000.0
@@ -105,14 +106,23 @@ class Tsdf(Evidence):
         field = self._field()
         surface = thin_surface(field, crossings_of(field))
         values[surface] = OCCUPIED
-        thin = (values == FREE) & self._is_often_hit() & ~dilate_square(surface, 1)
+        thin = (values == FREE) & self._is_mostly_hit() & ~dilate_square(surface, 1)
         thin_blocks(thin, field)
         values[thin] = OCCUPIED
         return values
 
-    def _is_often_hit(self) -> NDArray[np.bool_]:
+    def _is_mostly_hit(self) -> NDArray[np.bool_]:
         visits = self._hits.astype(np.int64) + self._misses
         return self._hits * np.int64(10) > _TENTHS_OF_THIN * visits
+
+    def often_hit(self) -> NDArray[np.bool_]:
+        """Return which cells were hit often; see `Evidence.often_hit`."""
+        return self._hits >= OFTEN
+
+    def advice(self, vanished: HitGroups) -> str:
+        """Return what keeps groups of hits; see `Evidence.advice`."""
+        which = "it" if len(vanished) == 1 else "them"
+        return f"--method counting with a small --ratio keeps {which}"
 
     def layers(self) -> Layers:
         """Return the field, its weights, and the surface in parts of cells.

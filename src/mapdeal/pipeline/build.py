@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -18,9 +19,12 @@ from mapdeal.formats.npz import write_npz
 from mapdeal.formats.scans.source import ScanSource
 from mapdeal.formats.source import check_state, is_regular, state_of
 from mapdeal.grid.coordinates import Point
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Figures
-from mapdeal.mapping.beams import BeamLimits, Scans
-from mapdeal.mapping.build import BuiltMap, Extent, MapBuilder, Method, frame_of, reach_behind
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.mapping.beams import BeamCounts, BeamLimits, Scans
+from mapdeal.mapping.build import Extent, MapBuilder, Method, frame_of, reach_behind
+from mapdeal.mapping.hit_groups import NEAR, OFTEN, HitGroups
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.settings import Settings
 
@@ -32,34 +36,30 @@ Advance = Callable[[int], object]
 
 @dataclass(frozen=True)
 class BuildSettings:
-    """How a map is made of scans.
+    """How maps are made of scans.
 
     Parameters
     ----------
-    method : {'log-odds', 'counting', 'tsdf'}
-        How evidence becomes a map.
+    methods : mapping
+        How evidence becomes a map: the parameters of each method, one or several.
     limits : BeamLimits
         Which ranges are hits.
     resolution : float
         Side of a cell, metres.
     size, origin : tuple of float, optional
         Width and height, and the corner of cell (0, 0), metres; both or none.
-    parameters : mapping
-        Those of the method.
     """
 
-    method: Method
+    methods: Mapping[Method, Mapping[str, Any]]
     limits: BeamLimits
     resolution: float
     size: Point | None
     origin: Point | None
-    parameters: Mapping[str, Any]
 
     def __post_init__(self) -> None:
         if (self.size is None) != (self.origin is None):
             raise ParameterError("must be given together", source="--size, --origin")
-        # what is wrong with a parameter is said before anything is read
-        reach_behind(self.method, self.resolution, self.parameters)
+        self.reach_behind()  # what is wrong with a parameter is said before anything is read
         if self.size is not None and self.origin is not None:
             frame_of(self.size, self.origin, self.resolution)
 
@@ -67,6 +67,30 @@ class BuildSettings:
     def sizes_itself(self) -> bool:
         """Whether the grid is to hold all that beams reach: scans are then read twice."""
         return self.size is None
+
+    def reach_behind(self) -> float:
+        """Return how far behind hits any of the methods has an effect, metres."""
+        methods = self.methods.items()
+        return max(reach_behind(method, self.resolution, given) for method, given in methods)
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """What scans have said of the cells of one grid.
+
+    Parameters
+    ----------
+    builders : dict
+        The evidence, by method.
+    seconds : dict
+        How long it took each method to take the scans in, once they were read.
+    counts : BeamCounts
+        How many beams there were of each kind.
+    """
+
+    builders: dict[Method, MapBuilder]
+    seconds: dict[Method, float]
+    counts: BeamCounts
 
 
 def build_file(
@@ -87,7 +111,7 @@ def build_file(
     output : Path
         Where the map goes: ``.yaml``, ``.pgm``, ``.png`` or ``.npz``.
     settings : BuildSettings
-        How it is made.
+        How it is made, by one method.
     options : Settings
         How files are written.
     layers : Path, optional
@@ -104,51 +128,100 @@ def build_file(
     ------
     MapdealError
         If the scans cannot be read or make no map, or outputs exist; nothing is changed then.
+
+    Warns
+    -----
+    MapdealWarning
+        If the map is unknown everywhere, or lacks groups of cells that were hit often.
     """
     if layers is not None and layers.suffix != ".npz":
         raise ParameterError("layers are written as .npz", source=layers)
+    (method,) = settings.methods
     outputs = [*output_paths(output), *([layers] if layers is not None else [])]
-    # All files are read twice, or one after the other; a pipe can be read but once.
-    states = {path: state_of(path) for path in source.files if is_regular(path)}
     with outputs_of(outputs, source.files, options) as transaction:
-        try:
-            with errors_named(source.named):
-                built = _built(source, settings, options, advance)
-        finally:
-            source.warn()  # what was passed over may be why there is no map
-        for path, state in states.items():
-            check_state(path, state)
-        _check(built, source.named)
+        gathered = gather(source, settings, options, _PER_CELL[method], advance)
+        builder = gathered.builders[method]
+        built = builder.result(with_layers=layers is not None)
+        warn_of_nothing(built.grid, source.named)
+        if built.vanished:
+            _warn_of_vanished(built.vanished, built.grid.frame, builder, source.named)
         write_grid(transaction, output, built.grid)
         if layers is not None:
             transaction.write(layers, lambda file: write_npz(file, built.grid, more=built.layers))
-        title = f"{output.stem}: map, {settings.method}"
+        title = f"{output.stem}: map, {method}"
         add_picture(transaction, options, built.grid, title)
     return {**built.grid.figures(), **asdict(built.counts)}
 
 
-def _built(
-    source: ScanSource, settings: BuildSettings, options: Settings, advance: Advance
-) -> BuiltMap:
-    is_told = False
+def gather(
+    source: ScanSource,
+    settings: BuildSettings,
+    options: Settings,
+    per_cell: int,
+    advance: Advance,
+) -> Gathered:
+    """Return what the scans in files say, by all methods that are asked for.
+
+    Parameters
+    ----------
+    source, settings, options, advance
+        As for `build_file`. Scans are read once, or twice if the grid is to size itself, some at
+        a time, whatever the number of methods.
+    per_cell : int
+        Bytes that will be needed for each cell.
+
+    Raises
+    ------
+    MapdealError
+        If the scans cannot be read or make no map, or the memory is not there.
+    """
+    # All files are read twice, or one after the other; a pipe can be read but once.
+    states = {path: state_of(path) for path in source.files if is_regular(path)}
+    try:
+        with errors_named(source.named):
+            frame = _frame(source, settings, advance)
+            _claim(source.named, frame, per_cell, options)
+            gathered = _gathered(source, frame, settings, advance)
+    finally:
+        source.warn()  # what was passed over may be why there is no map
+    for path, state in states.items():
+        check_state(path, state)
+    if not gathered.counts.scans:
+        raise MalformedInputError("holds no scans", source=source.named)
+    return gathered
+
+
+def _frame(source: ScanSource, settings: BuildSettings, advance: Advance) -> Frame:
     if settings.size is not None and settings.origin is not None:
-        frame = frame_of(settings.size, settings.origin, settings.resolution)
-    else:
-        behind = reach_behind(settings.method, settings.resolution, settings.parameters)
-        extent = Extent(settings.limits, behind)
-        for scans in _scans(source, advance):
-            extent.add(scans)
-        frame = extent.frame(settings.resolution)
-        is_told = True
+        return frame_of(settings.size, settings.origin, settings.resolution)
+    extent = Extent(settings.limits, settings.reach_behind())
+    for scans in _scans(source, advance):
+        extent.add(scans)
+    return extent.frame(settings.resolution)
+
+
+def _claim(named: Path, frame: Frame, per_cell: int, options: Settings) -> None:
     with options.memory():
-        cells = frame.height * frame.width
         what = f"{frame.width} x {frame.height} cells"
         hint = "a pose may be wrong; --size and --origin bound the map"
-        claim(source.named, _PER_CELL[settings.method] * cells, what=what, hint=hint)
-    builder = MapBuilder(frame, settings.method, settings.limits, **settings.parameters)
-    for scans in _scans(source, advance, is_told=is_told):
-        builder.add(scans)
-    return builder.result()
+        claim(named, per_cell * frame.height * frame.width, what=what, hint=hint)
+
+
+def _gathered(
+    source: ScanSource, frame: Frame, settings: BuildSettings, advance: Advance
+) -> Gathered:
+    builders = {
+        method: MapBuilder(frame, method, settings.limits, **parameters)
+        for method, parameters in settings.methods.items()
+    }
+    seconds = dict.fromkeys(builders, 0.0)
+    for scans in _scans(source, advance, is_told=settings.sizes_itself):
+        for method, builder in builders.items():
+            started = time.perf_counter()
+            builder.add(scans)
+            seconds[method] += time.perf_counter() - started
+    counts = next(iter(builders.values())).counts
+    return Gathered(builders, seconds, counts)
 
 
 def _scans(source: ScanSource, advance: Advance, *, is_told: bool = False) -> Iterator[Scans]:
@@ -162,10 +235,18 @@ def _scans(source: ScanSource, advance: Advance, *, is_told: bool = False) -> It
         advance(len(arrays.poses))
 
 
-def _check(built: BuiltMap, path: Path) -> None:
-    counts = built.counts
-    if not counts.scans:
-        raise MalformedInputError("holds no scans", source=path)
-    if not np.any(built.grid.occupancy >= 0):
+def warn_of_nothing(grid: OccupancyGrid, path: Path) -> None:
+    """Warn if a map is unknown everywhere."""
+    if not np.any(grid.occupancy >= 0):
         text = f"{path}: no beam reaches the grid: the map is unknown everywhere"
         warnings.warn(text, MapdealWarning, stacklevel=2)
+
+
+def _warn_of_vanished(vanished: HitGroups, frame: Frame, builder: MapBuilder, path: Path) -> None:
+    x, y = vanished.middles_xy(frame)[0]
+    is_one = len(vanished) == 1
+    told = "1 group of cells" if is_one else f"{len(vanished)} groups of cells"
+    told += f" hit {OFTEN} times and more left nothing occupied within {NEAR} cells; "
+    told += "it has" if is_one else "the largest has"
+    told += f" {vanished.sizes[0]} cells, around {x:.2f}, {y:.2f}; {builder.advice(vanished)}"
+    warnings.warn(f"{path}: {told}", MapdealWarning, stacklevel=2)

@@ -1,0 +1,136 @@
+"""Groups of cells that beams have hit again and again, and that a map nevertheless lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Frame
+from mapdeal.kernels.groups import touching_groups
+from mapdeal.kernels.rays import MOST_HITS
+
+Cells = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+OFTEN = MOST_HITS
+"""Hits from which on a cell counts: fewer may be noise."""
+
+LEAST_CELLS = 3
+"""Cells of a group: fewer may be people who walk by."""
+
+NEAR = 2
+"""Cells, along both axes, within which an occupied one stands for what was hit."""
+
+
+@dataclass(frozen=True, eq=False)
+class HitGroups:
+    """Groups of touching cells, the largest first.
+
+    Parameters
+    ----------
+    cells : numpy.ndarray of int64, shape (N, 2)
+        Row and column of all their cells, group by group.
+    sizes : numpy.ndarray of int64, shape (M,)
+        The cells of each group.
+    """
+
+    cells: Cells
+    sizes: Cells
+
+    @classmethod
+    def none(cls) -> HitGroups:
+        """Return no groups."""
+        return cls(np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64))
+
+    def __len__(self) -> int:
+        """Return how many groups there are."""
+        return len(self.sizes)
+
+    @property
+    def starts(self) -> Cells:
+        """Where each group begins in `cells`, shape (M,)."""
+        return np.cumsum(self.sizes) - self.sizes
+
+    def middles_xy(self, frame: Frame) -> NDArray[np.float64]:
+        """Return the mean of each group's centres of cells, shape (M, 2), in the map frame."""
+        if not len(self):
+            return np.empty((0, 2))
+        means = np.add.reduceat(self.cells, self.starts, axis=0) / self.sizes[:, np.newaxis]
+        return frame.xy_from_continuous_rowcol(means + 0.5)
+
+
+def hit_groups(often_hit: Mask) -> HitGroups:
+    """Return the groups of `LEAST_CELLS` cells and more that were hit often.
+
+    Parameters
+    ----------
+    often_hit : numpy.ndarray of bool, shape (H, W)
+        Cells that were hit `OFTEN` times and more.
+
+    Examples
+    --------
+    >>> groups = hit_groups(np.array([[1, 0, 1, 1, 0], [0, 0, 0, 0, 1]], dtype=bool))
+    >>> groups.sizes.tolist(), groups.cells.tolist()
+    ([3], [[0, 2], [0, 3], [1, 4]])
+    """
+    return _chosen(*touching_groups(often_hit))
+
+
+def vanished_groups(often_hit: Mask, occupied: Mask) -> HitGroups:
+    """Return the groups of hits that a map has nothing of.
+
+    Parameters
+    ----------
+    often_hit : numpy.ndarray of bool, shape (H, W)
+        As of `hit_groups`.
+    occupied : numpy.ndarray of bool, shape (H, W)
+        The map.
+
+    Returns
+    -------
+    HitGroups
+        Those of `hit_groups` with no occupied cell within `NEAR` cells of any of theirs. A wall
+        that is a cell beside its hits has not vanished.
+
+    Examples
+    --------
+    >>> often_hit = np.array([[0, 1, 1, 1, 0, 0, 0, 1, 1, 1]], dtype=bool)
+    >>> occupied = np.array([[0, 0, 1, 0, 0, 0, 0, 0, 0, 0]], dtype=bool)
+    >>> vanished_groups(often_hit, occupied).cells.tolist()
+    [[0, 7], [0, 8], [0, 9]]
+    """
+    # the cells in question are few: they are listed, and looked around from one by one
+    at = np.flatnonzero(often_hit & ~occupied)
+    candidates = np.stack(np.divmod(at, occupied.shape[1]), axis=1)
+    lost = np.zeros(occupied.shape, dtype=np.bool_)
+    lost.reshape(-1)[at[~_has_within(occupied, candidates, NEAR)]] = True
+    cells, groups = touching_groups(lost)
+    is_kept = np.zeros(len(cells), dtype=np.bool_)  # by group: it goes on in cells not lost
+    is_kept[groups[_has_within(often_hit & ~lost, cells, 1)]] = True
+    left = ~is_kept[groups]
+    return _chosen(cells[left], groups[left])
+
+
+def _has_within(marked: Mask, cells: Cells, reach: int) -> Mask:
+    """Return for each cell whether a marked one lies within a reach along both axes."""
+    found = np.zeros(len(cells), dtype=np.bool_)
+    steps = range(-reach, reach + 1)
+    rows = [np.clip(cells[:, 0] + step, 0, marked.shape[0] - 1) for step in steps]
+    cols = [np.clip(cells[:, 1] + step, 0, marked.shape[1] - 1) for step in steps]
+    for row in rows:
+        for col in cols:
+            found |= marked[row, col]
+    return found
+
+
+def _chosen(cells: Cells, groups: Cells) -> HitGroups:
+    """Return the groups that are large enough, of cells row by row."""
+    sizes = np.bincount(groups)
+    numbers = np.flatnonzero(sizes >= LEAST_CELLS)
+    numbers = numbers[np.argsort(-sizes[numbers], kind="stable")]
+    place = np.full(len(sizes), len(sizes))
+    place[numbers] = np.arange(len(numbers))
+    order = np.argsort(place[groups], kind="stable")[: sizes[numbers].sum()]
+    return HitGroups(cells[order], sizes[numbers])
