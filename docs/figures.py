@@ -195,11 +195,16 @@ def _cost_at(distance: float, cost_scaling_factor: float) -> int:
 
 
 def draw_arena() -> None:
-    """Draw the simulated world before and after the stage ``active``."""
+    """Draw the simulated world before and after the stage ``active``, and its costs."""
     arena = mapdeal.read_map(MAPS / "arena.yaml")
     region = mapdeal.active_region(arena)
     _picture("arena.png", arena, "arena: the whole canvas", side=500)
     _picture("arena_active.png", region, "arena: active region")
+    field = mapdeal.esdf(mapdeal.inflate(region, kernel="square"), unknown="occupied")
+    cost = mapdeal.threshold_cost(
+        field, down_distance=1.0, up_distance=0.5, down_factor=0.5, up_factor=1.0
+    )
+    _picture("arena_cost.png", cost, "arena: cost, recipe arena")
 
 
 def draw_office() -> None:
