@@ -112,9 +112,12 @@ def test_scales_off_their_bounds_are_refused(wrong):
 
 
 def test_a_part_of_a_view_is_a_view():
-    part = window(METRIC, size_xy=(0.5, 0.5), corner_xy=METRIC.origin[:2])
+    corner = tuple(METRIC.frame.window(0, 1, 1, 1).origin[:2])
+    part = window(METRIC, size_xy=(0.5, 0.5), corner_xy=corner)
     assert isinstance(part, FieldView)
     assert part.scale == METRIC.scale
+    assert part.origin[:2] == pytest.approx(corner)
+    assert part.occupancy.tolist() == METRIC.occupancy[:2, 1:3].tolist()
     assert type(METRIC.as_amcl_sees_it()) is OccupancyGrid
 
 
