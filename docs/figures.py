@@ -273,6 +273,13 @@ def _local_pictures(office: mapdeal.OccupancyGrid) -> None:
     _picture("local_map.png", local, "corridor2: local map", overlay=robot)
     costs = mapdeal.ring_cost(inflated)
     _picture("local_cost.png", costs, "corridor2: cost, rings 90, 70, 50", overlay=robot)
+    poses = mapdeal.read_poses(MAPS.parent / "clouds" / "corridor_poses.txt")
+    mapper = mapdeal.RollingMapper(poses, mapdeal.LocalOptions(size=(12, 8), **limits))
+    for k in range(len(poses)):
+        mapper.add(mapdeal.read_cloud(MAPS.parent / "clouds" / f"corridor{k}.pcd"))
+    rolling = mapper.result()
+    robot = PoseOverlay(rolling.pose)
+    _picture("local_rolling.png", rolling.grid, "corridor0 to 3: rolling map", overlay=robot)
 
 
 def _picture(

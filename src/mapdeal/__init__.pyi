@@ -41,8 +41,9 @@ from mapdeal.mapping.build import MapBuilder as MapBuilder
 from mapdeal.mapping.build import build_map as build_map
 from mapdeal.mapping.local_map import LocalMap as LocalMap
 from mapdeal.mapping.local_map import LocalMapper as LocalMapper
-from mapdeal.mapping.local_map import LocalOptions as LocalOptions
 from mapdeal.mapping.local_map import local_map as local_map
+from mapdeal.mapping.local_options import LocalOptions as LocalOptions
+from mapdeal.mapping.rolling_map import RollingMapper as RollingMapper
 from mapdeal.planning.astar import shortest_route as shortest_route
 from mapdeal.planning.descent import descend as descend
 from mapdeal.stages.esdf import field_view as field_view

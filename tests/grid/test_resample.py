@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapdeal import Frame
-from mapdeal.grid.resample import obstacles_in
+from mapdeal.grid.resample import obstacles_in, wholly_in
 
 
 def corners(frame, row, col):
@@ -95,3 +95,50 @@ def test_a_wall_stays_closed_when_it_is_turned():
     rows = np.flatnonzero(found.any(axis=1))
     assert len(column) <= 4  # the wall points north
     assert np.all(np.diff(rows) == 1)
+
+
+@given(
+    shapes=st.tuples(*[st.integers(1, 6)] * 4), resolutions=st.tuples(RESOLUTIONS, RESOLUTIONS),
+    yaws=st.tuples(YAWS, YAWS), shift=st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)),
+    seed=st.integers(0, 999),
+)  # fmt: skip
+@settings(deadline=None)
+def test_a_cell_lies_wholly_in_those_that_take_all_of_its_area(
+    shapes, resolutions, yaws, shift, seed
+):
+    frame = Frame(*shapes[:2], resolutions[0], (-1.5, 2.0, yaws[0]))
+    source = Frame(*shapes[2:], resolutions[1], (-1.5 + shift[0], 2.0 + shift[1], yaws[1]))
+    cells = np.random.default_rng(seed).random(source.shape) < 0.8
+    found = wholly_in(frame, cells, source)
+    taken = [corners(source, *cell) for cell in np.argwhere(cells)]
+    for cell in np.ndindex(frame.shape):
+        area = sum(shared_area(corners(frame, *cell), one) for one in taken)
+        missing = resolutions[0] ** 2 - area
+        if found[cell]:
+            assert missing < 1e-4 * resolutions[0] ** 2
+        else:
+            assert missing > 1e-14 * resolutions[0] ** 2
+
+
+def test_cells_of_the_same_lattice_are_wholly_in_what_they_are():
+    known = np.random.default_rng(1).random((9, 14)) < 0.3
+    source = Frame(9, 14, 0.05, (0.1, -2.0, 0.3))
+    found = wholly_in(source.window(-2, 5, 8, 20), known, source)
+    expected = np.zeros((8, 20), bool)
+    expected[2:, :9] = known[:6, 5:]
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_cells_of_many_bands_are_looked_at_once():
+    """A fine grid of more cells than are looked at together, by coarse cells."""
+    fine = Frame(700, 900, 0.01, (0.005, -0.005, 0.2))
+    obstacles = np.zeros(fine.shape, bool)
+    places = [(0, 0), (699, 899), (333, 7), (72, 899)]
+    for row, col in places:
+        obstacles[row, col] = True
+    coarse = Frame(40, 50, 0.3, (-2.0, -1.0, 0.0))
+    found = obstacles_in(coarse, obstacles, fine)
+    for row, col in places:
+        middle = fine.xy_from_rowcol([[row, col]])
+        assert found[tuple(coarse.unbounded_rowcol_from_xy(middle)[0])]
+    assert found.sum() <= 4 * len(places)

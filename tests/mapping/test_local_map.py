@@ -141,6 +141,63 @@ def test_the_threshold_of_obstacles_of_the_global_map():
         assert cells(grid) == expected
 
 
+def test_what_neither_the_map_nor_the_cloud_has_seen_is_unknown():
+    """A robot in the map's north-west corner, a point beyond it; beams pass unknown cells."""
+    known = OccupancyGrid([[0, 0, -1, 0], [-1, 0, 60, 100]], 0.5, (-1.0, -0.5, 0.0))
+    pose, options = (-0.25, 0.25, 0.0), {"size": (3.0, 2.0), "resolution": 0.5}
+    grid = make([[1.7, 0.0]], pose, global_map=known, **options)
+    assert grid.origin == (-2.0, -1.0, 0.0)
+    assert grid.occupancy.tolist() == [
+        [-1, -1, -1, -1, -1, -1],
+        [-1, -1, 0, 0, -1, 0],
+        [-1, -1, -1, 0, 0, 100],
+        [-1, -1, -1, -1, -1, -1],
+    ]
+    seen = make([[-1.2, 0.0], [0.0, 0.6]], pose, global_map=known, **options).occupancy
+    assert seen[2].tolist() == [-1, 100, 0, 0, 0, 100]
+    assert seen[3].tolist() == [-1, -1, -1, 100, -1, -1]
+    free = make([[1.7, 0.0]], pose, global_map=known, unknown="free", **options).occupancy
+    assert np.array_equal(free, np.where(grid.occupancy == -1, 0, grid.occupancy))
+
+
+def test_without_a_map_cells_without_points_are_free():
+    for unknown in ("keep", "free"):
+        grid = make([[0.3, 0.1]], (0, 0, 0), size=(2, 1), resolution=0.5, unknown=unknown)
+        assert grid.occupancy.tolist() == [[0, 0, 0, 0], [0, 0, 100, 0]]
+
+
+def test_beams_do_not_clear_the_map_s_obstacles():
+    known = OccupancyGrid([[-1, 100, -1, -1]], 0.5, (0.0, 0.0, 0.0))
+    grid = make([[1.4, 0.0]], (0.25, 0.25, 0), size=(3, 0.5), resolution=0.5, global_map=known)
+    assert grid.occupancy[0, 3:].tolist() == [0, 100, 0]
+
+
+@pytest.mark.parametrize("reach", [None, 0.6])
+def test_beams_have_seen_as_far_as_the_limits_say(reach):
+    known = OccupancyGrid([[-1]], 0.5, (9.0, 0.0, 0.0))
+    limits = {"max_range": 1.1, "raytrace_range": reach}
+    grid = make([[3.0, 0.0], [-0.3, 0.0]], (0.25, 0.25, 0), size=(4, 0.5), resolution=0.5,
+                global_map=known, **limits)  # fmt: skip
+    assert grid.origin[0] == -2.0
+    ahead = [0, 0, -1, -1] if reach is None else [0, -1, -1, -1]
+    assert grid.occupancy[0].tolist() == [-1, -1, -1, 100, *ahead]
+
+
+def test_a_cell_of_another_lattice_is_free_if_all_of_it_is():
+    """Cells of 0.4 m over those of 0.5 m, and a map turned by 45 degrees."""
+    known = OccupancyGrid([[0, 0, -1, 0, 0]], 0.5, (0.0, 0.0, 0.0))
+    nothing = np.empty((0, 2))
+    grid = make(nothing, (1.0, 0.2, 0), size=(2.8, 0.4), resolution=0.4, global_map=known)
+    assert grid.origin[0] == pytest.approx(-0.4)
+    # -0.4..0, 0..0.4, 0.4..0.8, 0.8..1.2, 1.2..1.6, 1.6..2.0, 2.0..2.4
+    assert grid.occupancy[0].tolist() == [-1, 0, 0, -1, -1, 0, 0]
+    turned = OccupancyGrid(np.zeros((4, 4)), 0.5, (0.0, 0.05, math.pi / 4))  # on its tip
+    grid = make(nothing, (0.0, 1.4, 0), size=(2.8, 2.8), resolution=0.2, global_map=turned)
+    middles = grid.frame.xy_from_rowcol(np.argwhere(np.ones(grid.shape)))
+    inside = np.abs(middles[:, 0]) + 0.1 + np.abs(middles[:, 1] - 0.05 - math.sqrt(2)) + 0.1
+    assert np.array_equal(grid.occupancy.ravel() == 0, inside <= math.sqrt(2))
+
+
 LIMITS = {"min_height": -0.5, "max_height": 1.0, "min_range": 0.5, "max_range": 3.0}
 CLOUD = [
     ([1.0, 0.0, 0.0], "marking"),
@@ -304,6 +361,8 @@ BAD = [
     ({"max_range": math.nan}, "max_range"),
     ({"min_height": 2.0, "max_height": 1.0}, "min_height"),
     ({"max_height": 1.0}, "heights"),
+    ({"unknown": "occupied"}, "unknown"),
+    ({"raytrace_range": -0.1}, "raytrace_range"),
 ]
 
 

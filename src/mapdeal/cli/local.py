@@ -1,8 +1,7 @@
-"""``mapdeal local``: local maps from point clouds."""
+"""``mapdeal local``: local maps from point clouds, and windows of a global map."""
 
 from __future__ import annotations
 
-import math
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,30 +11,29 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
-from mapdeal.cli.run_batch import lines_of_stages
+from mapdeal.cli.run_batch import lines_of_local
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import BatchError, MapdealError, ParameterError
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.framed import Figures
-from mapdeal.mapping.local_map import CloudFrame, LocalOptions
+from mapdeal.mapping.local_options import CloudFrame, LocalOptions, Unknown
 from mapdeal.mapping.poses import check_pose
 from mapdeal.pipeline.batch import run_all
 from mapdeal.pipeline.jobs import SUMMARY, Job, Outcome
 from mapdeal.pipeline.local import (
     LOCAL_RECIPE,
+    Keep,
     LocalCommon,
-    local_from_cloud,
+    LocalJob,
+    make_local,
     only_cloud,
     other_folders,
     read_global_map,
     sequence_of,
 )
 from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.rolling import RollingRun
 from mapdeal.pipeline.run import RunReport
 from mapdeal.pipeline.settings import Settings
-
-_ALL_AROUND = 2 * math.pi - 0.1
-"""Radians: with gaps as short as this there is no direction that a cloud does not cover."""
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -49,18 +47,18 @@ def _limit(help_text: str) -> Any:
     "robot", "image_max", "no_images", "dialect", "max_cells", "force", "threads", "max_memory"
 )
 def local(
+    output: Annotated[
+        Path, opt.output_argument("DIR", "Where the maps go; those of a sequence to DIR/0000, ...")
+    ],
     clouds: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             "--cloud",
             metavar="FILE",
             help="A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz. With --poses it can be "
-            "repeated, or a folder, or a quoted pattern.",
+            "repeated, or a folder, or a quoted pattern. Without it the window of --map is taken.",
         ),
-    ],
-    output: Annotated[
-        Path, opt.output_argument("DIR", "Where the maps go; those of a sequence to DIR/0000, ...")
-    ],
+    ] = None,
     pose: Annotated[
         str | None,
         typer.Option(metavar="X,Y,YAW", help="Where the robot stands, metres and radians."),
@@ -79,17 +77,43 @@ def local(
     size: Annotated[
         str, typer.Option(metavar="WX,WY", help="Metres along x and y, the robot in the middle.")
     ] = "20,20",
-    resolution: Annotated[float, typer.Option(metavar="R", help="Metres per cell.")] = 0.05,
+    resolution: Annotated[
+        float | None,
+        typer.Option(
+            metavar="R", help="Metres per cell.  [default: 0.05, without a cloud the map's]"
+        ),
+    ] = None,
     global_map: Annotated[
         Path | None,
         typer.Option(
-            "--map", metavar="GLOBAL", help="A map whose obstacles in the window are taken over."
+            "--map",
+            metavar="GLOBAL",
+            help="A map whose obstacles and free cells in the window are taken over.",
         ),
     ] = None,
     min_height: Annotated[float | None, _limit("Drop points whose z is less.")] = None,
     max_height: Annotated[float | None, _limit("Drop points whose z is more.")] = None,
     min_range: Annotated[float | None, _limit("Drop points nearer to the robot.")] = None,
     max_range: Annotated[float | None, _limit("Drop points farther from the robot.")] = None,
+    raytrace_range: Annotated[
+        float | None,
+        _limit("Beams clear up to this distance.  [default: --max-range, else to the point]"),
+    ] = None,
+    unknown: Annotated[
+        Unknown | None,
+        typer.Option(
+            help="Cells that nothing has seen, with --map or --keep: unknown, or free.  "
+            "[default: keep]",
+            show_default=False,
+        ),
+    ] = None,
+    keep: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N|all",
+            help="With --poses: obstacles of the last N clouds stay, until a beam passes them.",
+        ),
+    ] = None,
     require_points: Annotated[
         bool,
         typer.Option("--require-points", help="Fail (3) if no point of a cloud marks a cell."),
@@ -100,16 +124,40 @@ def local(
     settings: Settings,
     footprint: Footprint | None,
 ) -> None:
-    """Make maps around a robot from point clouds.
+    """Make maps around a robot from point clouds, a global map, or both.
 
-    Cells with a point are occupied, others free. Then come the stages of the recipe: inflation,
-    field, rings of costs. A sequence, given by --poses, gets a numbered folder for each cloud;
-    one whose manifest shows that nothing has changed is skipped.
+    Cells with a point are occupied, others free; with --map, those that neither the map nor a
+    beam has seen stay unknown. Then come the stages of the recipe: inflation, field, rings of
+    costs. A sequence, given by --poses, gets a numbered folder for each cloud; one whose manifest
+    shows that nothing has changed is skipped.
     """
     if pose is None and poses is None:
         raise ParameterError("--pose or --poses must be given", source="--pose")
     if pose is not None and poses is not None:
         raise ParameterError("cannot be given together with --poses", source="--pose")
+    if not clouds:
+        _check_window_of_map(
+            global_map,
+            {
+                "--poses": poses,
+                "--frame": None if frame == "robot" else frame,
+                "--offset": None if offset == "0,0" else offset,
+                "--min-height": min_height,
+                "--max-height": max_height,
+                "--min-range": min_range,
+                "--max-range": max_range,
+                "--raytrace-range": raytrace_range,
+                "--require-points": require_points or None,
+            },
+        )
+    kept = _number_of_clouds(keep, has_poses=poses is not None)
+    if unknown == "keep" and global_map is None and kept is None:
+        terminal.warn(
+            "--unknown keep has no effect without --map or --keep: cells without points are free"
+        )
+    known = None if global_map is None else read_global_map(global_map, settings)
+    if resolution is None:
+        resolution = known.grid.resolution if known is not None and not clouds else 0.05
     common = LocalCommon(
         LocalOptions(
             frame,
@@ -120,31 +168,61 @@ def local(
             max_height,
             min_range,
             max_range,
+            raytrace_range,
+            unknown or "keep",
         ),
         load_recipe(recipe, footprint=footprint, settings=changes or []),
         settings,
-        None if global_map is None else read_global_map(global_map, settings),
+        known,
         require_points,
+        kept,
     )
     for one in common.recipe.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
     if poses is None:
         place = check_pose(opt.numbers(pose or "", 3, "X,Y,YAW", "--pose"), "--pose")
-        cloud = only_cloud(clouds)
-        terminal.summary(_lines(cloud, local_from_cloud(cloud, place, output, common)))
+        job = LocalJob(only_cloud(clouds) if clouds else None, place, output)
+        terminal.summary(lines_of_local(job.source(common), make_local(job, common)))
     else:
-        _run_sequence(clouds, poses, output, common)
+        _run_sequence(clouds or [], poses, output, common)
+
+
+def _check_window_of_map(global_map: Path | None, given: dict[str, object]) -> None:
+    """Refuse what is of clouds alone, where there is none."""
+    if global_map is None:
+        raise ParameterError("a cloud, or --map, must be given", source="--cloud")
+    for name, value in given.items():
+        if value is not None:
+            raise ParameterError("is for clouds: it needs --cloud", source=name)
+
+
+def _number_of_clouds(text: str | None, *, has_poses: bool) -> Keep | None:
+    """Return what --keep says."""
+    if text is None:
+        return None
+    if not has_poses:
+        raise ParameterError("is for a sequence: it needs --poses", source="--keep")
+    if text == "all":
+        return "all"
+    if not (text.isascii() and text.isdigit() and int(text[:9]) > 0 and len(text) < 10):
+        rule = "must be a number of clouds, at least 1, or all"
+        raise ParameterError(rule, source="--keep", got=text)
+    return int(text)
 
 
 def _run_sequence(
     clouds: list[str], poses_file: Path, output: Path, common: LocalCommon
 ) -> None:  # fmt: skip
     sequence = sequence_of(clouds, poses_file, output)
-    poses = {job.folder: job.pose for job in sequence}
+    numbers = {job.folder: number for number, job in enumerate(sequence)}
+    rolling = None if common.keep is None else RollingRun(sequence, common)
     started = time.perf_counter()
 
     def run_one(job: Job) -> RunReport:
-        return local_from_cloud(job.path, poses[job.folder], job.folder, common, skip=True)
+        number = numbers[job.folder]
+        if rolling is not None:
+            return rolling(number)
+        return make_local(sequence[number], common, skip=True)
 
     with (
         terminal.progress(len(sequence), what="cloud") as bar,
@@ -157,10 +235,14 @@ def _run_sequence(
             if isinstance(outcome.result, MapdealError):
                 terminal.error(outcome.result)
             elif outcome.result is not None:
-                terminal.detail(_lines(job.path, outcome.result)[0])
+                terminal.detail(lines_of_local(job.path, outcome.result)[0])
             bar.advance(failed=outcome.status == "failed")
 
-        jobs = [Job(job.cloud, job.folder, job.cloud.name, job.folder.name) for job in sequence]
+        jobs = [
+            Job(cloud, job.folder, cloud.name, job.folder.name)
+            for job in sequence
+            if (cloud := job.cloud) is not None
+        ]
         outcomes = run_all(jobs, output, run_one, say, what="cloud")
     failed = sum(outcome.status == "failed" for outcome in outcomes)
     unchanged = sum(outcome.status == "unchanged" for outcome in outcomes)
@@ -174,30 +256,3 @@ def _run_sequence(
     terminal.summary([text])
     if failed:
         raise BatchError(f"{failed} of {len(outcomes)} clouds failed")
-
-
-def _lines(cloud: Path, report: RunReport) -> list[str]:
-    local = report.figures["local"]
-    head = f"{cloud} -> {report.folder}: "
-    if report.status == "unchanged":
-        return [f"{head}unchanged"]
-    return [f"{head}{_summary_of(local)}", *lines_of_stages(report)]
-
-
-def _summary_of(local: Figures) -> str:
-    text = f"{local['marking']} of {local['points']} points in the window"
-    dropped = {
-        "not finite": local["not_finite"],
-        "by height": local["beyond_height"],
-        "by range": local["beyond_range"],
-    }
-    parts = [f"{count} {why}" for why, count in dropped.items() if count]
-    if parts:
-        text += f" (dropped: {', '.join(parts)})"
-    if "from_map" in local:
-        text += f", {local['from_map']} cells from the map"
-    if local["angle_min"] is not None:
-        around = local["angle_max"] - local["angle_min"] > _ALL_AROUND
-        ends = f"from {local['angle_min']:.4g} to {local['angle_max']:.4g} rad of its heading"
-        text += f", seen {'all around' if around else ends}"
-    return f"{text}, rear heading {local['rear_heading']:.4g} rad"

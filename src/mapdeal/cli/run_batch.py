@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -10,6 +11,7 @@ from pathlib import Path
 from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError, one_line
 from mapdeal.formats.map_listing import MapListing
+from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.batch import run_all, text_of
 from mapdeal.pipeline.dispatch import Workers, dispatch
 from mapdeal.pipeline.figures import summary_of
@@ -19,6 +21,8 @@ from mapdeal.pipeline.run import RunReport
 
 _LONGEST_REASON = 100
 _LEAST_COLUMN = 8
+_ALL_AROUND = 2 * math.pi - 0.1
+"""Radians: with gaps as short as this there is no direction that a cloud does not cover."""
 _MIB = 1 << 20
 
 
@@ -110,6 +114,41 @@ def lines_of(path: Path, report: RunReport) -> list[str]:
     if report.status == "unchanged":
         return [f"{path} -> {report.folder}: unchanged"]
     return [f"{path} -> {report.folder}", *lines_of_stages(report)]
+
+
+def lines_of_local(path: Path, report: RunReport) -> list[str]:
+    """Return what a local map has become of a cloud or a window, a line a stage."""
+    head = f"{path} -> {report.folder}: "
+    if report.status == "unchanged":
+        return [f"{head}unchanged"]
+    return [f"{head}{_summary_of_local(report.figures['local'])}", *lines_of_stages(report)]
+
+
+def _summary_of_local(local: Figures) -> str:
+    parts = []
+    if "points" in local:
+        parts.append(_points_in(local))
+    if "from_map" in local:
+        parts.append(f"{local['from_map']} cells from the map")
+    if "clouds" in local:
+        clouds = "1 cloud" if local["clouds"] == 1 else f"{local['clouds']} clouds"
+        parts.append(f"of {clouds}, {local['from_earlier']} cells from earlier ones")
+    if local.get("angle_min") is not None:
+        around = local["angle_max"] - local["angle_min"] > _ALL_AROUND
+        ends = f"from {local['angle_min']:.4g} to {local['angle_max']:.4g} rad of its heading"
+        parts.append(f"seen {'all around' if around else ends}")
+    return ", ".join([*parts, f"rear heading {local['rear_heading']:.4g} rad"])
+
+
+def _points_in(local: Figures) -> str:
+    text = f"{local['marking']} of {local['points']} points in the window"
+    dropped = {
+        "not finite": local["not_finite"],
+        "by height": local["beyond_height"],
+        "by range": local["beyond_range"],
+    }
+    parts = [f"{count} {why}" for why, count in dropped.items() if count]
+    return text + (f" (dropped: {', '.join(parts)})" if parts else "")
 
 
 def lines_of_stages(report: RunReport) -> list[str]:

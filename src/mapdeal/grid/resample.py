@@ -58,12 +58,43 @@ def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
         if rows.start < rows.stop and cols.start < cols.stop:
             found[region.place_of(rows, cols)] = obstacles[rows, cols]
         return found
-    rows, cols = _shadow(frame, source)
+    rows, cols = rows_and_cols_under(frame, source)
     if source.resolution >= frame.resolution:
         _look_up(found, frame, obstacles, source, rows, cols)
     else:
         _mark(found, frame, obstacles, source, rows, cols)
     return found
+
+
+def wholly_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
+    """Return which cells of a frame lie, with all of their area, in cells of a grid that are set.
+
+    Parameters
+    ----------
+    frame : Frame
+        The cells to be told of.
+    cells : numpy.ndarray of bool, shape (H, W)
+        The cells of the other grid.
+    source : Frame
+        Where that grid lies; resolution, corner and yaw may be any.
+
+    Returns
+    -------
+    numpy.ndarray of bool, shape of `frame`
+        Where a cell shares no area with a cell that is not set, and does not reach beyond the
+        grid. Where both lattices are the same this is a copy.
+
+    Examples
+    --------
+    >>> known = np.array([[True, True, False]])
+    >>> wholly_in(Frame(1, 3, 0.8), known, Frame(1, 3, 1.0)).tolist()
+    [[True, True, False]]
+    >>> wholly_in(Frame(1, 2, 1.0), known, Frame(1, 3, 1.0, (0.25, 0.0, 0.0))).tolist()
+    [[False, True]]
+    """
+    if _same_lattice(frame, source) is not None:
+        return obstacles_in(frame, cells, source)
+    return _inside(frame, source) & ~obstacles_in(frame, ~cells, source)
 
 
 def sampled(frame: Frame, values: NDArray[np.int8], source: Frame) -> tuple[NDArray[np.int8], Mask]:
@@ -138,6 +169,30 @@ def frames_overlap(one: Frame, other: Frame) -> bool:
     return True
 
 
+def rows_and_cols_under(frame: Frame, source: Frame) -> tuple[slice, slice]:
+    """Return rows and columns of a grid, outside of which none of its cells overlaps a frame."""
+    places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(_corners(frame)))
+    first = np.clip(np.floor(places.min(axis=0)) - 1, 0, source.shape).astype(int)
+    last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, source.shape).astype(int)
+    return slice(first[0], last[0]), slice(first[1], last[1])
+
+
+def _inside(frame: Frame, source: Frame) -> Mask:
+    """Return which cells of a frame reach nowhere beyond a grid: those whose corners do not."""
+    found = np.zeros(frame.shape, dtype=np.bool_)
+
+    def look(part: slice) -> None:
+        rows, cols = np.arange(part.start, part.stop + 1), np.arange(frame.width + 1)
+        corners = np.stack(np.meshgrid(rows, cols, indexing="ij"), axis=-1).reshape(-1, 2)
+        places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
+        within = ((places >= -_TOUCHING) & (places <= np.add(source.shape, _TOUCHING))).all(axis=1)
+        held = within.reshape(len(rows), -1)
+        found[part] = held[:-1, :-1] & held[1:, :-1] & held[:-1, 1:] & held[1:, 1:]
+
+    for_rows(look, frame.shape)
+    return found
+
+
 def _corners(frame: Frame) -> list[list[int]]:
     return [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
 
@@ -153,14 +208,6 @@ def _same_lattice(frame: Frame, source: Frame) -> Region | None:
     ):
         return None
     return Region(int(row), int(col), *frame.shape)
-
-
-def _shadow(frame: Frame, source: Frame) -> tuple[slice, slice]:
-    """Return rows and columns of `source`, outside of which nothing overlaps the frame."""
-    places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(_corners(frame)))
-    first = np.clip(np.floor(places.min(axis=0)) - 1, 0, source.shape).astype(int)
-    last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, source.shape).astype(int)
-    return slice(first[0], last[0]), slice(first[1], last[1])
 
 
 def _look_up(
@@ -185,9 +232,11 @@ def _mark(
     found: Mask, frame: Frame, obstacles: Mask, source: Frame, rows: slice, cols: slice
 ) -> None:
     """Set the cells that obstacles, all smaller than a cell, overlap."""
-    marked = np.argwhere(obstacles[rows, cols]) + np.array([rows.start, cols.start])
-    for first in range(0, len(marked), _TOGETHER):
-        for _, row, col in _overlapping(marked[first : first + _TOGETHER], source, frame):
+    together = max(1, _TOGETHER // max(1, cols.stop - cols.start))
+    for first in range(rows.start, rows.stop, together):
+        some = slice(first, min(first + together, rows.stop))
+        marked = np.argwhere(obstacles[some, cols]) + np.array([some.start, cols.start])
+        for _, row, col in _overlapping(marked, source, frame):
             found[row, col] = True
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.figures import are_figures_of
 from mapdeal.pipeline.products import passes_of, paths_of, write_products
-from mapdeal.pipeline.progress import written
+from mapdeal.pipeline.progress import Written, written
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.render.overlay import Overlay
@@ -70,7 +70,7 @@ class OutputFolder:
     settings: Settings
 
     def existing(self) -> list[Path]:
-        """Return the files that `fill` would write and that are there already."""
+        """Return the files that would be written and that are there already."""
         return [path for path in self.outputs() if exists(path)]
 
     def check_inputs(self, files: Iterable[Path]) -> None:
@@ -113,82 +113,55 @@ class OutputFolder:
         for remark in remarks if isinstance(remarks, list) else ():
             _warn(source, one_line(str(remark)))
 
-    def fill(
-        self,
-        products: Iterable[Product],
-        *,
-        stem: str,
-        files: Iterable[Path],
-        overlay: Overlay | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> dict[str, Figures]:
-        """Write all files, together, the manifest last; return the figures of each step.
+    def passes(self) -> int:
+        """Return how often the rows of lazy products are gone through to write them."""
+        return sum(passes_of(step, path.suffix) for step in self.steps
+                   for path in self._outputs_of(step))  # fmt: skip
 
-        Parameters
-        ----------
-        products : iterable of Product
-            One for each of `steps`, made while others are being written.
-        stem : str
-            What pictures call the input.
-        files : iterable of Path
-            All that was read: none of it may be written.
-        overlay : Overlay, optional
-            What is drawn over each picture.
-        progress : callable, optional
-            Progress of the writing of grids that are processed block by block.
-        """
-        read = tuple(files)
-        self.check_inputs(read)
-        old = read_json(self.path / MANIFEST)
-        figures: dict[str, Figures] = {}
-        remarks: list[str] = []
-        passes = sum(passes_of(step, path.suffix) for step in self.steps
-                     for path in self._outputs_of(step))  # fmt: skip
-        with (
-            written(progress, passes) as watch,
-            Transaction(
-                self.outputs(),
-                inputs=read,
-                force=self.settings.force,
-                hint="" if self.settings.force else self._hint(old),
-                checksums=True,
-            ) as transaction,
-        ):
-            for product in products:
-                step, grid = product.step, product.grid
-                figures[step.name] = {**grid.figures(), **product.figures}
-                remark = step.remark_on(figures[step.name])
-                if remark is not None:
-                    remarks.append(remark)
-                    _warn(read[0], remark)
-                write_products(
-                    transaction,
-                    step,
-                    watch.watched(grid),
-                    self.path,
-                    stem=stem,
-                    images=self.settings.images,
-                    image_max=self.settings.image_max,
-                    overlay=overlay,
-                )
-            sums = {path.name: digest for path, digest in transaction.checksums().items()}
-            document = json_of(
-                {**self._manifest(), "figures": figures, "warnings": remarks, "outputs": sums}
-            )
-            transaction.write_bytes(self.path / MANIFEST, document)
-            if isinstance(old, dict):
-                self._remove_left_over(transaction, old)
-        return figures
-
-    def _hint(self, old: object) -> str:
+    def hint(self) -> str:
         """Return what to do about outputs that are there already."""
         hint = "--force replaces it"
+        old = read_json(self.path / MANIFEST)
         if not isinstance(old, dict):
             return hint
         if self.unchanged_figures() is not None:
             return f"{hint}; this folder holds the same already"
         why = "the run in this folder had other inputs, parameters, or its files were changed"
         return f"{hint}; {why}"
+
+    def write(
+        self, transaction: Transaction, filling: Filling, watch: Written
+    ) -> dict[str, Figures]:
+        """Write all files within a transaction, the manifest last; return each step's figures."""
+        old = read_json(self.path / MANIFEST)
+        figures: dict[str, Figures] = {}
+        remarks: list[str] = []
+        for product in filling.products:
+            step, grid = product.step, product.grid
+            figures[step.name] = {**grid.figures(), **product.figures}
+            remark = step.remark_on(figures[step.name])
+            if remark is not None:
+                remarks.append(remark)
+                _warn(filling.files[0], remark)
+            write_products(
+                transaction,
+                step,
+                watch.watched(grid),
+                self.path,
+                stem=filling.stem,
+                images=self.settings.images,
+                image_max=self.settings.image_max,
+                overlay=filling.overlay,
+            )
+        made = transaction.checksums()
+        sums = {path.name: digest for path, digest in made.items() if path.parent == self.path}
+        document = json_of(
+            {**self._manifest(), "figures": figures, "warnings": remarks, "outputs": sums}
+        )
+        transaction.write_bytes(self.path / MANIFEST, document)
+        if isinstance(old, dict):
+            self._remove_left_over(transaction, old)
+        return figures
 
     def _manifest(self) -> dict[str, Any]:
         return {
@@ -200,7 +173,7 @@ class OutputFolder:
         }
 
     def outputs(self) -> list[Path]:
-        """Return the files that `fill` writes, the manifest last."""
+        """Return the files that are written, the manifest last."""
         paths = [path for step in self.steps for path in self._outputs_of(step)]
         return [*paths, self.path / MANIFEST]
 
@@ -219,3 +192,64 @@ class OutputFolder:
 
 def _warn(source: Path, remark: str) -> None:
     warnings.warn(f"{source}: {remark}", MapdealWarning, stacklevel=3)
+
+
+@dataclass(frozen=True)
+class Filling:
+    """What goes into a folder.
+
+    Parameters
+    ----------
+    folder : OutputFolder
+        Where it goes.
+    products : iterable of Product
+        One for each of its steps, made while others are being written.
+    stem : str
+        What pictures call the input.
+    files : tuple of Path
+        All that was read: none of it may be written.
+    overlay : Overlay, optional
+        What is drawn over each picture.
+    """
+
+    folder: OutputFolder
+    products: Iterable[Product]
+    stem: str
+    files: tuple[Path, ...]
+    overlay: Overlay | None = None
+
+
+def fill_together(
+    fillings: Sequence[Filling], *, progress: ProgressCallback | None = None
+) -> list[dict[str, Figures]]:
+    """Write the files of some folders: all appear, or none; return the figures of each.
+
+    Parameters
+    ----------
+    fillings : sequence of Filling
+        What goes where. The manifest of each folder comes after its other files.
+    progress : callable, optional
+        Progress of the writing of grids that are processed block by block.
+
+    Raises
+    ------
+    MapdealError
+        If products cannot be made or written, or outputs exist; nothing is changed then.
+    """
+    read = tuple(dict.fromkeys(file for filling in fillings for file in filling.files))
+    for filling in fillings:
+        filling.folder.check_inputs(read)
+    folders = [filling.folder for filling in fillings]
+    force = all(folder.settings.force for folder in folders)
+    taken = next((folder for folder in folders if folder.existing()), folders[0])
+    with (
+        written(progress, sum(folder.passes() for folder in folders)) as watch,
+        Transaction(
+            [path for folder in folders for path in folder.outputs()],
+            inputs=read,
+            force=force,
+            hint="" if force else taken.hint(),
+            checksums=True,
+        ) as transaction,
+    ):
+        return [filling.folder.write(transaction, filling, watch) for filling in fillings]

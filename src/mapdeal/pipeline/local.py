@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.budget import holding
@@ -31,10 +35,11 @@ from mapdeal.grid.region import MOST_CELLS
 from mapdeal.grid.resample import frames_overlap
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, local_map
+from mapdeal.mapping.local_map import LocalMap, LocalMapper, local_map
+from mapdeal.mapping.local_options import LocalOptions
 from mapdeal.mapping.poses import Pose
 from mapdeal.pipeline.files import errors_named
-from mapdeal.pipeline.folder import OutputFolder, Product
+from mapdeal.pipeline.folder import Filling, OutputFolder, Product, fill_together
 from mapdeal.pipeline.memory import bytes_of, check_fits
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import RunReport, products_of
@@ -46,24 +51,26 @@ from mapdeal.stages.definition import Stage
 LOCAL_RECIPE = "local"
 _DIGITS = 4
 
+Keep = int | Literal["all"]
+
 
 _LOCAL = Stage(
     local_map,
     name="local",
     summary="Make maps around a robot from point clouds.",
     title=lambda _: "local map",
-    memory=6.0,
+    memory=12.0,
 )
 """What comes before the recipe: it takes a cloud, so that no recipe can hold it."""
 
 
 @dataclass(frozen=True)
 class GlobalMap:
-    """A map whose obstacles local maps take over, and the files it came from."""
+    """A map that local maps take over, and the files it came from."""
 
     grid: OccupancyGrid
     files: tuple[Path, ...]
-    sums: dict[str, str]
+    sums: Mapping[str, str]
     dialect: Dialect
 
 
@@ -80,9 +87,12 @@ class LocalCommon:
     settings : Settings
         How to compute, draw and write.
     global_map : GlobalMap, optional
-        Whose obstacles are taken over.
+        What they take over.
     require_points : bool
         Whether a cloud without a point in the window is an error.
+    keep : int or 'all', optional
+        How many clouds of a sequence a map is made of; of its own alone if not given, and then no
+        beam clears anything.
     """
 
     options: LocalOptions
@@ -90,6 +100,40 @@ class LocalCommon:
     settings: Settings
     global_map: GlobalMap | None = None
     require_points: bool = False
+    keep: Keep | None = None
+
+    @property
+    def lethal_threshold(self) -> int:
+        """What is an obstacle of the global map: as the first stage that looks for them has it."""
+        given = (step.parameters.get("lethal_threshold") for step in self.recipe.steps)
+        return next((int(value) for value in given if value is not None), DEFAULT_LETHAL_THRESHOLD)
+
+
+@dataclass(frozen=True)
+class LocalJob:
+    """A local map that is to be made.
+
+    Parameters
+    ----------
+    cloud : Path, optional
+        Its cloud; without one it is a window of the global map.
+    pose : tuple of float
+        x, y (metres) and yaw (radians) of the robot in the map frame.
+    folder : Path
+        Where outputs go.
+    """
+
+    cloud: Path | None
+    pose: Sequence[float]
+    folder: Path
+
+    def source(self, common: LocalCommon) -> Path:
+        """Return the file that messages and pictures name: the cloud, or the global map."""
+        if self.cloud is not None:
+            return self.cloud
+        if common.global_map is None:
+            raise ParameterError("a cloud or a global map must be given", place="cloud")
+        return common.global_map.files[0]
 
 
 def read_global_map(path: Path, settings: Settings) -> GlobalMap:
@@ -103,19 +147,14 @@ def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     return GlobalMap(as_occupancy(source.grid, str(path)), source.files, named, settings.dialect)
 
 
-def local_from_cloud(
-    cloud: Path, pose: Sequence[float], folder: Path, common: LocalCommon, *, skip: bool = False
-) -> RunReport:
+def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> RunReport:
     """Make a local map of a cloud, apply the recipe and write everything into a folder.
 
     Parameters
     ----------
-    cloud : Path
-        The cloud.
-    pose : sequence of float
-        x, y (metres) and yaw (radians) of the robot in the map frame.
-    folder : Path
-        Where outputs go; it is made if missing. They appear together, the manifest last.
+    job : LocalJob
+        The cloud, the pose and the folder, which is made if missing. Outputs appear together, the
+        manifest last.
     common : LocalCommon
         The rest.
     skip : bool
@@ -131,80 +170,126 @@ def local_from_cloud(
     MapdealWarning
         If no point marks a cell.
     """
+    with common.settings.memory(), holding_map(common.global_map):
+        filling = local_filling(job, common)
+    return filled(filling, common.settings, skip=skip)
+
+
+def filled(filling: Filling, settings: Settings, *, skip: bool) -> RunReport:
+    """Fill the folder of a local map, unless it is to be skipped if it holds all this already."""
+    folder = filling.folder
+    folder.check_inputs(filling.files)
+    figures = folder.unchanged_figures() if skip and not settings.force else None
+    if figures is not None:
+        folder.repeat_warnings(filling.files[0])
+        return RunReport(folder.path, "unchanged", figures)
+    with use_threads(settings.threads):
+        (figures,) = fill_together([filling])
+    return RunReport(folder.path, "done", figures)
+
+
+@contextmanager
+def holding_map(known: GlobalMap | None) -> Iterator[None]:
+    """Count the memory of a map that was read as taken within a ``with`` block."""
+    with holding(0 if known is None else bytes_of(known.grid)):
+        yield
+
+
+def local_filling(job: LocalJob, common: LocalCommon) -> Filling:
+    """Return what goes into the folder of a local map; it is made when it is asked for.
+
+    Raises
+    ------
+    MapdealError
+        If the cloud cannot be found, the pose is not allowed, or the window is too large.
+    """
     known = common.global_map
-    with ExitStack() as stack:
-        stack.enter_context(common.settings.memory())
-        if known is not None:
-            stack.enter_context(holding(bytes_of(known.grid)))
-        _check_window(cloud, common)
+    check_window(job.source(common), common)
     mapper = LocalMapper(
-        pose,
+        job.pose,
         common.options,
         None if known is None else known.grid,
-        lethal_threshold=_threshold_of(common.recipe),
+        lethal_threshold=common.lethal_threshold,
     )
-    parameters = {"pose": mapper.pose, **asdict(common.options)}
-    first = Step(_LOCAL, {**parameters, "require_points": common.require_points})
-    state = state_of(cloud)  # of what its checksum is of, and then its points
-    target = OutputFolder(
-        folder,
+    if job.cloud is None:
+        return filling_of(job, mapper.pose, {}, common, mapper.result)
+    cloud, state = job.cloud, state_of(job.cloud)  # of what its sum is of, and then its points
+
+    def made() -> LocalMap:
+        for points in points_of(cloud, state):
+            mapper.add(points)
+        return mapper.result()
+
+    return filling_of(job, mapper.pose, {cloud.name: sha256_of(cloud)}, common, made)
+
+
+def points_of(cloud: Path, state: FileState) -> Iterator[NDArray[np.float64]]:
+    """Yield the points of a cloud, some at a time; an error names it, also if it was replaced."""
+    with errors_named(cloud):
+        yield from cloud_chunks(cloud)
+    check_state(cloud, state)
+
+
+def filling_of(
+    job: LocalJob,
+    pose: Pose,
+    sums: Mapping[str, str],
+    common: LocalCommon,
+    make: Callable[[], LocalMap],
+    options: Mapping[str, str] | None = None,
+) -> Filling:
+    """Return what goes into the folder of a local map, which is made by a function.
+
+    `sums` is of the clouds that were read; `options` is what else shapes the products.
+    """
+    known = common.global_map
+    parameters = {
+        "pose": pose,
+        **asdict(common.options),
+        "require_points": common.require_points,
+        "keep": common.keep,
+    }
+    first = Step(_LOCAL, parameters)
+    folder = OutputFolder(
+        job.folder,
         (first, *common.recipe.steps),
-        {cloud.name: sha256_of(cloud), **(known.sums if known is not None else {})},
+        {**sums, **(known.sums if known is not None else {})},
         {
             **({"dialect": known.dialect} if known is not None else {}),
             **common.settings.picture_options,
+            **(options or {}),
         },
         common.settings,
     )
-    files = (cloud, *(known.files if known is not None else ()))
-    target.check_inputs(files)
-    figures = target.unchanged_figures() if skip and not common.settings.force else None
-    if figures is not None:
-        target.repeat_warnings(cloud)
-        return RunReport(folder, "unchanged", figures)
-    with use_threads(common.settings.threads):
-        figures = target.fill(
-            _products(first, cloud, state, mapper, common),
-            stem=cloud.stem,
-            files=files,
-            overlay=PoseOverlay(mapper.pose),
-        )
-    return RunReport(folder, "done", figures)
+    clouds = () if job.cloud is None else (job.cloud,)
+    files = (*clouds, *(known.files if known is not None else ()))
+    products = _products(first, job, make, common)
+    return Filling(folder, products, job.source(common).stem, files, PoseOverlay(pose))
 
 
-def _check_window(cloud: Path, common: LocalCommon) -> None:
+def check_window(source: Path, common: LocalCommon) -> None:
     """Refuse a window that takes too much memory; one of too many cells is never made."""
     options = common.options
     width, height = (cells_to_cover(length, options.resolution) for length in options.size)
     if height * width <= MOST_CELLS:
         steps = (Step(_LOCAL, {}), *common.recipe.steps)
-        check_fits(cloud, (height, width), steps, common.settings.picture_size)
-
-
-def _threshold_of(recipe: Recipe) -> int:
-    """Return what the first stage that looks for obstacles takes for one."""
-    given = (step.parameters.get("lethal_threshold") for step in recipe.steps)
-    return next((int(value) for value in given if value is not None), DEFAULT_LETHAL_THRESHOLD)
+        check_fits(source, (height, width), steps, common.settings.picture_size)
 
 
 def _products(
-    first: Step, cloud: Path, state: FileState, mapper: LocalMapper, common: LocalCommon
+    first: Step, job: LocalJob, make: Callable[[], LocalMap], common: LocalCommon
 ) -> Iterator[Product]:
-    with errors_named(cloud):
-        for points in cloud_chunks(cloud):
-            mapper.add(points)
-    check_state(cloud, state)
-    made = mapper.result()
-    _check_points(made, cloud, required=common.require_points)
-    known = common.global_map
+    made, known, source = make(), common.global_map, job.source(common)
+    if job.cloud is not None:
+        _check_points(made, job.cloud, required=common.require_points)
     if known is not None and not frames_overlap(made.grid.frame, known.grid.frame):
         x, y = made.pose[:2]
         text = f"{known.files[0]}: the map does not reach into the window around {x:.10g}, {y:.10g}"
         warnings.warn(text, MapdealWarning, stacklevel=2)
-    yield Product(first, made.grid, _figures_of(made, has_map=known is not None))
-    for product in products_of(common.recipe, made.grid, cloud):
+    yield Product(first, made.grid, _figures_of(made, job, common))
+    for product in products_of(common.recipe, made.grid, source):
         if product.step.stage.robot is not None and isinstance(product.grid, OccupancyGrid):
-            _check_robot(product.grid, made, cloud)
+            _check_robot(product.grid, made, source)
         yield product
 
 
@@ -237,34 +322,29 @@ def _check_robot(inflated: OccupancyGrid, made: LocalMap, cloud: Path) -> None:
     warnings.warn(f"{cloud}: {text}", MapdealWarning, stacklevel=2)
 
 
-def _figures_of(made: LocalMap, *, has_map: bool) -> Figures:
+def _figures_of(made: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:
     first, last = made.angles or (None, None)
+    seen = {**asdict(made.counts), "angle_min": first, "angle_max": last}
     return {
         "pose": list(made.pose),
-        **asdict(made.counts),
-        **({"from_map": made.from_map} if has_map else {}),
-        "angle_min": first,
-        "angle_max": last,
+        **(seen if job.cloud is not None else {}),
+        **({"from_map": made.from_map} if common.global_map is not None else {}),
+        **(
+            {"clouds": made.clouds, "from_earlier": made.from_earlier}
+            if common.keep is not None
+            else {}
+        ),
         "rear_heading": made.rear_heading,
     }
 
 
-@dataclass(frozen=True)
-class CloudJob:
-    """A cloud of a sequence: its file, where the robot stood, and where its map goes."""
-
-    cloud: Path
-    pose: Pose
-    folder: Path
-
-
-def other_folders(sequence: Sequence[CloudJob], output: Path) -> list[Path]:
+def other_folders(sequence: Sequence[LocalJob], output: Path) -> list[Path]:
     """Return numbered folders in `output` that are not of a sequence: of a longer one before."""
     used = {job.folder for job in sequence}
     return [folder for folder in numbered_folders(output) if folder not in used]
 
 
-def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[CloudJob]:
+def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[LocalJob]:
     """Return the jobs of a sequence: its clouds in order, a pose and a numbered folder for each.
 
     Parameters
@@ -288,7 +368,7 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Cl
         raise MalformedInputError(rule, source=poses_file, got=len(poses))
     digits = max(_DIGITS, len(str(len(clouds) - 1)))
     jobs = [
-        CloudJob(cloud, (x, y, yaw), output / f"{k:0{digits}}")
+        LocalJob(cloud, (x, y, yaw), output / f"{k:0{digits}}")
         for k, (cloud, (x, y, yaw)) in enumerate(zip(clouds, poses.tolist(), strict=True))
     ]
     places = {real_path(output), *(real_path(job.folder) for job in jobs)}

@@ -10,7 +10,7 @@ from typing import Literal
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.framed import Figures
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.folder import OutputFolder, Product
+from mapdeal.pipeline.folder import Filling, OutputFolder, Product, fill_together
 from mapdeal.pipeline.memory import opened_map
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
@@ -69,10 +69,9 @@ def run_map(
         if figures is not None:
             target.repeat_warnings(path)
             return RunReport(folder, "unchanged", figures)
-        figures = target.fill(
-            products_of(recipe, source.grid, path),
-            stem=path.stem,
-            files=source.files,
+        products = products_of(recipe, source.grid, path)
+        (figures,) = fill_together(
+            [Filling(target, products, path.stem, source.files)],
             progress=settings.progress if source.grid.is_lazy else None,
         )
         return RunReport(folder, "done", figures)

@@ -1,0 +1,199 @@
+"""A cloud as cells: those with a point, and those in which beams end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.coordinates import FARTHEST, turned
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.region import Region
+from mapdeal.mapping.local_options import LocalOptions
+from mapdeal.mapping.poses import CoveredAngles, Pose
+
+Floats = NDArray[np.float64]
+Cells = NDArray[np.int64]
+
+_FARTHEST_KEY = 1 << 31
+"""In cells: of cells that are nearer, row and column together are one number of 64 bits."""
+
+
+@dataclass(frozen=True)
+class CloudCounts:
+    """What became of the points of a cloud: each is counted once, at the first that applies.
+
+    Parameters
+    ----------
+    points : int
+        All points.
+    not_finite : int
+        Those with a coordinate that is nan or infinite.
+    beyond_height, beyond_range : int
+        Those outside of the limits.
+    outside : int
+        Those outside of the window.
+    marking : int
+        Those that make their cell an obstacle.
+    """
+
+    points: int = 0
+    not_finite: int = 0
+    beyond_height: int = 0
+    beyond_range: int = 0
+    outside: int = 0
+    marking: int = 0
+
+
+class SeenCloud:
+    """The cells of a cloud whose points come some at a time.
+
+    Parameters
+    ----------
+    pose : tuple of float
+        x, y (metres) and yaw (radians) of the robot in the map frame.
+    options : LocalOptions
+        Which points count, and where they lie.
+    lattice : Frame
+        The cells, its own size aside.
+    window : Region
+        The cells of the local map; points elsewhere are counted as outside.
+    with_beams : bool
+        Whether `ends` and `marks` are wanted, also outside of the window.
+    """
+
+    def __init__(
+        self, pose: Pose, options: LocalOptions, lattice: Frame, window: Region, *, with_beams: bool
+    ) -> None:
+        self._pose = pose
+        self._options = options
+        self._lattice = lattice
+        self._window = window
+        self._frame = window.frame_in(lattice)
+        self._with_beams = with_beams
+        self._counts = np.zeros(6, dtype=np.int64)
+        self._angles = CoveredAngles()
+        self._marks, self._ends = np.zeros((2, 0), dtype=np.int64)
+        self.is_hit = np.zeros(self._frame.shape, dtype=np.bool_)
+        """Cells of the window with a point."""
+
+    def add(self, points: ArrayLike) -> None:
+        """Take points, shape (N, 2) or (N, 3 or more).
+
+        Raises
+        ------
+        ParameterError
+            If they have another shape, or no z although heights are limited.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] < 2:
+            rule = "must be an array of shape (N, 2) or wider"
+            raise ParameterError(rule, place="points", got=points.shape)
+        if self._options.asks_for_heights and points.shape[1] < 3:
+            rule = "the cloud has no heights"
+            raise ParameterError(rule, place="min_height, max_height")
+        count = len(points)
+        finite = np.isfinite(points[:, :3]).all(axis=1)
+        points = points[finite] if not finite.all() else points
+        not_finite, (points, beyond_height) = count - len(points), self._within_heights(points)
+        with np.errstate(over="ignore", invalid="ignore"):  # of points at 1e300
+            seen, placed = self._from_robot(points[:, :2])
+            distance = np.hypot(seen[:, 0], seen[:, 1])
+        near = _between(distance, self._options.min_range, self._options.max_range)
+        if self._with_beams:
+            self._add_beams(placed, distance)
+            self._marks = _union(self._marks, self._cells_of(placed[near]))
+        beyond_range = int(len(near) - np.count_nonzero(near))
+        seen, placed = seen[near], placed[near]
+        away = (distance[near] > 0) & np.isfinite(distance[near])
+        self._angles.add(np.arctan2(seen[away, 1], seen[away, 0]))
+        cells, inside = self._frame.bounded_rowcol_from_xy(placed)
+        cells = cells[inside]
+        self.is_hit[cells[:, 0], cells[:, 1]] = True
+        outside = len(placed) - len(cells)
+        self._counts += (count, not_finite, beyond_height, beyond_range, outside, len(cells))
+
+    @property
+    def counts(self) -> CloudCounts:
+        """What became of the points."""
+        return CloudCounts(*self._counts.tolist())
+
+    @property
+    def angles(self) -> tuple[float, float] | None:
+        """First and last direction with points; see `LocalMap`."""
+        return self._angles.arc()
+
+    @property
+    def sensor(self) -> Cells:
+        """Row and column of the cell in which beams begin, shape (2,)."""
+        cell: Cells = self._lattice.unbounded_rowcol_from_xy(self._sensor_xy())[0]
+        return cell
+
+    @property
+    def marks(self) -> Cells:
+        """The cells with a point, shape (M, 2), each once."""
+        return _cells_from(self._marks)
+
+    @property
+    def ends(self) -> Cells:
+        """The cells in which beams end, shape (K, 2), each once."""
+        return _cells_from(self._ends)
+
+    def _within_heights(self, points: Floats) -> tuple[Floats, int]:
+        least, most = self._options.min_height, self._options.max_height
+        if least is None and most is None:
+            return points, 0
+        kept = points[_between(points[:, 2], least, most)]
+        return kept, len(points) - len(kept)
+
+    def _from_robot(self, points_xy: Floats) -> tuple[Floats, Floats]:
+        """Return points as the robot sees them, and in the map frame."""
+        x, y, yaw = self._pose
+        if self._options.frame == "map":
+            placed = points_xy - np.array(self._options.offset)
+            return turned(placed - np.array([x, y]), -yaw), placed
+        return points_xy, turned(points_xy, yaw) + np.array([x, y]) - np.array(self._options.offset)
+
+    def _sensor_xy(self) -> Floats:
+        """Return where the cloud is seen from: moved as it is, shape (1, 2)."""
+        here = np.array([self._pose[:2]])
+        return here if self._options.frame == "map" else here - np.array(self._options.offset)
+
+    def _add_beams(self, placed: Floats, distance: Floats) -> None:
+        """Keep the cells in which beams end: at a point, or where they do not clear any more."""
+        useful = _between(distance, self._options.min_range, None) & np.isfinite(distance)
+        placed, distance = placed[useful], distance[useful]
+        reach = self._options.reach
+        if reach is not None:
+            beyond = distance > reach
+            sensor, share = self._sensor_xy(), reach / distance[beyond]
+            placed[beyond] = sensor + (placed[beyond] - sensor) * share[:, np.newaxis]
+        self._ends = _union(self._ends, self._cells_of(placed))
+
+    def _cells_of(self, placed: Floats) -> Cells:
+        """Return row and column of points, each pair as one number, each number once."""
+        placed = placed[(np.abs(placed) <= FARTHEST).all(axis=1)]
+        cells = self._lattice.unbounded_rowcol_from_xy(placed)
+        cells = cells[(np.abs(cells) < _FARTHEST_KEY).all(axis=1)]
+        return np.unique(cells[:, 0] * (2 * _FARTHEST_KEY) + cells[:, 1])
+
+
+def _union(one: Cells, other: Cells) -> Cells:
+    return np.union1d(one, other) if len(one) else other
+
+
+def _cells_from(keys: Cells) -> Cells:
+    """Return the pairs of row and column that stand for each number."""
+    rows = (keys + _FARTHEST_KEY) // (2 * _FARTHEST_KEY)
+    return np.stack([rows, keys - rows * (2 * _FARTHEST_KEY)], axis=1)
+
+
+def _between(values: Floats, least: float | None, most: float | None) -> NDArray[np.bool_]:
+    within = np.ones(len(values), dtype=np.bool_)
+    if least is not None:
+        within &= values >= least
+    if most is not None:
+        within &= values <= most
+    return within

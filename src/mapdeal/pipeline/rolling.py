@@ -1,0 +1,144 @@
+"""Rolling local maps: of a sequence of clouds, each with what the clouds before it have seen."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from hashlib import sha256
+from pathlib import Path
+
+from mapdeal.errors import MapdealError, MapdealWarning, ParameterError
+from mapdeal.formats.budget import claim
+from mapdeal.formats.file_state import FileState
+from mapdeal.formats.json_text import json_of
+from mapdeal.formats.source import sha256_of, state_of
+from mapdeal.mapping.local_map import LocalMap
+from mapdeal.mapping.rolling_map import RollingMapper
+from mapdeal.pipeline.local import (
+    LocalCommon,
+    LocalJob,
+    check_window,
+    filled,
+    filling_of,
+    holding_map,
+    points_of,
+)
+from mapdeal.pipeline.run import RunReport
+
+_PER_CELL = 10
+"""Bytes for each cell that is remembered: while the cells move, twice."""
+
+
+class RollingRun:
+    """Makes the rolling maps of a sequence, in its order.
+
+    A map is a function of the last clouds and their poses: those that are there already are
+    skipped, and their clouds read only once a later map needs them.
+
+    Parameters
+    ----------
+    jobs : sequence of LocalJob
+        The sequence.
+    common : LocalCommon
+        The rest.
+
+    Raises
+    ------
+    MapdealError
+        If a pose is not allowed, or what is to be remembered takes too much memory.
+    """
+
+    def __init__(self, jobs: Sequence[LocalJob], common: LocalCommon) -> None:
+        if common.keep is None:
+            raise ParameterError("must be given", place="keep")
+        known = common.global_map
+        self._jobs = jobs
+        self._common = common
+        self._keep = None if common.keep == "all" else common.keep
+        self._mapper = RollingMapper(
+            [job.pose for job in jobs],
+            common.options,
+            keep=self._keep,
+            global_map=None if known is None else known.grid,
+            lethal_threshold=common.lethal_threshold,
+        )
+        with common.settings.memory(), holding_map(known):
+            source = jobs[0].source(common)
+            check_window(source, common)
+            most = self._mapper.remembered
+            claim(
+                source,
+                _PER_CELL * most.cells,
+                what=f"{most.width} x {most.height} cells to remember",
+                hint="a smaller --keep takes less",
+            )
+        self._states: list[tuple[str, FileState] | None] = []
+
+    def __call__(self, index: int) -> RunReport:
+        """Make the map of a cloud; each is asked for after those before it, once.
+
+        Raises
+        ------
+        MapdealError
+            If the cloud cannot be read, or its outputs exist. The maps after it do without it.
+        """
+        job, cloud = self._jobs[index], self._cloud(index)
+        self._states.append(None)  # unless it can be read
+        state = state_of(cloud)
+        sum_ = sha256_of(cloud)
+        first = 0 if self._keep is None else max(0, index + 1 - self._keep)
+        before = self._states[first:index]
+        missing = sum(one is None for one in before)
+        filling = filling_of(
+            job,
+            self._mapper.poses[index],
+            {cloud.name: sum_},
+            self._common,
+            lambda: self._made(index, missing),
+            {"clouds_before": self._sum_before(first, index)},
+        )
+        self._states[index] = sum_, state
+        return filled(filling, self._common.settings, skip=True)
+
+    def _cloud(self, index: int) -> Path:
+        return self._jobs[index].source(self._common)
+
+    def _sum_before(self, first: int, index: int) -> str:
+        """Return one checksum of the earlier clouds of a map, and of their poses."""
+        parts = [
+            [None if state is None else state[0], *pose]
+            for state, pose in zip(
+                self._states[first:index], self._mapper.poses[first:index], strict=True
+            )
+        ]
+        return sha256(json_of(parts)).hexdigest()
+
+    def _made(self, index: int, missing: int) -> LocalMap:
+        while self._mapper.turn < index:
+            self._catch_up(index)
+        self._add(index)
+        if missing:
+            text = f"{missing} of the clouds before it could not be read: the map is without them"
+            warnings.warn(f"{self._cloud(index)}: {text}", MapdealWarning, stacklevel=2)
+        return self._mapper.result()
+
+    def _catch_up(self, index: int) -> None:
+        """Add the cloud whose turn it is, if the map of a later one needs it."""
+        turn = self._mapper.turn
+        forgotten = self._keep is not None and turn + self._keep <= index
+        if forgotten or self._states[turn] is None:
+            self._mapper.skip()
+        else:
+            self._add(turn)
+
+    def _add(self, turn: int) -> None:
+        """Add a cloud; one that cannot be read is left out of the maps after it."""
+        known = self._states[turn]
+        if known is None:
+            raise ParameterError("was not read", source=self._cloud(turn))
+        try:
+            self._mapper.add_in_parts(points_of(self._cloud(turn), known[1]))
+        except MapdealError:
+            self._states[turn] = None
+            self._mapper.skip()
+            raise
