@@ -64,6 +64,21 @@ def test_a_window_at_the_map_s_edge_is_unknown_beyond_it(command, place):
     assert (costs.cost[:2, :2] == -1).all()
 
 
+def test_the_square_kernel_and_rings_around_a_robot(command, place):
+    """A wall of one cell at 0.2 m cells: 0.3 m are two cells each way, then rings of a cell."""
+    values = np.zeros((1, 12), np.int8)
+    values[0, 5] = 100
+    write_map("wall.npz", OccupancyGrid(values, 0.2, (-1.0, 0.3, 0.0)))
+    words = ["local", "--map", "wall.npz", "--pose", "0.2,0.4,0", "--size", "2.4,0.2", "-o", "o"]
+    code, _, _ = command(*words, "--recipe", "seed-local", "--no-images")
+    assert code == 0
+    assert read_map("o/inflated.yaml").occupancy.tolist() == [[0] * 3 + [100] * 5 + [0] * 4]
+    assert read_map("o/cost.npz").cost[0].tolist() == [50, 70, 90, *[100] * 5, 90, 70, 50, 0]
+    run = ["run", "wall.npz", "--recipe", "seed-local", "-o", "r", "--no-images"]
+    assert command(*run)[0] == 0
+    assert np.array_equal(read_map("r/wall/cost.npz").cost, read_map("o/cost.npz").cost)
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [

@@ -155,7 +155,9 @@ def test_errors_come_back_from_workers_as_they_were(error):
     assert vars(copy) == vars(error)
 
 
-@pytest.mark.parametrize("recipe", ["default", "nav2", "local", "seed-real", "seed-sim"])
+@pytest.mark.parametrize(
+    "recipe", ["default", "nav2", "local", "seed-real", "seed-sim", "seed-local"]
+)
 def test_runs_can_be_sent_to_workers(recipe):
     run_one = MapRun(load_recipe(recipe), Settings(threads=1))
     copy = pickle.loads(pickle.dumps(run_one))  # noqa: S301 - our own

@@ -53,6 +53,7 @@ def test_the_default_recipe_has_the_documented_defaults():
         ("arena", ["inflate", "esdf", "cost"]),
         ("seed-real", ["inflate", "esdf", "cost"]),
         ("seed-sim", ["active", "inflate", "esdf", "cost"]),
+        ("seed-local", ["inflate", "esdf", "cost"]),
     ],
 )
 def test_the_stages_of_the_built_in_recipes(name, stages):
@@ -135,6 +136,13 @@ def test_the_arena_recipe_grades_a_fifth_near_obstacles_on_real_maps(real_maps, 
     metres = esdf(original, convention="center").distance
     near = (original.occupancy == 0) & (metres <= 2)
     assert np.mean((grid.cost[near] > 0) & (grid.cost[near] < 99)) >= 0.2
+
+
+def test_the_recipe_around_a_robot_has_a_square_kernel_and_rings():
+    recipe = described("seed-local")
+    assert (recipe["inflate"]["kernel"], recipe["inflate"]["radius"]) == ("square", 0.3)
+    assert recipe["esdf"]["unknown"] == "free"
+    assert (recipe["cost"]["model"], recipe["cost"]["values"]) == ("rings", [90, 70, 50])
 
 
 def test_sim_cuts_out_the_active_region_and_counts_unknown_as_occupied():

@@ -18,7 +18,7 @@ from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.definition import Stage
 from mapdeal.stages.parameters import unknown_name
 
-BUILT_IN = ("default", "nav2", "local", "arena", "seed-real", "seed-sim")
+BUILT_IN = ("default", "nav2", "local", "arena", "seed-real", "seed-sim", "seed-local")
 
 Draft = list[tuple[str, dict[str, object]]]
 
