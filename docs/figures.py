@@ -7,20 +7,25 @@ Reads examples and writes docs/images; the pictures of the Intel lab only if its
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
+from numpy.typing import NDArray
 
 import mapdeal
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.scans.reader import open_log
+from mapdeal.render.canvas import Swatch
+from mapdeal.render.colours import Colour
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
-from mapdeal.render.overlay import Overlay
+from mapdeal.render.overlay import Brush, Overlay, place_of
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.potential import potential_image
+from mapdeal.render.raster import Raster
 from mapdeal.render.route import RouteOverlay
 from mapdeal.stages.exponential_cost import cost_table
 
@@ -41,6 +46,40 @@ POSSIBLE_COLOUR = "#f9c98b"
 FADING_COLOUR = "#fdf3cf"
 FREE_COLOUR = "#ffffff"
 CURVE_COLOUR = "#5c0c5c"
+
+
+COMPARED = ((-4.475, 2.925), (6.925, 5.025))  # start and goal of the routes that are compared
+ROUTE_COLOURS = [(0, 100, 255), (225, 110, 0), (20, 150, 70)]
+
+
+@dataclass(frozen=True)
+class Routes:
+    """Routes of several methods over the picture of a map."""
+
+    routes: dict[str, mapdeal.Route]
+
+    @property
+    def colours(self) -> list[Colour]:
+        """Of each route, in order."""
+        return ROUTE_COLOURS[: len(self.routes)]
+
+    @property
+    def text(self) -> str:
+        """The routes' mean clearances."""
+        means = (f"{name} {route.mean_clearance:.2f} m" for name, route in self.routes.items())
+        return f"mean clearance: {', '.join(means)}"
+
+    def draw(
+        self, pixels: NDArray[np.uint8], frame: mapdeal.Frame, raster: Raster, first_index: int
+    ) -> list[Swatch]:
+        """Draw the routes; see `Overlay`."""
+        brush = Brush(pixels)
+        swatches = []
+        for index, (name, route) in enumerate(self.routes.items(), first_index):
+            path = place_of(route.points_xy, frame, raster)
+            brush.polyline(path, index, thickness=3)
+            swatches.append(Swatch(index, name))
+        return swatches
 
 
 def main() -> None:
@@ -244,6 +283,12 @@ def draw_office() -> None:
     costmap = mapdeal.exponential_cost(office, **costs)
     route = mapdeal.shortest_route(costmap, (-7.5, 2.5), goal)
     _picture("office_route.png", costmap, "office: route, astar", overlay=RouteOverlay(route))
+    routes = {
+        "plain": mapdeal.shortest_route(costmap, *COMPARED),
+        "in the cost": mapdeal.shortest_route(costmap, *COMPARED, field_weight=1.0),
+        "in the heuristic": mapdeal.shortest_route(costmap, *COMPARED, heuristic_weight=2.0),
+    }
+    _picture("office_pairs.png", office, "office: where the field acts", overlay=Routes(routes))
     attraction = mapdeal.potential(office, goal=goal, attractive_gain=50.0)
     _picture("office_potential.png", attraction, "office: potential field")
     trapped = mapdeal.descend(costmap, attraction, (-7.5, 2.5))

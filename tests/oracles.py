@@ -272,6 +272,54 @@ def slopes_along_map_axes(values, resolution, yaw):
     return along_x, along_y
 
 
+def best_first(weights, surcharges, start, goal):
+    """Cells, cost and number of expanded cells of a search that takes the least g + h first.
+
+    h is the octile distance times the least weight, plus the cell's surcharge. Of equal ones the
+    latest comes first, and neighbours are looked at row by row. A cell is expanded once. Weights,
+    their diagonals and surcharges are whole numbers of 2^-24.
+    """
+    unit = 1 << 24
+    whole = [[max(1, round(w * unit)) if w > 0 else 0 for w in row] for row in weights]
+    extra = [[round(s * unit) for s in row] for row in surcharges]
+    least = min(w for row in whole for w in row if w)
+
+    def estimate(row, col):
+        rows, cols = abs(row - goal[0]), abs(col - goal[1])
+        straight, diagonal = abs(rows - cols), min(rows, cols)
+        return least * straight + round(least * math.sqrt(2)) * diagonal + extra[row][col]
+
+    cost, before, done = {start: 0}, {start: None}, set()
+    waiting = [(estimate(*start), 0, start)]
+    while waiting:
+        first = min(entry[0] for entry in waiting)
+        latest = max(index for index, entry in enumerate(waiting) if entry[0] == first)
+        _, so_far, cell = waiting.pop(latest)
+        if cell == goal:
+            path = []
+            while cell is not None:
+                path.append(list(cell))
+                cell = before[cell]
+            return path[::-1], cost[goal] / unit, len(done)
+        if cell in done or so_far > cost[cell]:
+            continue
+        done.add(cell)
+        row, col = cell
+        for r in range(max(row - 1, 0), min(row + 2, len(whole))):
+            for c in range(max(col - 1, 0), min(col + 2, len(whole[0]))):
+                if (r, c) in done or whole[r][c] == 0:
+                    continue
+                step = whole[r][c]
+                if r != row and c != col:
+                    if whole[r][col] == 0 and whole[row][c] == 0:
+                        continue
+                    step = round(step * math.sqrt(2))
+                if so_far + step < cost.get((r, c), math.inf):
+                    cost[r, c], before[r, c] = so_far + step, cell
+                    waiting.append((so_far + step + estimate(r, c), so_far + step, (r, c)))
+    return [], math.inf, len(done)
+
+
 def lowest_cost(weights, start, goal):
     """Cost of the cheapest path over eight neighbours, by relaxing all steps until none helps.
 

@@ -133,7 +133,7 @@ def routes(runs: int) -> None:
     def by_skimage() -> Any:
         return route_through_array(negative, start, goal, geometric=True)
 
-    print(f"route, 2000 x 2000 cells, {len(found()[0])} cells long")
+    print(f"route, 2000 x 2000 cells, {len(found().cells)} cells long")
     _table({"mapdeal": found, "Python twin": _on_twin(found), "scikit-image": by_skimage}, runs)
 
 

@@ -15,12 +15,15 @@ from mapdeal import (
     esdf,
     exponential_cost,
     read_map,
+    shortest_route,
     threshold_cost,
     write_map,
 )
 from mapdeal.pipeline.route import _recipe_for
 
 ROOM = "........\n.#......\n......?.\n...##..."
+ROUTE_KEYS = ["reached", "start", "goal", "length_m", "min_clearance_m", "mean_clearance_m",
+              "cost", "expanded", "optimal"]  # fmt: skip
 KEYS = ["x", "y", "inside", "row", "col", "state", "distance", "gradient", "cell_distance"]
 
 
@@ -251,7 +254,9 @@ def test_route_prints_its_answer_or_writes_it(command, hall, tmp_path):
     code, out, err = command(*words)
     assert (code, err) == (0, "")
     answer = json.loads(out)
-    assert list(answer)[-4:] == ["length_m", "min_clearance_m", "cost", "points"]
+    assert list(answer) == ["method", *ROUTE_KEYS, "points"]
+    assert (answer["optimal"], type(answer["expanded"])) == (True, int)
+    assert answer["mean_clearance_m"] > answer["min_clearance_m"]
     assert answer["reached"] is True
     assert (answer["points"][0], answer["points"][-1]) == ([1.0, 1.0], [5.0, 1.0])
     steps = [math.dist(a, b) for a, b in zip(answer["points"], answer["points"][1:], strict=False)]
@@ -272,10 +277,13 @@ def test_route_takes_costs_as_they_are(command, hall, tmp_path):
     words = ["route", tmp_path / "c.npz", "--from", "1,1", "--to", "5,1"]
     code, out, err = command(*words, "--image", tmp_path / "c.png")
     assert code == 1
-    assert json.loads(out) == {
+    answer = json.loads(out)
+    assert answer == {
         "method": "astar", "reached": False, "start": [1.0, 1.0], "goal": [5.0, 1.0],
-        "length_m": None, "min_clearance_m": None, "cost": None, "points": [],
+        "length_m": None, "min_clearance_m": None, "mean_clearance_m": None, "cost": None,
+        "expanded": answer["expanded"], "optimal": True, "points": [],
     }  # fmt: skip
+    assert 0 < answer["expanded"] < 30 * 40  # no more than this side of the wall
     assert err.startswith(f"error: {tmp_path / 'c.npz'}: no route leads to 5, 1\n")
     assert (tmp_path / "c.png").exists()
     write_map(tmp_path / "t.npz", threshold_cost(esdf(read_map(hall))))
@@ -298,6 +306,7 @@ def test_route_by_descent_reaches_the_goal_or_tells_the_local_minimum(command, h
     assert (code, err) == (0, "")
     answer = json.loads(out)
     assert (answer["reached"], answer["local_minimum"]) == (True, None)
+    assert (answer["optimal"], answer["expanded"]) == (False, None)
     code, out, err = command(*words, "--from", "1,1", "--to", "5,1", "-o", tmp_path / "r.json",
                              "--image", tmp_path / "r.png")  # fmt: skip
     assert code == 1
@@ -415,3 +424,184 @@ def test_a_descent_is_weighed_as_it_is_told(command, tmp_path):
         route = json.loads(out)
         assert (code, route["reached"]) == (0, True)
         assert (route["length_m"], route["cost"]) == pytest.approx((2.0, cost))
+
+
+def test_the_field_in_the_heuristic_is_the_library_s(command, hall, tmp_path):
+    costmap = exponential_cost(read_map(hall), inscribed_radius=0.22)
+    write_map(tmp_path / "c.npz", costmap)
+    words = ["route", tmp_path / "c.npz", "--from", "1,1", "--to", "5,1"]
+    plain = json.loads(command(*words)[1])
+    for more, weight in (([], 2.0), (["--heuristic-weight", "6"], 6.0)):
+        code, out, err = command(*words, "--heuristic", "field", *more)
+        assert (code, err) == (0, "")
+        answer = json.loads(out)
+        route = shortest_route(costmap, (1.0, 1.0), (5.0, 1.0), heuristic_weight=weight)
+        assert (answer["optimal"], answer["expanded"]) == (False, route.expanded)
+        assert answer["points"] == [pytest.approx(p, abs=1e-9) for p in route.points_xy.tolist()]
+        assert answer["cost"] == pytest.approx(route.cost, abs=1e-8)
+        assert answer["mean_clearance_m"] == pytest.approx(route.mean_clearance, abs=1e-8)
+        assert answer["mean_clearance_m"] > plain["mean_clearance_m"]
+    same = json.loads(command(*words, "--heuristic", "field", "--heuristic-weight", "0")[1])
+    assert same == plain
+    assert json.loads(command(*words, "--heuristic", "octile")[1]) == plain
+    code, said, _ = command(*words, "--heuristic", "field", "-o", tmp_path / "r.json",
+                            "--image", tmp_path / "r.png")  # fmt: skip
+    assert (code, "m on average" in said) == (0, True)
+
+
+PAIRS = "from_x,from_y,to_x,to_y\n1.05,1.05,5.05,1.05\n[[1, 3.5], [5, 3.5]]\n"
+
+
+def _means_told(err):
+    head, *rows = err.splitlines()
+    assert head.startswith("means of ")
+    return {row.split()[0]: row.split()[1:] for row in rows}
+
+
+def test_pairs_get_a_line_for_each_method_and_their_means(command, hall, tmp_path):
+    (tmp_path / "p.csv").write_text(PAIRS)
+    code, out, err = command("route", hall, "--pairs", tmp_path / "p.csv")
+    assert code == 0
+    lines = _asked(out)
+    assert [(line["pair"], line["method"]) for line in lines] == [
+        (pair, method) for pair in (1, 2) for method in ("plain", "cost", "heuristic")
+    ]
+    assert all(list(line) == ["pair", "method", *ROUTE_KEYS] for line in lines)
+    ways = {"plain": [], "cost": ["--field-weight", "1"], "heuristic": ["--heuristic", "field"]}
+    for line in lines:
+        start, goal = (",".join(map(str, line[end])) for end in ("start", "goal"))
+        single = command("route", hall, "--from", start, "--to", goal, *ways[line["method"]])[1]
+        same = set(ROUTE_KEYS) - ({"cost"} if line["method"] == "cost" else set())
+        assert {key: line[key] for key in same} == {key: json.loads(single)[key] for key in same}
+    by_plain = {line["method"]: line["cost"] for line in lines[:3]}
+    assert by_plain["plain"] <= min(by_plain["cost"], by_plain["heuristic"])
+    for method, told in _means_told(err).items():
+        of_method = [line for line in lines if line["method"] == method]
+        keys = ["mean_clearance_m", "min_clearance_m", "length_m", "cost", "expanded"]
+        mean, least, length, cost, expanded = (sum(one[k] for one in of_method) / 2 for k in keys)
+        assert told == [
+            f"{mean:.3f}", "m", f"{least:.3f}", "m", f"{length:.2f}", "m", f"{cost:.2f}",
+            f"{expanded:.0f}",
+        ]  # fmt: skip
+    code, said, _ = command("route", hall, "--pairs", tmp_path / "p.csv", "-o",
+                            tmp_path / "new/r.jsonl", "-q")  # fmt: skip
+    assert (code, said) == (0, "")
+    assert (tmp_path / "new/r.jsonl").read_text() == out
+
+
+def test_pairs_are_compared_by_the_methods_and_weights_that_are_asked_for(command, hall, tmp_path):
+    (tmp_path / "p.csv").write_text(PAIRS)
+    words = ["route", hall, "--pairs", tmp_path / "p.csv", "--through-unknown"]
+    code, out, err = command(*words, "--compare", "heuristic,plain,plain", "--heuristic-weight", 6)
+    assert (code, list(_means_told(err))) == (0, ["heuristic", "plain"])
+    lines = _asked(out)
+    assert [line["method"] for line in lines] == ["heuristic", "plain"] * 2
+    ends = ["--from", "1.05,1.05", "--to", "5.05,1.05"]
+    single = command("route", hall, *ends, "--heuristic", "field", "--heuristic-weight", 6)[1]
+    assert lines[0]["length_m"] == json.loads(single)["length_m"]
+    code, out, err = command(*words, "--compare", "cost", "--field-weight", 7, "-q")
+    single = command("route", hall, *ends, "--field-weight", 7)[1]
+    assert (code, err) == (0, "")
+    assert _asked(out)[0]["length_m"] == json.loads(single)["length_m"]
+
+
+def test_pairs_that_cannot_be_planned_are_told_and_the_others_go_on(command, hall, tmp_path):
+    (tmp_path / "p.csv").write_text("1,1,5,1\n3.05,1,5,1\n1,1\n99,1,5,1\n1,1,5,3\n")
+    code, out, err = command(
+        "route", hall, "--pairs", tmp_path / "p.csv", "--compare", "plain", "-o",
+        tmp_path / "r.jsonl",
+    )  # fmt: skip
+    assert (code, out) == (5, f"{tmp_path / 'r.jsonl'}: 5 pairs by plain\n")
+    lines = _asked((tmp_path / "r.jsonl").read_text())
+    assert [line["pair"] for line in lines] == [1, 2, 3, 4, 5]
+    assert ["error" in line for line in lines] == [False, True, True, True, False]
+    assert lines[1]["error"] == "start: lies in a closed cell (cost 254), got (3.05, 1.0)"
+    assert lines[1]["hint"].startswith("the nearest open cell is 0.3 m away")
+    assert lines[2] == {
+        "pair": 3, "line": 3, "error": "must be four numbers x,y,x,y, got '1,1'"
+    }  # fmt: skip
+    assert (lines[3]["line"], lines[3]["start"]) == (4, [99.0, 1.0])
+    assert "outside" in lines[3]["error"]
+    told = err.splitlines()
+    assert told[0].startswith("means of 2 pairs ")
+    assert told[2:] == [f"error: {tmp_path / 'p.csv'}: 3 of 5 pairs have no routes"]
+
+
+def test_pairs_without_a_way_are_a_finding_and_none_at_all_an_error(command, hall, tmp_path):
+    cost = exponential_cost(read_map(hall), inscribed_radius=1.3, inflation_radius=1.4)
+    write_map(tmp_path / "c.npz", cost)
+    (tmp_path / "p.csv").write_text("1,1,5,1\n1,1,1.5,1\n")
+    code, out, err = command("route", tmp_path / "c.npz", "--pairs", tmp_path / "p.csv")
+    assert code == 1
+    assert [line["reached"] for line in _asked(out)] == [False] * 3 + [True] * 3
+    assert err.startswith("means of 1 pair  ")
+    assert "no route leads from start to goal in 1 of 2 pairs" in err
+    (tmp_path / "p.csv").write_text("1,1,5,1\n")
+    code, _, err = command("route", tmp_path / "c.npz", "--pairs", tmp_path / "p.csv")
+    assert (code, "means" in err) == (1, False)
+    (tmp_path / "p.csv").write_text("x,y,x,y\n")
+    code, out, err = command("route", hall, "--pairs", tmp_path / "p.csv", "-o",
+                             tmp_path / "r.jsonl")  # fmt: skip
+    assert (code, out) == (3, "")
+    assert not (tmp_path / "r.jsonl").exists()
+    assert err == f"error: {tmp_path / 'p.csv'}: holds no pairs of points\n"
+    write_map(tmp_path / "free.npz", Costmap(np.zeros((9, 9), np.uint8), 0.1))
+    (tmp_path / "p.csv").write_text("0.1,0.1,0.7,0.7\n")
+    code, out, err = command("route", tmp_path / "free.npz", "--pairs", tmp_path / "p.csv")
+    assert (code, _asked(out)[0]["mean_clearance_m"]) == (0, None)
+    assert _means_told(err)["plain"][:2] == ["-", "-"]
+
+
+def test_pairs_of_standard_input_are_answered_at_once(hall):
+    words = [sys.executable, "-m", "mapdeal", "route", hall, "--pairs", "-", "--compare", "plain"]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        for text in ("1,1,5,1\n", "1,3,5,3\n"):
+            process.stdin.write(text)
+            process.stdin.flush()
+            assert json.loads(process.stdout.readline())["reached"]
+        _, err = process.communicate(timeout=60)
+    assert (process.returncode, err.splitlines()[0][:16]) == (0, "means of 2 pairs")
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ("--from 1,1", "--from, --to: both are needed, or --pairs"),
+        ("--pairs p.csv --from 1,1", "--from: is for one route"),
+        ("--pairs p.csv --heuristic field", "--heuristic: is for one route"),
+        ("--pairs p.csv --repulsive-gain 2", "--repulsive-gain: is for one route"),
+        ("--pairs p.csv --method descent", "--pairs: compares routes of --method astar"),
+        ("--pairs p.csv --image o.png", "--image: is for one route"),
+        ("--pairs p.csv --compare plain,fast", "must be some of plain, cost, heuristic"),
+        ("--pairs p.csv --compare=", "--compare: must be some of"),
+        ("--pairs p.csv -o o.json", "are written as .jsonl"),
+        ("--pairs p.csv --heuristic-weight -1", "heuristic_weight: must lie between"),
+        ("--pairs p.csv --field-weight nan", "field_weight: must lie between"),
+        ("--pairs p.csv --compare plain --field-weight 1", "--field-weight: needs cost among"),
+        ("--pairs p.csv --compare cost --heuristic-weight 1", "needs heuristic among"),
+        ("--compare plain --from 1,1 --to 5,1", "--compare: needs --pairs"),
+        ("--from 1,1 --to 5,1 --heuristic-weight 1", "--heuristic-weight: needs --heuristic field"),
+        ("--from 1,1 --to 5,1 --heuristic octile --heuristic-weight 1", "needs --heuristic field"),
+        ("--from 1,1 --to 5,1 --heuristic field --heuristic-weight inf", "must lie between"),
+        ("--from 1,1 --to 5,1 --method descent --heuristic field", "is not for --method descent"),
+        ("--from 1,1 --to 5,1 --method descent --heuristic-weight 1", "is not for --method desce"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(command, hall, tmp_path, monkeypatch, words, text):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "p.csv").write_text(PAIRS)
+    before = sorted(path.name for path in tmp_path.iterdir())
+    code, out, err = command("route", hall, *words.split())
+    assert (code, out) == (2, "")
+    assert text in err
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
+def test_the_file_of_pairs_is_no_output(command, hall, tmp_path):
+    (tmp_path / "p.jsonl").write_text(PAIRS)
+    words = ["route", hall, "--pairs", tmp_path / "p.jsonl", "-o", tmp_path / "p.jsonl", "--force"]
+    code, out, _ = command(*words)
+    assert (code, out) == (4, "")
+    assert (tmp_path / "p.jsonl").read_text() == PAIRS

@@ -289,6 +289,7 @@ def site(folder, side):
     write_map(folder / "potential.npz", PotentialField(repulsive, values, 0.05, goal=(1.0, 2.0)))
     scans(folder / "scans.npz", np.zeros((100, 3)))
     np.save(folder / "cloud.npy", np.ones((10, 3)))
+    (folder / "pairs.csv").write_text("0.1,0.1,70.1,70.1\n")
 
 
 @pytest.fixture(scope="module")
@@ -314,6 +315,9 @@ COMMANDS = {
     "query": ["query", "site.yaml", "--at", "2,2"],
     "query field": ["query", "esdf.npz", "--at", "2,2"],
     "route": ["route", "cost.npz", "--from", "0.1,0.1", "--to", "70.1,70.1"],
+    "route by the field": ["route", "cost.npz", "--from", "0.1,0.1", "--to", "70.1,70.1",
+                           "--heuristic", "field", "--field-weight", "1"],
+    "pairs": ["route", "cost.npz", "--pairs", "pairs.csv", "-q"],
     "descent": ["route", "cost.npz", "--from", "0.1,0.1", "--to", "9.1,9.1", "--method",
                 "descent"],
     "log-odds": ["build", "scans.npz", "--size", "100,100", "--origin", "0,0", *OUT],

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError
-from mapdeal.formats.points import read_points
+from mapdeal.formats.points import read_pairs, read_points
 from mapdeal.formats.source import chunks_of
 
 TEXT = (
@@ -148,6 +148,72 @@ def test_the_limit_of_a_line_does_not_depend_on_how_it_comes(size, padding):
         for part in read_points(chunks, "p"):
             got += part.points_xy.tolist()
     assert got == [[1, 2], [3, 4]]
+
+
+PAIRS_TEXT = (
+    b'from_x, from_y, "to_x", to_y\n1,2,3,4\r\n# why\n\n1,2,3\n[[0.5, -1], [2, 1e1]]\n'
+    b'{"to": {"x": 1, "y": 2}, "from": [-3, 4], "name": "a"}\n nan,1,2,3\n'
+)
+PAIRS = [
+    (2, (1.0, 2.0), (3.0, 4.0)), (4, None, None), (5, None, None), (6, (0.5, -1.0), (2.0, 10.0)),
+    (7, (-3.0, 4.0), (1.0, 2.0)), (8, None, None),
+]  # fmt: skip
+
+
+def _pairs(chunks):
+    return list(read_pairs(chunks, "p.csv"))
+
+
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=90))
+def test_a_text_of_pairs_may_be_cut_anywhere(sizes):
+    chunks, start = [], 0
+    for size in sizes:
+        chunks.append(PAIRS_TEXT[start : start + size])
+        start += size
+    chunks.append(PAIRS_TEXT[start:])
+    pairs = _pairs(chunks)
+    assert [(pair.line, pair.start, pair.goal) for pair in pairs] == PAIRS
+    errors = {pair.line: pair.error for pair in pairs if pair.error is not None}
+    assert errors == {
+        4: "empty line",
+        5: "must be four numbers x,y,x,y, got '1,2,3'",
+        8: "must be finite, got 'nan,1,2,3'",
+    }
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["1,2", "1,2,3,4,5", "a,b,c,d", "1_0,2,3,4", "\u0661,2,3,4", "[1, 2, 3, 4]", "[[1, 2]]", "{}",
+     '{"from": [1, 2]}', '{"from": [1, 2], "to": "ab"}', '{"from": [1, true], "to": [1, 2]}',
+     "[[1, 2], [3, null]]", "[" * 5000, "1;2;3;4", "\x00,1,2,3"],
+)  # fmt: skip
+def test_a_line_that_is_no_pair_is_told_by_its_number(line):
+    pairs = _pairs([f"1,2,3,4\n{line}\n5,6,7,8".encode()])
+    assert [(pair.line, pair.goal) for pair in pairs] == [(1, (3, 4)), (2, None), (3, (7, 8))]
+    assert pairs[1].error.startswith("must be ")
+    assert len(pairs[1].error) < 150
+
+
+@pytest.mark.parametrize("line", ["x,y,x,y", "\ufeffa,b,c,d", '"x0","y0","x1","y1"'])
+def test_the_first_line_may_be_four_words(line):
+    assert [pair.line for pair in _pairs([f"{line}\n1,2,3,4\n".encode()])] == [2]
+    assert [pair.error is None for pair in _pairs([b"nan,inf,1,1\n", b"1,1,a,b"])] == [False] * 2
+
+
+def test_pairs_come_as_soon_as_their_line_is_complete():
+    def chunks():
+        yield b"1,2,3,4\n3,"
+        assert got == [(1, 2)]
+        yield b"4,5,6\n"
+
+    got = []
+    got.extend(pair.start for pair in read_pairs(chunks(), "p"))
+    assert got == [(1, 2), (3, 4)]
+
+
+def test_a_line_of_pairs_without_end_is_refused():
+    with pytest.raises(MalformedInputError, match=r"p\.csv: line 2"):
+        _pairs([b"1,2,3,4\n", b"1" * 70_000])
 
 
 def test_files_that_cannot_be_read(tmp_path):

@@ -76,6 +76,97 @@ def test_the_route_has_the_lowest_cost_of_all(problem, through_unknown, multipli
     assert route.min_clearance == pytest.approx(clearance, rel=1e-6)
 
 
+@settings(max_examples=80)
+@given(problems(), st.sampled_from([0.3, 2.0, 25.0]), st.sampled_from([0.0, 1.0]))
+def test_the_field_in_the_heuristic_is_a_search_by_cost_and_estimate(
+    problem, heuristic_weight, field_weight
+):
+    costmap, start, goal = problem
+    ends = [tuple(xy) for xy in costmap.frame.xy_from_rowcol([start, goal]).tolist()]
+    distance = oracles.signed_distance(costmap.cost == 254, costmap.resolution, "center")
+    weights = _weights(costmap.cost, 2.0, False, distance, field_weight)
+    surcharges = np.zeros(costmap.shape)
+    for cell in np.ndindex(costmap.shape):
+        metres = heuristic_weight * max(0.0, 1 - np.float32(max(distance[cell], 0.0)) / 2.0)
+        surcharges[cell] = metres / costmap.resolution
+    cells, cost, expanded = oracles.best_first(weights.tolist(), surcharges.tolist(), start, goal)
+    route = shortest_route(
+        costmap, *ends, field_weight=field_weight, heuristic_weight=heuristic_weight
+    )
+    assert (route.reached, route.expanded, route.optimal) == (len(cells) > 0, expanded, False)
+    if not route.reached:
+        assert math.isnan(route.mean_clearance)
+        return
+    assert route.cost == pytest.approx(cost * costmap.resolution, rel=1e-6, abs=1e-9)
+    centres = costmap.frame.xy_from_rowcol(cells)
+    assert route.points_xy == pytest.approx(centres if len(cells) > 1 else centres[[0, 0]])
+    plain = shortest_route(costmap, *ends, field_weight=field_weight)
+    assert plain.optimal
+    assert plain.cost <= route.cost * (1 + 1e-6)
+
+
+@settings(max_examples=40)
+@given(problems())
+def test_a_heuristic_weight_of_0_is_the_plain_search(problem):
+    costmap, start, goal = problem
+    ends = [tuple(xy) for xy in costmap.frame.xy_from_rowcol([start, goal]).tolist()]
+    distance = oracles.signed_distance(costmap.cost == 254, costmap.resolution, "center")
+    weights = _weights(costmap.cost, 2.0, False, distance, 0.0)
+    nothing = np.zeros(costmap.shape).tolist()
+    expanded = oracles.best_first(weights.tolist(), nothing, start, goal)[2]
+    plain = shortest_route(costmap, *ends)
+    level = shortest_route(costmap, *ends, heuristic_weight=0.0)
+    assert plain.expanded == level.expanded == expanded
+    assert plain.optimal is level.optimal is True
+    assert np.array_equal(plain.points_xy, level.points_xy)
+
+
+@settings(max_examples=60)
+@given(problems(), st.tuples(*[st.floats(0.02, 0.98)] * 4))
+def test_the_mean_clearance_weighs_each_piece_with_its_length(problem, inside):
+    costmap, start, goal = problem
+    places = [np.add(start, inside[:2]), np.add(goal, inside[2:])]
+    ends = [tuple(xy) for xy in costmap.frame.xy_from_continuous_rowcol(places).tolist()]
+    route = shortest_route(costmap, *ends)
+    if not route.reached:
+        return
+    lethal = costmap.frame.xy_from_rowcol(np.argwhere(costmap.cost == 254)).tolist()
+    points = route.points_xy.tolist()
+    nearest = [min((math.dist(p, q) for q in lethal), default=math.inf) for p in points]
+    length = area = 0.0
+    for k in range(len(points) - 1):
+        piece = math.dist(points[k], points[k + 1])
+        length, area = length + piece, area + piece * (nearest[k] + nearest[k + 1]) / 2
+    mean = area / length if length else nearest[0]
+    assert route.mean_clearance == pytest.approx(mean, rel=1e-6)
+    assert route.min_clearance == pytest.approx(min(nearest), rel=1e-6)
+
+
+def test_the_heuristic_goes_around_where_nearness_outweighs_the_way():
+    """A pillar beside the straight way: r metres off, the way is 2 (root of 2 - 1) r longer.
+
+    The heuristic falls by weight / 2 for each of them, so that it is worth it from 1.66 m on.
+    """
+    cost = np.zeros((61, 81), np.uint8)
+    cost[30, 40] = 254
+    costmap = Costmap(cost, 0.1, ORIGIN)
+    ends = [tuple(xy) for xy in costmap.frame.xy_from_rowcol([(31, 0), (31, 80)]).tolist()]
+    near, far = (shortest_route(costmap, *ends, heuristic_weight=w) for w in (1.6, 1.75))
+    assert (near.length, near.min_clearance) == pytest.approx((8.0, 0.1))
+    assert far.min_clearance > 1.7
+    assert 8.0 + 0.8 * 1.7 < far.length < 8.0 + 1.75
+
+
+def test_clearances_far_from_obstacles_are_as_exact_as_distances_of_float32():
+    cost = np.zeros((2, 1500), np.uint8)
+    cost[0, 0] = 254
+    costmap = Costmap(cost, 0.05, ORIGIN)
+    ends = [tuple(xy) for xy in costmap.frame.xy_from_rowcol([(1, 900), (1, 1499)]).tolist()]
+    route = shortest_route(costmap, *ends)
+    assert route.min_clearance == pytest.approx(0.05 * math.hypot(1, 900), rel=1e-12)
+    assert route.mean_clearance == pytest.approx(0.05 * (900 + 1499) / 2, rel=1e-5)
+
+
 def _free(height, width, resolution=0.25):
     return Costmap(np.zeros((height, width), np.uint8), resolution, ORIGIN)
 
@@ -165,7 +256,7 @@ def test_start_and_goal_must_be_open_and_the_nearest_open_cell_is_told(start, te
     assert "no cell" in caught.value.hint
 
 
-@pytest.mark.parametrize("name", ["cost_travel_multiplier", "field_weight"])
+@pytest.mark.parametrize("name", ["cost_travel_multiplier", "field_weight", "heuristic_weight"])
 @pytest.mark.parametrize("value", [-1.0, math.nan, math.inf, 1e7])
 def test_factors_must_make_sense(name, value):
     with pytest.raises(ParameterError) as caught:

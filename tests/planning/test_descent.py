@@ -208,6 +208,12 @@ def test_the_clearance_is_the_least_distance_to_the_centre_of_an_obstacle(seed, 
     centres = grid.frame.xy_from_rowcol(np.argwhere(occupancy == 100))
     nearest = [math.dist(a, b) for a in route.points_xy.tolist() for b in centres.tolist()]
     assert route.min_clearance == pytest.approx(min(nearest, default=math.inf))
+    assert (route.expanded, route.optimal) == (None, False)
+    pieces = [math.dist(a, b) for a, b in pairwise(route.points_xy.tolist())]
+    if nearest and sum(pieces):
+        ends = pairwise(min(math.dist(a, b) for b in centres) for a in route.points_xy.tolist())
+        area = sum(length * (a + b) / 2 for length, (a, b) in zip(pieces, ends, strict=True))
+        assert route.mean_clearance == pytest.approx(area / sum(pieces))
 
 
 @pytest.mark.usefixtures("mapdeal_warnings")

@@ -171,6 +171,8 @@ READERS = [
     _file("poses", _seeds(seeds.pose_files(), "p.txt"), reading.read_all_poses, CLOUD_WORDS),
     Reader("points", _seeds(seeds.point_files(), "p.csv"), reading.read_point_lines,
            words=JSON_WORDS, is_file=False, share=0.7),
+    Reader("pairs of points", _seeds(seeds.pair_files(), "p.csv"), reading.read_pair_lines,
+           words=JSON_WORDS, is_file=False, share=0.5),
     _file("shapes yaml", _seeds(seeds.SHAPES_YAML, "s.yaml"), reading.read_all_shapes, YAML_WORDS,
           share=0.4),
     _file("GeoJSON", _seeds(seeds.geojson_files(), "s.json"), reading.read_all_shapes, JSON_WORDS),

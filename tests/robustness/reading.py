@@ -27,7 +27,7 @@ from mapdeal.formats.maps import open_map, read_map
 from mapdeal.formats.npz import npz_size
 from mapdeal.formats.pixel_rows import open_pixel_rows
 from mapdeal.formats.pnm import decode_pbm, decode_pnm, pnm_comments
-from mapdeal.formats.points import read_points
+from mapdeal.formats.points import read_pairs, read_points
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.formats.scans.text import ScanTexts
@@ -236,12 +236,29 @@ def read_all_poses(path, data):
 def read_point_lines(path, data):
     """Read points of a text that comes in one piece, line by line, and cut anywhere: all agree."""
     whole = list(read_points([data], "points"))
+    for parts in _cut(data):
+        assert _joined(read_points(parts, "points")) == _joined(whole)
+    return whole
+
+
+def read_pair_lines(path, data):
+    """Read pairs of points of a text that comes in one piece and cut anywhere: all agree."""
+    whole = list(read_pairs([data], "pairs"))
+    for parts in _cut(data):
+        assert list(read_pairs(parts, "pairs")) == whole
+    assert [one.line for one in whole] == sorted({one.line for one in whole})
+    for one in whole:
+        assert (one.error is None) == (one.start is not None) == (one.goal is not None)
+        if one.error is None:
+            assert np.isfinite([*one.start, *one.goal]).all()
+    return whole
+
+
+def _cut(data):
     lines = [line + b"\n" for line in data.split(b"\n")]
     lines[-1] = lines[-1][:-1]
     third = len(data) // 3
-    for parts in (lines, [data[:third], data[third : 2 * third], data[2 * third :]]):
-        assert _joined(read_points(parts, "points")) == _joined(whole)
-    return whole
+    return lines, [data[:third], data[third : 2 * third], data[2 * third :]]
 
 
 def _joined(some):

@@ -331,6 +331,15 @@ def point_files():
     ]
 
 
+def pair_files():
+    return [
+        b"0.5,-1,2,3e-1\n1,2,3,4\n",
+        b'from_x,from_y,to_x,to_y\n# some\n0.5, -1, 2, 3\n[[2, 3.5], {"x": 1, "y": -2}]\n',
+        b'{"from": [1, 2], "to": [3, 4]}\r\n2,3,7,8',
+        b"[[1, 2], [3, 4]]\n\nnan,1,1,1\n[[1e400, 2], [1, 1]]\n",
+    ]
+
+
 SHAPES_YAML = [
     b"shapes:\n- {type: polygon, points: [[0, 0], [1, 0], [1, 2.5]], value: 100}\n",
     b"shapes: [{type: circle, center: [1, 2], radius: 0.5}]\n",

@@ -39,7 +39,7 @@ NOT_READERS = {
     "cli.lint.lint", "cli.terminal.input_chunks",  # the command line
 }  # fmt: skip
 
-TELLING = ("lint", "points")
+TELLING = ("lint", "points", "pairs of points")
 """Readers that tell of damage in what they return."""
 
 every_reader = pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)

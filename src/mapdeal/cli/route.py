@@ -10,11 +10,13 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
+from mapdeal.cli.route_pairs import report_on_pairs
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.route import Method, Route
-from mapdeal.pipeline.route import check_reached, route_file
+from mapdeal.pipeline.route import HEURISTIC_WEIGHT, Heuristic, check_reached, route_file
+from mapdeal.pipeline.route_pairs import METHODS
 from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.potential import potential as potential_stage
 
@@ -27,11 +29,34 @@ def route(
     source: Annotated[
         Path, typer.Argument(metavar="MAP", help="Costs (.npz), or a map to make costs of.")
     ],
-    start: Annotated[str, typer.Option("--from", metavar="X,Y", help="The start, metres.")],
-    goal: Annotated[str, typer.Option("--to", metavar="X,Y", help="The goal, metres.")],
+    start: Annotated[
+        str | None, typer.Option("--from", metavar="X,Y", help="The start, metres.")
+    ] = None,
+    goal: Annotated[
+        str | None, typer.Option("--to", metavar="X,Y", help="The goal, metres.")
+    ] = None,
+    pairs: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE|-",
+            help="Starts and goals in lines x,y,x,y or of JSON, from a file, or - for standard "
+            "input, instead of the two.",
+        ),
+    ] = None,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METHOD,...",
+            help="With --pairs: the field nowhere (plain), in the cost, or in the heuristic.  "
+            f"[default: {','.join(METHODS)}]",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="OUT.json", help="Write the answer to a file."),
+        typer.Option(
+            "--output", "-o", metavar="OUT.json",
+            help="Write the answer to a file; with --pairs a .jsonl.",
+        ),
     ] = None,
     method: Annotated[
         Method,
@@ -47,7 +72,24 @@ def route(
         float | None,
         typer.Option(
             metavar="W",
-            help="astar: how much nearness to obstacles, within 2 m, counts on top.  [default: 0]",
+            help="astar: how much nearness to obstacles, within 2 m, counts on top.  "
+            "[default: 0; with --pairs, in the cost: 1]",
+        ),
+    ] = None,
+    heuristic: Annotated[
+        Heuristic | None,
+        typer.Option(
+            help="astar: what the search takes for the rest of the way: the octile distance, or "
+            "with nearness to obstacles, within 2 m, on top.  [default: octile]",
+            show_default=False,
+        ),
+    ] = None,
+    heuristic_weight: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="How much nearness counts in the heuristic, metres.  "
+            f"[default: {HEURISTIC_WEIGHT:g}]",
         ),
     ] = None,
     attractive_gain: Annotated[
@@ -73,16 +115,43 @@ def route(
 
     Lethal, inscribed and unknown cells are closed. A map gets the costs of the recipe nav2; the
     shape of a robot replaces its radius of 0.22 m. Without -o the answer is printed, as JSON.
+    With --pairs there is a line of JSON for each pair and method, and their means on stderr.
     """
     gains = opt.given(
         attractive_gain=attractive_gain, repulsive_gain=repulsive_gain, repulsive_cap=repulsive_cap
     )
-    _refuse_options_of_others(method, gains, field_weight)
+    of_field = opt.given(field_weight=field_weight, heuristic_weight=heuristic_weight)
     weights: dict[str, object] = {
         "cost_travel_multiplier": cost_travel_multiplier,
         "through_unknown": through_unknown,
-        **opt.given(field_weight=field_weight),
     }
+    if pairs is not None:
+        one = opt.given(**{"from": start, "to": goal}, heuristic=heuristic, **gains)
+        _refuse(one, "is for one route, not for --pairs")
+        if method != "astar":
+            raise ParameterError("compares routes of --method astar", source="--pairs")
+        report_on_pairs(
+            source,
+            pairs,
+            output,
+            settings,
+            methods=compare.split(",") if compare is not None else METHODS,
+            footprint=footprint,
+            weights=weights,
+            of_field=of_field,
+        )
+        return
+    _refuse(opt.given(compare=compare), "needs --pairs")
+    if start is None or goal is None:
+        raise ParameterError("both are needed, or --pairs", source="--from, --to")
+    if method == "astar":
+        _refuse(gains, "is not for --method astar")
+    else:
+        _refuse(opt.given(**of_field, heuristic=heuristic), f"is not for --method {method}")
+    if heuristic == "field":
+        of_field.setdefault("heuristic_weight", HEURISTIC_WEIGHT)
+    elif heuristic_weight is not None:
+        raise ParameterError("needs --heuristic field", source="--heuristic-weight")
     report = route_file(
         source,
         output,
@@ -91,7 +160,7 @@ def route(
         goal=opt.pair(goal, "--to"),
         method=method,
         footprint=footprint,
-        weights=weights,
+        weights={**weights, **of_field},
         gains=gains,
     )
     if output is None:
@@ -101,15 +170,9 @@ def route(
     check_reached(report.route, source)
 
 
-def _refuse_options_of_others(
-    method: Method, gains: dict[str, object], field_weight: float | None
-) -> None:
-    names = list(gains) if method == "astar" else []
-    if method == "descent" and field_weight is not None:
-        names = ["field_weight"]
-    for name in names:
-        option = f"--{name.replace('_', '-')}"
-        raise ParameterError(f"is not for --method {method}", source=option)
+def _refuse(options: dict[str, object], rule: str) -> None:
+    for name in options:
+        raise ParameterError(rule, source=f"--{name.replace('_', '-')}")
 
 
 def _summary_of(route: Route) -> str:
@@ -118,4 +181,5 @@ def _summary_of(route: Route) -> str:
     text = f"{route.length:.2f} m, cost {route.cost:.2f}, {len(route.points_xy)} points"
     if math.isfinite(route.min_clearance):
         text += f", at least {route.min_clearance:.2f} m from obstacles"
+        text += f", {route.mean_clearance:.2f} m on average"
     return text if route.reached else f"not reached: {text}"

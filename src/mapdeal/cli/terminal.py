@@ -108,6 +108,13 @@ def summary(lines: Iterable[str]) -> None:
             _print_result(one_line(line))
 
 
+def remark(lines: Iterable[str]) -> None:
+    """Print beside the results what goes with them, unless quiet."""
+    if not _quiet:
+        for line in lines:
+            _say(one_line(line))
+
+
 def detail(text: str) -> None:
     """Print what only a verbose command says."""
     if _verbose:

@@ -1,4 +1,4 @@
-"""Points as lines of text: CSV ``x,y`` or JSON lines, read as they come."""
+"""Points, and pairs of them, as lines of text: CSV or JSON lines, read as they come."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, shown
+from mapdeal.grid.coordinates import Point
 
 _LONGEST_LINE = 1 << 16
+_IN_PAIR = 4
+_NO_NUMBERS = (ValueError, TypeError, LookupError, OverflowError, RecursionError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +41,26 @@ class PointLines:
     errors: dict[int, str]
 
 
+@dataclass(frozen=True)
+class PairLine:
+    """A start and a goal, or what is wrong with the line that should hold them.
+
+    Parameters
+    ----------
+    line : int
+        The number of the line, from 1 on.
+    start, goal : tuple of float
+        x and y, finite; None if there is an error.
+    error : str, optional
+        What is wrong.
+    """
+
+    line: int
+    start: Point | None = None
+    goal: Point | None = None
+    error: str | None = None
+
+
 def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[PointLines]:
     """Yield the points of a text, those of each chunk as soon as its lines are complete.
 
@@ -53,27 +77,68 @@ def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[PointLi
     MalformedInputError
         If a line is longer than 65,536 bytes: that is no text with points.
     """
+    for lines, first in _complete_lines(chunks, source):
+        yield _parsed(lines, first)
+
+
+def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
+    """Yield pairs of points, each as soon as its line is complete.
+
+    Parameters
+    ----------
+    chunks : iterable of bytes
+        The text, cut anywhere. Each line holds ``x,y,x,y``, ``[[x, y], [x, y]]`` or
+        ``{"from": [x, y], "to": [x, y]}``, in which a point may be ``{"x": x, "y": y}``, too. A
+        first line of four words and lines that begin with ``#`` are skipped.
+    source : Path or str
+        What to call it in an error.
+
+    Raises
+    ------
+    MalformedInputError
+        As `read_points`.
+    """
+    for lines, first in _complete_lines(chunks, source):
+        for number, raw in enumerate(lines, first):
+            text = _text_of(raw)
+            if not (text.startswith("#") or (number == 1 and _is_header_of_pairs(text))):
+                yield _pair_line(number, text)
+
+
+def _complete_lines(
+    chunks: Iterable[bytes], source: Path | str
+) -> Iterator[tuple[list[bytes], int]]:
+    """Yield the lines that each chunk completes, and the number of the first of them."""
     rest, line = b"", 1
     for chunk in chunks:
         *lines, rest = (rest + chunk).split(b"\n")
         short = list(takewhile(_is_short, lines))
         if short:
-            yield _parsed(short, line)
+            yield _unmarked(short, line), line
             line += len(short)
         if len(short) < len(lines) or not _is_short(rest):
             rule = f"a line must not be longer than {_LONGEST_LINE} bytes"
             raise MalformedInputError(rule, source=source, place=f"line {line}")
     if rest:
-        yield _parsed([rest], line)
+        yield _unmarked([rest], line), line
 
 
 def _is_short(line: bytes) -> bool:
     return len(line) <= _LONGEST_LINE
 
 
-def _parsed(lines: list[bytes], first: int) -> PointLines:
+def _unmarked(lines: list[bytes], first: int) -> list[bytes]:
+    """Return lines of a text without its mark of byte order."""
     if first == 1:
         lines[0] = lines[0].removeprefix(b"\xef\xbb\xbf")
+    return lines
+
+
+def _text_of(line: bytes) -> str:
+    return line.decode("utf-8", errors="replace").strip()
+
+
+def _parsed(lines: list[bytes], first: int) -> PointLines:
     numbers = _parsed_at_once(lines)
     if numbers is not None:
         return PointLines(numbers, list(range(first, first + len(lines))), {})
@@ -81,12 +146,12 @@ def _parsed(lines: list[bytes], first: int) -> PointLines:
     kept: list[int] = []
     errors: dict[int, str] = {}
     for index, raw in enumerate(lines):
-        text = raw.decode("utf-8", errors="replace").strip()
+        text = _text_of(raw)
         if text.startswith("#") or (first + index == 1 and _is_header(text)):
             continue
         try:
             points.append(_point_of(text))
-        except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
+        except _NO_NUMBERS:
             form = '{"x": x, "y": y} or [x, y]' if text[:1] in ("{", "[") else "two numbers x,y"
             errors[len(points)] = f"must be {form}, got {shown(text)}" if text else "empty line"
             points.append((math.nan, math.nan))
@@ -117,12 +182,49 @@ def _is_header(text: str) -> bool:
 
 def _point_of(text: str) -> tuple[float, float]:
     if text[:1] in ("{", "["):
-        value = json.loads(text)
-        x, y = (value["x"], value["y"]) if isinstance(value, dict) else value
-        if type(x) not in (int, float) or type(y) not in (int, float):  # bools are ints, too
-            raise ValueError
-        return float(x), float(y)
+        return _point_of_json(json.loads(text))
+    x, y = _numbers_of(text)
+    return x, y
+
+
+def _point_of_json(value: Any) -> Point:
+    x, y = (value["x"], value["y"]) if isinstance(value, dict) else value
+    if type(x) not in (int, float) or type(y) not in (int, float):  # bools are ints, too
+        raise ValueError
+    return float(x), float(y)
+
+
+def _numbers_of(text: str) -> list[float]:
     if not text.isascii() or "_" in text:  # which Python reads as digits, too
         raise ValueError
-    first, second = text.split(",")
-    return float(first), float(second)
+    return [float(part) for part in text.split(",")]
+
+
+def _pair_line(number: int, text: str) -> PairLine:
+    try:
+        start, goal = _pair_of(text)
+    except _NO_NUMBERS:
+        form = "four numbers x,y,x,y"
+        if text[:1] in ("{", "["):
+            form = '{"from": [x, y], "to": [x, y]} or [[x, y], [x, y]]'
+        error = f"must be {form}, got {shown(text)}" if text else "empty line"
+        return PairLine(number, error=error)
+    if not all(map(math.isfinite, (*start, *goal))):
+        return PairLine(number, error=f"must be finite, got {shown(text)}")
+    return PairLine(number, start, goal)
+
+
+def _pair_of(text: str) -> tuple[Point, Point]:
+    if text[:1] in ("{", "["):
+        value = json.loads(text)
+        start, goal = (value["from"], value["to"]) if isinstance(value, dict) else value
+        return _point_of_json(start), _point_of_json(goal)
+    start_x, start_y, goal_x, goal_y = _numbers_of(text)
+    return (start_x, start_y), (goal_x, goal_y)
+
+
+def _is_header_of_pairs(text: str) -> bool:
+    words = [word.strip(' "') for word in text.split(",")]
+    return len(words) == _IN_PAIR and all(
+        word.isidentifier() and word.lower() not in ("nan", "inf", "infinity") for word in words
+    )

@@ -6,6 +6,7 @@ import json
 import math
 from typing import Any
 
+from mapdeal.formats.points import PairLine
 from mapdeal.grid.route import Route
 
 _DECIMALS = 9
@@ -14,15 +15,7 @@ _DECIMALS = 9
 
 def route_json(route: Route) -> str:
     """Return a route as JSON text, each point on a line of its own."""
-    entries: dict[str, Any] = {
-        "method": route.method,
-        "reached": route.reached,
-        "start": _pair(route.start),
-        "goal": _pair(route.goal),
-        "length_m": _number(route.length),
-        "min_clearance_m": _number(route.min_clearance),
-        "cost": _number(route.cost),
-    }
+    entries: dict[str, Any] = {"method": route.method, **_entries(route)}
     if route.method == "descent":
         minimum = route.local_minimum
         entries["local_minimum"] = None if minimum is None else _pair(minimum)
@@ -30,6 +23,44 @@ def route_json(route: Route) -> str:
     points = ",\n".join(f"    {json.dumps(_pair(point))}" for point in route.points_xy.tolist())
     listed = f"[\n{points}\n  ]" if points else "[]"
     return "\n".join(["{", *lines, f'  "points": {listed}', "}"])
+
+
+def route_line(route: Route, *, pair: int, method: str) -> str:
+    """Return a route as JSON on one line, without its points.
+
+    Parameters
+    ----------
+    route : Route
+        The route.
+    pair : int
+        Which start and goal it is of.
+    method : str
+        By which of several methods it was found.
+    """
+    return json.dumps({"pair": pair, "method": method, **_entries(route)})
+
+
+def failed_line(asked: PairLine, *, pair: int, error: str, hint: str | None = None) -> str:
+    """Return as JSON on one line why a start and a goal have no routes."""
+    entries: dict[str, Any] = {"pair": pair, "line": asked.line}
+    if asked.start is not None and asked.goal is not None:
+        entries |= {"start": _pair(asked.start), "goal": _pair(asked.goal)}
+    entries["error"] = error
+    return json.dumps(entries if hint is None else {**entries, "hint": hint})
+
+
+def _entries(route: Route) -> dict[str, Any]:
+    return {
+        "reached": route.reached,
+        "start": _pair(route.start),
+        "goal": _pair(route.goal),
+        "length_m": _number(route.length),
+        "min_clearance_m": _number(route.min_clearance),
+        "mean_clearance_m": _number(route.mean_clearance),
+        "cost": _number(route.cost),
+        "expanded": route.expanded,
+        "optimal": route.optimal,
+    }
 
 
 def _pair(point: Any) -> list[float]:

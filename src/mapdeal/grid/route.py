@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -35,6 +36,13 @@ class Route:
         obstacles, nan without points.
     local_minimum : tuple of float, optional
         Where a descent has ended in a minimum of the potential that is not the goal.
+    mean_clearance : float
+        Mean of that distance along the way, metres: each piece counts with its length, and with
+        the mean of its two ends; +inf without obstacles, nan without points.
+    expanded : int, optional
+        Cells whose neighbours the search looked at; None of a descent.
+    optimal : bool
+        Whether the search is sure to find the lowest cost.
     """
 
     method: Method
@@ -46,6 +54,9 @@ class Route:
     cost: float
     min_clearance: float
     local_minimum: tuple[float, float] | None = None
+    mean_clearance: float = math.nan
+    expanded: int | None = None
+    optimal: bool = False
 
     def __post_init__(self) -> None:
         points = np.asarray(self.points_xy, dtype=np.float64).reshape(-1, 2).view()

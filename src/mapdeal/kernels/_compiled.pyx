@@ -69,9 +69,11 @@ cdef extern from "search.h" nogil:
         const double *weights
         int64_t height, width, start, goal
         double least, least_diagonal
+        const double *surcharges
         double *costs
         int8_t *steps
         Candidate *heap
+        int64_t expanded
     double diagonal_of(double weight)
     int begin_search(Search *search)
     int search_on(Search *search, int64_t most)
@@ -358,15 +360,20 @@ def lzf_expand(const uint8_t[::1] data, uint8_t[::1] expanded):
     return bool(done)
 
 
-def cheapest_path(const double[:, ::1] weights, start, goal, double least):
-    """Return the cells of the cheapest path, as indices, and its cost; None if there is none."""
+def cheapest_path(
+    const double[:, ::1] weights, start, goal, double least, const double[:, ::1] surcharges=None
+):
+    """Return the cells of the path, as indices, its cost, and how many cells were expanded.
+
+    Without a path there are no cells, and the cost is infinite.
+    """
     import numpy as np  # which telling the version must not wait for
 
     cdef int64_t width = weights.shape[1]
     cdef int64_t cell
     cdef int state = SEARCH_GOES_ON
     cdef double[:, ::1] costs = np.full((weights.shape[0], width), INFINITY)
-    cdef int8_t[:, ::1] steps = np.empty((weights.shape[0], width), dtype=np.int8)
+    cdef int8_t[:, ::1] steps = np.zeros((weights.shape[0], width), dtype=np.int8)
     cdef Search search
     for row, col in (start, goal):
         if not (0 <= row < weights.shape[0] and 0 <= col < width):
@@ -377,6 +384,10 @@ def cheapest_path(const double[:, ::1] weights, start, goal, double least):
     search.start = start[0] * width + start[1]
     search.goal = goal[0] * width + goal[1]
     search.least, search.least_diagonal = least, diagonal_of(least)
+    if surcharges is not None:
+        if surcharges.shape[0] != weights.shape[0] or surcharges.shape[1] != width:
+            raise IndexError("no such cell")
+        search.surcharges = &surcharges[0, 0]
     try:
         if not begin_search(&search):
             raise MemoryError
@@ -389,10 +400,10 @@ def cheapest_path(const double[:, ::1] weights, start, goal, double least):
     if state == SEARCH_OUT_OF_MEMORY:
         raise MemoryError
     if state == SEARCH_IN_VAIN:
-        return None
+        return np.empty(0, dtype=np.int64), INFINITY, search.expanded
     cell = search.goal
     cells = [cell]
     while cell != search.start:
         cell = cell_before(&search, cell)
         cells.append(cell)
-    return np.array(cells[::-1], dtype=np.int64), (&costs[0, 0])[search.goal]
+    return np.array(cells[::-1], dtype=np.int64), (&costs[0, 0])[search.goal], search.expanded

@@ -13,8 +13,9 @@ typedef struct {
     const double *weights; /* of a straight step into each cell; not above 0 if closed */
     int64_t height, width, start, goal;
     double least, least_diagonal; /* of the weights of open cells, see `estimate_to_goal` */
+    const double *surcharges; /* of each cell, on top of its estimate; NULL if there are none */
     double *costs;         /* from the start, infinite where no path is known yet */
-    int8_t *steps;         /* the last step of that path, an index of STEPS */
+    int8_t *steps;         /* the last step of that path, an index of STEPS; 0 at first */
     Candidate *heap;
     int64_t waiting, room;
     uint64_t turn;
@@ -22,6 +23,8 @@ typedef struct {
 } Search;
 
 enum { SEARCH_GOES_ON, SEARCH_FOUND, SEARCH_IN_VAIN, SEARCH_OUT_OF_MEMORY };
+
+enum { STEP = 7, CLOSED = 8 }; /* of `steps`: which step it was, and whether that is final */
 
 static const double ROOT_OF_2 = 1.4142135623730951;
 static const int STEPS[8][2] = {{-1, -1}, {-1, 0}, {-1, 1}, {0, -1},
@@ -34,13 +37,16 @@ static inline double diagonal_of(double weight)
     return (weight * ROOT_OF_2 + 0x1p52) - 0x1p52;
 }
 
-static inline double estimate_to_goal(const Search *search, int64_t cell)
+/* `surcharges` are those of the search, or NULL. It is an argument so that the code of a search
+ * without them, which is the usual one, does not ask for them at each cell. */
+static inline double estimate_to_goal(const Search *search, int64_t cell, const double *surcharges)
 {
     const int64_t rows = llabs(cell / search->width - search->goal / search->width);
     const int64_t cols = llabs(cell % search->width - search->goal % search->width);
     const int64_t diagonal = rows < cols ? rows : cols;
     const int64_t straight = rows + cols - 2 * diagonal;
-    return search->least * (double)straight + search->least_diagonal * (double)diagonal;
+    const double octile = search->least * (double)straight + search->least_diagonal * (double)diagonal;
+    return surcharges == NULL ? octile : octile + surcharges[cell];
 }
 
 static inline int comes_first(const Candidate *one, const Candidate *other)
@@ -91,7 +97,7 @@ static Candidate take_first(Search *search)
     return first;
 }
 
-static int expand(Search *search, int64_t cell)
+static inline int expand(Search *search, int64_t cell, const double *surcharges)
 {
     const int64_t width = search->width;
     const int64_t row = cell / width, col = cell % width;
@@ -109,9 +115,11 @@ static int expand(Search *search, int64_t cell)
             continue; /* between two closed cells that touch there is no way */
         const double total = cost + (diagonal ? diagonal_of(weight) : weight);
         if (!(total < search->costs[next])) continue;
+        if (surcharges != NULL && search->steps[next] & CLOSED) continue;
         search->costs[next] = total;
         search->steps[next] = (int8_t)step;
-        if (!add_candidate(search, total + estimate_to_goal(search, next), next)) return 0;
+        const double estimate = total + estimate_to_goal(search, next, surcharges);
+        if (!add_candidate(search, estimate, next)) return 0;
     }
     return 1;
 }
@@ -119,28 +127,37 @@ static int expand(Search *search, int64_t cell)
 static int begin_search(Search *search)
 {
     search->costs[search->start] = 0;
-    return add_candidate(search, estimate_to_goal(search, search->start), search->start);
+    const double estimate = estimate_to_goal(search, search->start, search->surcharges);
+    return add_candidate(search, estimate, search->start);
 }
 
-/* Look at so many candidates, and tell how things stand. */
-static int search_on(Search *search, int64_t most)
+static inline int look_on(Search *search, int64_t most, const double *surcharges)
 {
     while (most-- > 0) {
         if (search->waiting == 0) return SEARCH_IN_VAIN;
         const Candidate first = take_first(search);
         if (first.cell == search->goal) return SEARCH_FOUND;
         /* a cheaper path to it was found meanwhile, and followed */
-        if (first.estimate > search->costs[first.cell] + estimate_to_goal(search, first.cell))
+        if (first.estimate >
+            search->costs[first.cell] + estimate_to_goal(search, first.cell, surcharges))
             continue;
         search->expanded++;
-        if (!expand(search, first.cell)) return SEARCH_OUT_OF_MEMORY;
+        if (surcharges != NULL) search->steps[first.cell] |= CLOSED;
+        if (!expand(search, first.cell, surcharges)) return SEARCH_OUT_OF_MEMORY;
     }
     return SEARCH_GOES_ON;
+}
+
+/* Look at so many candidates, and tell how things stand. */
+static int search_on(Search *search, int64_t most)
+{
+    return search->surcharges == NULL ? look_on(search, most, NULL)
+                                      : look_on(search, most, search->surcharges);
 }
 
 /* The cell that the known path comes from. */
 static int64_t cell_before(const Search *search, int64_t cell)
 {
-    const int *step = STEPS[search->steps[cell]];
+    const int *step = STEPS[search->steps[cell] & STEP];
     return cell - step[0] * search->width - step[1];
 }

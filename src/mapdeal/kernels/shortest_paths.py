@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,33 @@ _STEPS = tuple((row, col) for row in (-1, 0, 1) for col in (-1, 0, 1) if row or 
 Cell = tuple[int, int]
 
 
+@dataclass(frozen=True, eq=False)
+class FoundPath:
+    """What a search has found.
+
+    Parameters
+    ----------
+    cells : numpy.ndarray of int64, shape (N, 2)
+        Rows and columns, the start first, the goal last; empty if there is no path.
+    cost : float
+        Sum over all steps of length, 1 or the root of 2, times the weight of the cell stepped
+        into; infinite if there is no path.
+    expanded : int
+        Cells whose neighbours were looked at. The goal's never are.
+    """
+
+    cells: NDArray[np.int64]
+    cost: float
+    expanded: int
+
+
 def cheapest_path(
-    weights: NDArray[np.float64], start: Cell, goal: Cell
-) -> tuple[NDArray[np.int64], float] | None:
+    weights: NDArray[np.float64],
+    start: Cell,
+    goal: Cell,
+    *,
+    surcharges: NDArray[np.float64] | None = None,
+) -> FoundPath:
     """Return the cheapest path over the eight neighbours of cells, by A*.
 
     Parameters
@@ -34,16 +59,14 @@ def cheapest_path(
         cell is closed. Rounded to multiples of 2^-24.
     start, goal : tuple of int
         Row and column of two open cells.
+    surcharges : numpy.ndarray of float64, shape (H, W), optional
+        Added to the estimate of what remains from each cell, in the same unit, at least 0.
+        They steer the search, and are no part of the cost.
 
     Returns
     -------
-    cells : numpy.ndarray of int64, shape (N, 2)
-        Rows and columns, the start first, the goal last.
-    cost : float
-        Sum over all steps of length, 1 or the root of 2, times the weight of the cell stepped
-        into. No path has a lower one.
-
-    None if there is no path.
+    FoundPath
+        Without surcharges no path has a lower cost. With them there may be such paths.
 
     Notes
     -----
@@ -52,31 +75,37 @@ def cheapest_path(
     lowest weight, which is never more than it takes; so the answer is the optimum. Of several,
     the one is returned that is found if of equal estimates the latest is followed first.
 
+    Surcharges make the estimate inconsistent: a cell may be expanded before the cheapest path to
+    it is known. A cell that was expanded is not opened again: to correct its path afterwards
+    would undo what the surcharges are for, and could expand cells many times. So each cell is
+    expanded once at most, and a path is found if there is one.
+
     Examples
     --------
     >>> weights = np.array([[1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
-    >>> cells, cost = cheapest_path(weights, (0, 0), (0, 2))
-    >>> cells.tolist(), round(cost, 6)
-    ([[0, 0], [1, 1], [0, 2]], 2.828427)
+    >>> found = cheapest_path(weights, (0, 0), (0, 2))
+    >>> found.cells.tolist(), round(found.cost, 6), found.expanded
+    ([[0, 0], [1, 1], [0, 2]], 2.828427, 2)
     """
     if not all(_holds(weights, cell) and weights[cell] > 0 for cell in (start, goal)):
         raise ValueError("start and goal must be open cells")
     scaled = np.rint(weights * UNIT)
     np.maximum(scaled, 1.0, out=scaled)
     scaled[weights <= 0] = 0.0
+    if surcharges is not None and surcharges.shape != weights.shape:
+        raise ValueError("surcharges must have the shape of the weights")
     if scaled.max() > UNIT * (1 << 27):
         raise ValueError("weights must not be above 2^27")
     least = float(scaled.min(where=scaled > 0, initial=math.inf))
+    more = None if surcharges is None else np.rint(surcharges * UNIT)
     if engine_name() == "compiled":
         from mapdeal.kernels import _compiled
 
-        found = _compiled.cheapest_path(scaled, start, goal, least)
+        found = _compiled.cheapest_path(scaled, start, goal, least, more)
     else:
-        found = _cheapest_path(scaled, start, goal, least)
-    if found is None:
-        return None
-    cells, cost = found
-    return np.stack(np.divmod(cells, weights.shape[1]), axis=1), cost / UNIT
+        found = _cheapest_path(scaled, start, goal, least, more)
+    cells, cost, expanded = found
+    return FoundPath(np.stack(np.divmod(cells, weights.shape[1]), axis=1), cost / UNIT, expanded)
 
 
 def _holds(weights: NDArray[np.float64], cell: Sequence[int]) -> bool:
@@ -84,11 +113,16 @@ def _holds(weights: NDArray[np.float64], cell: Sequence[int]) -> bool:
 
 
 def _cheapest_path(
-    weights: NDArray[np.float64], start: Cell, goal: Cell, least: float
-) -> tuple[NDArray[np.int64], float] | None:
+    weights: NDArray[np.float64],
+    start: Cell,
+    goal: Cell,
+    least: float,
+    surcharges: NDArray[np.float64] | None,
+) -> tuple[NDArray[np.int64], float, int]:
     """Do as search.h does, step by step."""
     height, width = weights.shape
     weight_of = weights.reshape(-1).data
+    surcharge_of = None if surcharges is None else surcharges.reshape(-1).data
     goal_row, goal_col = goal
     first, last = start[0] * width + start[1], goal_row * width + goal_col
     diagonal_least = _diagonal(least)
@@ -96,19 +130,24 @@ def _cheapest_path(
     def estimate(row: int, col: int) -> float:
         rows, cols = abs(row - goal_row), abs(col - goal_col)
         diagonal = min(rows, cols)
-        return least * (rows + cols - 2 * diagonal) + diagonal_least * diagonal
+        octile = least * (rows + cols - 2 * diagonal) + diagonal_least * diagonal
+        return octile if surcharge_of is None else octile + surcharge_of[row * width + col]
 
     costs, before = {first: 0.0}, {first: first}
-    turn = 0
+    closed: set[int] = set()
+    turn = expanded = 0
     heap = [(estimate(*start), turn, first)]
     while heap:
         estimated, _, cell = heapq.heappop(heap)
         if cell == last:
-            return _traced(before, first, last), costs[last]
+            return _traced(before, first, last), costs[last], expanded
         row, col = divmod(cell, width)
         cost = costs[cell]
         if estimated > cost + estimate(row, col):
             continue
+        expanded += 1
+        if surcharge_of is not None:
+            closed.add(cell)
         for rows, cols in _STEPS:
             if not (0 <= row + rows < height and 0 <= col + cols < width):
                 continue
@@ -121,12 +160,12 @@ def _cheapest_path(
                     continue
                 weight = _diagonal(weight)
             total = cost + weight
-            if total < costs.get(following, math.inf):
+            if total < costs.get(following, math.inf) and following not in closed:
                 costs[following], before[following] = total, cell
                 turn -= 1
                 remaining = estimate(row + rows, col + cols)
                 heapq.heappush(heap, (total + remaining, turn, following))
-    return None
+    return np.empty(0, dtype=np.int64), math.inf, expanded
 
 
 def _diagonal(weight: float) -> float:

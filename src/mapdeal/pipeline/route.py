@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from mapdeal.errors import FindingError, MapdealWarning, ParameterError
 from mapdeal.formats.maps import Source
@@ -33,9 +33,18 @@ from mapdeal.planning.descent import descend
 from mapdeal.render.route import RouteOverlay
 from mapdeal.stages.potential import potential
 
+Heuristic = Literal["octile", "field"]
+
 _RECIPE = "nav2"
 _PER_CELL: dict[Method, float] = {"astar": 36.0, "descent": 126.0}
 """Bytes for each cell, those of the recipe included."""
+
+_OF_HEURISTIC = 16.0
+"""Bytes for each cell that the field in the heuristic takes."""
+
+HEURISTIC_WEIGHT = 2.0
+"""Metres that the field adds to the heuristic at an obstacle, if no weight is given: what is
+missing there to a clearance of 2 m."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +96,13 @@ def route_file(
     if output is not None and output.suffix != ".json":
         raise ParameterError("a route is written as .json", source=output)
     source = read_input(path, options)
+    has_field = bool(weights and weights.get("heuristic_weight"))
     with options.memory():
-        claim_work(path, source.grid, _PER_CELL[method])
+        claim_work(path, source.grid, _PER_CELL[method] + has_field * _OF_HEURISTIC)
     outputs = [] if output is None else [output]
     with outputs_of(outputs, source.files, options) as transaction:
         with errors_named(path):
-            costmap = _costs_of(source, path, footprint)
+            costmap = costs_of(source, path, footprint)
             if method == "astar":
                 route = shortest_route(costmap, start, goal, **(weights or {}))
             else:
@@ -102,6 +112,7 @@ def route_file(
         if output is not None:
             transaction.write_bytes(output, f"{text}\n".encode())
         title = f"{path.stem}: route, {method}"
+        title += ", field in the heuristic" if has_field else ""
         add_picture(transaction, options, costmap, title, RouteOverlay(route))
     return RouteReport(route, text)
 
@@ -124,7 +135,8 @@ def check_reached(route: Route, path: Path) -> None:
     raise FindingError(rule, source=path, hint=hint)
 
 
-def _costs_of(source: Source, path: Path, footprint: Footprint | None) -> Costmap:
+def costs_of(source: Source, path: Path, footprint: Footprint | None) -> Costmap:
+    """Return the costs in a file, or those that the recipe ``nav2`` makes of its map."""
     grid = source.grid
     if isinstance(grid, Costmap):
         if footprint is not None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.route import Route
 from mapdeal.kernels.shortest_paths import cheapest_path
-from mapdeal.planning.terrain import Terrain
+from mapdeal.planning.terrain import NO_WAY, Terrain, check_factor
 
 
 def shortest_route(
@@ -20,6 +21,7 @@ def shortest_route(
     *,
     cost_travel_multiplier: float = 2.0,
     field_weight: float = 0.0,
+    heuristic_weight: float = 0.0,
     through_unknown: bool = False,
 ) -> Route:
     """Return the route of the lowest cost over the eight neighbours of cells, by A*.
@@ -37,6 +39,10 @@ def shortest_route(
     field_weight : float
         How much nearness to obstacles counts on top, at least 0: the weight grows by
         field_weight * (1 - d / 2) where an obstacle is d < 2 m away.
+    heuristic_weight : float
+        How much nearness to obstacles counts in the heuristic, metres, at least 0: the estimate of
+        what remains to the goal grows by heuristic_weight * (1 - d / 2) where an obstacle is
+        d < 2 m away. Above 0 the route need not have the lowest cost.
     through_unknown : bool
         Whether unknown cells are open; they then have the highest cost.
 
@@ -54,9 +60,11 @@ def shortest_route(
     Notes
     -----
     A step is as long as it is, 1 or the root of 2 cells, times the weight of the cell that it
-    enters. No sum of these is lower: the answer is the optimum. Design document 000 adds the
-    field's value to the heuristic instead, with which the answer depends on the order of the
-    search; here the same value is a part of the cost.
+    enters. Without a `heuristic_weight` no sum of these is lower: the route is `optimal`.
+
+    A weight in the heuristic puts cells off that are near to obstacles: they are looked at after
+    cells in the open through which the way costs up to heuristic_weight metres more. No cell is
+    opened again once its neighbours were looked at, so the way that came first stays.
 
     Diagonal steps between two closed cells are not allowed.
 
@@ -74,17 +82,69 @@ def shortest_route(
         field_weight=field_weight,
         through_unknown=through_unknown,
     )
+    surcharges = surcharges_near_obstacles(terrain, heuristic_weight)
+    return route_over(terrain, start_xy, goal_xy, surcharges=surcharges)
+
+
+def surcharges_near_obstacles(
+    terrain: Terrain, heuristic_weight: float
+) -> NDArray[np.float64] | None:  # fmt: skip
+    """Return what the heuristic adds for nearness to obstacles, shape (H, W), or None.
+
+    In the unit that a search sums in: cells of length and weight 1.
+
+    Raises
+    ------
+    ParameterError
+        If the number is negative, not finite or above 1e6.
+    """
+    if check_factor("heuristic_weight", heuristic_weight) == 0:
+        return None
+    surcharges = terrain.nearness()
+    surcharges *= heuristic_weight / terrain.costmap.resolution
+    return surcharges
+
+
+def route_over(
+    terrain: Terrain,
+    start_xy: Point,
+    goal_xy: Point,
+    *,
+    weights: NDArray[np.float64] | None = None,
+    surcharges: NDArray[np.float64] | None = None,
+) -> Route:
+    """Return the route that a search finds on a terrain, and its measures on that terrain.
+
+    Parameters
+    ----------
+    terrain : Terrain
+        Which cells are closed, and what the route costs.
+    start_xy, goal_xy : tuple of float
+        Points in the map frame, metres.
+    weights : numpy.ndarray of float64, shape (H, W), optional
+        What the search goes by, if not by the terrain's own weights; 0 in the same cells.
+    surcharges : numpy.ndarray of float64, shape (H, W), optional
+        What the heuristic adds, see `surcharges_near_obstacles`.
+
+    Raises
+    ------
+    ParameterError
+        If start or goal is outside of the map or in a closed cell.
+    """
     first = terrain.open_cell_of(start_xy, "start")
     last = terrain.open_cell_of(goal_xy, "goal")
-    found = cheapest_path(terrain.weights, first, last)
-    if found is None:
-        empty = np.empty((0, 2))
-        return Route("astar", False, start_xy, goal_xy, empty, math.nan, math.nan, math.nan)
-    places = found[0] + 0.5
-    (start, goal), _ = costmap.frame.bounded_continuous_rowcol_from_xy([start_xy, goal_xy])
+    searched = terrain.weights if weights is None else weights
+    found = cheapest_path(searched, first, last, surcharges=surcharges)
+    how: dict[str, Any] = {"expanded": found.expanded, "optimal": surcharges is None}
+    if len(found.cells) == 0:
+        none = np.empty((0, 2))
+        return Route("astar", False, start_xy, goal_xy, none, **vars(NO_WAY), **how)
+    places = found.cells + 0.5
+    (start, goal), _ = terrain.costmap.frame.bounded_continuous_rowcol_from_xy([start_xy, goal_xy])
     # no hooks: the centres of the first and the last cell are left out where the way is clear
     begin = int(len(places) < 2 or terrain.is_clear(start, places[1]))
     end = len(places) - int(len(places) < 2 or terrain.is_clear(places[-2], goal))
-    between = costmap.frame.xy_from_continuous_rowcol(places[begin : max(begin, end)])
+    between = terrain.costmap.frame.xy_from_continuous_rowcol(places[begin : max(begin, end)])
     points = np.vstack([[start_xy], between, [goal_xy]])
-    return Route("astar", True, start_xy, goal_xy, points, *terrain.measured(points))
+    measures = terrain.measured(points)
+    return Route("astar", True, start_xy, goal_xy, points, **vars(measures), **how)

@@ -107,10 +107,15 @@ def descend(
         points = np.vstack([points, [potential.goal]])
     elif ending == "minimum":
         minimum = (float(points[-1, 0]), float(points[-1, 1]))
-    measured = terrain.measured(points)
-    reached = ending == "arrived"
+    measures = terrain.measured(points)
     return Route(
-        "descent", reached, start_xy, potential.goal, points, *measured, local_minimum=minimum
+        "descent",
+        ending == "arrived",
+        start_xy,
+        potential.goal,
+        points,
+        **vars(measures),
+        local_minimum=minimum,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,11 +26,27 @@ FIELD_RANGE = 2.0
 
 _LARGEST_FACTOR = 1e6
 
-_SLACK = 1e-3
-"""In cells: distances of the field are float32."""
+_AT_CENTRE = 1e-6
+"""In cells: more than what rounding moves a centre by."""
+
+_LARGEST_TOLD_APART = 1 << 20
+"""Squares of cells up to which distances of float32 tell neighbouring ones apart."""
 
 Cell = tuple[int, int]
 Place = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Measures:
+    """How long, costly and clear of obstacles a way is; see `Route`."""
+
+    length: float
+    cost: float
+    min_clearance: float
+    mean_clearance: float
+
+
+NO_WAY = Measures(math.nan, math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +102,8 @@ class Terrain:
         if not isinstance(costmap, Costmap):
             rule = "takes a Costmap; exponential_cost makes one of a map"
             raise ParameterError(rule, source="route", got=type(costmap).__name__)
-        factors = {"cost_travel_multiplier": cost_travel_multiplier, "field_weight": field_weight}
-        for name, value in factors.items():
-            if not 0 <= value <= _LARGEST_FACTOR:
-                rule = f"must lie between 0 and {_LARGEST_FACTOR:g}"
-                raise ParameterError(rule, place=name, got=value)
+        check_factor("cost_travel_multiplier", cost_travel_multiplier)
+        check_factor("field_weight", field_weight)
         lethal = LETHAL_OBSTACLE if costmap.scale == "costmap2d" else OCCUPIED
         obstacles = costmap.cost == lethal
         resolution, origin = costmap.resolution, costmap.origin
@@ -98,11 +111,30 @@ class Terrain:
         occupancy = np.where(obstacles, OCCUPIED, 0).astype(np.int8)
         field = DistanceField(distance, occupancy, resolution, origin, convention="center")
         by_cost = _weights_by_cost(costmap, cost_travel_multiplier, through_unknown)
-        weights = by_cost[costmap.cost.view(np.uint8)]
-        if field_weight > 0:
-            near = 1 - np.clip(distance / np.float64(FIELD_RANGE), 0, 1)
-            weights[weights > 0] += field_weight * near[weights > 0]
-        return cls(costmap, weights, field)
+        terrain = cls(costmap, by_cost[costmap.cost.view(np.uint8)], field)
+        return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
+
+    def weights_near_obstacles(self, field_weight: float) -> NDArray[np.float64]:
+        """Return the weights of open cells and what nearness to obstacles adds, shape (H, W).
+
+        Raises
+        ------
+        ParameterError
+            If the number is negative, not finite or above 1e6.
+        """
+        if check_factor("field_weight", field_weight) == 0:
+            return self.weights
+        weights = self.nearness()
+        weights *= field_weight
+        weights += self.weights
+        weights[self.weights <= 0] = 0
+        return weights
+
+    def nearness(self) -> NDArray[np.float64]:
+        """Return how near each cell is to an obstacle, shape (H, W): 1 at it, 0 from 2 m on."""
+        near: NDArray[np.float64] = self.field.distance / np.float64(FIELD_RANGE)
+        np.clip(near, 0, 1, out=near)
+        return np.subtract(1, near, out=near)
 
     def is_open(self, cell: Cell) -> bool:
         """Return whether a cell of the grid, or none of it, may be entered."""
@@ -154,33 +186,34 @@ class Terrain:
             raise ParameterError(rule, place=name, got=point, hint=self._nearest_open(cell))
         return cell
 
-    def measured(self, points_xy: NDArray[np.float64]) -> tuple[float, float, float]:
-        """Return length, cost and least clearance of a way through at least one point."""
+    def measured(self, points_xy: NDArray[np.float64]) -> Measures:
+        """Return the measures of a way through at least one point."""
         pieces = np.hypot(*np.diff(points_xy, axis=0).T)
         cells = self.costmap.frame.clamped_rowcol_from_xy(points_xy)[1:]
-        cost = pieces @ self.weights[cells[:, 0], cells[:, 1]]
-        return float(pieces.sum()), float(cost), self.clearance_of(points_xy)
+        length, cost = float(pieces.sum()), float(pieces @ self.weights[cells[:, 0], cells[:, 1]])
+        clearances = self.clearances_of(points_xy)
+        mean = float(clearances[0])
+        if length > 0 and math.isfinite(mean):
+            mean = float(pieces @ (clearances[:-1] + clearances[1:]) / (2 * length))
+        return Measures(length, cost, float(clearances.min()), mean)
 
-    def clearance_of(self, points_xy: NDArray[np.float64]) -> float:
-        """Return the least distance of points in open cells to the centre of a lethal cell.
+    def clearances_of(self, points_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distances of points in open cells to the nearest centre of a lethal cell.
 
-        Exact, metres; +inf if there is no lethal cell. The field knows it of the centres of
-        cells. Of other points it gives bounds, which leave few to be looked at.
+        Exact, metres, shape (N,); +inf if there is no lethal cell. The field knows them of the
+        centres of cells; from another point it says how far away one has to look.
         """
         frame, resolution = self.costmap.frame, self.costmap.resolution
         places = frame.continuous_rowcol_from_xy(points_xy)
         cells = frame.clamped_rowcol_from_xy(points_xy)
         at_centre = self.field.distance[cells[:, 0], cells[:, 1]].astype(np.float64) / resolution
-        if not np.isfinite(at_centre).all():
-            return math.inf
-        least = at_centre - np.hypot(*(places - cells - 0.5).T) - _SLACK
-        best = math.inf
-        for index in np.argsort(least, kind="stable").tolist():
-            if least[index] >= best:
-                break
+        squares = np.rint(at_centre**2)
+        distances = np.where(squares < _LARGEST_TOLD_APART, np.sqrt(squares), at_centre)
+        is_between = (np.abs(places - cells - 0.5) > _AT_CENTRE).any(axis=1)
+        for index in np.flatnonzero(is_between & np.isfinite(at_centre)).tolist():
             reach = math.ceil(at_centre[index] + 1.0)
-            best = min(best, self._nearest_lethal(places[index], cells[index], reach))
-        return best * resolution
+            distances[index] = self._nearest_lethal(places[index], cells[index], reach)
+        return distances * resolution
 
     def _nearest_lethal(
         self, place: NDArray[np.float64], cell: NDArray[np.int64], reach: int
@@ -189,7 +222,7 @@ class Terrain:
         first = np.maximum(cell - reach, 0)
         rows, cols = (slice(a, b) for a, b in zip(first, cell + reach + 1, strict=True))
         centres = np.argwhere(self.field.occupancy[rows, cols] == OCCUPIED) + first + 0.5
-        return float(np.hypot(*(centres - place).T).min(initial=math.inf))
+        return float(np.hypot(*(centres - place).T).min())
 
     def _extent(self) -> str:
         """Return where the map lies, as a hint."""
@@ -209,6 +242,20 @@ class Terrain:
         x, y = self.costmap.frame.xy_from_rowcol([nearest])[0].round(6).tolist()
         metres = math.sqrt(squares.min()) * self.costmap.resolution
         return f"the nearest open cell is {metres:.3g} m away, at {x + 0.0:.10g},{y + 0.0:.10g}"
+
+
+def check_factor(name: str, value: float) -> float:
+    """Return a factor that is allowed, 0 to 1e6.
+
+    Raises
+    ------
+    ParameterError
+        If it is any other; the error calls it `name`.
+    """
+    if not 0 <= value <= _LARGEST_FACTOR:
+        rule = f"must lie between 0 and {_LARGEST_FACTOR:g}"
+        raise ParameterError(rule, place=name, got=value)
+    return value
 
 
 def _cells_on(start: Place, end: Place) -> Iterator[Cell]:

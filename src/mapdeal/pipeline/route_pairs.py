@@ -1,0 +1,206 @@
+"""Routes of many pairs of points, by several methods, beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import BatchError, FindingError, MalformedInputError, ParameterError
+from mapdeal.formats.points import PairLine
+from mapdeal.formats.routes import failed_line, route_line
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.route import Route
+from mapdeal.pipeline.files import errors_named, outputs_of, read_input
+from mapdeal.pipeline.memory import claim_work
+from mapdeal.pipeline.route import HEURISTIC_WEIGHT, costs_of
+from mapdeal.pipeline.settings import Settings
+from mapdeal.planning.astar import route_over, surcharges_near_obstacles
+from mapdeal.planning.terrain import Terrain
+
+METHODS = ("plain", "cost", "heuristic")
+"""Where the distance field acts: nowhere, in the cost of a step, or in the heuristic."""
+
+FIELD_WEIGHT = 1.0
+"""Of method ``cost``, if none is given: at an obstacle a metre costs one more."""
+
+_PER_CELL = 60.0
+"""Bytes for each cell, those of the recipe included."""
+
+_AVERAGED = ("mean_clearance", "min_clearance", "length", "cost", "expanded")
+
+
+@dataclass(frozen=True)
+class PairsReport:
+    """What has become of pairs of points.
+
+    Parameters
+    ----------
+    pairs : int
+        How many there were.
+    failed : int
+        Those without routes: no numbers, or an end that is outside or in a closed cell.
+    unreached : int
+        Those between which there is no way. All methods agree on that.
+    means : dict of str to dict of str to float
+        By method, the means of figures of `Route` over all others; empty if there is none.
+    """
+
+    pairs: int
+    failed: int
+    unreached: int
+    means: dict[str, dict[str, float]]
+
+    @property
+    def reached(self) -> int:
+        """Pairs with routes that reach the goal."""
+        return self.pairs - self.failed - self.unreached
+
+    def check(self, source: Path | str) -> None:
+        """Raise an error if a pair has no routes, or its goal was not reached."""
+        if self.failed:
+            raise BatchError(f"{self.failed} of {self.pairs} pairs have no routes", source=source)
+        if self.unreached:
+            rule = f"no route leads from start to goal in {self.unreached} of {self.pairs} pairs"
+            raise FindingError(rule, source=source)
+
+
+class _Tally:
+    """Counts and sums of routes, whose points are not kept: there may be any number of pairs."""
+
+    def __init__(self, methods: Iterable[str]) -> None:
+        self._sums = {method: dict.fromkeys(_AVERAGED, 0.0) for method in methods}
+        self._failed = self._reached = self._unreached = 0
+
+    def add(self, found: Mapping[str, Route]) -> None:
+        """Count a pair by what each method has found; nothing if it could not be planned."""
+        if not found:
+            self._failed += 1
+        elif not all(route.reached for route in found.values()):
+            self._unreached += 1
+        else:
+            self._reached += 1
+            for method, route in found.items():
+                for name in _AVERAGED:
+                    self._sums[method][name] += getattr(route, name)
+
+    def report(self) -> PairsReport:
+        """Return what was counted."""
+        pairs = self._failed + self._reached + self._unreached
+        means = {
+            method: {name: value / self._reached for name, value in sums.items()}
+            for method, sums in self._sums.items()
+            if self._reached
+        }
+        return PairsReport(pairs, self._failed, self._unreached, means)
+
+
+def compare_pairs(
+    path: Path,
+    asked: Iterable[PairLine],
+    output: Path | None,
+    options: Settings,
+    *,
+    asked_from: Path | str,
+    methods: Sequence[str] = METHODS,
+    footprint: Footprint | None = None,
+    weights: Mapping[str, Any] | None = None,
+    field_weight: float = FIELD_WEIGHT,
+    heuristic_weight: float = HEURISTIC_WEIGHT,
+    show: Callable[[str], object] = lambda _: None,
+) -> PairsReport:
+    """Find routes of pairs of points by each method, and write a line of JSON for each.
+
+    Parameters
+    ----------
+    path : Path
+        A costmap, or a map or field, which gets the costs of the recipe ``nav2``.
+    asked : iterable of PairLine
+        The pairs, which may come one after the other.
+    output : Path, optional
+        Where the lines go, all at the end; to `show` if there is none, one by one.
+    options : Settings
+        How files are read and written.
+    asked_from : Path or str
+        Where the pairs come from: a file, which the output must not replace, or what to call it.
+    methods : sequence of {'plain', 'cost', 'heuristic'}
+        Which to compare.
+    footprint : Footprint, optional
+        The robot's shape, for the costs of a map.
+    weights : mapping, optional
+        Parameters of `Terrain.of`.
+    field_weight, heuristic_weight : float
+        Of the methods ``cost`` and ``heuristic``, see `shortest_route`.
+    show : callable
+        Takes the lines, if there is no output.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is not allowed. What is wrong with a pair stands in its line.
+    MalformedInputError
+        If there is no pair.
+    """
+    if output is not None and output.suffix != ".jsonl":
+        raise ParameterError("routes of pairs are written as .jsonl", source=output)
+    if not methods or not set(methods) <= set(METHODS):
+        rule = f"must be some of {', '.join(METHODS)}"
+        raise ParameterError(rule, source="--compare", got=",".join(methods))
+    if options.image is not None:
+        raise ParameterError("is for one route, not for --pairs", source="--image")
+    source = read_input(path, options)
+    with options.memory():
+        claim_work(path, source.grid, _PER_CELL)
+    outputs = [] if output is None else [output]
+    inputs = [*source.files, *([asked_from] if isinstance(asked_from, Path) else [])]
+    lines: list[str] = []
+    with outputs_of(outputs, inputs, options) as transaction:
+        with errors_named(path):
+            terrain = Terrain.of(costs_of(source, path, footprint), **(weights or {}))
+            searches = {
+                method: _search_of(method, terrain, field_weight, heuristic_weight)
+                for method in dict.fromkeys(methods)
+            }
+        tally = _Tally(searches)
+        for pair, one in enumerate(asked, 1):
+            found, texts = _answer(pair, one, terrain, searches)
+            tally.add(found)
+            for text in texts:
+                (lines.append if output else show)(text)
+        report = tally.report()
+        if report.pairs == 0:
+            raise MalformedInputError("holds no pairs of points", source=asked_from)
+        if output is not None:
+            transaction.write_bytes(output, "".join(f"{line}\n" for line in lines).encode())
+    return report
+
+
+def _search_of(
+    method: str, terrain: Terrain, field_weight: float, heuristic_weight: float
+) -> dict[str, Any]:
+    """Return what a method hands to `route_over`."""
+    if method == "cost":
+        return {"weights": terrain.weights_near_obstacles(field_weight)}
+    if method == "heuristic":
+        return {"surcharges": surcharges_near_obstacles(terrain, heuristic_weight)}
+    return {}
+
+
+def _answer(
+    pair: int,
+    asked: PairLine,
+    terrain: Terrain,
+    searches: Mapping[str, Mapping[str, Any]],
+) -> tuple[dict[str, Route], list[str]]:
+    """Return the route of each method between two points, and the lines that tell of them."""
+    if asked.start is None or asked.goal is None:
+        return {}, [failed_line(asked, pair=pair, error=str(asked.error))]
+    try:
+        found = {
+            method: route_over(terrain, asked.start, asked.goal, **search)
+            for method, search in searches.items()
+        }
+    except ParameterError as error:
+        return {}, [failed_line(asked, pair=pair, error=str(error), hint=error.hint)]
+    return found, [route_line(route, pair=pair, method=method) for method, route in found.items()]
