@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mapdeal
+from mapdeal.checks.difference import changes_of, states_of
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.render.canvas import Swatch
 from mapdeal.render.colours import Colour
+from mapdeal.render.difference import difference_image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.overlay import Brush, Overlay, place_of
 from mapdeal.render.pose import PoseOverlay
@@ -298,14 +300,24 @@ def draw_office() -> None:
 
 
 def draw_intel(log: Path) -> None:
-    """Draw a corner of the Intel Research Lab as each method sees it."""
+    """Draw a corner of the Intel Research Lab as each method sees it, and what differs."""
     scans = [mapdeal.Scans(*arrays) for arrays in open_log(log).scans()]
+    corners = {}
     for method in ("log-odds", "counting", "tsdf"):
         builder = mapdeal.MapBuilder(mapdeal.Frame(725, 778, 0.05, (-20.0, -23.35, 0.0)), method)
         for part in scans:
             builder.add(part)
         corner = mapdeal.window(builder.result().grid, corner_xy=(-11, -1.5), size_xy=(9.5, 8))
         _picture(f"intel_{method}.png", corner, f"Intel Research Lab: {method}", side=600)
+        corners[method] = corner
+    states = [states_of(corners[method].occupancy) for method in ("counting", "tsdf")]
+    changes = changes_of(*states, np.ones(states[0].shape, dtype=bool))
+    image = difference_image(
+        changes, corners["tsdf"].frame, title="Intel Research Lab: counting and tsdf",
+        image_max=600, only_in=("counting", "tsdf"),
+    )  # fmt: skip
+    with (IMAGES / "intel_counting_tsdf.png").open("wb") as file:
+        write_indexed_png(file, image.indices, image.palette)
 
 
 def _local_pictures(office: mapdeal.OccupancyGrid) -> None:

@@ -198,7 +198,8 @@ def test_groups_of_hits_that_the_map_lacks_are_told(command, tmp_path, method, a
     assert code == 0
     assert err == (
         f"warning: {log}: 2 groups of cells hit 3 times and more left nothing occupied within 2 "
-        f"cells; the largest has 3 cells, around 2.02, 1.06; {advice}\n"
+        f"cells; the largest has 3 cells, around 2.02, 1.06; {advice}; --compare shows what each "
+        "method loses\n"
     )
     log = seen_through(tmp_path / "pole.log", 3, 9, (1.0,))
     _, _, err = command("build", log, "-o", tmp_path / "n.npz", *words)

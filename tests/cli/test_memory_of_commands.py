@@ -204,6 +204,7 @@ BOMBS = {
     "costs of a map": ["query", "grey.yaml", "--at", "1,1"],
     "window": ["window", "small.yaml", "--corner", "0,0", "--size", "500,500", *OUT],
     "built map": ["build", "far-scans.npz", *OUT],
+    "compared maps": ["build", "far-scans.npz", "--compare", "-o", "out", "-q"],
     "built map of a size": ["build", "far-scans.npz", "--size", "99,99", "--origin", "0,0", *OUT],
     "local map": ["local", "--cloud", "cloud.npy", "--pose", "0,0,0", "--size", "500,500",
                   "-o", "out"],
@@ -323,6 +324,8 @@ COMMANDS = {
     "log-odds": ["build", "scans.npz", "--size", "100,100", "--origin", "0,0", *OUT],
     "tsdf": ["build", "scans.npz", "--size", "100,100", "--origin", "0,0", *OUT,
              "--method", "tsdf"],
+    "comparison": ["build", "scans.npz", "--size", "100,100", "--origin", "0,0", "-o", "compared",
+                   "-q", "--compare"],
     "local": ["local", "--cloud", "cloud.npy", "--pose", "0,0,0", "--size", "100,100",
               "-o", "out"],
 }  # fmt: skip

@@ -48,6 +48,7 @@ OUTPUTS = [
     "local --cloud c.xyz --pose 1,1,0 -o X", "local --cloud c.xyz --poses one.txt -o X",
     "lint m.yaml --fix -o X.yaml", "diff m.yaml m.yaml --image X.png",
     "edit line m.yaml --point 1,1 2,2 -o X.npz", "build log.npz -o o.npz --layers X.npz",
+    "build log.npz --compare -o X",
 ]  # fmt: skip
 NAMES = {
     "long": lambda end: "n" * 300 + end,

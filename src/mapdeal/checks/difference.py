@@ -130,9 +130,8 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
     a, in_a = sampled(frame, first.occupancy, first.frame)
     b, in_b = sampled(frame, second.occupancy, second.frame)
     both = in_a & in_b
-    state_a, state_b = _states(a), _states(b)
-    pairs = state_a[both].astype(np.int64) * len(STATES) + state_b[both]
-    confusion = np.bincount(pairs, minlength=len(STATES) ** 2).reshape(len(STATES), -1)
+    state_a, state_b = states_of(a), states_of(b)
+    confusion = confusion_of(state_a[both], state_b[both])
     differs = both & (a != b)
     beyond = differs.copy()
     if tolerance > 0:
@@ -146,16 +145,23 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
         _wall_shifts(first, second, frame, (a == OCCUPIED) & both, (b == OCCUPIED) & both),
         _better_symmetry(first.occupancy, second.occupancy),
         frame,
-        _changes(state_a, state_b, both),
+        changes_of(state_a, state_b, both),
     )
 
 
-def _states(values: NDArray[np.int8]) -> NDArray[np.uint8]:
+def states_of(values: NDArray[np.int8]) -> NDArray[np.uint8]:
+    """Return what cells are, as indices of `STATES`."""
     table = np.full(256, STATES.index("between"), dtype=np.uint8)
     table[OCCUPIED] = STATES.index("occupied")
     table[0] = STATES.index("free")
     table[128:] = STATES.index("unknown")
     return table[values.view(np.uint8)]
+
+
+def confusion_of(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return how many cells are each of `STATES` in one map (rows) and in the other, (4, 4)."""
+    pairs = first.ravel().astype(np.int64) * len(STATES) + second.ravel()
+    return np.bincount(pairs, minlength=len(STATES) ** 2).reshape(len(STATES), -1)
 
 
 def frame_around(first: Frame, second: Frame) -> Frame:
@@ -236,9 +242,10 @@ def _shift(walls: NDArray[np.float64], others: NDArray[np.float64]) -> WallShift
     return WallShift(float(clean.max()), float(np.percentile(clean, 95)), float(clean.mean()))
 
 
-def _changes(
+def changes_of(
     first: NDArray[np.uint8], second: NDArray[np.uint8], both: NDArray[np.bool_]
 ) -> NDArray[np.uint8]:
+    """Return what each cell shows, `OUTSIDE` to `ADDED`, given its states and if both have it."""
     occupied, unknown = STATES.index("occupied"), STATES.index("unknown")
     changes = np.where(first == second, np.uint8(BOTH_FREE), np.uint8(CHANGED))
     changes[(first == unknown) & (second == unknown)] = BOTH_UNKNOWN

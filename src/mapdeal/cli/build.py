@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -18,7 +20,10 @@ from mapdeal.formats.scans.text import ScanTexts
 from mapdeal.mapping.beams import BeamLimits
 from mapdeal.mapping.build import Method
 from mapdeal.pipeline.build import BuildSettings, build_file
+from mapdeal.pipeline.compare import compare_methods
 from mapdeal.pipeline.settings import Settings
+
+_DEFAULT_METHOD: Method = "log-odds"
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -26,7 +31,14 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @app.command()
 @shared_options("image", "force", "threads", "max_memory")
 def build(
-    output: opt.GridOutput,
+    output: Annotated[
+        Path,
+        opt.output_argument(
+            "OUT",
+            "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz; with --compare a "
+            "folder.",
+        ),
+    ],
     log: Annotated[
         Path | None,
         typer.Argument(metavar="LOG", help="A CARMEN log (also .gz), or an .npz of scans."),
@@ -45,7 +57,17 @@ def build(
         bool,
         typer.Option("--flip-y", help="With --poses: y of the poses points to the right."),
     ] = False,
-    method: Annotated[Method, typer.Option(help="How evidence becomes a map.")] = "log-odds",
+    method: Annotated[
+        Method | None,
+        typer.Option(help=f"How evidence becomes a map.  [default: {_DEFAULT_METHOD}]"),
+    ] = None,
+    compare: Annotated[
+        bool,
+        typer.Option("--compare", help="All methods on one grid: maps, figures, and what differs."),
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="With --compare: print the figures as one document.")
+    ] = False,
     resolution: Annotated[float, typer.Option(metavar="R", help="Metres per cell.")] = 0.05,
     size: Annotated[
         str | None,
@@ -113,9 +135,9 @@ def build(
     """Make a map from laser scans with known poses.
 
     Cells that a beam passes become free, those that it ends in occupied; what no beam reaches
-    stays unknown. The methods are compared in docs/mapping.md.
+    stays unknown. --compare tells what each method makes of a log; docs/mapping.md explains it.
     """
-    own: dict[Method, dict[str, object]] = {
+    own: dict[Method, dict[str, Any]] = {
         "log-odds": opt.given(
             log_free=log_free, log_occ=log_occ, log_min=log_min, log_max=log_max,
             values=values or None,
@@ -123,12 +145,14 @@ def build(
         "counting": opt.given(ratio=ratio),
         "tsdf": opt.given(truncation=truncation, truncation_behind=truncation_behind),
     }  # fmt: skip
-    for other, given in own.items():
-        if other != method and given:
-            option = f"--{next(iter(given)).replace('_', '-')}"
-            raise ParameterError(f"is not for --method {method}", source=option)
+    if compare:
+        alone = {"--method": method, "--values": values, "--layers": layers}
+        _refuse({**alone, "--image": settings.image}, "cannot be given together with --compare")
+    else:
+        _refuse({"--json": as_json}, "needs --compare")
+        own = _only(own, method or _DEFAULT_METHOD)
     how = BuildSettings(
-        {method: own[method]},
+        own,
         BeamLimits(range_min, range_max, clear_max),
         resolution,
         None if size is None else opt.pair(size, "--size"),
@@ -137,18 +161,68 @@ def build(
     source = _source_of(log, poses, angles, ranges, flip_y=flip_y, max_bad=max_bad)
     passes = 2 if how.sizes_itself else 1
     with terminal.progress(passes * source.count) as bar:
-        figures = build_file(
-            source,
-            output,
-            how,
-            settings,
-            layers=layers,
-            advance=bar.advance,
-        )
-    say_written(output, figures, with_origin=True)
+        if compare:
+            found = compare_methods(source, output, how, settings, advance=bar.advance)
+        else:
+            figures = build_file(source, output, how, settings, layers=layers, advance=bar.advance)
+    if not compare:
+        say_written(output, figures, with_origin=True)
+        terminal.summary([_beams(figures)])
+    elif as_json:
+        terminal.result(json.dumps(found.timed_document(), indent=2))
+    else:
+        terminal.summary(_table(output, found.timed_document()))
+
+
+def _refuse(given: Mapping[str, object], rule: str) -> None:
+    for name, value in given.items():
+        if value:
+            raise ParameterError(rule, source=name)
+
+
+def _only(own: dict[Method, dict[str, Any]], method: Method) -> dict[Method, dict[str, Any]]:
+    """Return the parameters of one method; those of others must not be given."""
+    for other, given in own.items():
+        if other != method and given:
+            option = f"--{next(iter(given)).replace('_', '-')}"
+            raise ParameterError(f"is not for --method {method}", source=option)
+    return {method: own[method]}
+
+
+def _beams(figures: Mapping[str, Any]) -> str:
     text = f"  {figures['scans']} scans, {figures['beams']} beams: {figures['hits']} hits, "
-    text += f"{figures['no_return']} without return, {figures['bad']} bad"
-    terminal.summary([text])
+    return text + f"{figures['no_return']} without return, {figures['bad']} bad"
+
+
+def _table(folder: Path, figures: Mapping[str, Any]) -> list[str]:
+    """Return the figures of a comparison for a person."""
+    x, y, _ = figures["origin"]
+    hit = f"  {figures['cells_hit_three_times']} cells hit three times and more, with "
+    head = f"  {'method':<10}{'occupied':>10}{'free':>10}{'unknown':>10}{'one cell wide':>15}"
+    lines = [
+        f"{folder}: {figures['width']} x {figures['height']} cells at {x:.10g}, {y:.10g}",
+        _beams(figures),
+        f"{hit}{figures['groups_hit_three_times']} groups of three cells and more",
+        f"{head}{'mean':>8}{'groups vanished':>17}{'bytes a cell':>14}{'seconds':>9}",
+    ]
+    for method, its in figures["methods"].items():
+        share, mean = its["one_cell_wide_share"], its["mean_thickness_cells"]
+        wide = "-" if share is None else f"{100 * share:.1f} %"
+        thick = "-" if mean is None else f"{mean:.2f}"
+        lines.append(
+            f"  {method:<10}{its['occupied']:>10}{its['free']:>10}{its['unknown']:>10}{wide:>15}"
+            f"{thick:>8}{its['vanished_groups']:>17}{its['bytes_per_cell']:>14}"
+            f"{its['seconds']:>9.2f}"
+        )
+    for pair in figures["pairs"]:
+        cells = pair["cells"]
+        only = [cells["occupied"][s] for s in ("free", "unknown")]
+        other = [cells[s]["occupied"] for s in ("free", "unknown")]
+        lines.append(
+            f"  {pair['first']}, {pair['second']}: {pair['differing']} cells differ, "
+            f"{sum(only)} occupied only by {pair['first']}, {sum(other)} only by {pair['second']}"
+        )
+    return lines
 
 
 def _source_of(

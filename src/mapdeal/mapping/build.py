@@ -17,7 +17,7 @@ from mapdeal.grid.region import MOST_CELLS, Region
 from mapdeal.mapping.beams import BeamCounts, BeamLimits, Scans, beams_of
 from mapdeal.mapping.counting import Counting
 from mapdeal.mapping.evidence import Evidence, Layers
-from mapdeal.mapping.hit_groups import HitGroups
+from mapdeal.mapping.hit_groups import HitGroups, hit_groups
 from mapdeal.mapping.log_odds import LogOdds
 from mapdeal.mapping.tsdf import Tsdf
 
@@ -176,6 +176,16 @@ class MapBuilder:
         layers = self._evidence.layers() if with_layers else {}
         return BuiltMap(grid, layers, self.counts, vanished)
 
+    @property
+    def bytes_per_cell(self) -> int:
+        """How much memory the evidence of a cell takes."""
+        return self._evidence.bytes_per_cell
+
+    def hit_groups(self) -> tuple[int, HitGroups]:
+        """Return how many cells were hit three times and more, and the groups that they make."""
+        often_hit = self._evidence.often_hit()
+        return int(np.count_nonzero(often_hit)), hit_groups(often_hit)
+
     def advice(self, vanished: HitGroups) -> str:
         """Return what a person can do for groups of hits to stay on the map."""
         return self._evidence.advice(vanished)
@@ -190,6 +200,11 @@ def _evidence(frame: Frame, method: str, parameters: Mapping[str, Any]) -> Evide
         if name not in known:
             raise ParameterError(f"is not a parameter of method {method}", place=name)
     return METHODS[method](frame, **parameters)
+
+
+def all_parameters(method: Method, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a method, those that are not given at their defaults."""
+    return {**(METHODS[method].__init__.__kwdefaults__ or {}), **given}
 
 
 def reach_behind(method: str, resolution: float, parameters: Mapping[str, Any]) -> float:

@@ -34,6 +34,11 @@ class Evidence(ABC):
     def __init__(self, frame: Frame) -> None:
         self.frame = frame
 
+    @property
+    def bytes_per_cell(self) -> int:
+        """How much memory the evidence of a cell takes."""
+        return sum(v.itemsize for v in vars(self).values() if isinstance(v, np.ndarray))
+
     @abstractmethod
     def add(self, beams: Beams) -> None:
         """Add what beams say, one after the other; those that leave the grid count inside of it."""

@@ -249,4 +249,5 @@ def _warn_of_vanished(vanished: HitGroups, frame: Frame, builder: MapBuilder, pa
     told += f" hit {OFTEN} times and more left nothing occupied within {NEAR} cells; "
     told += "it has" if is_one else "the largest has"
     told += f" {vanished.sizes[0]} cells, around {x:.2f}, {y:.2f}; {builder.advice(vanished)}"
-    warnings.warn(f"{path}: {told}", MapdealWarning, stacklevel=2)
+    hint = "--compare shows what each method loses"
+    warnings.warn(f"{path}: {told}; {hint}", MapdealWarning, stacklevel=2)

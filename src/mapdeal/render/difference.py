@@ -19,10 +19,17 @@ _KINDS = (
     ("wall removed", colours.REMOVED),
     ("wall added", colours.ADDED),
 )
+_SMALL_SIDE = 1200
+"""Pixels to which maps that differ by single cells are enlarged."""
 
 
 def difference_image(
-    changes: NDArray[np.uint8], frame: Frame, *, title: str, image_max: int = DEFAULT_IMAGE_MAX
+    changes: NDArray[np.uint8],
+    frame: Frame,
+    *,
+    title: str,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    only_in: tuple[str, str] | None = None,
 ) -> Image:
     """Return a picture of changes.
 
@@ -38,10 +45,18 @@ def difference_image(
         What stands above.
     image_max : int
         Longest side in pixels; 0 for one pixel per cell.
+    only_in : tuple of str, optional
+        What to call the maps, if the second is not a later state of the first but made of the
+        same data: they differ by single cells, and the picture is larger.
     """
-    raster = Raster.fitting(frame.shape, image_max)
+    more = {} if only_in is None else {"small_side": _SMALL_SIDE}
+    raster = Raster.fitting(frame.shape, image_max, **more)
     pixels = raster.largest(changes)
-    swatches = [Swatch(index, name) for index, (name, _) in enumerate(_KINDS)]
+    names = [name for name, _ in _KINDS]
+    if only_in is not None:
+        names[3] = "free by one of them"
+        names[-2:] = [f"wall only by {name}" for name in only_in]
+    swatches = [Swatch(index, name) for index, name in enumerate(names)]
     return sheet(
         raster.enlarged(pixels),
         np.array([colour for _, colour in _KINDS], dtype=np.uint8),

@@ -26,10 +26,13 @@ class Raster:
     reduce: int = 1
 
     @classmethod
-    def fitting(cls, shape: tuple[int, int], image_max: int) -> Raster:
+    def fitting(
+        cls, shape: tuple[int, int], image_max: int, *, small_side: int = _SMALL_SIDE
+    ) -> Raster:
         """Return the factors for a map, its long side at most `image_max` pixels.
 
-        0 means one pixel per cell, whatever the size.
+        0 means one pixel per cell, whatever the size. The long side of a small map is enlarged
+        to `small_side` pixels or a little more.
 
         Examples
         --------
@@ -41,7 +44,7 @@ class Raster:
             return cls()
         if side > image_max:
             return cls(reduce=math.ceil(side / image_max))
-        return cls(enlarge=max(1, min(math.ceil(_SMALL_SIDE / side), image_max // side)))
+        return cls(enlarge=max(1, min(math.ceil(small_side / side), image_max // side)))
 
     def metres_per_pixel(self, resolution: float) -> float:
         """Return the length of a pixel's side."""
