@@ -62,11 +62,13 @@ def contents(folder):
 
 
 @pytest.mark.parametrize("memory", [LITTLE, LESS])
-@pytest.mark.parametrize("recipe", ["default", "nav2", "seed-real", "seed-sim"])
+@pytest.mark.parametrize(
+    "recipe", ["default", "nav2", "seed-real", "seed-sim", "seed-sim --canvas full"]
+)
 def test_run(command, building, tmp_path, blocks_used, recipe, memory):
     for name, size in (("whole", PLENTY), ("blocks", memory)):
         code, out, err = command(
-            "run", building, "-o", tmp_path / name, "--recipe", recipe, "--threads", 2,
+            "run", building, "-o", tmp_path / name, "--recipe", *recipe.split(), "--threads", 2,
             "--max-memory", size,
         )  # fmt: skip
         assert (code, err) == (0, "")
@@ -189,13 +191,17 @@ class Watched:
 
 
 @pytest.mark.parametrize("images", [True, False])
-@pytest.mark.parametrize("recipe", ["default", "seed-real", "seed-sim"])
-def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, images):
+@pytest.mark.parametrize(
+    ("recipe", "canvas"),
+    [("default", "crop"), ("seed-real", "crop"), ("seed-sim", "crop"), ("seed-sim", "full")],
+)
+def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, canvas, images):
     for size in (10**12, size_of(LITTLE, "") if images else size_of(LITTLE, "") - 4 * 10**6):
         watch = Watched()
         run_map(
             building, tmp_path, load_recipe(recipe),
-            Settings(force=True, threads=2, max_memory=size, images=images, progress=watch),
+            Settings(force=True, threads=2, max_memory=size, images=images, progress=watch,
+                     canvas=canvas),
         )  # fmt: skip
         if size == 10**12:
             assert watch.total is None

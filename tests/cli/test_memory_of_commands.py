@@ -15,6 +15,7 @@ import pytest
 from numpy.lib import format as npy_format
 
 from mapdeal import Costmap, OccupancyGrid, PotentialField, esdf, read_map, write_map
+from mapdeal.grid.canvas import on_canvas
 from mapdeal.kernels.engine import engine_name
 
 IS_COMPILED = engine_name() == "compiled"
@@ -286,6 +287,8 @@ def site(folder, side):
     write_map(folder / "other.yaml", OccupancyGrid(shifted, 0.05, (2.5, -2.0, 0.0)))
     write_map(folder / "cost.npz", Costmap((values == 100).astype(np.uint8) * 254, 0.05))
     write_map(folder / "esdf.npz", esdf(grid))
+    around = grid.frame.window(-1, -2, side + 3, side + 105)
+    write_map(folder / "canvas.npz", on_canvas(esdf(grid), around))
     repulsive = np.random.default_rng(4).random(values.shape)
     write_map(folder / "potential.npz", PotentialField(repulsive, values, 0.05, goal=(1.0, 2.0)))
     scans(folder / "scans.npz", np.zeros((100, 3)))
@@ -303,17 +306,23 @@ def ordinary(tmp_path_factory):
 COMMANDS = {
     "info map": ["info", "site.yaml"],
     "info field": ["info", "esdf.npz"],
+    "info field on a canvas": ["info", "canvas.npz"],
     "info potential": ["info", "potential.npz"],
     "lint": ["lint", "site.yaml", "-q"],
     "convert": ["convert", "site.yaml", "-o", "out.npz"],
     "convert field": ["convert", "esdf.npz", *OUT],
+    "convert field on a canvas": ["convert", "canvas.npz", *OUT],
     "convert potential": ["convert", "potential.npz", "-o", "out.npz", "-q"],
     "edit": ["edit", "circle", "site.yaml", "--point", "5,5", "--radius", "1", "--value", "100",
              *OUT],
     "window": ["window", "site.yaml", "--corner", "0,0", "--size", "100,100", *OUT],
+    "window of a field": ["window", "esdf.npz", "--corner", "-9,-9", "--size", "100,100", "-q",
+                          "-o", "out.npz"],
+    "costs of a field on a canvas": ["cost", "canvas.npz", "-q", "-o", "out.npz"],
     "pack": ["pack", "site.yaml", "-o", "out.pbm"],
     "diff": ["diff", "site.yaml", "other.yaml"],
     "query": ["query", "site.yaml", "--at", "2,2"],
+    "query field on a canvas": ["query", "canvas.npz", "--at", "2,2"],
     "query field": ["query", "esdf.npz", "--at", "2,2"],
     "route": ["route", "cost.npz", "--from", "0.1,0.1", "--to", "70.1,70.1"],
     "route by the field": ["route", "cost.npz", "--from", "0.1,0.1", "--to", "70.1,70.1",

@@ -105,7 +105,7 @@ def test_it_runs_in_recipes_whole_and_in_blocks(command, room, tmp_path, monkeyp
     contents = []
     for name in ("whole", "blocks"):
         if name == "blocks":
-            monkeypatch.setattr(memory, "bytes_in_memory", lambda *_: 1 << 60)
+            monkeypatch.setattr(memory, "bytes_in_memory", lambda *_, **__: 1 << 60)
             monkeypatch.setattr(memory, "_cut", lambda *_, **__: (2, memory.CacheBudget()))
         code, _, err = command(*words, "-o", tmp_path / name, "-v")
         assert (code, "processed in blocks" in err) == (0, name == "blocks")

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from drawn import grid_from_text
-from mapdeal import write_map
+from mapdeal import read_map, write_map
 from mapdeal.cli import run
 
 
@@ -77,3 +77,85 @@ def test_info_says_how_a_file_was_made_of_the_run_s_own_files_alone(command, tmp
     assert (code, err.splitlines()[0]) == (
         4, f"error: {tmp_path}: is a folder without a manifest.json of a run"
     )  # fmt: skip
+
+
+def test_the_whole_canvas_through_the_command(command, tmp_path):
+    """In a batch with worker processes, told beforehand, and not where nothing is cropped."""
+    for name in ("a", "b"):
+        write_map(tmp_path / f"{name}.yaml", grid_from_text("?????\n?#..?\n?..??\n?????", 0.3))
+    paths = [tmp_path / "a.yaml", tmp_path / "b.yaml"]
+    words = ["--sim", "--canvas", "full", "--no-images", "--jobs", 2]
+    assert command("run", *paths, "-o", tmp_path / "o", *words, "--dry-run")[0] == 0
+    assert command("run", *paths, "-o", tmp_path / "o", *words)[0] == 0
+    whole = read_map(tmp_path / "a.yaml")
+    for name in ("a", "b"):
+        field = read_map(tmp_path / "o" / name / "esdf.npz")
+        assert (field.frame, field.region) == (whole.frame, (1, 1, 2, 3))
+        assert read_map(tmp_path / "o" / name / "cost.npz").shape == (4, 5)
+        assert read_map(tmp_path / "o" / name / "inflated.yaml").origin == whole.origin
+    assert "2 unchanged" in command("run", *paths, "-o", tmp_path / "o", *words, "-n")[1]
+    for more in (["--recipe", "default"], ["--sim", "--set", "active.canvas=full"]):
+        code, _, err = command(
+            "run", paths[0], "-o", tmp_path / more[-1], *more, "--canvas", "full", "--no-images"
+        )
+        assert (code, err) == (
+            0, "warning: --canvas full: has no effect, no stage of the recipe crops the map\n"
+        )  # fmt: skip
+        manifest = json.loads((tmp_path / more[-1] / "a" / "manifest.json").read_text())
+        assert manifest["options"]["canvas"] == "crop"
+
+
+def test_what_a_run_has_cropped_is_put_back_by_window(command, tmp_path):
+    path = tmp_path / "m.yaml"
+    write_map(path, grid_from_text("?????\n?#..?\n?..??\n?????", 0.5, (1.0, 2.0, 0.0)))
+    for name in ("crop", "full"):
+        command("run", path, "-o", tmp_path / name, "--sim", "--canvas", name, "--no-images")
+    for name in ("esdf.npz", "cost.npz", "cost.pgm", "esdf.pgm", "inflated.pgm"):
+        full, crop = (tmp_path / one / "m" / name for one in ("full", "crop"))
+        source = crop if crop.suffix == ".npz" else crop.with_suffix(".yaml")
+        for index, where in enumerate(
+            [["--like", path], ["--like", tmp_path / "full" / "m" / "esdf.npz"],
+             ["--corner=1,2", "--size=2.5,2"]]
+        ):  # fmt: skip
+            output = tmp_path / f"{index}{source.name}"
+            assert command("window", source, "-o", output, *where)[0] == 0
+            assert output.with_suffix(full.suffix).read_bytes() == full.read_bytes()
+    crop = tmp_path / "crop" / "m" / "esdf.npz"
+    write_map(tmp_path / "other.yaml", grid_from_text("##\n##", 0.5, (1.2, 2.0, 0.0)))
+    for words, code, said in (
+        (["--like", tmp_path / "other.yaml"], 2, "edges of the cells"),
+        (["--like", tmp_path / "none.yaml"], 4, "none.yaml"),
+        (["--like", path, "--size=1,1"], 2, "together"),
+        ([], 2, "--size, --like"),
+        (["--corner=99,2", "--size=1,1"], 2, "no cell of it has a distance"),
+        (["--like", path, "--default", "0"], 2, "takes none"),
+    ):
+        found, _, err = command("window", crop, "-o", tmp_path / "x.npz", *words)
+        assert (found, said in err.splitlines()[0]) == (code, True)
+        assert not (tmp_path / "x.npz").exists()
+    code, _, err = command("window", crop, "-o", path, "--like", path, "--force")
+    assert (code, "the output is the input" in err) == (4, True)
+
+
+def test_a_field_on_the_whole_canvas_is_asked_and_converted(command, tmp_path):
+    path = tmp_path / "m.yaml"
+    write_map(path, grid_from_text("?????\n?#..?\n?..??\n?????", 0.5, (1.0, 2.0, 0.0)))
+    command("run", path, "-o", tmp_path, "--sim", "--canvas", "full", "--no-images")
+    field = tmp_path / "m" / "esdf.npz"
+    code, out, _ = command("query", field, "--at", "2.25,2.75", "--at", "1.25,2.25")
+    inner, outer = (json.loads(line) for line in out.splitlines())
+    assert (code, inner["distance"], inner["state"]) == (0, 0.5, "free")
+    assert outer == {
+        "x": 1.25, "y": 2.25, "inside": True, "row": 0, "col": 0, "state": "unknown",
+        "distance": None, "gradient": None, "cell_distance": None,
+    }  # fmt: skip
+    code, out, _ = command("convert", field, "-o", tmp_path / "again.npz")
+    assert (code, (tmp_path / "again.npz").read_bytes() == field.read_bytes()) == (0, True)
+    assert "70.00 % of the cells without a value" in out
+    assert "70.00 % of the cells without a value" in command("info", field)[1]
+    code, out, _ = command("diff", field, path, "--json")
+    assert (code, json.loads(out)["geometry"]) == (0, {})
+    for words in (["lint", field], ["cost", field, "-o", tmp_path / "c.npz"],
+                  ["route", field, "--from", "2.25,2.75", "--to", "2.75,3.25"]):  # fmt: skip
+        assert command(*words)[0] in (0, 1)
+    assert (tmp_path / "c.npz").read_bytes() == (tmp_path / "m" / "cost.npz").read_bytes()

@@ -14,12 +14,16 @@ from mapdeal import (
     MapdealWarning,
     OccupancyGrid,
     ParameterError,
+    active_region,
     blank,
     esdf,
+    exponential_cost,
     reset_region,
+    ring_cost,
     shift_origin,
     window,
 )
+from mapdeal.grid.frame import Frame
 
 NUMBERED = OccupancyGrid(np.arange(12, dtype=np.int8).reshape(3, 4), 0.5, (1.0, 2.0, 0.0))
 TURNED = OccupancyGrid(NUMBERED.occupancy, 0.5, (1.0, 2.0, 0.7))
@@ -104,13 +108,54 @@ def test_a_window_without_a_common_cell_is_unknown_with_a_warning():
     assert (part.occupancy == -1).all()
 
 
-def test_a_window_of_a_field_must_lie_inside():
+def test_a_window_of_a_field_has_no_distance_beyond_it():
     field = esdf(grid_from_text("....\n.#..\n....", 0.5, (1.0, 2.0, 0.0)))
     part = window(field, corner_xy=(1.5, 2.0), size_xy=(1.0, 1.0))
     assert np.array_equal(part.distance, field.distance[:2, 1:3])
     assert np.array_equal(part.occupancy, field.occupancy[:2, 1:3])
-    with pytest.raises(ParameterError, match="inside"):
-        window(field, corner_xy=(2.5, 2.0), size_xy=(1.0, 1.0))
+    part = window(field, corner_xy=(2.5, 1.5), size_xy=(1.0, 1.0))
+    nan, far = np.nan, np.float32(np.hypot(1.0, 0.5))
+    np.testing.assert_array_equal(part.distance, [[nan, nan], [far, nan]])
+    assert part.occupancy.tolist() == [[-1, -1], [0, -1]]
+    # a window of that, which no distance is lost in, and the whole again
+    again = window(part, corner_xy=(1.0, 2.0), size_xy=(2.0, 1.5))
+    np.testing.assert_array_equal(again.distance[0], [nan, nan, nan, far])
+    assert np.isnan(again.distance[1:]).all()
+    with pytest.raises(ParameterError, match="no cell of it has a distance"):
+        window(part, corner_xy=(3.0, 1.5), size_xy=(0.5, 0.5))
+    with pytest.raises(ParameterError, match="no cell of it has a distance"):
+        window(field, corner_xy=(30.0, 1.5), size_xy=(0.5, 0.5))
+    with pytest.raises(ParameterError, match="takes none"):
+        window(field, corner_xy=(2.5, 1.5), size_xy=(1.0, 1.0), default=0)
+
+
+def test_a_window_on_the_canvas_of_another_grid():
+    whole = grid_from_text("?????\n?#..?\n?..#?\n?????", 0.3, (1.5, -2.0, 0.7))
+    known = active_region(whole)
+    for made in (known, esdf(known), exponential_cost(known), ring_cost(known)):
+        back = window(made, frame=whole.frame)
+        assert back.frame == whole.frame  # the origin bit for bit
+        again = window(back, frame=known.frame)
+        np.testing.assert_array_equal(again.layer, made.layer)
+        assert again.frame == known.frame
+    for frame in (Frame(4, 5, 0.31, whole.origin), Frame(4, 5, 0.3, (1.5, -2.0, 0.8)),
+                  Frame(4, 5, 0.3, (1.6, -2.0, 0.7))):  # fmt: skip
+        with pytest.raises(ParameterError, match="frame: resolution, yaw or the edges"):
+            window(known, frame=frame)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"corner_xy": (1.0, 2.0)},
+        {"corner_xy": (1.0, 2.0), "frame": NUMBERED.frame},
+        {"size_xy": (1.0, 1.0), "frame": NUMBERED.frame},
+    ],
+)
+def test_a_window_has_a_size_or_a_frame(options):
+    with pytest.raises(ParameterError, match="frame"):
+        window(NUMBERED, **options)
 
 
 @pytest.mark.parametrize(

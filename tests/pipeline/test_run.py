@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 
 from drawn import grid_from_text
@@ -182,3 +183,94 @@ def test_outputs_of_another_version_are_made_again(room, tmp_path):
         run_map(room, folder, recipe)
     (folder / "manifest.json").write_text(json.dumps(manifest))
     assert run_map(room, folder, recipe).status == "unchanged"
+
+
+CANVAS_RECIPES = {
+    "seed-sim": None,
+    "default": None,
+    "nav2": None,
+    "own": "stages:\n- active: {margin: 0.2}\n- esdf: {unknown: occupied, strength: 1.5}\n"
+    "- potential: {goal: [1.5, -0.5]}\n- cost: {model: rings}\n",
+}
+BOX = (slice(0, 10), slice(2, 22))
+"""The known part of `ROOM`, row 0 in the south."""
+
+
+def pixels_of(path):
+    return np.asarray(Image.open(path))[::-1]
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize("recipe", CANVAS_RECIPES)
+def test_a_run_on_the_whole_canvas_is_the_run_without_padded_by_hand(room, tmp_path, recipe):
+    """Each product of a plain run, padded with numpy; the origin is the map's, bit for bit."""
+    name, box = recipe, BOX
+    if CANVAS_RECIPES[recipe] is not None:
+        (tmp_path / "own.yaml").write_text(CANVAS_RECIPES[recipe])
+        name, box = str(tmp_path / "own.yaml"), (slice(0, 11), slice(0, 24))  # 2 cells of margin
+    steps = load_recipe(name, sim=recipe != "own")
+    folders = {}
+    for canvas in ("crop", "full"):
+        folders[canvas] = tmp_path / canvas
+        run_map(room, folders[canvas], steps, Settings(canvas=canvas))
+    source = read_map(room)
+    origin, shape = source.origin, source.shape
+    crop, full = folders["crop"], folders["full"]
+    assert {path.name for path in crop.iterdir()} == {path.name for path in full.iterdir()}
+    seen = set()
+    for path in crop.iterdir():
+        other = full / path.name
+        if path.suffix == ".npz":
+            with np.load(path) as old, np.load(other) as new:
+                assert old.files == new.files
+                for key in old.files:
+                    expected = np.array(origin) if key == "origin" else padded(old[key], shape, box)
+                    np.testing.assert_array_equal(new[key], expected, err_msg=key)
+        elif path.suffix == ".pgm":
+            keys = yaml.safe_load(path.with_suffix(".yaml").read_text())
+            expected = np.full(shape, 205 if keys["mode"] == "trinary" else 255)
+            expected[box] = pixels_of(path)
+            np.testing.assert_array_equal(pixels_of(other), expected)
+        elif path.suffix == ".yaml":
+            old, new = (yaml.safe_load(one.read_text()) for one in (path, other))
+            assert new == {**old, "origin": list(origin)}
+        seen.add(path.suffix)
+    assert seen == {".npz", ".pgm", ".yaml", ".png", ".json"}
+
+
+def padded(array, shape, box):
+    """Pad the last two axes by hand with what stands for nothing known; others as they are."""
+    if array.ndim < 2:
+        return array
+    outside = {"i": -1, "u": 255, "f": np.nan}[array.dtype.kind]
+    whole = np.full((*array.shape[:-2], *shape), outside, dtype=array.dtype)
+    whole[(..., *box)] = array
+    return whole
+
+
+def test_the_canvas_is_part_of_what_makes_a_run_unchanged(room, tmp_path):
+    recipe = load_recipe("seed-sim")
+    settings = Settings(images=False)
+    assert run_map(room, tmp_path / "out", recipe, settings).status == "done"
+    full = replace(settings, canvas="full")
+    with pytest.raises(FileAccessError, match="exists"):
+        run_map(room, tmp_path / "out", recipe, full)
+    report = run_map(room, tmp_path / "out", recipe, replace(full, force=True))
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["options"]["canvas"] == "full"
+    height, width = read_map(room).shape
+    for figures in report.figures.values():
+        assert (figures["width"], figures["height"]) == (width, height)
+    cells = height * width - 200
+    assert report.figures["esdf"]["without_value"] == cells
+    assert report.figures["cost"]["unknown"] == cells
+    assert run_map(room, tmp_path / "out", recipe, full).status == "unchanged"
+
+
+def test_stages_that_compute_on_the_whole_canvas_are_something_else(room, tmp_path):
+    """Parameter canvas of stage active: beyond the box there are distances then."""
+    recipe = load_recipe("default", sim=True, settings=["active.canvas=full", "esdf.unknown=free"])
+    run_map(room, tmp_path / "out", recipe, Settings(images=False))
+    field = read_map(tmp_path / "out" / "esdf.npz")
+    assert field.shape == read_map(room).shape
+    assert np.isfinite(field.distance).all()

@@ -8,6 +8,7 @@ import pytest
 
 from drawn import grid_from_text
 from mapdeal import Costmap, Frame, OccupancyGrid, Route, esdf, exponential_cost, potential
+from mapdeal.grid.canvas import on_canvas
 from mapdeal.render import canvas, colours
 from mapdeal.render.canvas import ColourBar, Swatch, _Pen, sheet
 from mapdeal.render.colours import interpolated, mixed
@@ -130,6 +131,42 @@ def test_the_circumscribed_line_bounds_the_cells_at_or_above_it(asked):
     line = np.all(colours_of(asked) == colours.CONTOUR, axis=2)
     assert np.flatnonzero(line[4]).tolist() == [15, 16]
     assert legend(asked)["circumscribed 115"] == colours.CONTOUR
+
+
+def test_cells_without_a_number_are_grey_and_all_else_as_if_there_were_none(asked):
+    grid = grid_from_text("....#...?\n.........")
+    frame = grid.frame.window(-1, -2, 4, 12)
+    nowhere = np.ones((4, 12), dtype=bool)
+    nowhere[1:3, 2:11] = False
+    for draw, field in (
+        (field_image, esdf(grid)),
+        (field_image, esdf(grid_from_text(".........\n.........", 0.25))),
+        (potential_image, potential(grid, goal=(2.0, -1.5))),
+    ):
+        whole = on_canvas(field, frame)
+        draw(field, title="t")
+        alone, bar, own = cell_colours(asked, (2, 9)), asked["bar"], legend(asked)
+        draw(whole, title="t")
+        shown = cell_colours(asked, (4, 12))
+        assert (shown[nowhere] == (112, 137, 134)).all()
+        if draw is field_image:  # arrows stand elsewhere on a larger canvas
+            np.testing.assert_array_equal(shown[1:3, 2:11], alone)
+        assert (bar.ticks if bar else None) == (asked["bar"].ticks if bar else None)
+        what = "no distance" if draw is field_image else "no potential"
+        assert legend(asked) == {**own, what: (112, 137, 134)}
+
+
+def test_a_pixel_has_a_number_if_one_of_its_cells_has(asked):
+    field = esdf(grid_from_text("." * 399 + "#"))
+    whole = on_canvas(field, field.frame.window(0, -1, 1, 402))
+    field_image(whole, title="t", image_max=201)
+    shown = colours_of(asked)
+    assert tuple(shown[0, 0]) != (112, 137, 134)  # a cell without, and the first with
+    assert tuple(shown[0, 200]) != (112, 137, 134)
+    whole = on_canvas(field, field.frame.window(0, -2, 1, 404))
+    field_image(whole, title="t", image_max=202)
+    grey = np.all(colours_of(asked) == (112, 137, 134), axis=2)
+    assert np.flatnonzero(grey[0]).tolist() == [0, 201]
 
 
 def test_distances_are_blue_outside_and_red_inside(asked):

@@ -24,7 +24,7 @@ from mapdeal.formats.image import read_image, read_image_size
 from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.maps import open_map, read_map
-from mapdeal.formats.npz import npz_size
+from mapdeal.formats.npz import npz_frame
 from mapdeal.formats.pixel_rows import open_pixel_rows
 from mapdeal.formats.pnm import decode_pbm, decode_pnm, pnm_comments
 from mapdeal.formats.points import read_pairs, read_points
@@ -147,7 +147,7 @@ def _check_grid(grid):
 def read_grid(path, data):
     grid = read_map(path)
     _check_grid(grid)
-    assert npz_size(path) == grid.shape
+    assert npz_frame(path) == grid.frame
     assert grid.shape[0] * grid.shape[1] <= len(data) * _LARGEST_RATIO
     grid.figures()
     return grid

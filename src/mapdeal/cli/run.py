@@ -24,7 +24,7 @@ from mapdeal.pipeline.golden import differences_from_golden, store_golden
 from mapdeal.pipeline.jobs import Job, MapRun, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import output_folder
-from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.settings import Canvas, Settings
 
 _MOST_PER_PROCESSOR = 4
 _LEAST_CAP = 8
@@ -58,6 +58,14 @@ def run(
         ),
     ] = False,
     changes: run_opt.Changes = None,
+    canvas: Annotated[
+        Canvas,
+        typer.Option(
+            help="Write what was computed on the active region as it is, or put back onto the "
+            "map's whole canvas: unknown around it, without distances. With --set "
+            "active.canvas=full all stages compute on the whole canvas instead."
+        ),
+    ] = "crop",
     golden: Annotated[
         Path | None,
         typer.Option(
@@ -113,7 +121,11 @@ def run(
     loaded = load_recipe(recipe, sim=sim, footprint=footprint, settings=changes or [])
     for one in loaded.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
-    settings = replace(settings, progress=None)  # of a single map alone, see `run_single`
+    if canvas == "full" and not any(one.is_smaller for one in loaded.steps):
+        terminal.warn("--canvas full: has no effect, no stage of the recipe crops the map")
+        canvas = "crop"
+    # progress: of a single map alone, see `run_single`
+    settings = replace(settings, canvas=canvas, progress=None)
     if scheduler is not None:
         output = absolute_path(output)
     listing = list_maps(sources, output, terminal.input_chunks)

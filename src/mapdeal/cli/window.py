@@ -1,17 +1,22 @@
-"""``mapdeal window``: a part of a map."""
+"""``mapdeal window``: a part of a map, or more than the map."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
 from mapdeal.cli import options as opt
+from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
 from mapdeal.editing.window import window as window_of
+from mapdeal.errors import ParameterError
+from mapdeal.formats.npz import Grid
 from mapdeal.grid.region import region_of
 from mapdeal.pipeline.edit import change_file
+from mapdeal.pipeline.files import frame_of_file
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
@@ -22,9 +27,16 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 def window(
     source: opt.MapArgument,
     output: opt.GridOutput,
-    size: opt.Size,
+    size: Annotated[
+        str | None,
+        typer.Option(metavar="WX,WY", help="Metres along the columns and along the rows."),
+    ] = None,
     at: opt.At = None,
     corner: opt.Corner = None,
+    like: Annotated[
+        Path | None,
+        typer.Option(metavar="MAP", help="Or the canvas of another map with the same cells."),
+    ] = None,
     default: Annotated[
         int | None,
         typer.Option(
@@ -37,16 +49,36 @@ def window(
 ) -> None:
     """Copy a part of a map, or more than the map.
 
-    What lies beyond the map is unknown. The window is laid along the map's own axes and begins
-    with the cell that holds its lower left corner, so that cells keep their places.
+    What lies beyond the map is unknown; beyond a distance field there is no distance. The window
+    is laid along the map's own axes and begins with the cell that holds its lower left corner, so
+    that cells keep their places.
     """
-    region = opt.region(size, at, corner)
+    region: dict[str, Any] = {}
+    inputs: tuple[Path, ...] = ()
+    if like is None:
+        if size is None:
+            raise ParameterError("one of the two is needed", source="--size, --like")
+        region = opt.region(size, at, corner)
+    elif (size, at, corner) != (None, None, None):
+        raise ParameterError(
+            "cannot be given together with --size, --at, --corner", source="--like"
+        )
+    else:
+        terminal.detail(f"region: the canvas of {like}")
+        region["frame"], inputs = frame_of_file(like, settings)
+
+    def cells(grid: Grid) -> int:
+        if "frame" in region:
+            return int(region["frame"].height * region["frame"].width)
+        return region_of(grid.frame, **region).cells
+
     figures = change_file(
         source,
         output,
         settings,
         lambda grid: window_of(grid, default=default, **region),
         what="window",
-        cells=lambda grid: region_of(grid.frame, **region).cells,
+        inputs=inputs,
+        cells=cells,
     )
     say_written(output, figures, with_origin=True)

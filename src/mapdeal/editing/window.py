@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FindingError, MapdealWarning, ParameterError
+from mapdeal.grid.canvas import FieldGrid, cut_out, on_canvas, replaced
 from mapdeal.grid.coordinates import Point, check_point
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Framed, ValueGrid
 from mapdeal.grid.region import Region, region_of
+from mapdeal.grid.resample import region_on_lattice
 
-G = TypeVar("G", bound=Framed)
+G = TypeVar("G", bound=ValueGrid | FieldGrid)
 V = TypeVar("V", bound=ValueGrid)
 
 
 def window(
     grid: G,
     *,
-    size_xy: Point,
+    size_xy: Point | None = None,
     corner_xy: Point | None = None,
     center_xy: Point | None = None,
+    frame: Frame | None = None,
     default: int | None = None,
 ) -> G:
     """Return a part of a grid, which may reach beyond it.
@@ -40,8 +43,11 @@ def window(
         it, so that cells keep their places whatever the yaw.
     center_xy : tuple of float, optional
         The middle instead of the corner: the corner is half the size from it.
+    frame : Frame, optional
+        The window itself, of another grid with the same cells, instead of size and corner.
     default : int, optional
-        Value of cells outside of `grid`, on its scale; unknown if not given.
+        Value of cells outside of `grid`, on its scale; unknown if not given. A distance field
+        takes none: there is no distance outside of it, which is nan.
 
     Returns
     -------
@@ -51,8 +57,9 @@ def window(
     Raises
     ------
     ParameterError
-        If not exactly one of corner and center is given, a number is not finite, the size is
-        not above 0, or a window of a field reaches beyond it: there is no unknown distance.
+        If not exactly one of corner, center and frame is given, a number is not finite, the
+        size is not above 0, the frame has other cells, or a window of a field has none of its
+        distances.
 
     Warns
     -----
@@ -73,9 +80,19 @@ def window(
     >>> part.occupancy.tolist(), part.origin
     ([[4, 5], [-1, -1]], (1.5, 2.5, 0.0))
     """
-    region = region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
     fill = None if default is None else _default_of(grid, default)
-    return _copied(grid, region, fill=fill, what="window")
+    if frame is not None:
+        if (size_xy, corner_xy, center_xy) != (None, None, None):
+            raise ParameterError("takes the place of size, corner and center", place="frame")
+        place = region_on_lattice(grid.frame, frame)
+        if place is None:
+            rule = "resolution, yaw or the edges of the cells are not those of the grid"
+            raise ParameterError(rule, place="frame")
+        return _copied(grid, place, frame, fill=fill, what="window")
+    if size_xy is None:
+        raise ParameterError("must be given, or a frame", place="size")
+    region = region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
+    return _copied(grid, region, region.frame_in(grid.frame), fill=fill, what="window")
 
 
 def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
@@ -117,7 +134,7 @@ def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
     fill = None if default is None else _default_of(grid, default)
     region = region_of(grid.frame, grid.frame.size_xy, corner_xy=check_point(origin_xy, "origin"))
     region = region._replace(height=grid.shape[0], width=grid.shape[1])
-    return _copied(grid, region, fill=fill, what="origin")
+    return _copied(grid, region, region.frame_in(grid.frame), fill=fill, what="origin")
 
 
 def reset_region(
@@ -195,24 +212,33 @@ def _default_of(grid: Framed, value: int) -> int:
     return grid.accept_value(value, "default")
 
 
-def _copied(grid: G, region: Region, *, fill: int | None, what: str) -> G:
-    rows, cols = region.shared_with(grid.shape)
-    frame = region.frame_in(grid.frame)
-    shared = (rows.stop - rows.start, cols.stop - cols.start)
-    if isinstance(grid, DistanceField):
-        if shared != frame.shape:
-            rule = "a window of a distance field must lie inside of it"
-            raise ParameterError(rule, place="window", hint="take the window of the map, then esdf")
-        distance, occupancy = grid.distance[rows, cols], grid.occupancy[rows, cols]
-        return replace(grid, origin=frame.origin, distance=distance, occupancy=occupancy)
-    if not isinstance(grid, ValueGrid):
+def _copied(grid: G, region: Region, frame: Frame, *, fill: int | None, what: str) -> G:
+    """Return the cells of a region, whose place in the map frame is `frame`."""
+    if not isinstance(grid, (ValueGrid, DistanceField)):
         raise ParameterError("takes a map, a costmap or a distance field", source="window")
-    if 0 in shared:
-        text = "lies outside of the map, no cell is kept"
-        warnings.warn(f"{what}: {text}", MapdealWarning, stacklevel=3)
-    values: NDArray[np.generic] = np.full(
-        frame.shape, grid.unknown_value if fill is None else fill, dtype=grid.values.dtype
+    known = Region(0, 0, *grid.shape)
+    if isinstance(grid, DistanceField) and grid.region is not None:
+        known = grid.region
+    row, col = max(region.row, known.row), max(region.col, known.col)
+    shared = Region(
+        row,
+        col,
+        min(region.row + region.height, known.row + known.height) - row,
+        min(region.col + region.width, known.col + known.width) - col,
     )
-    if 0 not in shared:
-        values[region.place_of(rows, cols)] = grid.values[rows, cols]
+    if shared.height <= 0 or shared.width <= 0:
+        return _beside(grid, frame, fill=fill, what=what)
+    layers = {name: cut_out(getattr(grid, name), shared) for name in grid.layer_names}
+    part = replaced(grid, origin=shared.frame_in(grid.frame).origin, **layers)
+    return on_canvas(part, frame, fill=fill)
+
+
+def _beside(grid: G, frame: Frame, *, fill: int | None, what: str) -> G:
+    """Return a window that has no cell of the grid."""
+    if not isinstance(grid, ValueGrid):
+        raise ParameterError("no cell of it has a distance", place=what)
+    text = "lies outside of the map, no cell is kept"
+    warnings.warn(f"{what}: {text}", MapdealWarning, stacklevel=4)
+    value = grid.unknown_value if fill is None else fill
+    values: NDArray[np.generic] = np.full(frame.shape, value, dtype=grid.values.dtype)
     return grid.with_values(values, frame.origin)

@@ -19,7 +19,7 @@ from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
 from mapdeal.formats.map_server import find_image, lazy_cells, read_cells, warn_of_lost_rows
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
-from mapdeal.formats.npz import Grid, npz_size, read_npz, write_npz
+from mapdeal.formats.npz import Grid, npz_frame, read_npz, write_npz
 from mapdeal.formats.picture import LARGEST_CELLS, check_size
 from mapdeal.formats.pixel_rows import PixelRows, open_pixel_rows
 from mapdeal.formats.source import check_state, exists, sha256_of, state_of, status_of
@@ -27,6 +27,7 @@ from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.kernels.blocks import CacheBudget
@@ -117,8 +118,20 @@ class MapFile:
             As `read`, as far as headers tell.
         """
         if self._image is None:
-            return npz_size(self.path)
+            return npz_frame(self.path).shape
         return read_image_size(self._image, max_cells=self._max_cells)
+
+    def frame(self) -> Frame:
+        """Return where the grid lies, as far as headers tell.
+
+        Raises
+        ------
+        FileAccessError, MalformedInputError
+            As `read`, as far as headers tell.
+        """
+        if self.metadata is None:
+            return npz_frame(self.path)
+        return Frame(*self.shape(), self.metadata.resolution, self.metadata.origin)
 
     def read(self) -> Source:
         """Return the map, all of it in memory.

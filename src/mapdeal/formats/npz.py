@@ -21,9 +21,11 @@ from mapdeal.formats.deflate import Buffer, deflated, pieces
 from mapdeal.formats.npy import npy_header
 from mapdeal.formats.npz_reader import NpzReader
 from mapdeal.formats.picture import LARGEST_CELLS
+from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import ESDF_VIEW, FieldView, View, ViewScale
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.kernels.blocks import Layer, is_lazy
@@ -101,17 +103,16 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
     reader = NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells)
     with reader:
         _check_format(reader, path)
-        resolution = reader.number("resolution")
-        origin = reader.small("origin", np.float64, (3,)).tolist()
         names = reader.names()
         try:
+            resolution, origin = _geometry_of(reader)
             return _READERS[_own_layer(names)](reader, resolution, origin)
         except ParameterError as error:
             raise error.in_file(path) from None
 
 
-def npz_size(path: Path) -> tuple[int, int]:
-    """Return height and width of the grid in an ``.npz`` file, of which headers are read.
+def npz_frame(path: Path) -> Frame:
+    """Return where the grid in an ``.npz`` file lies; of its layers headers are read.
 
     Raises
     ------
@@ -125,7 +126,10 @@ def npz_size(path: Path) -> tuple[int, int]:
         if len(shape) != 2:
             rule = f"must have two axes, has {len(shape)}"
             raise MalformedInputError(rule, source=path, place=layer)
-        return shape
+        try:
+            return Frame(*shape, *_geometry_of(reader))
+        except ParameterError as error:
+            raise error.in_file(path) from None
 
 
 def _check_format(reader: NpzReader, path: Path) -> None:
@@ -135,6 +139,11 @@ def _check_format(reader: NpzReader, path: Path) -> None:
     found = reader.text("format", None)
     if found != FORMAT:
         raise MalformedInputError(f"must be {FORMAT}", source=path, place="format", got=found)
+
+
+def _geometry_of(reader: NpzReader) -> tuple[float, Origin]:
+    resolution = check_resolution(reader.number("resolution"))
+    return resolution, check_origin(reader.small("origin", np.float64, (3,)).tolist())
 
 
 def _read_costmap(reader: NpzReader, resolution: float, origin: Any) -> Costmap:

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.canvas import FieldGrid, padded
 from mapdeal.grid.coordinates import Origin
-from mapdeal.grid.framed import Figures, Framed, as_layer
+from mapdeal.grid.framed import Figures, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
+from mapdeal.grid.region import Region
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, UnknownPolicy
 from mapdeal.kernels.bilinear import interpolate
-from mapdeal.kernels.blocks import blocks_of, is_lazy, mapped
+from mapdeal.kernels.blocks import blocks_of, mapped
 from mapdeal.kernels.threads import in_parallel
 
 _POINTS_TOGETHER = 1 << 13
@@ -37,7 +39,7 @@ class FieldSamples(NamedTuple):
     Parameters
     ----------
     distance : numpy.ndarray of float64, shape (N,)
-        Metres, by the field's convention; nan for points outside.
+        Metres, by the field's convention; nan for points outside, and where the field has none.
     gradient : numpy.ndarray of float64, shape (N, 2)
         Along x and y of the map frame, metres per metre, away from obstacles; nan for points
         outside, and where distances are infinite.
@@ -51,14 +53,15 @@ class FieldSamples(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class DistanceField(Framed):
+class DistanceField(FieldGrid):
     """A signed distance field together with the map that it was made from.
 
     Parameters
     ----------
     distance : array_like of float32, shape (H, W)
         Signed distance, metres: positive in free space, negative or 0 inside obstacles,
-        +inf where the map has no obstacle, -inf where it has nothing else.
+        +inf where the map has no obstacle, -inf where it has nothing else. Around one box of
+        cells it may be nan, where the map is unknown: on a larger canvas than it was made on.
     occupancy : array_like of int8, shape (H, W)
         The map that the distances belong to.
     resolution : float
@@ -75,6 +78,8 @@ class DistanceField(Framed):
         Occupancy from which a cell counts as an obstacle.
     unknown : {'free', 'occupied'}
         What unknown cells count as.
+    region : Region, optional
+        The box of cells that have a distance, None if all have one. Arrays tell themselves.
     """
 
     kind = "distance field"
@@ -90,6 +95,7 @@ class DistanceField(Framed):
     max_distance: float | None = None
     lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD
     unknown: UnknownPolicy = "free"
+    region: Region | None = None
 
     def __post_init__(self) -> None:
         if self.convention not in ("seed", "center", "border"):
@@ -103,13 +109,11 @@ class DistanceField(Framed):
         if not 1 <= self.lethal_threshold <= 100:
             rule = "lethal_threshold must lie between 1 and 100"
             raise ParameterError(rule, got=self.lethal_threshold)
-        distance = as_layer(self.distance, np.float32, "distance")
-        if not is_lazy(distance) and distance.size and np.isnan(distance.min()):  # min hands nan on
-            raise ParameterError("distance must not hold nan")
         self._freeze(
-            distance=distance,
+            distance=as_layer(self.distance, np.float32, "distance"),
             occupancy=as_occupancy_layer(self.occupancy),
         )
+        self._find_region()
 
     def _own_figures(self) -> Figures:
         obstacles = self.obstacles()
@@ -138,6 +142,9 @@ class DistanceField(Framed):
 
     def obstacles(self) -> NDArray[np.bool_]:
         """Return the mask of cells that the field counts as obstacles."""
+        if self.region is not None and self.unknown == "occupied":  # around the box none are
+            inner, (height, width) = self.cropped.obstacles(), self.shape
+            return padded(inner, (height, width), self.region, fill=False)
         return obstacles_in(self.occupancy, self.lethal_threshold, self.unknown)
 
     def query(self, points_xy: ArrayLike) -> FieldSamples:
@@ -204,11 +211,15 @@ class DistanceField(Framed):
     def _query(
         self, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        frame = self.frame
+        frame, region = self.frame, self.region
         places, inside = frame.bounded_continuous_rowcol_from_xy(points)
-        distance, slopes = interpolate(self.distance, places)
+        if region is not None:
+            places = places - (region.row, region.col)
+        distance, slopes = interpolate(self.cropped.distance, places)
         gradient = frame.xy_vectors_from_rowcol(slopes) / self.resolution
         outside = ~inside
+        if region is not None:
+            outside |= ~region.holds(frame.bounded_rowcol_from_xy(points)[0])
         if outside.any():
             distance[outside] = np.nan
             gradient[outside] = np.nan

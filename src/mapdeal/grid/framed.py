@@ -132,6 +132,11 @@ class ValueGrid(Framed):
         """The value of a cell that nothing is known of."""
 
     @property
+    def outside_values(self) -> dict[str, float]:
+        """What each layer holds in the cells around the grid on a larger canvas: unknown."""
+        return {self.layer_names[0]: self.unknown_value}
+
+    @property
     def values(self) -> NDArray[Any]:
         """The values, shape (H, W), read-only."""
         return self.layer

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.canvas import FieldGrid, layer_of_box, put_around
 from mapdeal.grid.coordinates import Origin, Point, check_point
-from mapdeal.grid.framed import Figures, Framed, as_layer
+from mapdeal.grid.framed import Figures, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
+from mapdeal.grid.region import Region
 from mapdeal.grid.values import OCCUPIED
 
 _TOP_OF_NORMALISED = 10.0
@@ -24,13 +25,14 @@ LARGEST_REPULSION = 1e15
 
 
 @dataclass(frozen=True, eq=False)
-class PotentialField(Framed):
+class PotentialField(FieldGrid):
     """A potential on a map: high at obstacles, low at the goal.
 
     Parameters
     ----------
     repulsive : array_like of float64, shape (H, W)
-        Sum of 1 / distance to every obstacle cell, per metre, at least 0.
+        Sum of 1 / distance to every obstacle cell, per metre, at least 0. Around one box of
+        cells it may be nan, where the map is unknown; so are all other layers there.
     occupancy : array_like of int8, shape (H, W)
         The map; the obstacles are its cells of 100.
     resolution : float
@@ -43,6 +45,8 @@ class PotentialField(Framed):
         Factors of the two parts in `potential`.
     repulsive_cap : float
         What `repulsive` was capped at.
+    region : Region, optional
+        The box of cells that have a potential, None if all have one. Arrays tell themselves.
 
     Raises
     ------
@@ -62,10 +66,14 @@ class PotentialField(Framed):
     attractive_gain: float = 1.0
     repulsive_gain: float = 1.0
     repulsive_cap: float = 1e5
+    region: Region | None = None
 
     def __post_init__(self) -> None:
         repulsive = as_layer(self.repulsive, np.float64, "repulsive")
-        if repulsive.size and not 0 <= repulsive.min() <= repulsive.max() <= LARGEST_REPULSION:
+        if repulsive.size and (  # nan has a rule of its own
+            np.fmin.reduce(repulsive, axis=None) < 0
+            or np.fmax.reduce(repulsive, axis=None) > LARGEST_REPULSION
+        ):
             rule = f"repulsive must lie between 0 and {LARGEST_REPULSION:g}"
             raise ParameterError(rule)
         for name in ("attractive_gain", "repulsive_gain"):
@@ -79,6 +87,7 @@ class PotentialField(Framed):
         if self.goal is not None:
             object.__setattr__(self, "goal", check_point(self.goal, "goal"))
         self._freeze(repulsive=repulsive, occupancy=as_occupancy_layer(self.occupancy))
+        self._find_region()
 
     def _own_figures(self) -> Figures:
         return {
@@ -114,7 +123,7 @@ class PotentialField(Framed):
         obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
         return obstacles
 
-    @cached_property
+    @layer_of_box
     def attractive(self) -> NDArray[np.float64] | None:
         """Distance from each cell's centre to the goal, metres, shape (H, W); None without one."""
         if self.goal is None:
@@ -125,7 +134,7 @@ class PotentialField(Framed):
         distance *= self.resolution
         return _read_only(distance)
 
-    @cached_property
+    @layer_of_box
     def potential(self) -> NDArray[np.float64]:
         """Both parts times their gains, shape (H, W); without a goal, `repulsive` as it is."""
         if self.attractive is None:
@@ -133,7 +142,7 @@ class PotentialField(Framed):
         total = self.attractive_gain * self.attractive + self.repulsive_gain * self.repulsive
         return _read_only(total)
 
-    @cached_property
+    @layer_of_box
     def normalised(self) -> NDArray[np.float64]:
         """The potential stretched to 0..10, shape (H, W); all 0 if it is the same everywhere."""
         low, high = float(self.potential.min()), float(self.potential.max())
@@ -141,7 +150,7 @@ class PotentialField(Framed):
             return _read_only(np.zeros(self.shape))
         return _read_only(_TOP_OF_NORMALISED * (self.potential - low) / (high - low))
 
-    @cached_property
+    @layer_of_box
     def gradient(self) -> NDArray[np.float64]:
         """Slope of the potential along x and y of the map frame, per metre, shape (2, H, W).
 
@@ -152,7 +161,7 @@ class PotentialField(Framed):
         """
         return _read_only(self._slopes(self.potential))
 
-    @cached_property
+    @layer_of_box
     def gradient_magnitude(self) -> NDArray[np.float64]:
         """Length of the gradient, per metre, shape (H, W)."""
         return _read_only(np.hypot(*self.gradient))
@@ -164,6 +173,8 @@ class PotentialField(Framed):
         that the cell of a lone obstacle would be a pit. Here it has one, as at the edge of the
         cell: 2 / resolution.
         """
+        if self.region is not None:
+            return put_around(self.cropped.downhill_surface(), self.shape, self.region)
         gain = 1.0 if self.goal is None else self.repulsive_gain
         surface = self.potential.copy()
         surface[self.obstacles()] += 2.0 * gain / self.resolution
@@ -173,8 +184,10 @@ class PotentialField(Framed):
         """Return the direction of steepest descent, not its length, shape (2, H, W).
 
         Unit vectors along x and y of the map frame on the `downhill_surface`; 0 where it is
-        level.
+        level, and where there is no potential.
         """
+        if self.region is not None:
+            return put_around(self.cropped.downhill(), self.shape, self.region, fill=0.0)
         slopes = self._slopes(self.downhill_surface())
         length = np.hypot(*slopes)
         directions = np.zeros_like(slopes)

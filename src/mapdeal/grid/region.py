@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Point, cells_at, cells_to_cover, check_point
@@ -41,6 +42,12 @@ class Region(NamedTuple):
         """
         rows = _overlap(self.row, self.height, shape[0])
         return rows, _overlap(self.col, self.width, shape[1])
+
+    def holds(self, cells_rowcol: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return for each cell, shape (N, 2), whether it lies in the region."""
+        from_first = cells_rowcol - (self.row, self.col)
+        inside: NDArray[np.bool_] = (from_first >= 0) & (from_first < (self.height, self.width))
+        return inside[:, 0] & inside[:, 1]
 
     def place_of(self, rows: slice, cols: slice) -> tuple[slice, slice]:
         """Return where rows and columns of the grid lie in an array of the region's size."""

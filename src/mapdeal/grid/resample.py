@@ -52,7 +52,7 @@ def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
     [[False, True, True]]
     """
     found = np.zeros(frame.shape, dtype=np.bool_)
-    region = _same_lattice(frame, source)
+    region = region_on_lattice(source, frame)
     if region is not None:
         rows, cols = region.shared_with(source.shape)
         if rows.start < rows.stop and cols.start < cols.stop:
@@ -92,7 +92,7 @@ def wholly_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
     >>> wholly_in(Frame(1, 2, 1.0), known, Frame(1, 3, 1.0, (0.25, 0.0, 0.0))).tolist()
     [[False, True]]
     """
-    if _same_lattice(frame, source) is not None:
+    if region_on_lattice(source, frame) is not None:
         return obstacles_in(frame, cells, source)
     return _inside(frame, source) & ~obstacles_in(frame, ~cells, source)
 
@@ -124,7 +124,7 @@ def sampled(frame: Frame, values: NDArray[np.int8], source: Frame) -> tuple[NDAr
     """
     found = np.zeros(frame.shape, dtype=np.int8)
     inside = np.zeros(frame.shape, dtype=np.bool_)
-    region = _same_lattice(frame, source)
+    region = region_on_lattice(source, frame)
     if region is not None:
         rows, cols = region.shared_with(source.shape)
         if rows.start < rows.stop and cols.start < cols.stop:
@@ -144,6 +144,24 @@ def sampled(frame: Frame, values: NDArray[np.int8], source: Frame) -> tuple[NDAr
 
     for_rows(look, frame.shape)
     return found, inside
+
+
+def region_on_lattice(lattice: Frame, frame: Frame) -> Region | None:
+    """Return a frame's cells as cells of a lattice, or None if their borders are not the same.
+
+    Examples
+    --------
+    >>> region_on_lattice(Frame(4, 9, 0.1, (0.3, 0.0, 0.0)), Frame(2, 3, 0.1, (0.0, 0.2, 0.0)))
+    Region(row=2, col=-3, height=2, width=3)
+    """
+    if frame.resolution != lattice.resolution or is_turned(lattice, frame.origin[2]):
+        return None
+    corner = lattice.continuous_rowcol_from_xy([frame.origin[:2]])[0]
+    row, col = np.rint(corner)
+    tolerance = max(_TOUCHING, lattice.tolerance_at([frame.origin[:2]])[0, 0])
+    if np.abs(corner - (row, col)).max() > tolerance:
+        return None
+    return Region(int(row), int(col), *frame.shape)
 
 
 def is_turned(frame: Frame, yaw: float = 0.0) -> bool:
@@ -195,19 +213,6 @@ def _inside(frame: Frame, source: Frame) -> Mask:
 
 def _corners(frame: Frame) -> list[list[int]]:
     return [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
-
-
-def _same_lattice(frame: Frame, source: Frame) -> Region | None:
-    """Return the frame's cells as cells of the source, if the borders of both are the same."""
-    if frame.resolution != source.resolution or is_turned(source, frame.origin[2]):
-        return None
-    corner = source.continuous_rowcol_from_xy([frame.origin[:2]])[0]
-    row, col = np.rint(corner)
-    if np.abs(corner - (row, col)).max() > max(
-        _TOUCHING, source.tolerance_at([frame.origin[:2]])[0, 0]
-    ):
-        return None
-    return Region(int(row), int(col), *frame.shape)
 
 
 def _look_up(

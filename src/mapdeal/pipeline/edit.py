@@ -74,8 +74,10 @@ def change_file(
     source = read_input(path, options)
     with options.memory():
         count = None if cells is None else cells(source.grid)
+        height, width = source.grid.shape
         if count is None or count <= MOST_CELLS:  # more are refused by whoever makes them
-            claim_work(path, source.grid, _PER_CELL, cells=count)
+            both = None if count is None else count + min(count, height * width)
+            claim_work(path, source.grid, _PER_CELL, cells=both)  # what they share is cut out first
     with outputs_of(outputs, [*source.files, *inputs], options) as transaction:
         with errors_named(path):
             grid = change(source.grid)

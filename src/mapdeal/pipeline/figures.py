@@ -19,17 +19,21 @@ def summary_of(figures: Figures) -> str:
         percent = 100 * figures[name] / cells
         return f"{name} {percent:.2f} %"
 
+    around = ""  # of fields on a larger canvas than they were computed on
+    if "without_value" in figures:
+        around = f", {100 * figures['without_value'] / cells:.2f} % of the cells without a value"
     if "lowest_distance" in figures:
         least, most = figures["lowest_distance"], figures["highest_distance"]
         if least is None or most is None:
-            return "no obstacle" if figures["obstacles"] == 0 else "nothing but obstacles"
-        return f"{least + 0.0:.4g} .. {most:.4g} m, convention {figures['convention']}"
+            what = "no obstacle" if figures["obstacles"] == 0 else "nothing but obstacles"
+            return what + around
+        return f"{least + 0.0:.4g} .. {most:.4g} m, convention {figures['convention']}{around}"
     if "lowest_potential" in figures:
         least, most = figures["lowest_potential"], figures["highest_potential"]
         x, y = figures["goal"] or (None, None)
         what = "no goal, repulsion" if x is None else f"goal {x:.10g}, {y:.10g}, potential"
         text = f"{what} {least:.5g} .. {most:.5g}"
-        return f"{text}, gradient up to {figures['steepest_gradient']:.5g} per metre"
+        return f"{text}, gradient up to {figures['steepest_gradient']:.5g} per metre{around}"
     if "lethal" in figures:
         names = [name for name in _COST_SHARES if name in figures]
         text = ", ".join(share(name) for name in names)

@@ -8,9 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from mapdeal.errors import MapdealError, MapdealWarning, ParameterError, one_line
-from mapdeal.formats.maps import Source, read_source
+from mapdeal.formats.maps import Source, open_map, read_source
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.transaction import Transaction
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.potential import PotentialField
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.products import write_picture
@@ -22,6 +23,12 @@ def read_input(path: Path, settings: Settings) -> Source:
     """Return the grid in a file, read as the settings say."""
     with settings.memory(), use_threads(settings.threads):
         return read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
+
+
+def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ...]]:
+    """Return where the grid in a file lies, and the files that tell, of which headers are read."""
+    with settings.memory(), open_map(path, max_cells=settings.max_cells) as file:
+        return file.frame(), file.files
 
 
 @contextmanager

@@ -13,16 +13,20 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.formats.budget import claim, default_limit, memory_limit, size_text
 from mapdeal.formats.maps import MapFile, Source, open_map
 from mapdeal.formats.source import sums_of_reads
+from mapdeal.grid.canvas import FieldGrid
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.blocks import CacheBudget, lazy_layer
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import thread_count, use_threads
-from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.pipeline.step import Step
 
 _PER_PIXEL = 10
 """Bytes that pictures take while they are drawn, two at the same time."""
+
+_ON_CANVAS = 0.75
+"""Of what a stage takes, what it takes again where its product is put onto a larger canvas."""
 
 _READ = 2.0
 """Bytes that reading takes for each cell of a map in memory."""
@@ -59,10 +63,17 @@ _NO_LIMIT = 1 << 62
 
 
 def bytes_in_memory(
-    shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
-) -> int:  # fmt: skip
+    shape: tuple[int, int],
+    steps: Sequence[Step],
+    image_max: int | None,
+    *,
+    canvas: Canvas = "crop",
+) -> int:
     """Return about how many bytes of memory it takes to apply stages to a map in memory."""
-    per_cell = _DEMANDS[engine_name()].more + _READ + sum(step.stage.memory for step in steps)
+    products = sum(step.stage.memory for step in steps)
+    if canvas == "full":
+        products *= 1 + _ON_CANVAS
+    per_cell = _DEMANDS[engine_name()].more + _READ + products
     return _base(shape, image_max) + int(per_cell * shape[0] * shape[1])
 
 
@@ -125,24 +136,28 @@ def opened_map(
             file = stack.enter_context(
                 open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             )
-            source = _read(file, steps, image_max)
+            source = _read(file, steps, image_max, settings.canvas)
         yield replace(source, sums=file.sums_by_name(sums) if with_sums else {})
 
 
-def _read(file: MapFile, steps: Sequence[Step], image_max: int | None) -> Source:
+def _read(
+    file: MapFile, steps: Sequence[Step], image_max: int | None, canvas: Canvas
+) -> Source:  # fmt: skip
     """Return the map in a file, whole or lazy, as the memory demands it."""
     limit, _ = memory_limit()
     budget = _NO_LIMIT if limit is None else limit
     shape = file.shape_by_rows
     if shape is not None:
-        needed = bytes_in_memory(shape, steps, image_max)
+        needed = bytes_in_memory(shape, steps, image_max, canvas=canvas)
         if needed > budget:
             base = _base(shape, image_max)
             block_height, cache = _cut(file.path, shape, steps, budget, base, needed=needed)
             return file.by_rows(block_height=block_height, budget=cache)
     source = file.read()
     grid = source.grid
-    needed = bytes_in_memory(grid.shape, steps, image_max)
+    crop = _bytes_of_crop(grid)
+    canvas = "full" if crop else canvas  # what is made of the box is put back
+    needed = bytes_in_memory(grid.shape, steps, image_max, canvas=canvas) + crop
     if needed <= budget:
         return source
     if not isinstance(grid, OccupancyGrid):
@@ -187,12 +202,22 @@ def claim_work(path: Path, grid: Framed, per_cell: float, *, cells: int | None =
     """
     height, width = grid.shape
     more = int(per_cell * (height * width if cells is None else cells))
+    crop = _bytes_of_crop(grid)
+    if crop:  # all is done with the box, and put back
+        more = 2 * more + crop
     claim(path, bytes_of(grid) + more, what=f"{width} x {height} cells")
 
 
 def bytes_of(grid: Framed) -> int:
     """Return the bytes that the layers of a grid take."""
     return sum(int(getattr(grid, name).nbytes) for name in grid.layer_names)
+
+
+def _bytes_of_crop(grid: Framed) -> int:
+    """Return the bytes of a copy of the box of a field, where it has numbers in a box alone."""
+    if not isinstance(grid, FieldGrid) or grid.region is None:
+        return 0
+    return bytes_of(grid) * grid.region.cells // (grid.shape[0] * grid.shape[1])
 
 
 def _in_blocks(grid: OccupancyGrid, block_height: int, cache: CacheBudget) -> OccupancyGrid:
@@ -237,7 +262,7 @@ def need_of(
         If there is too little.
     """
     budget = memory_budget(settings.max_memory)
-    needed = bytes_in_memory(shape, steps, image_max)
+    needed = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas)
     if needed <= budget:
         return Need(needed, by_blocks=False)
     with use_threads(settings.threads):

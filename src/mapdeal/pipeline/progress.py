@@ -28,6 +28,7 @@ class Written:
     def __init__(self, advance: Advance) -> None:
         self._advance = advance
         self._lock = Lock()
+        self._taken = 0
 
     def watched(self, grid: Grid) -> Grid:
         """Return the grid; if it is lazy, one that reports how many of its rows were made."""
@@ -42,17 +43,25 @@ class Written:
                 done += len(part)
                 steps = done * _STEPS // height - before
                 if steps:
+                    self._taken += steps
                     self._advance(steps)
             return part
 
         return grid.with_layer(mapped(grid.layer, grid.layer.dtype, count))
+
+    def finish(self, total: int) -> None:
+        """Report what is left: rows around the region of a field, which nobody asks for."""
+        if self._taken < total:
+            self._advance(total - self._taken)
 
 
 @contextmanager
 def written(progress: ProgressCallback | None, passes: int) -> Iterator[Written]:
     """Report the writing of layers that are gone through so many times."""
     with (progress or report_nothing)(passes * _STEPS) as advance:
-        yield Written(advance)
+        watch = Written(advance)
+        yield watch
+        watch.finish(passes * _STEPS)
 
 
 @contextmanager

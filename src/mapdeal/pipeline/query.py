@@ -18,7 +18,7 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import errors_named, read_input, warn_of_potential
-from mapdeal.pipeline.memory import check_fits
+from mapdeal.pipeline.memory import check_fits, claim_work
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.esdf import esdf
@@ -51,6 +51,8 @@ def field_to_ask(path: Path, options: Settings, parameters: Mapping[str, object]
         for name in parameters:
             option = f"--{name.replace('_', '-')}"
             raise ParameterError("is for maps: this field is made already", source=option)
+        with options.memory():
+            claim_work(path, source.grid, 0.0)
         return source.grid
     with options.memory():
         check_fits(path, source.grid.shape, [make_step("esdf", {})], None)

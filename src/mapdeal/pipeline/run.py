@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Literal
 
 from mapdeal.formats.npz import Grid
+from mapdeal.grid.canvas import on_canvas
+from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Figures
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product, fill_together
@@ -69,7 +71,8 @@ def run_map(
         if figures is not None:
             target.repeat_warnings(path)
             return RunReport(folder, "unchanged", figures)
-        products = products_of(recipe, source.grid, path)
+        canvas = source.grid.frame if settings.canvas == "full" else None
+        products = products_of(recipe, source.grid, path, canvas=canvas)
         (figures,) = fill_together(
             [Filling(target, products, path.stem, source.files)],
             progress=settings.progress if source.grid.is_lazy else None,
@@ -81,14 +84,21 @@ def output_folder(
     folder: Path, sums: Mapping[str, str], recipe: Recipe, settings: Settings
 ) -> OutputFolder:
     """Return the folder of a run, given the names and sums of the files that hold its map."""
-    options = {"dialect": settings.dialect, **settings.picture_options}
+    options = {
+        "dialect": settings.dialect, **settings.picture_options, "canvas": settings.canvas
+    }  # fmt: skip
     return OutputFolder(folder, recipe.steps, sums, options, settings)
 
 
-def products_of(recipe: Recipe, grid: Grid, path: Path) -> Iterator[Product]:
-    """Yield what each step of a recipe makes of a grid; errors name the file it came from."""
+def products_of(
+    recipe: Recipe, grid: Grid, path: Path, *, canvas: Frame | None = None
+) -> Iterator[Product]:
+    """Yield what each step of a recipe makes of a grid; errors name the file it came from.
+
+    With a canvas, each product is put onto it. That changes nothing of what steps compute.
+    """
     for step in recipe.steps:
         made = step.apply(grid, path)
-        yield Product(step, made)
+        yield Product(step, made if canvas is None else on_canvas(made, canvas))
         if step.stage.hands_on:
             grid = made

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from mapdeal.formats.budget import use_memory
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+
+Canvas = Literal["crop", "full"]
 
 Advance = Callable[[int], object]
 """Called with the number of steps that have just been taken."""
@@ -42,6 +44,9 @@ class Settings:
         Whether a folder of outputs gets pictures.
     image_max : int
         Longest side of a picture in pixels; 0 for one pixel per cell.
+    canvas : {'crop', 'full'}
+        Whether a run writes what it has computed on a part of the map as it is, or puts it back
+        onto the whole map.
     progress : callable, optional
         Progress of a map that is processed block by block.
     memory_is_chosen : bool
@@ -56,6 +61,7 @@ class Settings:
     image: Path | None = None
     images: bool = True
     image_max: int = DEFAULT_IMAGE_MAX
+    canvas: Canvas = "crop"
     progress: ProgressCallback | None = None
     memory_is_chosen: bool = True
 

@@ -54,6 +54,11 @@ class Step:
         """Whether the whole map must be in memory at once."""
         return self.stage.is_whole(self.parameters)
 
+    @property
+    def is_smaller(self) -> bool:
+        """Whether its product may cover a part of the map alone."""
+        return self.stage.is_smaller(self.parameters)
+
     def apply(self, grid: Grid, source: Path) -> Grid:
         """Return what the stage makes of `grid`; errors name the file it came from."""
         try:

@@ -38,6 +38,9 @@ from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
 
 _FREE_LEVELS, _OBSTACLE_LEVELS, _COST_LEVELS = 70, 49, 200
 _FIELD_LEVELS = _FREE_LEVELS + _OBSTACLE_LEVELS
+_LINE = 2 * _FIELD_LEVELS
+_NOWHERE = _LINE + 1
+"""Of a field: the outline of obstacles, and cells without a distance."""
 
 
 def occupancy_image(
@@ -86,31 +89,36 @@ def field_image(
     """Return a distance field in a diverging scale, obstacles red, free space blue.
 
     The outermost obstacle cells, where the field of convention seed is 0, are drawn black.
-    Unknown cells are faded. Where cells share a pixel the smallest distance shows. Each side
-    of the scale ends at its largest distance of a known cell. An overlay is drawn over all.
+    Unknown cells are faded, those without a distance grey. Where cells share a pixel the
+    smallest distance shows. Each side of the scale ends at its largest distance of a known cell.
+    An overlay is drawn over all.
     """
     raster = Raster.fitting(field.shape, image_max)
-    ends = _Ends.of(field)
+    ends = _Ends.of(field.cropped)
     pixels, faded_index = _field_pixels(field, raster, ends)
-    line = 2 * _FIELD_LEVELS
 
     known_side = np.vstack([
         colours.obstacle_side(_OBSTACLE_LEVELS)[::-1], colours.free_side(_FREE_LEVELS)
     ])  # fmt: skip
     faded = colours.mixed(known_side, colours.RVIZ_UNKNOWN, 0.6)
-    swatches = swatches_in(pixels, [Swatch(line, "obstacle edge")])
+    swatches = swatches_in(pixels, [Swatch(_LINE, "obstacle edge")])
     bar = None
     if ends.are_finite:
         bar = _field_bar(ends)
     else:
         everywhere = "+inf: no obstacle" if ends.highest > 0 else "-inf: nothing free"
-        swatches.append(Swatch(int(pixels.flat[0]), everywhere))
+        index = int(pixels[pixels != _NOWHERE][0])
+        swatches.append(Swatch(index, everywhere))
     if faded_index is not None and bar is not None:
         swatches.append(Swatch(faded_index, "unknown: faded"))
+    special = [colours.LINE]
+    if field.region is not None:
+        special.append(colours.RVIZ_UNKNOWN)
+        swatches += swatches_in(pixels, [Swatch(_NOWHERE, "no distance")])
     strength = "" if field.strength == 1.0 else f", strength {field.strength:g}"
     return _on_sheet(
         pixels,
-        np.vstack([known_side, faded, [colours.LINE]]),
+        np.vstack([known_side, faded, special]),
         field.frame,
         raster,
         title=title,
@@ -127,12 +135,12 @@ def _field_pixels(
     """Return palette indices, and one that shows what unknown cells look like, if there are any.
 
     Levels inside, then outside of obstacles; the same again, faded, for unknown cells; then the
-    outline of obstacles.
+    outline of obstacles, and cells without a distance.
     """
     obstacles = raster.largest(field.obstacles())
     indices, faded_index = _field_levels(field, raster, ends, obstacles)
     pixels = raster.enlarged(indices)
-    set_where(pixels, inner_outline(raster.enlarged(obstacles)), 2 * _FIELD_LEVELS)
+    set_where(pixels, inner_outline(raster.enlarged(obstacles)), _LINE)
     return pixels, faded_index
 
 
@@ -143,6 +151,10 @@ def _field_levels(
     is_unknown = np.zeros(256, dtype=np.bool_)
     is_unknown[UNKNOWN] = True
     unknown = raster.smallest(looked_up(field.occupancy, is_unknown))
+    nowhere = np.isnan(distance) if field.region is not None else None
+    if nowhere is not None:
+        distance = np.where(nowhere, np.float32(0), distance)
+        unknown &= ~nowhere
     levels = np.empty(distance.shape, dtype=np.uint8)
 
     def level(rows: slice) -> None:
@@ -152,6 +164,8 @@ def _field_levels(
         levels[rows] = part + _FIELD_LEVELS * unknown[rows].view(np.uint8)
 
     for_rows(level, levels.shape)
+    if nowhere is not None:
+        levels[nowhere] = _NOWHERE
     if not unknown.any():
         return levels, None
     outside = bool((unknown > obstacles).any())

@@ -15,7 +15,7 @@ from mapdeal.render.overlay import Brush, Overlay
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
 
 _LEVELS = 100
-_OBSTACLE, _ARROW, _GOAL = range(2 * _LEVELS, 2 * _LEVELS + 3)
+_OBSTACLE, _ARROW, _GOAL, _NOWHERE = range(2 * _LEVELS, 2 * _LEVELS + 4)
 _ARROW_SPACING = 26.0
 """Pixels."""
 
@@ -29,17 +29,20 @@ def potential_image(
 ) -> Image:
     """Return the normalised potential in an even scale, with arrows that point downhill.
 
-    Obstacles are black, unknown cells faded. Where cells share a pixel the highest potential
-    shows, and an obstacle before all. The arrows stand on a coarse lattice and tell the
-    direction alone. An overlay is drawn over all.
+    Obstacles are black, unknown cells faded, those without a potential grey. Where cells share a
+    pixel the highest potential shows, and an obstacle before all. The arrows stand on a coarse
+    lattice and tell the direction alone. An overlay is drawn over all.
     """
     raster = Raster.fitting(field.shape, image_max)
     obstacles = raster.largest(field.obstacles())
-    levels = np.minimum(raster.largest(field.normalised) / 10 * _LEVELS, _LEVELS - 1)
+    normalised = raster.largest(field.normalised)
+    nowhere = np.isnan(normalised)
+    levels = np.minimum(np.where(nowhere, 0, normalised) / 10 * _LEVELS, _LEVELS - 1)
     levels = levels.astype(np.uint8)
-    unknown = raster.smallest(field.occupancy == UNKNOWN)
+    unknown = raster.smallest(field.occupancy == UNKNOWN) & ~nowhere
     levels[unknown] += _LEVELS
     levels[obstacles] = _OBSTACLE
+    levels[nowhere] = _NOWHERE
     pixels = raster.enlarged(levels).copy()
     scale = raster.enlarge / raster.reduce  # pixels per cell
     brush = Brush(pixels)
@@ -51,9 +54,13 @@ def potential_image(
         place = field.frame.continuous_rowcol_from_xy([field.goal])[0, ::-1] * scale
         brush.dot(place, _GOAL, radius=max(6.0, max(pixels.shape) / 80))
         swatches.append(Swatch(_GOAL, "goal"))
+    special = [colours.LETHAL, colours.ARROW, colours.GOAL]
+    if nowhere.any():
+        special.append(colours.RVIZ_UNKNOWN)
+        swatches.append(Swatch(_NOWHERE, "no potential"))
     scale_colours = colours.potential_scale(_LEVELS)
     faded = colours.mixed(scale_colours, colours.RVIZ_UNKNOWN, 0.6)
-    palette = np.vstack([scale_colours, faded, [colours.LETHAL, colours.ARROW, colours.GOAL]])
+    palette = np.vstack([scale_colours, faded, special])
     texts = [frame_text(field.frame), _range_text(field)]
     if overlay is not None:
         swatches = swatches + overlay.draw(pixels, field.frame, raster, len(palette))
@@ -73,7 +80,8 @@ def potential_image(
 
 
 def _range_text(field: PotentialField) -> str:
-    low, high = float(field.potential.min()), float(field.potential.max())
+    potential = field.cropped.potential
+    low, high = float(potential.min()), float(potential.max())
     if field.goal is None:
         return f"repulsion {low:.4g} .. {high:.4g}"
     return (

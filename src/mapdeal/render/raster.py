@@ -51,12 +51,15 @@ class Raster:
         return resolution * self.reduce / self.enlarge
 
     def largest(self, layer: Layer) -> NDArray[Any]:
-        """Return the largest value of the cells under each pixel, before enlarging."""
-        return self._pooled(layer, np.maximum)
+        """Return the largest value of the cells under each pixel, before enlarging.
+
+        Of numbers it is nan only where all cells are.
+        """
+        return self._pooled(layer, np.fmax)
 
     def smallest(self, layer: Layer) -> NDArray[Any]:
-        """Return the smallest value of the cells under each pixel, before enlarging."""
-        return self._pooled(layer, np.minimum)
+        """Return the smallest value of the cells under each pixel, as `largest` does."""
+        return self._pooled(layer, np.fmin)
 
     def _pooled(self, layer: Layer, choose: np.ufunc) -> NDArray[Any]:
         if self.reduce == 1:

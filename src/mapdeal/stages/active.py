@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
+from mapdeal.grid.canvas import cut_out, on_canvas
 from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.region import Region
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.kernels.blocks import blocks_of, made_by_rows
+from mapdeal.kernels.blocks import blocks_of
 from mapdeal.kernels.neighbourhood import drop_small_groups
 from mapdeal.stages.definition import InSimulation, stage
 from mapdeal.stages.parameters import AT_LEAST_0, CELLS, METRES
@@ -26,6 +27,7 @@ Mask = NDArray[np.bool_]
     title=lambda _: "active region",
     memory=1.5,
     is_whole=lambda parameters: parameters["min_component"] > 1,
+    is_smaller=lambda parameters: parameters["canvas"] == "crop",
     in_simulation=InSimulation({}, is_added=True),
 )
 def active_region(
@@ -76,17 +78,11 @@ def active_region(
     ([[0, 100]], (1.5, 2.5, 0.0))
     """
     rows, cols = box_around(*_known_lines(grid, min_component), margin, grid.resolution)
-    if canvas == "full":
-        occupancy = made_by_rows(grid.occupancy, np.int8, _masked(grid.occupancy, rows, cols))
-        return OccupancyGrid(occupancy, grid.resolution, grid.origin)
-    shape = (rows.stop - rows.start, cols.stop - cols.start)
-    frame = grid.frame.window(rows.start, cols.start, *shape)
-
-    def cut_out(part: slice) -> NDArray[np.int8]:
-        return grid.occupancy[rows.start + part.start : rows.start + part.stop][:, cols]
-
-    occupancy = made_by_rows(grid.occupancy, np.int8, cut_out, shape=shape)
-    return OccupancyGrid(occupancy, grid.resolution, frame.origin)
+    region = Region(rows.start, cols.start, rows.stop - rows.start, cols.stop - cols.start)
+    box = OccupancyGrid(
+        cut_out(grid.occupancy, region), grid.resolution, region.frame_in(grid.frame).origin
+    )
+    return on_canvas(box, grid.frame) if canvas == "full" else box
 
 
 def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
@@ -103,21 +99,6 @@ def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
         in_rows[block] = known.any(axis=1)
         in_cols |= known.any(axis=0)
     return in_rows, in_cols
-
-
-def _masked(
-    layer: NDArray[np.int8], rows: slice, cols: slice
-) -> Callable[[slice], NDArray[np.int8]]:
-    """Return what makes rows of a layer with everything outside of a box unknown."""
-
-    def make(part: slice) -> NDArray[np.int8]:
-        values = np.full((part.stop - part.start, layer.shape[1]), UNKNOWN, dtype=np.int8)
-        low, high = max(part.start, rows.start), min(part.stop, rows.stop)
-        if low < high:
-            values[low - part.start : high - part.start, cols] = layer[low:high][:, cols]
-        return values
-
-    return make
 
 
 def box_around(

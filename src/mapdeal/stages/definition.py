@@ -18,6 +18,7 @@ from typing import Any, ParamSpec, Protocol, TypeVar, get_args, get_type_hints
 import numpy as np
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
@@ -130,6 +131,8 @@ class Stage:
         How often the view goes through the product, given its own parameters.
     is_whole : callable
         Whether, with some parameters, the whole map must be in memory at once.
+    is_smaller : callable
+        Whether, with some parameters, the product may cover a part of the map alone.
     hands_on : bool
         Whether the next stage works on the product, or on what this one has worked on.
     is_last : bool
@@ -158,6 +161,7 @@ class Stage:
     view: Callable[..., Any] | None = None
     view_passes: Callable[[Parameters], int] = lambda _: 1
     is_whole: Callable[[Parameters], bool] = lambda _: False
+    is_smaller: Callable[[Parameters], bool] = lambda _: False
     hands_on: bool = True
     is_last: bool = False
     robot: RobotShape | None = None
@@ -256,7 +260,11 @@ def stages_among(values: Mapping[str, object]) -> tuple[Stage, ...]:
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Make `function` check and convert its keyword arguments by its own signature."""
+    """Make `function` check and convert its keyword arguments by its own signature.
+
+    Of a field that has numbers in one box of cells alone, it is given the box; what it makes is
+    put onto the field's canvas.
+    """
     known = parameters_of(function)
 
     @functools.wraps(function)
@@ -270,6 +278,11 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
             raise ParameterError(rule, source=function.__name__)
         if args and isinstance(args[0], (str, PathLike)):
             raise ParameterError("takes a grid: read_map(path)", source=function.__name__)
+        field: Any = args[0] if args else None
+        if isinstance(field, FieldGrid) and field.region is not None:
+            make: Any = function
+            whole: R = on_canvas(make(field.cropped, *args[1:], **accepted), field.frame)
+            return whole
         return function(*args, **accepted)
 
     return with_checks
