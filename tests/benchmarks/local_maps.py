@@ -46,6 +46,9 @@ def main() -> None:
         contenders = {
             "`mapdeal local --no-images`": [*MAPDEAL, *sequence, *out, "--no-images"],
             "the same, `--threads 1`": [*MAPDEAL, *sequence, *out, "--no-images", "--threads", "1"],
+            "rolling, `--keep 10 --no-images`": [
+                *MAPDEAL, *sequence, *out, "--keep", "10", "--no-images"
+            ],
             "`mapdeal local`, with pictures": [*MAPDEAL, *sequence, *out],
             "hand-written loop, no pictures": [
                 sys.executable, __file__, "--peer", str(folder / "clouds"),

@@ -141,6 +141,17 @@ COMMANDS = {
     "batch": ["run", "m.yaml", "other/m2.yaml", "-o", "out/set", "-j", "1", "--no-images"],
     "build": ["build", "m.log", "-o", "out/o.npz"],
     "local": ["local", "--cloud", "m.txt", "--pose", "1,2,0.3", "-o", "out", "--no-images"],
+    "local on a map": [
+        "run",
+        "m.yaml",
+        "--cloud",
+        "m.txt",
+        "--pose",
+        "1,2,0.3",
+        "-o",
+        "out/set",
+        "--no-images",
+    ],
     "cluster": ["esdf", "m.yaml", "-o", "out/o.npy", "--scheduler", "tcp://h:1"],
 }
 

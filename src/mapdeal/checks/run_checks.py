@@ -12,6 +12,7 @@ from mapdeal.formats.source import exists, holds
 from mapdeal.grid.costmap import UNIFORM_SHARE
 
 MANIFEST = "manifest.json"
+LOCAL_FOLDER = "local"
 
 declare_check("run.no-manifest", "error", "a folder without the manifest of a run")
 declare_check("run.missing-file", "error", "a file that the manifest lists is gone")
@@ -26,13 +27,19 @@ declare_check(
 
 
 def lint_run(folder: Path) -> list[Finding]:
-    """Return what is wrong with a folder of outputs: files that its manifest does not know."""
+    """Return what is wrong with a folder of outputs: files that its manifest does not know.
+
+    The local map that a run has made, too, is looked at with it.
+    """
     manifest = read_json(folder / MANIFEST)
     outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
     if not isinstance(outputs, dict) or not outputs:
         text = f"has no {MANIFEST} of a run; maps are checked by their .yaml or .npz"
         return [_finding("run.no-manifest", folder, text)]
-    return [*_of_outputs(folder, outputs), *_of_costs(folder, manifest.get("figures"))]
+    found = [*_of_outputs(folder, outputs), *_of_costs(folder, manifest.get("figures"))]
+    if exists(folder / LOCAL_FOLDER / MANIFEST):
+        found += lint_run(folder / LOCAL_FOLDER)
+    return found
 
 
 def _of_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:

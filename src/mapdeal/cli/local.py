@@ -17,6 +17,7 @@ from mapdeal.errors import BatchError, MapdealError, ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.mapping.local_options import CloudFrame, LocalOptions, Unknown
 from mapdeal.mapping.poses import check_pose
+from mapdeal.pipeline.applied import RunReport
 from mapdeal.pipeline.batch import run_all
 from mapdeal.pipeline.jobs import SUMMARY, Job, Outcome
 from mapdeal.pipeline.local import (
@@ -32,7 +33,6 @@ from mapdeal.pipeline.local import (
 )
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.rolling import RollingRun
-from mapdeal.pipeline.run import RunReport
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

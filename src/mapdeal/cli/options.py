@@ -140,7 +140,7 @@ def numbers(text: str, count: int, form: str, name: str) -> list[float]:
         if len(values) != count:
             raise ValueError
     except ValueError:
-        rule = f"must be {_COUNTS[count]} numbers {form}"
+        rule = f"must be {_COUNTS[count]} numbers {form}" if count > 1 else "must be a number"
         raise ParameterError(rule, source=name, got=text) from None
     return values
 

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from mapdeal.cli import options as opt
+from mapdeal.cli import run_around as around
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
 from mapdeal.cli.run_batch import run_batch, run_single, say_listing, say_plans
@@ -19,9 +20,11 @@ from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.source import absolute_path
 from mapdeal.grid.footprint import Footprint
 from mapdeal.kernels.threads import available_threads
+from mapdeal.pipeline.around import around_in
 from mapdeal.pipeline.dispatch import Workers
 from mapdeal.pipeline.golden import differences_from_golden, store_golden
-from mapdeal.pipeline.jobs import Job, MapRun, jobs_of
+from mapdeal.pipeline.jobs import MapRun, jobs_of
+from mapdeal.pipeline.local import LOCAL_RECIPE
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import output_folder
 from mapdeal.pipeline.settings import Canvas, Settings
@@ -34,7 +37,8 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 @app.command()
 @shared_options(
-    "robot", "image_max", "no_images", "golden", "update_golden", "dialect", "max_cells", "jobs",
+    "robot", "image_max", "no_images", "pose", "cloud", "frame", "local_recipe", "local_changes",
+    "golden", "update_golden", "dialect", "max_cells", "jobs",
     "scheduler", "dry_run", "force", "threads", "max_memory",
     help_texts={
         "threads": "Threads of each job.  [default: all processors, shared out]",
@@ -100,6 +104,11 @@ def run(
             help="Say what would be read, written, skipped and refused, and the memory it takes.",
         ),
     ] = False,
+    pose: around.PoseOption = None,
+    cloud: around.CloudOption = None,
+    frame: around.FrameOption = None,
+    local_recipe: around.LocalRecipe = None,
+    local_changes: around.LocalChanges = None,
     *,
     settings: Settings,
     footprint: Footprint | None,
@@ -112,6 +121,9 @@ def run(
     A MAP is a .yaml of map_server or an .npz; a folder, for all such .yaml files in it and below;
     a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with such names, one a line
     (@- reads them from stdin). Maps of folders, patterns and lists keep their path below DIR.
+
+    With --pose, and with what a robot sees there, --cloud, one map also gets its local map, with
+    what the recipe for local maps makes of it: all products of both in one call.
 
     One map's failure does not stop the others: the exit code is 5 then, and DIR/summary.json
     tells what became of each.
@@ -126,6 +138,9 @@ def run(
         canvas = "crop"
     # progress: of a single map alone, see `run_single`
     settings = replace(settings, canvas=canvas, progress=None)
+    robot = around.around_of(pose, cloud, frame, local_recipe, local_changes, footprint)
+    if robot is not None and scheduler is not None:
+        raise ParameterError("cannot be given together with --scheduler", source="--pose")
     if scheduler is not None:
         output = absolute_path(output)
     listing = list_maps(sources, output, terminal.input_chunks)
@@ -133,7 +148,9 @@ def run(
     all_jobs = jobs_of(listing.maps, output, names)
     say_listing(listing)
     is_batch = listing.is_set or len(all_jobs) > 1
-    map_run = MapRun(loaded, settings)
+    if robot is not None and len(all_jobs) > 1:
+        raise ParameterError(f"is for one map, there are {len(all_jobs)}", source="--pose")
+    map_run = MapRun(loaded, settings, robot)
     if scheduler is not None:
         all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]
     size = None if scheduler is not None else _jobs_at_once(jobs, len(all_jobs))
@@ -158,7 +175,10 @@ def run(
             run_batch(all_jobs, output, map_run, workers)
         else:
             run_single(all_jobs[0], map_run, workers)
-    _compare_with_golden(all_jobs, golden, update=update_golden)
+    runs = [(job.folder, job.place) for job in all_jobs]
+    if robot is not None:
+        runs += [(around_in(folder), f"{place}/{LOCAL_RECIPE}") for folder, place in runs]
+    _compare_with_golden(runs, golden, update=update_golden)
 
 
 def _jobs_at_once(wanted: int | None, maps: int) -> int:
@@ -170,16 +190,18 @@ def _jobs_at_once(wanted: int | None, maps: int) -> int:
     return min(wanted or processors, maps, most)
 
 
-def _compare_with_golden(jobs: list[Job], golden: Path | None, *, update: bool) -> None:
+def _compare_with_golden(
+    runs: list[tuple[Path, str]], golden: Path | None, *, update: bool
+) -> None:  # fmt: skip
     """Store the runs, or tell what differs from those that are stored."""
     if golden is None:
         return
     if update:
-        stored = [store_golden(job.folder, golden, job.place) for job in jobs]
+        stored = [store_golden(folder, golden, place) for folder, place in runs]
         terminal.summary([f"{path}: stored" for path in stored])
         return
     lines = [
-        line for job in jobs for line in differences_from_golden(job.folder, golden, job.place)
+        line for folder, place in runs for line in differences_from_golden(folder, golden, place)
     ]
     for line in lines:
         terminal.result(one_line(line))

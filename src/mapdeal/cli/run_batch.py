@@ -12,12 +12,12 @@ from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError, one_line
 from mapdeal.formats.map_listing import MapListing
 from mapdeal.grid.framed import Figures
+from mapdeal.pipeline.applied import RunReport
 from mapdeal.pipeline.batch import run_all, text_of
 from mapdeal.pipeline.dispatch import Workers, dispatch
 from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.jobs import SUMMARY, Job, MapRun, Outcome, attempt
 from mapdeal.pipeline.plan import Plan, plan_of
-from mapdeal.pipeline.run import RunReport
 
 _LONGEST_REASON = 100
 _LEAST_COLUMN = 8
@@ -111,9 +111,10 @@ def run_batch(
 
 def lines_of(path: Path, report: RunReport) -> list[str]:
     """Return what a run has made, a line a stage."""
+    local = [] if report.local is None else lines_of_local(path, report.local)
     if report.status == "unchanged":
-        return [f"{path} -> {report.folder}: unchanged"]
-    return [f"{path} -> {report.folder}", *lines_of_stages(report)]
+        return [f"{path} -> {report.folder}: unchanged", *local]
+    return [f"{path} -> {report.folder}", *lines_of_stages(report), *local]
 
 
 def lines_of_local(path: Path, report: RunReport) -> list[str]:

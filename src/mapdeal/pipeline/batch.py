@@ -13,9 +13,9 @@ from mapdeal.errors import MapdealError
 from mapdeal.formats.json_text import json_of
 from mapdeal.formats.source import exists
 from mapdeal.formats.transaction import Transaction, make_folder
+from mapdeal.pipeline.applied import RunReport
 from mapdeal.pipeline.dispatch import Workers, dispatch
 from mapdeal.pipeline.jobs import SUMMARY, Job, Outcome, attempt
-from mapdeal.pipeline.run import RunReport
 
 
 def run_all(
@@ -107,6 +107,8 @@ def _entry(job: Job, outcome: Outcome, what: str) -> dict[str, Any]:
         entry |= {"exit_code": result.exit_code, "error": text_of(str(result), job)}
     elif result is not None:
         entry["figures"] = result.figures
+        if getattr(result, "local", None) is not None:
+            entry["local"] = result.local.figures
     texts = [text_of(text, job) for text in outcome.warnings]
     return {**entry, "warnings": texts} if texts else entry
 

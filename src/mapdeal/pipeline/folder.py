@@ -210,6 +210,8 @@ class Filling:
         All that was read: none of it may be written.
     overlay : Overlay, optional
         What is drawn over each picture.
+    by_blocks : bool
+        Whether the products are made block by block, so that progress can be told.
     """
 
     folder: OutputFolder
@@ -217,6 +219,7 @@ class Filling:
     stem: str
     files: tuple[Path, ...]
     overlay: Overlay | None = None
+    by_blocks: bool = False
 
 
 def fill_together(
@@ -242,8 +245,9 @@ def fill_together(
     folders = [filling.folder for filling in fillings]
     force = all(folder.settings.force for folder in folders)
     taken = next((folder for folder in folders if folder.existing()), folders[0])
+    passes = sum(filling.folder.passes() for filling in fillings if filling.by_blocks)
     with (
-        written(progress, sum(folder.passes() for folder in folders)) as watch,
+        written(progress if passes else None, passes) as watch,
         Transaction(
             [path for folder in folders for path in folder.outputs()],
             inputs=read,

@@ -19,9 +19,11 @@ from mapdeal.errors import (
 from mapdeal.formats.map_listing import ListedMap
 from mapdeal.formats.source import ignores_case
 from mapdeal.kernels.threads import available_threads
+from mapdeal.pipeline.applied import RunReport
+from mapdeal.pipeline.around import Around
 from mapdeal.pipeline.memory import memory_budget
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.run import RunReport, run_map
+from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
 
 SUMMARY = "summary.json"
@@ -75,7 +77,10 @@ class Outcome:
         """One of ``done``, ``unchanged``, ``failed``, ``interrupted``."""
         if self.result is None:
             return "interrupted"
-        return "failed" if isinstance(self.result, MapdealError) else str(self.result.status)
+        if isinstance(self.result, MapdealError):
+            return "failed"
+        local = getattr(self.result, "local", None)
+        return "done" if local is not None and local.status == "done" else str(self.result.status)
 
 
 @dataclass(frozen=True)
@@ -88,10 +93,13 @@ class MapRun:
         The stages.
     settings : Settings
         How to read, compute, draw and write.
+    around : Around, optional
+        A robot around which a local map is made, too.
     """
 
     recipe: Recipe
     settings: Settings = DEFAULT_SETTINGS
+    around: Around | None = None
 
     def sharing(self, jobs: int) -> MapRun:
         """Return it with a job's part of processors and memory, where there is no other rule."""
@@ -113,7 +121,7 @@ class MapRun:
         """Run the map of a job into its folder."""
         settings = replace(self.settings, force=self.settings.force or job.is_new)
         with settings.memory(anew=True):
-            return run_map(job.path, job.folder, self.recipe, settings)
+            return run_map(job.path, job.folder, self.recipe, settings, self.around)
 
 
 def attempt(run_one: Callable[[Any], Any], job: Job) -> Outcome:

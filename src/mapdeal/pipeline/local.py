@@ -17,7 +17,6 @@ from mapdeal.formats.budget import holding
 from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.listing import list_files, numbered_folders
-from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import as_occupancy, open_map
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.source import (
@@ -38,11 +37,11 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.local_map import LocalMap, LocalMapper, local_map
 from mapdeal.mapping.local_options import LocalOptions
 from mapdeal.mapping.poses import Pose
+from mapdeal.pipeline.applied import RunReport, products_of
 from mapdeal.pipeline.files import errors_named
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product, fill_together
 from mapdeal.pipeline.memory import bytes_of, check_fits
 from mapdeal.pipeline.recipe import Recipe
-from mapdeal.pipeline.run import RunReport, products_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.render.pose import PoseOverlay
@@ -71,7 +70,6 @@ class GlobalMap:
     grid: OccupancyGrid
     files: tuple[Path, ...]
     sums: Mapping[str, str]
-    dialect: Dialect
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     ):
         source = file.read()
         named = file.sums_by_name(sums)
-    return GlobalMap(as_occupancy(source.grid, str(path)), source.files, named, settings.dialect)
+    return GlobalMap(as_occupancy(source.grid, str(path)), source.files, named)
 
 
 def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> RunReport:
@@ -243,28 +241,41 @@ def filling_of(
     `sums` is of the clouds that were read; `options` is what else shapes the products.
     """
     known = common.global_map
+    named = {**sums, **(known.sums if known is not None else {})}
+    folder = local_folder(job.folder, pose, named, common, options, has_map=known is not None)
+    clouds = () if job.cloud is None else (job.cloud,)
+    files = (*clouds, *(known.files if known is not None else ()))
+    products = _products(folder.steps[0], job, make, common)
+    return Filling(folder, products, job.source(common).stem, files, PoseOverlay(pose))
+
+
+def local_folder(
+    folder: Path,
+    pose: Pose,
+    sums: Mapping[str, str],
+    common: LocalCommon,
+    options: Mapping[str, str] | None = None,
+    *,
+    has_map: bool,
+) -> OutputFolder:
+    """Return the folder of a local map, given names and sums of all files that it is made of."""
     parameters = {
         "pose": pose,
         **asdict(common.options),
         "require_points": common.require_points,
         "keep": common.keep,
     }
-    first = Step(_LOCAL, parameters)
-    folder = OutputFolder(
-        job.folder,
-        (first, *common.recipe.steps),
-        {**sums, **(known.sums if known is not None else {})},
+    return OutputFolder(
+        folder,
+        (Step(_LOCAL, parameters), *common.recipe.steps),
+        sums,
         {
-            **({"dialect": known.dialect} if known is not None else {}),
+            **({"dialect": common.settings.dialect} if has_map else {}),
             **common.settings.picture_options,
             **(options or {}),
         },
         common.settings,
     )
-    clouds = () if job.cloud is None else (job.cloud,)
-    files = (*clouds, *(known.files if known is not None else ()))
-    products = _products(first, job, make, common)
-    return Filling(folder, products, job.source(common).stem, files, PoseOverlay(pose))
 
 
 def check_window(source: Path, common: LocalCommon) -> None:

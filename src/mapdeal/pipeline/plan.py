@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning
-from mapdeal.formats.maps import open_map
+from mapdeal.formats.maps import MapFile, open_map
 from mapdeal.formats.source import is_same_file, sums_of_reads
 from mapdeal.pipeline.jobs import Job, MapRun
 from mapdeal.pipeline.memory import Need, need_of
@@ -59,24 +59,36 @@ def plan_of(job: Job, run: MapRun) -> Plan:
             size, files = file.shape(), file.files
             is_by_rows = file.shape_by_rows is not None
             named = {} if settings.force else file.sums_by_name(sums)
+            cells = resolution_of(file) if run.around is not None else 0.0
         need = need_of(
             job.path, size, steps, settings,
             image_max=settings.picture_size, is_by_rows=is_by_rows,
         )  # fmt: skip
-        target = output_folder(job.folder, named, run.recipe, settings)
-        target.check_inputs(files)
-        is_unchanged = not settings.force and target.unchanged_figures() is not None
+        folders = [output_folder(job.folder, named, run.recipe, settings)]
+        if run.around is not None:
+            folders.append(run.around.folder(job.folder, named, cells, settings))
+            files = (*files, *run.around.files)
+        for target in folders:
+            target.check_inputs(files)
+        new = [one for one in folders if settings.force or one.unchanged_figures() is None]
     except MapdealError as error:
         return Plan(job, "failed", *size, error=error)
-    if is_unchanged:
+    if not new:
         return Plan(job, "unchanged", *size, reads=files)
-    existing = target.existing()
-    outputs = tuple(target.outputs())
+    existing = [path for target in new for path in target.existing()]
+    outputs = tuple(path for target in new for path in target.outputs())
     refusal = _refusal(existing, files, force=settings.force)
     if refusal is not None:
         return Plan(job, "refused", *size, reads=files, error=refusal)
     what: Literal["new", "replace"] = "replace" if existing else "new"
     return Plan(job, what, *size, need, files, outputs)
+
+
+def resolution_of(file: MapFile) -> float:
+    """Return the side of a map's cells, metres, as its YAML says it; an npz must be read."""
+    if file.metadata is not None:
+        return file.metadata.resolution
+    return file.read().grid.resolution
 
 
 def _refusal(

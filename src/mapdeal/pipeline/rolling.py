@@ -14,6 +14,7 @@ from mapdeal.formats.json_text import json_of
 from mapdeal.formats.source import sha256_of, state_of
 from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.rolling_map import RollingMapper
+from mapdeal.pipeline.applied import RunReport
 from mapdeal.pipeline.local import (
     LocalCommon,
     LocalJob,
@@ -23,7 +24,6 @@ from mapdeal.pipeline.local import (
     holding_map,
     points_of,
 )
-from mapdeal.pipeline.run import RunReport
 
 _PER_CELL = 10
 """Bytes for each cell that is remembered: while the cells move, twice."""

@@ -1,45 +1,31 @@
-"""A run: one map through one recipe into one folder."""
+"""A run: one map through one recipe into one folder, and what is around a robot into another."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
 
-from mapdeal.formats.npz import Grid
-from mapdeal.grid.canvas import on_canvas
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.framed import Figures
+from mapdeal.errors import MapdealWarning
+from mapdeal.formats.json_text import read_json
+from mapdeal.formats.maps import as_occupancy
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.folder import Filling, OutputFolder, Product, fill_together
+from mapdeal.pipeline.applied import RunReport, products_of
+from mapdeal.pipeline.around import Around, around_in
+from mapdeal.pipeline.folder import MANIFEST, Filling, OutputFolder, fill_together
+from mapdeal.pipeline.local import GlobalMap
 from mapdeal.pipeline.memory import opened_map
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
 
 
-@dataclass(frozen=True)
-class RunReport:
-    """What a run did.
-
-    Parameters
-    ----------
-    folder : Path
-        Where its outputs are.
-    status : {'done', 'unchanged'}
-        ``unchanged``: the manifest shows that everything was there already.
-    figures : dict
-        The figures of each stage by its name.
-    """
-
-    folder: Path
-    status: Literal["done", "unchanged"]
-    figures: dict[str, Figures]
-
-
 def run_map(
-    path: Path, folder: Path, recipe: Recipe, settings: Settings = DEFAULT_SETTINGS
-) -> RunReport:  # fmt: skip
+    path: Path,
+    folder: Path,
+    recipe: Recipe,
+    settings: Settings = DEFAULT_SETTINGS,
+    around: Around | None = None,
+) -> RunReport:
     """Read a map, apply a recipe and write everything into a folder.
 
     Parameters
@@ -52,6 +38,9 @@ def run_map(
         The stages.
     settings : Settings
         How to read, compute, draw and write.
+    around : Around, optional
+        A robot around which a local map is made, too. It goes into a folder in `folder`, together
+        with the rest: all is written or nothing.
 
     Raises
     ------
@@ -66,18 +55,50 @@ def run_map(
         ) as source,
     ):
         target = output_folder(folder, source.sums, recipe, settings)
-        target.check_inputs(source.files)
-        figures = None if settings.force else target.unchanged_figures()
-        if figures is not None:
-            target.repeat_warnings(path)
-            return RunReport(folder, "unchanged", figures)
         canvas = source.grid.frame if settings.canvas == "full" else None
         products = products_of(recipe, source.grid, path, canvas=canvas)
-        (figures,) = fill_together(
-            [Filling(target, products, path.stem, source.files)],
-            progress=settings.progress if source.grid.is_lazy else None,
-        )
-        return RunReport(folder, "done", figures)
+        fillings = [
+            Filling(target, products, path.stem, source.files, by_blocks=source.grid.is_lazy)
+        ]
+        if around is not None:
+            grid = as_occupancy(source.grid, str(path))
+            known = GlobalMap(grid, source.files, source.sums)
+            fillings.append(around.filling(folder, known, settings))
+        return _filled(fillings, settings)
+
+
+def _filled(fillings: list[Filling], settings: Settings) -> RunReport:
+    """Fill the folders that do not hold all this already, together."""
+    found = []
+    for filling in fillings:
+        filling.folder.check_inputs(filling.files)
+        found.append(None if settings.force else filling.folder.unchanged_figures())
+    new = [filling for filling, old in zip(fillings, found, strict=True) if old is None]
+    for filling, old in zip(fillings, found, strict=True):
+        if old is not None:
+            filling.folder.repeat_warnings(filling.files[0])
+    made = iter(fill_together(new, progress=settings.progress) if new else [])
+    reports = [
+        RunReport(filling.folder.path, "done", next(made))
+        if old is None
+        else RunReport(filling.folder.path, "unchanged", old)
+        for filling, old in zip(fillings, found, strict=True)
+    ]
+    run, *local = reports
+    if local:
+        return RunReport(run.folder, run.status, run.figures, local[0])
+    if run.status == "done":
+        _warn_of_another(around_in(run.folder))
+    return run
+
+
+def _warn_of_another(folder: Path) -> None:
+    """Warn of a local map that an earlier run has left beside what this one has made."""
+    manifest = read_json(folder / MANIFEST)
+    stages = manifest.get("stages") if isinstance(manifest, dict) else None
+    if isinstance(stages, list) and stages and isinstance(stages[0], dict) and "local" in stages[0]:
+        text = f"{folder}: holds the local map of an earlier run, which is left as it is"
+        warnings.warn(text, MapdealWarning, stacklevel=2)
 
 
 def output_folder(
@@ -88,17 +109,3 @@ def output_folder(
         "dialect": settings.dialect, **settings.picture_options, "canvas": settings.canvas
     }  # fmt: skip
     return OutputFolder(folder, recipe.steps, sums, options, settings)
-
-
-def products_of(
-    recipe: Recipe, grid: Grid, path: Path, *, canvas: Frame | None = None
-) -> Iterator[Product]:
-    """Yield what each step of a recipe makes of a grid; errors name the file it came from.
-
-    With a canvas, each product is put onto it. That changes nothing of what steps compute.
-    """
-    for step in recipe.steps:
-        made = step.apply(grid, path)
-        yield Product(step, made if canvas is None else on_canvas(made, canvas))
-        if step.stage.hands_on:
-            grid = made

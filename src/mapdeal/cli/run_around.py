@@ -1,0 +1,128 @@
+"""Options of ``mapdeal run`` that say where a robot stands on the map, and what is made there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+import typer
+
+from mapdeal.cli import options as opt
+from mapdeal.errors import ParameterError
+from mapdeal.grid.footprint import Footprint
+from mapdeal.mapping.local_options import CloudFrame, LocalOptions
+from mapdeal.mapping.poses import check_pose
+from mapdeal.pipeline.around import Around
+from mapdeal.pipeline.local import LOCAL_RECIPE, only_cloud
+from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
+from mapdeal.stages.parameters import unknown_name
+
+_SET = "--local-set"
+
+PoseOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,YAW",
+        help="Make the local map around this robot, too, as `mapdeal local` does; it goes into a "
+        "folder local in the map's folder.",
+    ),
+]
+CloudOption = Annotated[
+    str | None, typer.Option("--cloud", metavar="FILE", help="What the robot at --pose sees.")
+]
+FrameOption = Annotated[
+    CloudFrame | None,
+    typer.Option(help="What the cloud's coordinates are.  [default: robot]", show_default=False),
+]
+LocalRecipe = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME|FILE",
+        help=f"Recipe of the local map: one of {', '.join(BUILT_IN)}, or a file.  "
+        f"[default: {LOCAL_RECIPE}]",
+        show_default=False,
+    ),
+]
+LocalChanges = Annotated[
+    list[str] | None,
+    typer.Option(
+        _SET,
+        metavar="STAGE.PARAMETER=VALUE",
+        help="Change a parameter of the local recipe, or an option of the command local, as "
+        "local.size=12,8; can be repeated.",
+    ),
+]
+
+
+def around_of(
+    pose: str | None,
+    cloud: str | None,
+    frame: CloudFrame | None,
+    recipe: str | None,
+    changes: Sequence[str] | None,
+    footprint: Footprint | None,
+) -> Around | None:
+    """Return the robot that the options describe, if they do.
+
+    Raises
+    ------
+    MapdealError
+        If an option is not allowed, or given without the pose.
+    """
+    if pose is None:
+        given = {"--cloud": cloud, "--frame": frame, "--local-recipe": recipe, _SET: changes}
+        for name, value in given.items():
+            if value:
+                raise ParameterError("needs --pose", source=name)
+        return None
+    if cloud is None and frame is not None:
+        raise ParameterError("needs --cloud", source="--frame")
+    place = check_pose(opt.numbers(pose, 3, "X,Y,YAW", "--pose"), "--pose")
+    own = [text for text in changes or [] if text.strip().startswith(f"{LOCAL_RECIPE}.")]
+    others = [text for text in changes or [] if text not in own]
+    options = dict(map(_option_of, own))
+    if cloud is None:
+        for name in options:
+            if name not in _OF_WINDOWS:
+                raise ParameterError("needs --cloud", source=_SET, got=f"{LOCAL_RECIPE}.{name}")
+    return Around(
+        place,
+        load_recipe(recipe or LOCAL_RECIPE, footprint=footprint, settings=others),
+        LocalOptions(frame or "robot", **options),
+        None if cloud is None else only_cloud([cloud]),
+        takes_cells=cloud is None and "resolution" not in options,
+    )
+
+
+def _number(text: str, name: str) -> float:
+    (value,) = opt.numbers(text, 1, "V", name)
+    return value
+
+
+def _word(text: str, _: str) -> str:
+    return text
+
+
+_OPTIONS: dict[str, Callable[[str, str], Any]] = {
+    "offset": opt.pair,
+    "size": opt.pair,
+    "resolution": _number,
+    "min_height": _number,
+    "max_height": _number,
+    "min_range": _number,
+    "max_range": _number,
+    "raytrace_range": _number,
+    "unknown": _word,
+}
+_OF_WINDOWS = ("size", "resolution", "unknown")
+
+
+def _option_of(text: str) -> tuple[str, Any]:
+    """Return name and value of a change of the command local's options."""
+    target, equals, value = text.partition("=")
+    name = target.strip().removeprefix(f"{LOCAL_RECIPE}.").replace("-", "_")
+    if not equals:
+        raise ParameterError("must look like stage.parameter=value", source=_SET, got=text)
+    if name not in _OPTIONS:
+        raise unknown_name("option", name, list(_OPTIONS), place=_SET)
+    return name, _OPTIONS[name](value.strip(), f"{_SET} {LOCAL_RECIPE}.{name}")

@@ -1,0 +1,51 @@
+"""A recipe applied to a grid: what comes of each step, and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from mapdeal.formats.npz import Grid
+from mapdeal.grid.canvas import on_canvas
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.framed import Figures
+from mapdeal.pipeline.folder import Product
+from mapdeal.pipeline.recipe import Recipe
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """What a run did.
+
+    Parameters
+    ----------
+    folder : Path
+        Where its outputs are.
+    status : {'done', 'unchanged'}
+        ``unchanged``: the manifest shows that everything was there already.
+    figures : dict
+        The figures of each stage by its name.
+    local : RunReport, optional
+        The same of the local map that was asked for besides.
+    """
+
+    folder: Path
+    status: Literal["done", "unchanged"]
+    figures: dict[str, Figures]
+    local: RunReport | None = None
+
+
+def products_of(
+    recipe: Recipe, grid: Grid, path: Path, *, canvas: Frame | None = None
+) -> Iterator[Product]:
+    """Yield what each step of a recipe makes of a grid; errors name the file it came from.
+
+    With a canvas, each product is put onto it. That changes nothing of what steps compute.
+    """
+    for step in recipe.steps:
+        made = step.apply(grid, path)
+        yield Product(step, made if canvas is None else on_canvas(made, canvas))
+        if step.stage.hands_on:
+            grid = made

@@ -1,0 +1,86 @@
+"""A robot on the map of a run: the local map that the run makes, too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mapdeal.formats.source import sha256_of
+from mapdeal.mapping.local_options import LocalOptions
+from mapdeal.mapping.poses import Pose
+from mapdeal.pipeline.folder import Filling, OutputFolder
+from mapdeal.pipeline.local import (
+    LOCAL_RECIPE,
+    GlobalMap,
+    LocalCommon,
+    LocalJob,
+    check_window,
+    holding_map,
+    local_filling,
+    local_folder,
+)
+from mapdeal.pipeline.recipe import Recipe
+from mapdeal.pipeline.settings import Settings
+
+
+@dataclass(frozen=True)
+class Around:
+    """Where a robot stands on the map of a run, and how its local map is made.
+
+    Parameters
+    ----------
+    pose : tuple of float
+        x, y (metres) and yaw (radians) of the robot in the map frame, -pi < yaw <= pi.
+    recipe : Recipe
+        What is made of the local map.
+    options : LocalOptions
+        How it is made of the map and the cloud.
+    cloud : Path, optional
+        What the robot sees; without it the local map is the map's window.
+    takes_cells : bool
+        Whether its cells are as large as the map's, whatever the options say.
+    """
+
+    pose: Pose
+    recipe: Recipe
+    options: LocalOptions
+    cloud: Path | None = None
+    takes_cells: bool = False
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """What is read beside the map."""
+        return () if self.cloud is None else (self.cloud,)
+
+    def filling(self, folder: Path, known: GlobalMap, settings: Settings) -> Filling:
+        """Return what goes into the local map's folder, given that of the run and its map.
+
+        Raises
+        ------
+        MapdealError
+            If the cloud cannot be found, or the window is too large.
+        """
+        common = self._common(settings, known.grid.resolution, known)
+        with holding_map(None if known.grid.is_lazy else known):
+            return local_filling(LocalJob(self.cloud, self.pose, around_in(folder)), common)
+
+    def folder(
+        self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
+    ) -> OutputFolder:
+        """Return the local map's folder, given the run's, and sums and cells of its map."""
+        cloud = {} if self.cloud is None else {self.cloud.name: sha256_of(self.cloud)}
+        common = self._common(settings, resolution)
+        check_window(self.cloud or folder, common)
+        return local_folder(around_in(folder), self.pose, {**cloud, **sums}, common, has_map=True)
+
+    def _common(
+        self, settings: Settings, resolution: float, known: GlobalMap | None = None
+    ) -> LocalCommon:
+        options = replace(self.options, resolution=resolution) if self.takes_cells else self.options
+        return LocalCommon(options, self.recipe, settings, known)
+
+
+def around_in(folder: Path) -> Path:
+    """Return where the local map of a run goes, given the run's folder."""
+    return folder / LOCAL_RECIPE
