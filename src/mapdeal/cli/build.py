@@ -20,7 +20,6 @@ from mapdeal.formats.scans.text import ScanTexts
 from mapdeal.mapping.beams import BeamLimits
 from mapdeal.mapping.build import Method
 from mapdeal.pipeline.build import BuildSettings, build_file
-from mapdeal.pipeline.compare import compare_methods
 from mapdeal.pipeline.settings import Settings
 
 _DEFAULT_METHOD: Method = "log-odds"
@@ -162,6 +161,8 @@ def build(
     passes = 2 if how.sizes_itself else 1
     with terminal.progress(passes * source.count) as bar:
         if compare:
+            from mapdeal.pipeline.compare import compare_methods  # not loaded for one map
+
             found = compare_methods(source, output, how, settings, advance=bar.advance)
         else:
             figures = build_file(source, output, how, settings, layers=layers, advance=bar.advance)

@@ -273,10 +273,6 @@ def build_map(
     that of its end, which is not: a cell is never hit and passed by the same beam. Beams that leave
     the grid count inside of it.
 
-    References
-    ----------
-    Design document 004.
-
     Examples
     --------
     >>> built = build_map([[0.0, 0.0, 0.0]], [0.0, 0.5], [[1.0, 1.2]], resolution=0.25)

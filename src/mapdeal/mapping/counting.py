@@ -34,8 +34,8 @@ class Counting(Evidence):
 
     References
     ----------
-    Design document 004, method 2; gmapping's ``PointAccumulator``. As there, a cell that beams
-    have reached is either occupied or free.
+    gmapping's ``PointAccumulator``. As there, a cell that beams have reached is either occupied or
+    free.
 
     Examples
     --------

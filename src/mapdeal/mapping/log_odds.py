@@ -48,7 +48,8 @@ class LogOdds(Evidence):
 
     References
     ----------
-    Design document 004, method 1, with the cell of a hit left out of those passed.
+    H. Moravec and A. Elfes, "High Resolution Maps from Wide Angle Sonar", 1985, whose logarithms
+    of odds are sums. Here the cell of a hit is not among those passed.
 
     Examples
     --------

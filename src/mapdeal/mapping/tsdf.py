@@ -56,8 +56,8 @@ class Tsdf(Evidence):
 
     References
     ----------
-    Design document 004, method 3; B. Curless and M. Levoy, "A Volumetric Method for Building
-    Complex Models from Range Images", 1996.
+    B. Curless and M. Levoy, "A Volumetric Method for Building Complex Models from Range Images",
+    1996.
 
     Examples
     --------
