@@ -128,7 +128,9 @@ def test_an_output_that_is_the_map_is_refused_always(folder, refused, accepted):
 def test_without_points_the_map_is_empty_and_that_is_warned_of(folder, accepted, cloud, told):
     (folder / "c.xyz").write_text(cloud)
     _, warned = accepted(*LOCAL, *POSE)
-    assert warned == [f"warning: c.xyz: no point marks a cell: {told}"]
+    no_point, uniform = warned
+    assert no_point == f"warning: c.xyz: no point marks a cell: {told}"
+    assert uniform.endswith("cost 0: there is no obstacle")
     assert not read_map(folder / "out" / "local.yaml").occupied().any()
     assert np.isposinf(read_map(folder / "out" / "esdf.npz").distance).all()
 

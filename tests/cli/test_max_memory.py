@@ -66,15 +66,20 @@ def contents(folder):
     "recipe", ["default", "nav2", "seed-real", "seed-sim", "seed-sim --canvas full"]
 )
 def test_run(command, building, tmp_path, blocks_used, recipe, memory):
+    told = []
     for name, size in (("whole", PLENTY), ("blocks", memory)):
         code, out, err = command(
             "run", building, "-o", tmp_path / name, "--recipe", *recipe.split(), "--threads", 2,
             "--max-memory", size,
         )  # fmt: skip
-        assert (code, err) == (0, "")
+        told.append(err)
+        assert (code, err.count("\n"), "the open cells cost 99" in err) == (
+            (0, 1, True) if recipe == "seed-real" else (0, 0, False)
+        )
         assert out.replace(str(tmp_path / name), "") != out
         assert bool(blocks_used) == (name == "blocks")
     assert blocks_used[0] < 100
+    assert told[0] == told[1]
     whole, blocks = contents(tmp_path / "whole"), contents(tmp_path / "blocks")
     assert whole.keys() == blocks.keys()
     assert [name for name in whole if whole[name] != blocks[name]] == []
@@ -195,6 +200,7 @@ class Watched:
     ("recipe", "canvas"),
     [("default", "crop"), ("seed-real", "crop"), ("seed-sim", "crop"), ("seed-sim", "full")],
 )
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, canvas, images):
     for size in (10**12, size_of(LITTLE, "") if images else size_of(LITTLE, "") - 4 * 10**6):
         watch = Watched()

@@ -34,7 +34,13 @@ ROOM = """
 """
 
 
-@cost_model("flat", title=lambda parameters: f"cost, flat {parameters['beyond']:g} m", memory=2.0)
+@cost_model(
+    "flat",
+    title=lambda parameters: f"cost, flat {parameters['beyond']:g} m",
+    memory=2.0,
+    advice=lambda parameters, _: f"change beyond ({parameters['beyond']:g} m)",
+    when_closed="nothing helps",
+)
 def flat_cost(
     source: mapdeal.OccupancyGrid, *, beyond: Annotated[float, AT_LEAST_0, METRES] = 1.5
 ) -> Costmap:

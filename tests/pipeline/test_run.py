@@ -249,7 +249,7 @@ def padded(array, shape, box):
 
 
 def test_the_canvas_is_part_of_what_makes_a_run_unchanged(room, tmp_path):
-    recipe = load_recipe("seed-sim")
+    recipe = load_recipe("arena", sim=True)
     settings = Settings(images=False)
     assert run_map(room, tmp_path / "out", recipe, settings).status == "done"
     full = replace(settings, canvas="full")
