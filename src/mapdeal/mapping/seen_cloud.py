@@ -103,8 +103,7 @@ class SeenCloud:
             distance = np.hypot(seen[:, 0], seen[:, 1])
         near = _between(distance, self._options.min_range, self._options.max_range)
         if self._with_beams:
-            self._add_beams(placed, distance)
-            self._marks = _union(self._marks, self._cells_of(placed[near]))
+            self._add_beams(placed, distance, near)
         beyond_range = int(len(near) - np.count_nonzero(near))
         seen, placed = seen[near], placed[near]
         away = (distance[near] > 0) & np.isfinite(distance[near])
@@ -161,23 +160,33 @@ class SeenCloud:
         here = np.array([self._pose[:2]])
         return here if self._options.frame == "map" else here - np.array(self._options.offset)
 
-    def _add_beams(self, placed: Floats, distance: Floats) -> None:
-        """Keep the cells in which beams end: at a point, or where they do not clear any more."""
+    def _add_beams(self, placed: Floats, distance: Floats, near: NDArray[np.bool_]) -> None:
+        """Keep cells with a point, and those in which beams end: there, or where they clear to."""
         useful = _between(distance, self._options.min_range, None) & np.isfinite(distance)
+        useful &= _both(np.abs(placed) <= FARTHEST)
         placed, distance = placed[useful], distance[useful]
+        keys, is_kept = self._keys_of(placed)
+        marks = ends = np.unique(keys[near[useful] & is_kept])
         reach = self._options.reach
-        if reach is not None:
-            beyond = distance > reach
-            sensor, share = self._sensor_xy(), reach / distance[beyond]
-            placed[beyond] = sensor + (placed[beyond] - sensor) * share[:, np.newaxis]
-        self._ends = _union(self._ends, self._cells_of(placed))
+        clears = np.ones(len(keys), np.bool_) if reach is None else distance <= reach
+        if not (clears & near[useful])[is_kept].all():
+            ends = np.unique(keys[clears & is_kept])
+        if reach is not None and not clears.all():
+            sensor, share = self._sensor_xy(), reach / distance[~clears]
+            shortened = sensor + (placed[~clears] - sensor) * share[:, np.newaxis]
+            keys, is_kept = self._keys_of(shortened)
+            ends = _union(ends, np.unique(keys[is_kept]))
+        self._marks, self._ends = _union(self._marks, marks), _union(self._ends, ends)
 
-    def _cells_of(self, placed: Floats) -> Cells:
-        """Return row and column of points, each pair as one number, each number once."""
-        placed = placed[(np.abs(placed) <= FARTHEST).all(axis=1)]
+    def _keys_of(self, placed: Floats) -> tuple[Cells, NDArray[np.bool_]]:
+        """Return row and column of points as one number, and for which points there is one."""
         cells = self._lattice.unbounded_rowcol_from_xy(placed)
-        cells = cells[(np.abs(cells) < _FARTHEST_KEY).all(axis=1)]
-        return np.unique(cells[:, 0] * (2 * _FARTHEST_KEY) + cells[:, 1])
+        return cells[:, 0] * (2 * _FARTHEST_KEY) + cells[:, 1], _both(np.abs(cells) < _FARTHEST_KEY)
+
+
+def _both(pairs: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where both of a pair are set: faster than `all` along short rows."""
+    return pairs[:, 0] & pairs[:, 1]
 
 
 def _union(one: Cells, other: Cells) -> Cells:
