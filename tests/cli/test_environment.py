@@ -14,8 +14,7 @@ from bad_maps import tree, write_map, yaml_text
 from mapdeal.cli.main import command_names, main
 
 ROOT = Path(__file__).parents[2]
-# which leaves the small map free cells, of different costs
-QUIETLY = ["--set", "inflate.radius=0", "--set", "cost.cost_scaling_factor=1"]
+QUIETLY = ["--set", "inflate.radius=0"]  # which leaves the small map free cells
 NAMES = ["Küche.yaml", "地图 ☃.yaml", os.fsdecode(b"\xff\xfe.yaml"), "a\x1bb\n.yaml"]
 WORDS = [
     ["info"], ["info", "--json"], ["lint"], ["lint", "--format", "json"],
@@ -27,7 +26,8 @@ WORDS = [
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_map(tmp_path)
+    # a cell at each of two distances, so that their costs differ
+    write_map(tmp_path, image=b"P5\n3 2\n255\n" + bytes([0, 254, 254, 254, 254, 254]))
     return tmp_path
 
 

@@ -75,7 +75,7 @@ def test_info_says_how_a_file_was_made_of_the_run_s_own_files_alone(command, tmp
         assert (code, "made_by" in json.loads(out)) == (0, is_of_run)
     code, _, err = command("info", tmp_path)
     assert (code, err.splitlines()[0]) == (
-        4, f"error: {tmp_path}: is a folder without a manifest.json of a run"
+        4, f"error: {tmp_path}: is a directory without the manifest.json of a run"
     )  # fmt: skip
 
 

@@ -60,6 +60,8 @@ def _rows_of_run(report: dict[str, Any]) -> list[tuple[str, str]]:
     for name, parameters in _stages(report["stages"]):
         rows.append((name, _listed(parameters)))
         rows.append(("", _listed(report["figures"].get(name, {}))))
+    warned = report["warnings"]
+    rows += [("warning", str(text)) for text in (warned if isinstance(warned, list) else ())]
     return rows
 
 

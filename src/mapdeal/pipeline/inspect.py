@@ -63,11 +63,11 @@ def _describe_run(path: Path) -> dict[str, Any]:
     """Return what the manifest of a run tells of it, the sums of its outputs aside."""
     folder = path if is_folder(path) else path.parent
     if path == folder and not exists(folder / MANIFEST):
-        rule = f"is a folder without a {MANIFEST} of a run"
+        rule = f"is a directory without the {MANIFEST} of a run"
         raise FileAccessError(rule, source=path, hint="name the maps in it")
     status_of(folder / MANIFEST)
     manifest = manifest_in(folder)
-    keys = ("version", "inputs", "options", "stages", "figures")
+    keys = ("version", "inputs", "options", "stages", "figures", "warnings")
     return {"file": str(path), "kind": "run"} | {key: manifest.get(key) for key in keys}
 
 

@@ -214,8 +214,9 @@ def local_filling(job: LocalJob, common: LocalCommon) -> Filling:
     cloud, state = job.cloud, state_of(job.cloud)  # of what its sum is of, and then its points
 
     def made() -> LocalMap:
-        for points in points_of(cloud, state):
-            mapper.add(points)
+        with errors_named(cloud):
+            for points in points_of(cloud, state):
+                mapper.add(points)
         return mapper.result()
 
     return filling_of(job, mapper.pose, {cloud.name: sha256_of(cloud)}, common, made)

@@ -15,6 +15,7 @@ from mapdeal.formats.source import sha256_of, state_of
 from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.rolling_map import RollingMapper
 from mapdeal.pipeline.applied import RunReport
+from mapdeal.pipeline.files import errors_named
 from mapdeal.pipeline.local import (
     LocalCommon,
     LocalJob,
@@ -137,7 +138,8 @@ class RollingRun:
         if known is None:
             raise ParameterError("was not read", source=self._cloud(turn))
         try:
-            self._mapper.add_in_parts(points_of(self._cloud(turn), known[1]))
+            with errors_named(self._cloud(turn)):
+                self._mapper.add_in_parts(points_of(self._cloud(turn), known[1]))
         except MapdealError:
             self._states[turn] = None
             self._mapper.skip()
