@@ -135,6 +135,16 @@ def test_maps_that_are_no_p5_are_read_whole_and_processed_block_by_block(
     assert outputs[0] == outputs[1] != {}
 
 
+def test_bits_are_read_row_by_row(command, building, tmp_path, blocks_used):
+    bits = tmp_path / "bits.pbm"
+    assert command("pack", building, "-o", bits)[0] == 0
+    for name, size in (("whole", PLENTY), ("blocks", LITTLE)):
+        words = ["-o", tmp_path / name, "--threads", 2, "--max-memory", size]
+        assert command("run", bits, *words)[0] == 0
+        assert bool(blocks_used) == (name == "blocks")
+    assert contents(tmp_path / "whole") == contents(tmp_path / "blocks") != {}
+
+
 @pytest.mark.parametrize(
     ("words", "memory"),
     [(["run"], f"{BASE + 5} MB"), (["esdf"], f"{BASE} MB"), (["potential"], f"{BASE + 20} MB")],

@@ -14,7 +14,16 @@ import numpy as np
 import pytest
 from numpy.lib import format as npy_format
 
-from mapdeal import Costmap, OccupancyGrid, PotentialField, esdf, read_map, write_map
+from mapdeal import (
+    BitMap,
+    Costmap,
+    OccupancyGrid,
+    PotentialField,
+    esdf,
+    read_map,
+    write_bit_map,
+    write_map,
+)
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.kernels.engine import engine_name
 
@@ -202,6 +211,8 @@ BOMBS = {
     "P4": ["info", "bits.yaml"],
     "P2": ["info", "text.yaml"],
     "bit map": ["unpack", "bits8.pbm", *OUT],
+    "edited bit map": ["edit", "circle", "bits8.pbm", "--point", "5,5", "--radius", "1",
+                       "--value", "100", "-q", "-o", "out.pbm"],
     "costs of a map": ["query", "grey.yaml", "--at", "1,1"],
     "window": ["window", "small.yaml", "--corner", "0,0", "--size", "500,500", *OUT],
     "built map": ["build", "far-scans.npz", *OUT],
@@ -286,6 +297,7 @@ def site(folder, side):
     shifted = np.roll(values, 3, axis=0)
     write_map(folder / "other.yaml", OccupancyGrid(shifted, 0.05, (2.5, -2.0, 0.0)))
     write_map(folder / "cost.npz", Costmap((values == 100).astype(np.uint8) * 254, 0.05))
+    write_bit_map(folder / "bits.pbm", BitMap.from_occupancy(grid))
     write_map(folder / "esdf.npz", esdf(grid))
     around = grid.frame.window(-1, -2, side + 3, side + 105)
     write_map(folder / "canvas.npz", on_canvas(esdf(grid), around))
@@ -315,6 +327,8 @@ COMMANDS = {
     "convert potential": ["convert", "potential.npz", "-o", "out.npz", "-q"],
     "edit": ["edit", "circle", "site.yaml", "--point", "5,5", "--radius", "1", "--value", "100",
              *OUT],
+    "edit bits": ["edit", "circle", "bits.pbm", "--point", "5,5", "--radius", "1", "--value", "100",
+                  "-q", "-o", "out.pbm"],
     "window": ["window", "site.yaml", "--corner", "0,0", "--size", "100,100", *OUT],
     "window of a field": ["window", "esdf.npz", "--corner", "-9,-9", "--size", "100,100", "-q",
                           "-o", "out.npz"],

@@ -192,7 +192,43 @@ def test_round_shapes_by_distance_in_the_map_frame(a, b, size, yaw):
             assert (circle[row, col] == 100) == (within or own)
         distance = oracles.distance_to_segment(centre, (ax, ay), (bx, by))
         if abs(distance - size / 2) > 1e-9:
-            assert (line[row, col] == 100) == (distance < size / 2 or (row, col) in thin)
+            within = distance < size / 2 and size > grid.resolution  # up to a cell: single cells
+            assert (line[row, col] == 100) == (within or (row, col) in thin)
+
+
+@given(
+    st.tuples(st.floats(-1, 8), st.floats(-1, 6)),
+    st.sampled_from([0.0, 0.3, 1.0]),
+    st.floats(-3, 3),
+)
+def test_a_circle_of_radius_0_and_a_point_of_a_line_are_the_cell_that_holds_them(at, cells, yaw):
+    """Drawn on maps and on bits; by hand, the floor of the coordinates."""
+    grid = OccupancyGrid(np.zeros((5, 7), np.int8), 0.25, (1.5, -2.0, yaw))
+    (point,) = turned(grid, [at])
+    expected = np.zeros(grid.shape, dtype=bool)
+    row, col = (math.floor(v + 1e-9) for v in at[::-1])
+    if 0 <= row < 5 and 0 <= col < 7:
+        expected[row, col] = True
+    bits = BitMap.from_occupancy(grid)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapdealWarning)
+        for shape in (Circle(point, 0.0), Line([point, point], thickness=cells * 0.25)):
+            drawn = draw(grid, shape, value=100).occupancy
+            assert np.array_equal(drawn == 100, expected)
+            assert np.array_equal(draw(bits, shape, value=1).to_mask(), expected)
+    assert np.array_equal(bits.circle(point, 0).to_mask(), expected)
+    assert np.array_equal(bits.line([point, point]).to_mask(), expected)
+
+
+def test_a_line_of_a_cell_s_thickness_is_that_of_single_cells_and_clips_nothing():
+    grid = OccupancyGrid(np.zeros((5, 7), np.int8), 0.25, (1.5, -2.0, 0.4))
+    ends = turned(grid, [(0.1, 0.1), (6.9, 3.2)])
+    thin = draw(grid, Line(ends), value=100).occupancy
+    for thickness in (0.1, 0.25):
+        line = Line(ends, thickness=thickness)
+        assert np.array_equal(draw(grid, line, value=100, strict=True).occupancy, thin)
+    with pytest.raises(FindingError, match="its thickness"):
+        draw(grid, Line(ends, thickness=0.26), value=100, strict=True)
 
 
 def test_the_last_shape_is_on_top_and_its_own_value_counts_first():

@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -118,3 +120,157 @@ def test_other_names_are_refused(tmp_path):
         write_bit_map(tmp_path / "b.pgm", BitMap.from_mask([[1]], 0.5))
     with pytest.raises(ParameterError, match="pbm"):
         read_bit_map(tmp_path / "b.yaml")
+
+
+def test_a_bit_map_is_the_map_of_its_yaml_wherever_a_map_is_read(pair, command):
+    """By the drawing: # occupied, all else free. The YAML is found by the name of the bits."""
+    expected = np.maximum(grid_from_text(DRAWING).occupancy, 0)
+    for name in (pair, str(pair)):
+        grid = read_map(name)
+        assert np.array_equal(grid.occupancy, expected)
+        assert (grid.resolution, grid.origin) == (0.25, (1.5, -2.0, 0.4))
+    here = pair.parent
+    about = pair.with_suffix(".yaml")
+    commands = {
+        "info": (["info", "--json"], None), "lint": (["lint"], None),
+        "inflate": (["inflate", "--radius", "0.3"], "o.npz"), "active": (["active"], "o.npz"),
+        "esdf": (["esdf"], "o.npz"), "potential": (["potential"], "o.npz"),
+        "cost": (["cost"], "o.npz"), "convert": (["convert"], "o.npz"),
+        "window": (["window", "--corner=1.6,-1.9", "--size=1,0.5"], "o.npz"),
+        "shift": (["shift", "--origin=1.6,-1.9"], "o.npz"),
+        "edit": (["edit", "circle", "--point=1.7,-1.7", "--radius=0.3", "--value=50"], "o.npz"),
+        "query": (["query", "--at=1.7,-1.7"], None), "pack": (["pack"], "o.pbm"),
+        "route": (["route", "--from=1.9,-1.5", "--to=2.4,-1.3"], None),
+    }  # fmt: skip
+    for name, (words, output) in commands.items():
+        found = []
+        for source in (pair, about):
+            target = [] if output is None else ["-o", here / output, "--force"]
+            code, out, err = command(*words, source, *target)
+            assert code in (0, 2), (name, err)
+            written = b"" if output is None else (here / output).read_bytes()
+            told = re.sub(r"b\.(pbm|yaml)", "?", out + err)  # lint has lines of the YAML
+            found.append((code, told, written))
+        assert found[0] == found[1], name
+    assert found[0][0] == 0
+
+
+def test_runs_and_second_maps_may_be_bit_maps(pair, command, tmp_path):
+    about = pair.with_suffix(".yaml")
+    for name, source in (("bits", pair), ("map", about)):
+        assert command("run", source, "-o", tmp_path / name, "--no-images")[0] == 0
+        assert command("cost", about, "--mask", source, "-o", tmp_path / f"{name}.npz")[0] == 0
+        assert command("diff", about, source)[0] == 0
+        words = ["window", about, "--like", source, "-o", tmp_path / f"{name}2.npz"]
+        assert command(*words)[0] == 0
+    names = sorted(path.name for path in (tmp_path / "map" / "b").iterdir())
+    for name in names:
+        assert (tmp_path / "bits" / "b" / name).read_bytes() == (
+            tmp_path / "map" / "b" / name
+        ).read_bytes()
+    assert (tmp_path / "bits.npz").read_bytes() == (tmp_path / "map.npz").read_bytes()
+    code, _, err = command("run", pair, about, "-o", tmp_path / "both", "--no-images")
+    assert (code, err) == (
+        0, f"warning: 1 map was named more than once, and is run once: {about}\n"
+    )  # fmt: skip
+    code, _, err = command("convert", about, "-o", pair, "--force")
+    assert (code, "mapdeal pack" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "said"),
+    [
+        (lambda p: p.with_suffix(".yaml").unlink(), 4, "has no b.yaml beside it"),
+        (lambda p: p.unlink(), 4, "b.pbm"),
+        (lambda p: _rewrite(p, "b.pbm", "c.pbm"), 3, "image: names another image than b.pbm"),
+        (lambda p: p.write_bytes(p.read_bytes()[:-1]), 3, "pixels end early"),
+        (lambda p: _rewrite(p, "0.25", "x"), 3, "resolution"),
+    ],
+)
+def test_a_bit_map_that_is_no_map_is_one_line(pair, command, tmp_path, change, code, said):
+    (pair.parent / "c.pbm").write_bytes(pair.read_bytes())
+    change(pair)
+    outputs = {
+        "run": tmp_path / "o",
+        "edit circle": tmp_path / "o.pbm",
+        "inflate": tmp_path / "o.npz",
+    }
+    for words, output in outputs.items():
+        more = ["--point=1.7,-1.7", "--radius=0", "--value=100"] if "edit" in words else []
+        found, _, err = command(*words.split(), pair, "-o", output, *more)
+        first = err.splitlines()[0]
+        assert (found, said in first) == (code, True), err
+        assert not output.exists()
+    found, _, err = command("info", pair)
+    assert (found, said in err.splitlines()[0]) == (code, True)
+    found, out, _ = command("lint", pair)
+    assert (found, said in out) == (1, True)
+
+
+def test_max_cells_and_memory_are_those_of_images(pair, command):
+    code, _, err = command("info", pair, "--max-cells", 29)
+    assert (code, "30 cells" in err) == (3, True)
+    assert command("info", pair, "--max-cells", 30)[0] == 0
+
+
+CHANGES = {
+    "line": ["line", "--point=1.6,-1.9", "--point=3.2,-1.0"],
+    "polygon": ["polygon", "--point=1.6,-1.9", "--point=3.2,-1.4", "--point=2.0,-1.2"],
+    "circle": ["circle", "--point=2.2,-1.4", "--radius=0.4"],
+    "point": ["circle", "--point=2.2,-1.4", "--radius=0"],
+    "reset": ["reset", "--corner=1.6,-1.9", "--size=1.5,0.5"],
+    "all": ["reset", "--corner=1.5,-2.0", "--size=99,99"],
+    "blank": ["circle", "--point=2.2,-1.4", "--radius=0.4", "--blank"],
+    "filled": ["circle", "--point=2.2,-1.4", "--radius=0.4", "--blank", "--background=100"],
+    "max": ["line", "--point=1.6,-1.9", "--point=3.2,-1.0", "--overlay=max"],
+    "min": ["line", "--point=1.6,-1.9", "--point=3.2,-1.0", "--overlay=min"],
+}
+
+
+@pytest.mark.parametrize("value", [0, 100])
+@pytest.mark.parametrize("words", CHANGES.values(), ids=CHANGES)
+def test_an_edit_of_bits_is_the_edit_of_the_map_packed(pair, command, tmp_path, words, value):
+    """The map is edited in whole bytes, and its obstacles taken with numpy."""
+    values = [f"--value={value}"]
+    command("edit", *words, pair, "-o", tmp_path / "whole.npz", *values)
+    with np.load(tmp_path / "whole.npz") as file:
+        expected = file["occupancy"] == 100
+    code, out, _ = command("edit", *words, pair, "-o", tmp_path / "new" / "e.pbm", *values)
+    assert code == 0
+    found = read_bit_map(tmp_path / "new" / "e.pbm")
+    assert np.array_equal(found.to_mask(), expected)
+    assert found.frame == read_bit_map(pair).frame
+    share = 100 * expected.sum() / expected.size
+    assert f"e.pbm: 10 x 3 cells, occupied {share:.2f} %" in out
+
+
+def test_edits_of_bits_keep_to_what_bits_hold(pair, command, tmp_path):
+    circle = ["edit", "circle", pair, "--point=2.2,-1.4", "--radius=0.3"]
+    for words, code, said in (
+        ([*circle, "--value=50"], 2, "must be 0 or 100"),
+        ([*circle, "--value=1"], 2, "must be 0 or 100"),
+        ([*circle, "--value=-1"], 2, "must be 0 or 100"),
+        ([*circle, "--value=100", "--blank", "--background=7"], 2, "background: must be 0 or 100"),
+        ([*circle, "--value=100", "--strict", "--point=99,0"], 1, "nothing was drawn"),
+        (["edit", "reset", pair, "--corner=1.6,-1.9", "--size=1,1"], 2, "value: is needed"),
+    ):
+        found, _, err = command(*words, "-o", tmp_path / "e.pbm")
+        assert (found, said in err.splitlines()[0]) == (code, True), err
+        assert not (tmp_path / "e.pbm").exists()
+    code, _, err = command(*circle, "--value=100", "-o", pair, "--force")
+    assert (code, "the output is the input" in err) == (4, True)
+    grid = pair.with_name("g.yaml")
+    command("convert", pair, "-o", grid)
+    code, _, err = command(*circle[:2], grid, *circle[3:], "--value=100", "-o", tmp_path / "e.pbm")
+    assert (code, "mapdeal pack" in err) == (2, True)
+
+
+def test_what_a_yaml_says_beside_survives_an_edit_of_bits(pair, command, tmp_path):
+    _rewrite(pair, "negate: 0", "negate: 1\nfloor: 3")
+    words = ["edit", "circle", pair, "--point=2.2,-1.4", "--radius=0", "--value=0"]
+    assert command(*words, "-o", tmp_path / "e.pbm", "--image", tmp_path / "e.png")[0] == 0
+    about = (tmp_path / "e.yaml").read_text()
+    assert ("negate: 0" in about, "floor: 3" in about, "image: e.pbm" in about) == (True,) * 3
+    before, after = read_map(pair).occupancy, read_map(tmp_path / "e.pbm").occupancy
+    assert (before != after).sum() == 1
+    assert (tmp_path / "e.png").exists()

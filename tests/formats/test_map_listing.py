@@ -200,3 +200,24 @@ def test_a_long_list_of_files_is_read_off_in_one_go(folder):
         put(folder / "many" / f"{number}.yaml", MAP if number % 2 else "a: 1\n")
     found = listed("many", "many/*.yaml")
     assert len(found.maps) == len(found.repeated) == len(found.left_out) == 150
+
+
+def test_a_bit_map_and_its_yaml_are_one_map(folder):
+    put(folder / "maps/x.yaml", MAP.replace("m.pgm", "x.pbm"))
+    put(folder / "maps/x.pbm", "")
+    put(folder / "maps/image_of_another.pbm", "")
+    assert "maps/x.yaml" in places("maps")
+    for pattern in ("maps/*", "maps/[xi]*", "maps/**"):
+        found = listed(pattern)
+        assert [p for p in places(pattern) if "x" in p or "image" in p] == ["maps/x.yaml"]
+        assert found.repeated == ()
+    assert places("maps/x.pbm") == {"maps/x.pbm": "x"}
+    # asked for by their ending, they are what they are: who reads one says what it lacks
+    assert places("maps/*.pbm") == {
+        "maps/image_of_another.pbm": "image_of_another", "maps/x.pbm": "x"
+    }  # fmt: skip
+    both = listed("maps/x.pbm", "maps/x.yaml")
+    assert [one.path.name for one in both.maps] == ["x.pbm"]
+    assert [path.name for path in both.repeated] == ["x.yaml"]
+    both = listed("maps/x.yaml", "maps/*.pbm")
+    assert [one.path.name for one in both.maps] == ["x.yaml", "image_of_another.pbm"]

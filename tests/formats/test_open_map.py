@@ -77,9 +77,33 @@ def test_values_and_warnings_are_those_of_the_whole(tmp_path, header, keys, dial
     assert of_rows == of_whole
 
 
+BITS = np.packbits(PIXELS < 128, axis=1).tobytes()
+"""53 columns are 6 bytes and 5 bits."""
+
+
+@pytest.mark.parametrize("dialect", ["nav2", "humble", "ros1"])
+@pytest.mark.parametrize("keys", [{}, {"negate": 1}, {"mode": "scale"}, {"mode": "raw"}], ids=str)
+@pytest.mark.parametrize("header", [b"P4\n53 37\n", b"P4 # by hand\n53\n37\r"])
+def test_bits_by_rows_are_those_of_the_whole(tmp_path, header, keys, dialect):
+    path = pair(tmp_path, header, BITS, **keys)
+    whole, of_whole = told(read_source, path, dialect=dialect)
+    for height in (1, 8, 40):
+        (source, values), of_rows = told(rows_of, path, height, dialect=dialect)
+        assert source.grid.is_lazy
+        assert np.array_equal(values, whole.grid.occupancy)
+        assert of_rows == of_whole
+    if not keys:
+        assert np.array_equal(values == 100, PIXELS[::-1] < 128)
+
+
 @pytest.mark.parametrize(
     ("header", "body"),
     [
+        (b"P4\n53 37\n", BITS[:-1]),
+        (b"P4\n53 37\n", BITS + b"\0"),
+        (b"P4\n53\n", BITS),
+        (b"P4\n53 0\n", b""),
+        (b"P4\n99999999 99999999\n", BITS),
         (b"P5\n53 37\n255\n", b"\0" * 100),
         (b"P5\n53 0\n255\n", b""),
         (b"P5\n53 37\n0\n", None),
@@ -105,7 +129,7 @@ def test_malformed_images_get_the_same_line(tmp_path, header, body):
         (b"P2\n2 1\n255\n", b"0 254\n"),
         (b"P5\n2 1\n65535\n", b"\0\0\1\1"),
         (b"P6\n2 1\n255\n", b"123456"),
-        (b"P4\n2 1\n", b"\x80"),
+        (b"P1\n2 1\n", b"1 0\n"),
         (b"\x89PNG\r\n\x1a\n", b""),
     ],
 )

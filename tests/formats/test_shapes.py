@@ -95,7 +95,7 @@ def test_a_bare_geometry_and_one_without_place(tmp_path):
         ("shapes: [{type: star}]", "type must be one of"),
         ("shapes: [{type: circle, radius: 1}]", "needs center"),
         ("shapes: [{type: circle, center: [0, 0]}]", "needs radius"),
-        ("shapes: [{type: circle, center: [0, 0], radius: 0}]", "circle radius"),
+        ("shapes: [{type: circle, center: [0, 0], radius: -1}]", "circle radius"),
         ("shapes: [{type: circle, center: [0, 0, 0], radius: 1}]", "two numbers"),
         ("shapes: [{type: circle, center: [0, x], radius: 1}]", "must be a number"),
         ("shapes: [{type: circle, center: [0, .nan], radius: 1}]", "must be a number"),

@@ -19,7 +19,7 @@ from mapdeal import Circle, Frame, Line, ParameterError, Polygon
         (lambda: Line([(0, 0), (1, 1)], thickness=-1), "thickness"),
         (lambda: Line([(0, 0), (1, 1)], thickness=math.nan), "thickness"),
         (lambda: Circle((0, math.nan), 1), "circle vertex 1"),
-        (lambda: Circle((0, 0), 0), "radius"),
+        (lambda: Circle((0, 0), -0.1), "radius"),
         (lambda: Circle((0, 0), math.inf), "radius"),
     ],
 )

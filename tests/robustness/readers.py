@@ -113,6 +113,7 @@ def _manifests():
     return [Seed("manifest.json", good, beside={"golden/run/manifest.json": other})]
 
 
+_BY_ROWS = [data for data in seeds.pnm_files() if data[:2] in (b"P5", b"P4")]
 _MAP_FILES = {"m.pgm": seeds.MAP_PGM, "n.png": seeds.png(8, 0)}
 _MAP_SEEDS = [
     Seed("m.yaml", seeds.MAP_YAML, beside=_MAP_FILES),
@@ -154,7 +155,7 @@ READERS = [
     ),
     *(_file(f"{name} image", _pictures(name), reading.read_picture, IMAGE_WORDS,
             share=_SHARES.get(name, 1.0)) for name in IMAGE_FORMATS),
-    _file("P5 by rows", _seeds(seeds.pnm_files()[:5], "m.pgm"), reading.read_by_rows, IMAGE_WORDS),
+    _file("P5 and P4 by rows", _seeds(_BY_ROWS, "m.pgm"), reading.read_by_rows, IMAGE_WORDS),
     _file("bits", _BIT_IMAGES, reading.decode_bits, IMAGE_WORDS),
     Reader("bit map", _BIT_SEEDS, reading.read_bits, _PAIR, YAML_WORDS, share=0.2),
     _file("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS, share=0.7),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mapdeal.checks.finding import CHECKS, Finding
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.formats.bit_maps import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import claim
 from mapdeal.formats.dialects import DIALECTS, cells_of
 from mapdeal.formats.image import read_image
@@ -115,7 +116,7 @@ def gather(
     Parameters
     ----------
     path : Path
-        A map_server YAML, or an npz.
+        A map_server YAML, a ``.pbm`` beside its YAML, or an npz.
     max_cells : int, optional
         Cells up to which an image is read.
 
@@ -132,6 +133,8 @@ def gather(
     pair: PairFacts | None = None
     cells: GridFacts | None = None
     try:
+        bits = path if path.suffix.lower() == BIT_MAP else None
+        path = path if bits is None else yaml_beside(bits)
         with _warnings_as_findings(findings, path):
             if path.suffix.lower() == ".npz":
                 grid = read_npz(path, max_cells=max_cells)
@@ -141,7 +144,7 @@ def gather(
                     own = grid if isinstance(grid, OccupancyGrid) else grid.grid
                     cells = GridFacts(own)
             else:
-                pair = _read_pair(path, max_cells)
+                pair = _read_pair(path, max_cells, bits)
                 if pair.readings:
                     own = OccupancyGrid(
                         pair.readings["nav2"], pair.metadata.resolution, pair.metadata.origin
@@ -159,10 +162,13 @@ def _per_cell(picture: Picture) -> int:
     return _PER_CELL_OF_COLOURS if is_wide else _PER_CELL
 
 
-def _read_pair(path: Path, max_cells: int | None) -> PairFacts:
+def _read_pair(path: Path, max_cells: int | None, bits: Path | None) -> PairFacts:
+    """Return the facts of a YAML file, which must name the bit map that was asked for, if any."""
     entries = read_mapping(path)
     metadata = metadata_of(entries, path, mend=True)
-    image_path = find_image(path, metadata.image)
+    image_path = (
+        find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
+    )
     picture = read_image(image_path, max_cells=max_cells)
     comments = IMAGE_FORMATS[picture.file_format].comments(head_of(image_path, _HEAD))
     height, width = picture.shape

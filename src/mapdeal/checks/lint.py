@@ -24,13 +24,15 @@ def lint_file(path: Path, *, max_cells: int | None = None) -> list[Finding]:
     Parameters
     ----------
     path : Path
-        A map_server YAML, an npz, or a folder that a run has written.
+        A map_server YAML, a ``.pbm``, which stands for the YAML beside it, an npz, or a folder
+        that a run has written.
     max_cells : int, optional
         Cells up to which an image is read.
     """
     if is_folder(path):
         return lint_run(path)
     pair, cells, findings = gather(path, max_cells=max_cells)
+    path = path if pair is None else pair.path
     facts_by_type = {type(facts): facts for facts in (pair, cells) if facts is not None}
     for check in CHECKS.values():
         if check.facts in facts_by_type:

@@ -21,11 +21,18 @@ from mapdeal.formats.shapes import read_shapes
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import OverlayType
-from mapdeal.pipeline.edit import Editable, edit_file
+from mapdeal.pipeline.edit import Drawable, draw_on_file
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
+Output = Annotated[
+    Path,
+    opt.output_argument(
+        "OUT",
+        "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm.",
+    ),
+]
 Points = Annotated[
     list[str] | None,
     typer.Option("--point", metavar="X,Y", help="A point, metres; more may follow."),
@@ -34,7 +41,8 @@ Value = Annotated[
     int | None,
     typer.Option(
         metavar="V",
-        help="What to draw with, on the map's own scale: -1..100, of costmap_2d's costs 0..255.",
+        help="What to draw with, on the map's own scale: -1..100, of costmap_2d's costs "
+        "0..255, 0 or 100 where a .pbm is written.",
     ),
 ]
 File = Annotated[
@@ -81,7 +89,7 @@ def edit() -> None:
 @shared_options("files")
 def polygon(
     source: opt.MapArgument,
-    output: opt.GridOutput,
+    output: Output,
     point: Points = None,
     file: File = None,
     value: Value = None,
@@ -105,11 +113,15 @@ def polygon(
 @shared_options("files")
 def line(
     source: opt.MapArgument,
-    output: opt.GridOutput,
+    output: Output,
     point: Points = None,
     thickness: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Thickness of the line.  [default: a single cell]"),
+        typer.Option(
+            metavar="M",
+            help="Thickness of the line; up to a cell's side it is one of single cells.  "
+            "[default: a single cell]",
+        ),
     ] = None,
     file: File = None,
     value: Value = None,
@@ -131,10 +143,13 @@ def line(
 @shared_options("files")
 def circle(
     source: opt.MapArgument,
-    output: opt.GridOutput,
+    output: Output,
     point: Points = None,
     radius: Annotated[
-        float | None, typer.Option(metavar="M", help="Radius of the circle around each point.")
+        float | None,
+        typer.Option(
+            metavar="M", help="Radius of the circle around each point; 0 for its cell alone."
+        ),
     ] = None,
     file: File = None,
     value: Value = None,
@@ -158,7 +173,7 @@ def circle(
 @shared_options("files")
 def reset(
     source: opt.MapArgument,
-    output: opt.GridOutput,
+    output: Output,
     size: opt.Size,
     at: opt.At = None,
     corner: opt.Corner = None,
@@ -180,10 +195,10 @@ def reset(
 
     start = _start(blank, background)
 
-    def change(grid: Editable) -> Editable:
+    def change(grid: Drawable) -> Drawable:
         return reset_region(start(grid), value=value, strict=strict, **region)
 
-    say_written(output, edit_file(source, output, settings, change, what="region reset"))
+    say_written(output, draw_on_file(source, output, settings, change, what="region reset"))
 
 
 @dataclass(frozen=True)
@@ -218,7 +233,7 @@ def _draw(
     output: Path,
     settings: Settings,
     drawing: _Drawing,
-    start: Callable[[Editable], Editable],
+    start: Callable[[Drawable], Drawable],
     file: Path | None,
 ) -> None:
     for shape in drawing.shapes:
@@ -229,7 +244,7 @@ def _draw(
             raise ParameterError("is needed to draw with", source="--value", hint=hint)
         terminal.detail(f"{name}: value {number}")
 
-    def change(grid: Editable) -> Editable:
+    def change(grid: Drawable) -> Drawable:
         return draw(
             start(grid),
             drawing.shapes,
@@ -241,10 +256,10 @@ def _draw(
     kinds = dict.fromkeys(shape.kind for shape in drawing.shapes)
     what = f"{', '.join(kinds)} drawn"
     inputs = [] if file is None else [file]
-    say_written(output, edit_file(source, output, settings, change, what=what, inputs=inputs))
+    say_written(output, draw_on_file(source, output, settings, change, what=what, inputs=inputs))
 
 
-def _start(blank: bool, background: int | None) -> Callable[[Editable], Editable]:
+def _start(blank: bool, background: int | None) -> Callable[[Drawable], Drawable]:
     """Return what makes of a map the grid that is drawn on."""
     if background is not None and not blank:
         raise ParameterError("needs --blank", source="--background")

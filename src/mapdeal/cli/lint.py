@@ -29,7 +29,7 @@ def lint(
     sources: Annotated[
         list[Path],
         typer.Argument(
-            metavar="MAP...", help="map_server .yaml files, .npz maps, or folders of runs."
+            metavar="MAP...", help="map_server .yaml files, .pbm or .npz maps, or folders of runs."
         ),
     ],
     strict: Annotated[

@@ -191,8 +191,9 @@ def mapdeal(
 ) -> None:
     """Process robot map files without ROS.
 
-    A MAP is a map_server .yaml with its image, or an .npz written by mapdeal. Lengths are in
-    metres, angles in radians. "mapdeal COMMAND --help" tells all options of a command.
+    A MAP is a map_server .yaml with its image, a .pbm with its .yaml, or an .npz written by
+    mapdeal. Lengths are in metres, angles in radians. "mapdeal COMMAND --help" tells all options
+    of a command.
     """
 
 

@@ -15,7 +15,10 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.stages.parameters import Parameter, parameters_of
 
 MapArgument = Annotated[
-    Path, typer.Argument(metavar="MAP", help="A map_server .yaml, or an .npz of mapdeal's.")
+    Path,
+    typer.Argument(
+        metavar="MAP", help="A map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's."
+    ),
 ]
 
 _COUNTS = {2: "two", 3: "three"}

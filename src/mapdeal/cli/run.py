@@ -118,9 +118,10 @@ def run(
     Each map gets a folder of its own: a pgm, yaml and png file of every stage, npz files of
     field and costs, and a manifest. A map whose manifest shows that nothing has changed is skipped.
 
-    A MAP is a .yaml of map_server or an .npz; a folder, for all such .yaml files in it and below;
-    a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with such names, one a line
-    (@- reads them from stdin). Maps of folders, patterns and lists keep their path below DIR.
+    A MAP is a .yaml of map_server, a .pbm beside its .yaml, or an .npz; a folder, for all such
+    .yaml files in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file
+    with such names, one a line (@- reads them from stdin). Maps of folders, patterns and lists
+    keep their path below DIR.
 
     With --pose, and with what a robot sees there, --cloud, one map also gets its local map, with
     what the recipe for local maps makes of it: all products of both in one call.

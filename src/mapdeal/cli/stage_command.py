@@ -111,7 +111,7 @@ def stage_app(name: str) -> typer.Typer:
 
 def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Parameter]:
     """Yield what a stage's command takes beside the options that others have, too."""
-    metavar, about = "MAP", "A map_server .yaml, or an .npz of mapdeal's."
+    metavar, about = "MAP", "A map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's."
     if first.takes_field:
         metavar, about = "MAP|ESDF.npz", "A map, or the distance field of one."
     argument = typer.Argument(metavar=metavar, help=about)

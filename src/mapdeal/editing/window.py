@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FindingError, MapdealWarning, ParameterError
+from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.canvas import FieldGrid, cut_out, on_canvas, replaced
 from mapdeal.grid.coordinates import Point, check_point
 from mapdeal.grid.field import DistanceField
@@ -16,9 +17,11 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Framed, ValueGrid
 from mapdeal.grid.region import Region, region_of
 from mapdeal.grid.resample import region_on_lattice
+from mapdeal.kernels.spans import Spans
 
 G = TypeVar("G", bound=ValueGrid | FieldGrid)
 V = TypeVar("V", bound=ValueGrid)
+D = TypeVar("D", bound=ValueGrid | BitMap)
 
 
 def window(
@@ -138,24 +141,24 @@ def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
 
 
 def reset_region(
-    grid: V,
+    grid: D,
     *,
     size_xy: Point,
     corner_xy: Point | None = None,
     center_xy: Point | None = None,
     value: int | None = None,
     strict: bool = False,
-) -> V:
+) -> D:
     """Return a grid in which a region has one value.
 
     Parameters
     ----------
-    grid : OccupancyGrid or Costmap
+    grid : OccupancyGrid, Costmap or BitMap
         What to change.
     size_xy, corner_xy, center_xy : tuple of float
         The region, as in `window`.
     value : int, optional
-        On the grid's scale; unknown if not given.
+        On the grid's scale; unknown if not given, which a bit map cannot be.
     strict : bool
         Whether a region that reaches beyond the grid is an error; nothing is changed then.
 
@@ -183,11 +186,14 @@ def reset_region(
     >>> reset_region(grid, value=100, **region).occupancy.tolist()
     [[0, 100, 0], [0, 100, 0]]
     """
-    number = grid.unknown_value if value is None else grid.accept_value(value)
+    if value is not None:
+        number = grid.accept_value(value)
+    elif isinstance(grid, BitMap):
+        raise ParameterError("is needed: the cells of a bit map are known", place="value")
+    else:
+        number = grid.unknown_value
     region = region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
     rows, cols = region.shared_with(grid.shape)
-    values = grid.values.copy()
-    values[rows, cols] = number
     if (rows.stop - rows.start, cols.stop - cols.start) != region[2:]:
         if strict:
             rule = "reaches beyond the map; nothing was changed"
@@ -195,14 +201,22 @@ def reset_region(
         outside = rows.start == rows.stop or cols.start == cols.stop
         text = "lies outside of the map" if outside else "reaches beyond the map, it is clipped"
         warnings.warn(f"region: {text}", MapdealWarning, stacklevel=2)
+    if isinstance(grid, BitMap):
+        numbers = np.arange(rows.start, rows.stop)
+        edges = (np.full_like(numbers, edge) for edge in (cols.start, cols.stop))
+        return grid.painted([(Spans(numbers, *edges).clipped(grid.width), number)])
+    values = grid.values.copy()
+    values[rows, cols] = number
     return grid.with_values(values)
 
 
-def blank(grid: V, value: int = 0) -> V:
+def blank(grid: D, value: int = 0) -> D:
     """Return a grid of the same kind and geometry in which every cell has one value.
 
     To draw a mask on: one that is unknown outside of its shapes changes nothing there.
     """
+    if isinstance(grid, BitMap):
+        return grid.fill(bool(grid.accept_value(value, "background")))
     return grid.with_values(np.full_like(grid.values, grid.accept_value(value, "background")))
 
 

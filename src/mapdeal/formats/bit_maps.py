@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
 from mapdeal.formats.budget import use_memory
@@ -13,6 +15,8 @@ from mapdeal.formats.pnm import decode_pbm, write_pbm
 from mapdeal.formats.source import exists, is_same_file, read_file, status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.bit_map import BitMap
+
+BIT_MAP = ".pbm"
 
 
 def read_bit_map(
@@ -49,20 +53,13 @@ def read_bit_map_pair(
     path: Path, *, max_cells: int | None = None
 ) -> tuple[BitMap, MapMetadata, tuple[Path, Path]]:
     """Return a bit map, what its YAML says, and the files it came from, see `read_bit_map`."""
-    if path.suffix.lower() != ".pbm":
+    if path.suffix.lower() != BIT_MAP:
         rule = "a bit map must be a .pbm"
         hint = "pass the .pbm that the YAML names" if path.suffix in (".yaml", ".yml") else None
         raise ParameterError(rule, source=path, got=path.suffix, hint=hint)
-    status_of(path)
-    yaml_path = next((p for p in map(path.with_suffix, (".yaml", ".yml")) if exists(p)), None)
-    if yaml_path is None:
-        rule = f"has no {path.with_suffix('.yaml').name} beside it, which tells its place"
-        raise FileAccessError(rule, source=path)
+    yaml_path = yaml_beside(path)
     metadata = read_metadata(yaml_path)
-    image = find_image(yaml_path, metadata.image)
-    if not is_same_file(image, path):
-        rule = f"names another image than {path.name}"
-        raise MalformedInputError(rule, source=yaml_path, place="image", got=metadata.image)
+    find_bits(path, yaml_path, metadata)
     if metadata.cost_scale is not None:
         rule = "bits are no costs"
         raise MalformedInputError(rule, source=yaml_path, place="cost_scale")
@@ -77,6 +74,41 @@ def read_bit_map_pair(
     return bits, metadata, (path, yaml_path)
 
 
+def yaml_beside(path: Path) -> Path:
+    """Return the YAML file beside a ``.pbm``.
+
+    Raises
+    ------
+    FileAccessError
+        If there is none, or no ``.pbm``.
+    """
+    found = next((p for p in map(path.with_suffix, (".yaml", ".yml")) if exists(p)), None)
+    if found is None:
+        status_of(path)
+        rule = f"has no {path.with_suffix('.yaml').name} beside it, which tells its place"
+        hint = "a bit map is two files, as mapdeal pack writes them"
+        raise FileAccessError(rule, source=path, hint=hint)
+    return found
+
+
+def find_bits(path: Path, yaml_path: Path, metadata: MapMetadata) -> Path:
+    """Return the image that the YAML file beside a ``.pbm`` names, which must be that one.
+
+    Raises
+    ------
+    FileAccessError
+        If there is no such file.
+    MalformedInputError
+        If it names another image.
+    """
+    status_of(path)
+    image = find_image(yaml_path, metadata.image)
+    if not is_same_file(image, path):
+        rule = f"names another image than {path.name}"
+        raise MalformedInputError(rule, source=yaml_path, place="image", got=metadata.image)
+    return image
+
+
 def bit_map_paths(output: Path) -> tuple[Path, Path]:
     """Return the files that writing a bit map to `output` makes, the picture first.
 
@@ -85,15 +117,26 @@ def bit_map_paths(output: Path) -> tuple[Path, Path]:
     ParameterError
         If it does not end in ``.pbm``.
     """
-    if output.suffix != ".pbm":
+    if output.suffix != BIT_MAP:
         raise ParameterError("a bit map must end in .pbm", source=output, got=output.suffix)
     return output, output.with_suffix(".yaml")
 
 
-def write_bit_map_pair(transaction: Transaction, output: Path, bits: BitMap) -> None:
-    """Write a bit map as PBM P4 and its YAML, which any map_server reads as a trinary map."""
+def write_bit_map_pair(
+    transaction: Transaction,
+    output: Path,
+    bits: BitMap,
+    *,
+    extra: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a bit map as PBM P4 and its YAML, which any map_server reads as a trinary map.
+
+    `extra` are further keys for the YAML.
+    """
     picture, yaml_path = bit_map_paths(output)
-    metadata = MapMetadata(image=picture.name, resolution=bits.resolution, origin=bits.origin)
+    metadata = MapMetadata(
+        image=picture.name, resolution=bits.resolution, origin=bits.origin, extra=extra or {}
+    )
     transaction.write(picture, lambda file: write_pbm(file, bits.packed[::-1], bits.width))
     transaction.write_bytes(yaml_path, yaml_of(metadata))
 

@@ -10,6 +10,7 @@ from glob import has_magic
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
+from mapdeal.formats.bit_maps import BIT_MAP
 from mapdeal.formats.budget import claim
 from mapdeal.formats.listing import folders_below, list_files, sorted_naturally
 from mapdeal.formats.source import (
@@ -25,6 +26,9 @@ from mapdeal.formats.source import (
 from mapdeal.formats.yaml_text import read_mapping
 
 _YAML = (".yaml", ".yml")
+_NAMED = (".npz", BIT_MAP)
+"""Endings of files that are maps by their names; YAML files may be of anything."""
+
 _HEAD = 1 << 20
 _LARGEST_LIST = 1 << 26
 _PER_NAME = 400
@@ -129,7 +133,8 @@ def list_maps(
     repeated: dict[tuple[Path, str], Path] = {}
     for one in found:
         for path in one.files:
-            key = (real_path(path.parent), path.name)
+            file = _yaml_of(path)
+            key = (real_path(file.parent), file.name)
             name = path.name if one.root is None else _below(path, root)
             if key in maps:
                 repeated[key] = path
@@ -140,6 +145,13 @@ def list_maps(
     return MapListing(
         tuple(maps.values()), is_set, tuple(left_out.values()), tuple(repeated.values())
     )
+
+
+def _yaml_of(path: Path) -> Path:
+    """Return the YAML file beside a bit map; other files, and one without, as they are."""
+    if path.suffix.lower() != BIT_MAP:
+        return path
+    return next((p for p in map(path.with_suffix, _YAML) if exists(p)), path)
 
 
 def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[str]:
@@ -177,17 +189,37 @@ def _found_by(name: str, output: Path, *, is_listed: bool) -> _Found:
             raise FileAccessError(rule, source=name)
         root = path
     elif has_magic(name) and not exists(path):
-        matches = list_files([name], (*_YAML, ".npz"))
+        matches = list_files([name], (*_YAML, ".npz", BIT_MAP))
         candidates = [one for one in matches if not _lies_in(one.parent, output)]
-        maps = [one for one in candidates if one.suffix.lower() == ".npz" or _is_map(one)]
+        candidates = _without_images(candidates, keep_all=path.suffix.lower() == BIT_MAP)
+        maps = [one for one in candidates if one.suffix.lower() in _NAMED or _is_map(one)]
         if not maps:
-            rule = f"matches no map: no .npz, no .yaml with the key image{_outside_of(output)}"
+            rule = (
+                f"matches no map: no .npz or .pbm, no .yaml with the key image{_outside_of(output)}"
+            )
             raise ParameterError(rule, source=name)
         root = _fixed_part(path)
     else:
         return _Found(path.parent if is_listed else None, [path], [])
     known = set(maps)
     return _Found(root, maps, [one for one in candidates if one not in known])
+
+
+def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
+    """Return the files without the bit maps that are the image of a YAML file's map.
+
+    Of a pair both match most patterns, and are one map. One that has no YAML file of its name
+    beside it is another's image, unless it was asked for.
+    """
+    yamls = {one.with_suffix("") for one in files if one.suffix.lower() in _YAML}
+
+    def is_map(path: Path) -> bool:
+        if path.suffix.lower() != BIT_MAP:
+            return True
+        is_alone = not any(exists(path.with_suffix(ending)) for ending in _YAML)
+        return keep_all if is_alone else path.with_suffix("") not in yamls
+
+    return [one for one in files if is_map(one)]
 
 
 def _outside_of(output: Path) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealError, MapdealWarning, ParameterError
+from mapdeal.formats.bit_maps import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import use_memory
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.image import read_image_size
@@ -230,6 +231,8 @@ def open_map(
 ) -> Iterator[MapFile]:
     """Open the map in a ``.yaml`` pair or an ``.npz``: its header is read, its cells are not.
 
+    A ``.pbm`` stands for the ``.yaml`` beside it.
+
     Parameters
     ----------
     path : Path
@@ -249,10 +252,14 @@ def open_map(
     if path.suffix.lower() == ".npz":
         yield MapFile(path, max_cells=max_cells, states={path: state_of(path)})
         return
-    _refuse_image(path)
+    bits = path if path.suffix.lower() == BIT_MAP else None
+    if bits is None:
+        _refuse_image(path)
+    else:
+        path = yaml_beside(bits)
     states = {path: state_of(path)}
     metadata = read_metadata(path, dialect=dialect)
-    image = find_image(path, metadata.image)
+    image = find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
     states[image] = state_of(image)
     with ExitStack() as stack:
         pixels: PixelRows | None = None
@@ -320,7 +327,8 @@ def read_map(
     Parameters
     ----------
     path : path or str
-        A map_server ``.yaml``, or an ``.npz`` that mapdeal wrote.
+        A map_server ``.yaml``, a ``.pbm`` with its ``.yaml`` beside it, or an ``.npz`` that
+        mapdeal wrote.
     dialect : {'nav2', 'humble', 'ros1'}
         Whose reading of the image to follow: Nav2 from jazzy on, Nav2 humble, or ROS 1.
     max_cells : int, optional
@@ -363,7 +371,8 @@ def output_paths(output: Path) -> tuple[Path, ...]:
     if output.suffix in (".yaml", ".yml", ".pgm", ".png"):
         return pair_paths(output)
     rule = "an output must end in .yaml, .npz, .pgm or .png"
-    raise ParameterError(rule, source=output, got=output.suffix)
+    hint = "mapdeal pack makes a bit map of a map" if output.suffix == BIT_MAP else None
+    raise ParameterError(rule, source=output, got=output.suffix, hint=hint)
 
 
 def write_grid(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError
 from mapdeal.formats.file_state import CHANGED, FileState
-from mapdeal.formats.pnm import GreyFile, check_pixels, locate_pixels
+from mapdeal.formats.pnm import GreyFile, brightness_of_bits, check_pixels, locate_pixels
 from mapdeal.formats.source import check_regular
 
 _HEAD = 1 << 17
@@ -25,7 +25,7 @@ _CHUNK = 1 << 22
 
 @dataclass(frozen=True)
 class PixelRows:
-    """The pixels of an open P5 image of 8 bits.
+    """The pixels of an open P5 image of 8 bits, or of a P4 image.
 
     Parameters
     ----------
@@ -49,12 +49,14 @@ class PixelRows:
         """Return the pixels of rows that are counted from the south."""
         located = self.located
         north = located.height - rows.stop
-        count = (rows.stop - rows.start) * located.width
-        start = located.start + north * located.width
+        count = (rows.stop - rows.start) * located.row_bytes
+        start = located.start + north * located.row_bytes
         data = self._read(start, count)
         if len(data) < count:
             raise FileAccessError(CHANGED, source=self.image)
-        samples = np.frombuffer(data, dtype=np.uint8).reshape(-1, located.width)
+        samples = np.frombuffer(data, dtype=np.uint8).reshape(-1, located.row_bytes)
+        if located.is_packed:
+            return brightness_of_bits(samples, located.width)[::-1]
         check_pixels(samples, located.maxval, north * located.width, self.image)
         return samples[::-1]
 
@@ -79,7 +81,7 @@ class PixelRows:
 
 @contextmanager
 def open_pixel_rows(image: Path) -> Iterator[PixelRows | None]:
-    """Open an image of 8-bit P5; give None for every other format.
+    """Open an image of 8-bit P5, or of P4; give None for every other format.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -128,28 +128,36 @@ def decode_pbm(
 
 @dataclass(frozen=True)
 class GreyFile:
-    """Where the pixels of a P5 file lie.
+    """Where the pixels of a P5 or P4 file lie.
 
     Parameters
     ----------
     width, height : int
         Pixels.
     maxval : int
-        Largest brightness, at most 255: each pixel is a byte.
+        Largest brightness, at most 255.
     start : int
         Offset of the first pixel, the one in the north west.
+    is_packed : bool
+        Whether eight pixels are a byte, 1 black, rather than one.
     """
 
     width: int
     height: int
     maxval: int
     start: int
+    is_packed: bool = False
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a row."""
+        return (self.width + 7) // 8 if self.is_packed else self.width
 
 
 def locate_pixels(
     head: bytes, size: int, trailing: Callable[[int], bytes], source: Path, *, max_cells: int
 ) -> GreyFile | None:
-    """Return where the pixels of a file are, if it is a P5 file of 8 bits.
+    """Return where the pixels of a file are, if it is a P5 file of 8 bits or a P4 file.
 
     Parameters
     ----------
@@ -165,13 +173,23 @@ def locate_pixels(
     if not is_pnm(head):
         return None
     header = _read_header(head, source)
-    if header.magic != 5 or header.maxval > 255:
+    is_packed = header.magic == 4
+    if not is_packed and (header.magic != 5 or header.maxval > 255):
         return None
     check_size(source, header.width, header.height, max_cells)
-    cells = header.width * header.height
-    start = _start_of_data(head, size, header, cells, source)
-    _check_length(size - start, cells, trailing(start + cells)[:_TRAILING], source)
-    return GreyFile(header.width, header.height, header.maxval, start)
+    maxval = 255 if is_packed else header.maxval
+    located = GreyFile(header.width, header.height, maxval, 0, is_packed)
+    count = located.row_bytes * located.height
+    start = _start_of_data(head, size, header, count, source)
+    _check_length(size - start, count, trailing(start + count)[:_TRAILING], source)
+    return replace(located, start=start)
+
+
+def brightness_of_bits(packed: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """Return the pixels, shape (H, `width`), of rows of packed bits: 1 is black."""
+    bits = np.unpackbits(packed, axis=1, count=width)
+    np.subtract(bits, 1, out=bits)  # 0 becomes 255, and 1 becomes 0
+    return bits
 
 
 def check_pixels(samples: NDArray[np.uint8], maxval: int, first: int, source: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -184,7 +184,7 @@ class BitMap(Framed):
         set_bits(packed, rows, cols, value)
         return self.with_packed(packed)
 
-    def fill(self, value: bool = True) -> BitMap:
+    def fill(self, value: bool = True) -> Self:
         """Return a bit map of which every cell has a value."""
         return self.with_packed(np.full_like(self.packed, 0xFF if value else 0))
 
@@ -198,7 +198,7 @@ class BitMap(Framed):
         points_xy : sequence of (x, y)
             Points in the map frame, metres; each is joined to the next, ends included.
         thickness : float
-            Metres; 0 for a line of single cells.
+            Metres; up to the side of a cell for a line of single cells.
         value : bool
             What its cells become.
 
@@ -219,7 +219,7 @@ class BitMap(Framed):
         center_xy : tuple of float
             In the map frame, metres.
         radius : float
-            Metres.
+            Metres; 0 for the cell of the center alone.
         value : bool
             What its cells become.
 
@@ -241,11 +241,11 @@ class BitMap(Framed):
         ones = np.unpackbits(np.arange(256, dtype=np.uint8)[:, np.newaxis], axis=1).sum(axis=1)
         return int(histogram(self.packed) @ ones)
 
-    def with_packed(self, packed: NDArray[np.uint8]) -> BitMap:
+    def with_packed(self, packed: NDArray[np.uint8]) -> Self:
         """Return a bit map of the same geometry with other bits."""
         return replace(self, packed=packed)
 
-    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: OverlayType = "seq") -> BitMap:
+    def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: OverlayType = "seq") -> Self:
         """Return a bit map in which the cells of spans have their values, one after the other.
 
         With overlay ``max`` only ones are painted, with ``min`` only zeros.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import FARTHEST, Point
+from mapdeal.grid.coordinates import CELL_TOLERANCE, FARTHEST, Point
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.outline import area_of, check_simple, checked_corners, is_number
 from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, edges_through, line_spans
@@ -131,7 +131,7 @@ class Line:
     points_xy : sequence of (x, y)
         Points in the map frame, metres; each is joined to the next.
     thickness : float
-        Metres; 0 for a line of single cells.
+        Metres; up to the side of a cell for a line of single cells.
     value : int, optional
         What to draw it with.
     source : str
@@ -145,8 +145,8 @@ class Line:
     Notes
     -----
     The cells of costmap_2d's ``raytraceLine`` from the cell of each point to that of the next,
-    and with a thickness every cell whose centre lies within half of it from the line. The ends
-    are round.
+    and with a thickness of more than a cell every cell whose centre lies within half of it from
+    the line. The ends are round.
 
     Examples
     --------
@@ -174,7 +174,7 @@ class Line:
     def spans(self, frame: Frame) -> Iterator[Spans]:
         """Return the cells of a grid that the line covers, in parts."""
         thin = line_spans(edges_through(_cells(frame, self.points_xy, self.kind)), frame.shape)
-        if self.thickness == 0:
+        if self._reach(frame) == 0:
             return thin
         radius = _near(frame, self.thickness, "line thickness") / 2
         ends = pairwise(_positions(frame, self.points_xy))
@@ -184,8 +184,13 @@ class Line:
         """Return the first point outside of a grid, or the thickness, in words."""
         if vertex := _outside_vertex(frame, self.points_xy):
             return vertex
-        beyond = _disc_reaches_beyond(frame, self.points_xy, self.thickness / 2)
+        beyond = _disc_reaches_beyond(frame, self.points_xy, self._reach(frame))
         return "its thickness" if beyond else None
+
+    def _reach(self, frame: Frame) -> float:
+        """Return how far cells may lie from the line, metres; 0 for a line of single cells."""
+        is_thin = self.thickness <= frame.resolution * (1 + CELL_TOLERANCE)
+        return 0.0 if is_thin else self.thickness / 2
 
     def has_extent(self) -> bool:
         """Return True: a line is meant to have none."""
@@ -210,12 +215,12 @@ class Circle:
     Raises
     ------
     ParameterError
-        If a number is not finite, or the radius not above 0.
+        If a number is not finite, or the radius below 0.
 
     Notes
     -----
     Every cell whose centre lies within the radius, as in `mapdeal.inflate`, and the cell that
-    holds the circle's own centre.
+    holds the circle's own centre. With radius 0 that is the only one.
 
     Examples
     --------
@@ -235,8 +240,8 @@ class Circle:
     def __post_init__(self) -> None:
         (center,) = checked_corners([self.center_xy], "circle", within=FARTHEST, least=1, most=1)
         object.__setattr__(self, "center_xy", center)
-        if not (is_number(self.radius) and 0 < self.radius <= FARTHEST):
-            rule = "must be a finite number of metres above 0"
+        if not (is_number(self.radius) and 0 <= self.radius <= FARTHEST):
+            rule = "must be a finite number of metres of at least 0"
             raise ParameterError(rule, place="circle radius", got=self.radius)
 
     def spans(self, frame: Frame) -> Iterator[Spans]:
@@ -248,6 +253,8 @@ class Circle:
         if frame.holds(cell):
             row, col = (np.array([index]) for index in cell)
             own.append(Spans(row, col, col + 1))
+        if radius == 0:
+            return iter(own)
         return chain(own, (capsule_spans(place, place, radius, frame.shape) for _ in range(1)))
 
     def outside_part(self, frame: Frame) -> str | None:
@@ -258,7 +265,7 @@ class Circle:
         return "its rim" if beyond else None
 
     def has_extent(self) -> bool:
-        """Return True: its radius is above 0."""
+        """Return True: it has its own cell at least."""
         return True
 
 

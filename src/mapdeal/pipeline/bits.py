@@ -3,25 +3,80 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from mapdeal.errors import MapdealWarning, ParameterError
-from mapdeal.formats.bit_maps import bit_map_paths, read_bit_map_pair, write_bit_map_pair
+from mapdeal.formats.bit_maps import (
+    BIT_MAP,
+    bit_map_paths,
+    read_bit_map_pair,
+    write_bit_map_pair,
+)
 from mapdeal.formats.maps import as_occupancy, output_paths, write_grid
 from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.potential import PotentialField
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.lookup import histogram
-from mapdeal.pipeline.files import add_picture, outputs_of, read_input
+from mapdeal.kernels.threads import use_threads
+from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
 from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.settings import Settings
 
 _PER_CELL = 3.0
 """Bytes for each cell: a mask, the cells, and what is written."""
+
+_PER_BIT = 0.25
+"""Bytes for each cell of a bit map that is changed: what is painted, in whole bytes of eight."""
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyBits(BitMap):
+    """A bit map that is drawn on with values of a map: 0 free, 100 occupied."""
+
+    def accept_value(self, value: float, name: str = "value") -> int:
+        """Return `value`, which must be 0 or 100."""
+        if value not in (FREE, OCCUPIED):
+            rule = f"must be {FREE} or {OCCUPIED}: cells of a bit map are free or occupied"
+            hint = "write to a .yaml or .npz for other values"
+            raise ParameterError(rule, place=name, got=value, hint=hint)
+        return int(value)
+
+
+def edit_bits(
+    path: Path,
+    output: Path,
+    options: Settings,
+    change: Callable[[OccupancyBits], OccupancyBits],
+    *,
+    what: str,
+    inputs: Sequence[Path] = (),
+) -> Figures:
+    """Read a bit map, change its bits, and write it as one; return its figures.
+
+    No cell takes more than its bit. The rest is as of `edit_file`.
+    """
+    outputs = bit_map_paths(output)
+    if path.suffix.lower() != BIT_MAP:
+        rule = "only an edited .pbm can be written as one"
+        raise ParameterError(rule, source=output, hint="mapdeal pack makes a bit map of a map")
+    with options.memory(), use_threads(options.threads):
+        found, metadata, files = read_bit_map_pair(path, max_cells=options.max_cells)
+        per_cell = _PER_BIT if options.image is None else _PER_BIT + _PER_CELL
+        claim_work(path, found, per_cell)
+    bits = OccupancyBits(found.packed, found.width, found.resolution, found.origin)
+    with outputs_of(outputs, [*files, *inputs], options) as transaction:
+        with errors_named(path):
+            bits = change(bits)
+        write_bit_map_pair(transaction, output, bits, extra=metadata.extra)
+        if options.image is not None:
+            add_picture(transaction, options, bits.to_occupancy(), f"{path.stem}: {what}")
+    return bits.figures()
 
 
 def pack_file(

@@ -175,7 +175,7 @@ def apply_by_workers(
 
 def _by_rows(file: MapFile, block_height: int) -> Source:
     if file.shape_by_rows is None:
-        rule = "workers read maps with a binary .pgm image of 8 bits"
+        rule = "workers read maps with a binary .pgm image of 8 bits, or a .pbm"
         raise ParameterError(rule, source=file.path)
     return file.by_rows(block_height=block_height, warns_of_values=False)
 

@@ -6,12 +6,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mapdeal.errors import ParameterError
+from mapdeal.formats.bit_maps import BIT_MAP
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.region import MOST_CELLS
+from mapdeal.pipeline.bits import OccupancyBits, edit_bits
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
 from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.settings import Settings
@@ -20,6 +22,21 @@ _PER_CELL = 6.0
 """Bytes for each cell of the new grid: of a field 5, and a byte more while it is written."""
 
 Editable = OccupancyGrid | Costmap
+Drawable = Editable | OccupancyBits
+
+
+def draw_on_file(
+    path: Path,
+    output: Path,
+    options: Settings,
+    change: Callable[[Drawable], Drawable],
+    *,
+    what: str,
+    inputs: Sequence[Path] = (),
+) -> Figures:
+    """Do what `edit_file` does; a ``.pbm`` that is written as one is never more than bits."""
+    do: Callable[..., Figures] = edit_bits if output.suffix == BIT_MAP else edit_file
+    return do(path, output, options, change, what=what, inputs=inputs)
 
 
 def edit_file(

@@ -32,7 +32,7 @@ def repair_file(path: Path, output: Path, options: Settings) -> list[str]:
     pair, cells, findings = gather(path, max_cells=options.max_cells)
     if cells is None:
         raise MalformedInputError(_why(findings), source=path)
-    inputs = [path, *([pair.image_path] if pair is not None else [])]
+    inputs = [path, *([pair.path, pair.image_path] if pair is not None else [])]
     with outputs_of(outputs, inputs, options) as transaction:
         with errors_named(path):
             grid, done = repaired(pair, cells)
