@@ -154,7 +154,7 @@ BAD_EDITS = [
     ("value-off-the-scale", ["polygon", *TRIANGLE, "--value", "101"], "value", ""),
     ("value-in-parts", ["polygon", *TRIANGLE, "--value", "1.5"], "--value", ""),
     ("P1-no-radius", ["circle", *TRIANGLE, "--value", "1"], "--radius", ""),
-    ("P1-radius-0", ["circle", *TRIANGLE, "--radius", "0", "--value", "1"], "radius", ""),
+    ("P1-radius", ["circle", *TRIANGLE, "--radius", "-1", "--value", "1"], "radius", ""),
     ("P1-radius-nan", ["circle", *TRIANGLE, "--radius", "nan", "--value", "1"], "radius", ""),
     ("P1-radius-huge", ["circle", *TRIANGLE, "--radius", "1e11", "--value", "1"], "radius", ""),
     ("P1-thickness", ["line", *TRIANGLE, "--thickness", "-1", "--value", "1"], "thickness", ""),

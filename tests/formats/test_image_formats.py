@@ -14,7 +14,7 @@ from PIL import Image
 
 import mapdeal
 from drawn import cells
-from mapdeal import MalformedInputError, read_map
+from mapdeal import FileAccessError, MalformedInputError, read_map
 from mapdeal.formats.image import read_image, read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS, IMAGE_SUFFIXES
 from mapdeal.formats.map_server import _costs_of
@@ -154,11 +154,17 @@ def test_the_default_limit_is_the_formats_own(tmp_path, monkeypatch, name, encod
     assert set(limits) == {entry.max_cells}
 
 
-@pytest.mark.parametrize("suffix", IMAGE_SUFFIXES)
+@pytest.mark.parametrize("suffix", [one for one in IMAGE_SUFFIXES if one != ".pbm"])
 def test_an_image_alone_is_refused_by_its_name(tmp_path, suffix):
     (tmp_path / f"m{suffix}").write_bytes(b"")
     with pytest.raises(MalformedInputError, match="looks like an image"):
         read_map(tmp_path / f"m{suffix}")
+
+
+def test_a_pbm_stands_for_the_yaml_beside_it(tmp_path):
+    (tmp_path / "m.pbm").write_bytes(b"P4\n1 1\n\x00")
+    with pytest.raises(FileAccessError, match=r"has no m\.yaml beside it"):
+        read_map(tmp_path / "m.pbm")
 
 
 @pytest.mark.parametrize("read", [read_image, read_image_size])

@@ -47,11 +47,6 @@ class BitMap(Framed):
     Like all grids a bit map is frozen: what changes cells returns a new one. Several changes
     are cheapest together, ``set`` with many cells or `mapdeal.draw` with many shapes.
 
-    References
-    ----------
-    Design document 003. Widths that are no multiple of 8, bounds, and the ends of lines are
-    right here.
-
     Examples
     --------
     >>> bits = BitMap.from_mask([[0, 1, 0], [0, 0, 7]], 0.5, (1.0, 2.0, 0.0))

@@ -90,7 +90,8 @@ def potential(
 
     References
     ----------
-    Design document 000, ``calculateRepulsiveForce`` and ``calculateAttractiveForce``.
+    O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mobile Robots", 1986, for the
+    idea; the sum over all obstacle cells is that of the ROS package robot_costmap.
 
     Examples
     --------
