@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mapdeal.checks.finding import CHECKS, Finding
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
-from mapdeal.formats.bit_maps import BIT_MAP, find_bits, yaml_beside
+from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import claim
 from mapdeal.formats.dialects import DIALECTS, cells_of
 from mapdeal.formats.image import read_image

@@ -17,11 +17,10 @@ from mapdeal.errors import BatchError, MapdealError, ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.mapping.local_options import CloudFrame, LocalOptions, Unknown
 from mapdeal.mapping.poses import check_pose
-from mapdeal.pipeline.applied import RunReport
+from mapdeal.pipeline.applied import LOCAL_RECIPE, RunReport
 from mapdeal.pipeline.batch import run_all
 from mapdeal.pipeline.jobs import SUMMARY, Job, Outcome
 from mapdeal.pipeline.local import (
-    LOCAL_RECIPE,
     Keep,
     LocalCommon,
     LocalJob,

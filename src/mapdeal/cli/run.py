@@ -20,11 +20,10 @@ from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.source import absolute_path
 from mapdeal.grid.footprint import Footprint
 from mapdeal.kernels.threads import available_threads
-from mapdeal.pipeline.around import around_in
+from mapdeal.pipeline.applied import LOCAL_RECIPE, around_in
 from mapdeal.pipeline.dispatch import Workers
 from mapdeal.pipeline.golden import differences_from_golden, store_golden
 from mapdeal.pipeline.jobs import MapRun, jobs_of
-from mapdeal.pipeline.local import LOCAL_RECIPE
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import output_folder
 from mapdeal.pipeline.settings import Canvas, Settings

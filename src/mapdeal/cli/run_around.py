@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,10 +12,12 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.mapping.local_options import CloudFrame, LocalOptions
 from mapdeal.mapping.poses import check_pose
-from mapdeal.pipeline.around import Around
-from mapdeal.pipeline.local import LOCAL_RECIPE, only_cloud
+from mapdeal.pipeline.applied import LOCAL_RECIPE
 from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
 from mapdeal.stages.parameters import unknown_name
+
+if TYPE_CHECKING:
+    from mapdeal.pipeline.around import Around
 
 _SET = "--local-set"
 
@@ -77,6 +79,9 @@ def around_of(
         return None
     if cloud is None and frame is not None:
         raise ParameterError("needs --cloud", source="--frame")
+    from mapdeal.pipeline.around import Around  # slow to import, as the next
+    from mapdeal.pipeline.local import only_cloud
+
     place = check_pose(opt.numbers(pose, 3, "X,Y,YAW", "--pose"), "--pose")
     own = [text for text in changes or [] if text.strip().startswith(f"{LOCAL_RECIPE}.")]
     others = [text for text in changes or [] if text not in own]

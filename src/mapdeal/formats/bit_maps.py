@@ -6,17 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import use_memory
-from mapdeal.formats.map_server import find_image
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.formats.pnm import decode_pbm, write_pbm
-from mapdeal.formats.source import exists, is_same_file, read_file, status_of
+from mapdeal.formats.source import read_file
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.bit_map import BitMap
-
-BIT_MAP = ".pbm"
 
 
 def read_bit_map(
@@ -72,41 +70,6 @@ def read_bit_map_pair(
     packed = ~packed if metadata.negate else packed
     bits = BitMap(packed, width, metadata.resolution, metadata.origin)
     return bits, metadata, (path, yaml_path)
-
-
-def yaml_beside(path: Path) -> Path:
-    """Return the YAML file beside a ``.pbm``.
-
-    Raises
-    ------
-    FileAccessError
-        If there is none, or no ``.pbm``.
-    """
-    found = next((p for p in map(path.with_suffix, (".yaml", ".yml")) if exists(p)), None)
-    if found is None:
-        status_of(path)
-        rule = f"has no {path.with_suffix('.yaml').name} beside it, which tells its place"
-        hint = "a bit map is two files, as mapdeal pack writes them"
-        raise FileAccessError(rule, source=path, hint=hint)
-    return found
-
-
-def find_bits(path: Path, yaml_path: Path, metadata: MapMetadata) -> Path:
-    """Return the image that the YAML file beside a ``.pbm`` names, which must be that one.
-
-    Raises
-    ------
-    FileAccessError
-        If there is no such file.
-    MalformedInputError
-        If it names another image.
-    """
-    status_of(path)
-    image = find_image(yaml_path, metadata.image)
-    if not is_same_file(image, path):
-        rule = f"names another image than {path.name}"
-        raise MalformedInputError(rule, source=yaml_path, place="image", got=metadata.image)
-    return image
 
 
 def bit_map_paths(output: Path) -> tuple[Path, Path]:

@@ -10,7 +10,7 @@ from glob import has_magic
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
-from mapdeal.formats.bit_maps import BIT_MAP
+from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.budget import claim
 from mapdeal.formats.listing import folders_below, list_files, sorted_naturally
 from mapdeal.formats.source import (

@@ -14,6 +14,14 @@ from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.folder import Product
 from mapdeal.pipeline.recipe import Recipe
 
+LOCAL_RECIPE = "local"
+"""The recipe for local maps, and the folder of the one that a run makes."""
+
+
+def around_in(folder: Path) -> Path:
+    """Return where the local map of a run goes, given the run's folder."""
+    return folder / LOCAL_RECIPE
+
 
 @dataclass(frozen=True)
 class RunReport:

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mapdeal.formats.maps import Source, as_occupancy
 from mapdeal.formats.source import sha256_of
 from mapdeal.mapping.local_options import LocalOptions
 from mapdeal.mapping.poses import Pose
+from mapdeal.pipeline.applied import around_in
 from mapdeal.pipeline.folder import Filling, OutputFolder
 from mapdeal.pipeline.local import (
-    LOCAL_RECIPE,
     GlobalMap,
     LocalCommon,
     LocalJob,
@@ -53,7 +54,7 @@ class Around:
         """What is read beside the map."""
         return () if self.cloud is None else (self.cloud,)
 
-    def filling(self, folder: Path, known: GlobalMap, settings: Settings) -> Filling:
+    def filling(self, folder: Path, source: Source, settings: Settings) -> Filling:
         """Return what goes into the local map's folder, given that of the run and its map.
 
         Raises
@@ -61,6 +62,8 @@ class Around:
         MapdealError
             If the cloud cannot be found, or the window is too large.
         """
+        grid = as_occupancy(source.grid, str(source.files[0]))
+        known = GlobalMap(grid, source.files, dict(source.sums))
         common = self._common(settings, known.grid.resolution, known)
         with holding_map(None if known.grid.is_lazy else known):
             return local_filling(LocalJob(self.cloud, self.pose, around_in(folder)), common)
@@ -79,8 +82,3 @@ class Around:
     ) -> LocalCommon:
         options = replace(self.options, resolution=resolution) if self.takes_cells else self.options
         return LocalCommon(options, self.recipe, settings, known)
-
-
-def around_in(folder: Path) -> Path:
-    """Return where the local map of a run goes, given the run's folder."""
-    return folder / LOCAL_RECIPE

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.bit_maps import (
-    BIT_MAP,
     bit_map_paths,
     read_bit_map_pair,
     write_bit_map_pair,

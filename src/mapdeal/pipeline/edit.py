@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mapdeal.errors import ParameterError
-from mapdeal.formats.bit_maps import BIT_MAP
+from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mapdeal.errors import (
     MalformedInputError,
@@ -20,11 +20,13 @@ from mapdeal.formats.map_listing import ListedMap
 from mapdeal.formats.source import ignores_case
 from mapdeal.kernels.threads import available_threads
 from mapdeal.pipeline.applied import RunReport
-from mapdeal.pipeline.around import Around
 from mapdeal.pipeline.memory import memory_budget
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
+
+if TYPE_CHECKING:  # only runs around a robot need what it imports
+    from mapdeal.pipeline.around import Around
 
 SUMMARY = "summary.json"
 

@@ -47,7 +47,6 @@ from mapdeal.pipeline.step import Step
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.stages.definition import Stage
 
-LOCAL_RECIPE = "local"
 _DIGITS = 4
 
 Keep = int | Literal["all"]

@@ -5,18 +5,19 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mapdeal.errors import MapdealWarning
 from mapdeal.formats.json_text import read_json
-from mapdeal.formats.maps import as_occupancy
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.applied import RunReport, products_of
-from mapdeal.pipeline.around import Around, around_in
+from mapdeal.pipeline.applied import RunReport, around_in, products_of
 from mapdeal.pipeline.folder import MANIFEST, Filling, OutputFolder, fill_together
-from mapdeal.pipeline.local import GlobalMap
 from mapdeal.pipeline.memory import opened_map
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
+
+if TYPE_CHECKING:  # only runs around a robot need what it imports
+    from mapdeal.pipeline.around import Around
 
 
 def run_map(
@@ -61,9 +62,7 @@ def run_map(
             Filling(target, products, path.stem, source.files, by_blocks=source.grid.is_lazy)
         ]
         if around is not None:
-            grid = as_occupancy(source.grid, str(path))
-            known = GlobalMap(grid, source.files, source.sums)
-            fillings.append(around.filling(folder, known, settings))
+            fillings.append(around.filling(folder, source, settings))
         return _filled(fillings, settings)
 
 
