@@ -10,13 +10,17 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.route_pairs import report_on_pairs
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.route import Method, Route
-from mapdeal.pipeline.route import HEURISTIC_WEIGHT, Heuristic, check_reached, route_file
-from mapdeal.pipeline.route_pairs import METHODS
+from mapdeal.pipeline.route import (
+    HEURISTIC_WEIGHT,
+    PLACES_OF_FIELD,
+    Heuristic,
+    check_reached,
+    route_file,
+)
 from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.potential import potential as potential_stage
 
@@ -48,7 +52,7 @@ def route(
         typer.Option(
             metavar="METHOD,...",
             help="With --pairs: the field nowhere (plain), in the cost, or in the heuristic.  "
-            f"[default: {','.join(METHODS)}]",
+            f"[default: {','.join(PLACES_OF_FIELD)}]",
         ),
     ] = None,
     output: Annotated[
@@ -130,12 +134,14 @@ def route(
         _refuse(one, "is for one route, not for --pairs")
         if method != "astar":
             raise ParameterError("compares routes of --method astar", source="--pairs")
+        from mapdeal.cli.route_pairs import report_on_pairs  # not for a single route
+
         report_on_pairs(
             source,
             pairs,
             output,
             settings,
-            methods=compare.split(",") if compare is not None else METHODS,
+            methods=compare.split(",") if compare is not None else PLACES_OF_FIELD,
             footprint=footprint,
             weights=weights,
             of_field=of_field,

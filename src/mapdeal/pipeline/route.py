@@ -42,6 +42,9 @@ _PER_CELL: dict[Method, float] = {"astar": 36.0, "descent": 126.0}
 _OF_HEURISTIC = 16.0
 """Bytes for each cell that the field in the heuristic takes."""
 
+PLACES_OF_FIELD = ("plain", "cost", "heuristic")
+"""Where the distance field acts: nowhere, in the cost of a step, or in the heuristic."""
+
 HEURISTIC_WEIGHT = 2.0
 """Metres that the field adds to the heuristic at an obstacle, if no weight is given: what is
 missing there to a clearance of 2 m."""

@@ -14,13 +14,10 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.route import Route
 from mapdeal.pipeline.files import errors_named, outputs_of, read_input
 from mapdeal.pipeline.memory import claim_work
-from mapdeal.pipeline.route import HEURISTIC_WEIGHT, costs_of
+from mapdeal.pipeline.route import HEURISTIC_WEIGHT, PLACES_OF_FIELD, costs_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.planning.astar import route_over, surcharges_near_obstacles
 from mapdeal.planning.terrain import Terrain
-
-METHODS = ("plain", "cost", "heuristic")
-"""Where the distance field acts: nowhere, in the cost of a step, or in the heuristic."""
 
 FIELD_WEIGHT = 1.0
 """Of method ``cost``, if none is given: at an obstacle a metre costs one more."""
@@ -103,7 +100,7 @@ def compare_pairs(
     options: Settings,
     *,
     asked_from: Path | str,
-    methods: Sequence[str] = METHODS,
+    methods: Sequence[str] = PLACES_OF_FIELD,
     footprint: Footprint | None = None,
     weights: Mapping[str, Any] | None = None,
     field_weight: float = FIELD_WEIGHT,
@@ -144,8 +141,8 @@ def compare_pairs(
     """
     if output is not None and output.suffix != ".jsonl":
         raise ParameterError("routes of pairs are written as .jsonl", source=output)
-    if not methods or not set(methods) <= set(METHODS):
-        rule = f"must be some of {', '.join(METHODS)}"
+    if not methods or not set(methods) <= set(PLACES_OF_FIELD):
+        rule = f"must be some of {', '.join(PLACES_OF_FIELD)}"
         raise ParameterError(rule, source="--compare", got=",".join(methods))
     if options.image is not None:
         raise ParameterError("is for one route, not for --pairs", source="--image")
