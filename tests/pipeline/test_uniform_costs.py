@@ -58,8 +58,12 @@ def test_the_most_common_cost_equals_brute_force(case):
          "cost 252: raise cost_scaling_factor (0)"),
         (WALL, "rings", {}, "cost 0: give more values; 90,70,50 reach 3 cells"),
         (WALL, "threshold", {"down": 96, "up": 97},
-         "cost 0: lower down (96), or give down_distance in metres"),
+         "raise down_factor (0), or give down_distance and up_distance in metres"),
+        (WALL, "threshold", {"down": 96, "up": 97, "down_factor": 0.5},
+         "cost 0: lower down (96), or give down_distance and up_distance in metres"),
         (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.0},
+         "cost 0: raise down_factor (0); if that is not enough, down_distance (0.15 m)"),
+        (WALL, "threshold", {"down_distance": 0.15, "up_distance": 0.0, "down_factor": 1.0},
          "cost 0: raise down_distance (0.15 m)"),
         (WALL, "threshold", {"view_range": 1000.0}, "cost 99: lower up_factor (1.5)"),
         (WALL, "threshold", {"view": "seed", "down": 0, "up": 0, "up_factor": 900.0},
@@ -75,6 +79,25 @@ def test_the_remark_says_which_parameter_to_change(grid, model, parameters, advi
     remark = step.remark_on(step.apply(grid, "m.yaml").figures())
     assert remark.startswith("cost: ")
     assert remark.endswith(advice)
+
+
+@pytest.mark.parametrize(
+    ("given", "advised"),
+    [({}, {"down": 5, "down_factor": 1.0}),
+     ({}, {"down_distance": 1.0, "up_distance": 0.5}),
+     ({"down_distance": 1.5, "up_distance": 0.5, "view": "metric"}, {"down_factor": 0.5})],
+)  # fmt: skip
+def test_costs_by_thresholds_are_graded_once_the_advice_is_taken(given, advised):
+    """Thresholds alone change nothing while what lies between them is multiplied by 0."""
+    arena = OccupancyGrid(np.pad(np.zeros((41, 47), np.int8), 30, constant_values=100), 0.05)
+    given = {"model": "threshold", "view": "seed", **given}
+    remarks = []
+    for parameters in (given, {**given, **advised}):
+        step = make_step("cost", parameters)
+        remarks.append(step.remark_on(step.apply(arena, "m.yaml").figures()))
+    assert "of the open cells (below 99) cost 0" in remarks[0]
+    assert "raise down_factor (0)" in remarks[0]
+    assert remarks[1] is None
 
 
 @pytest.mark.parametrize(("model", "parameters"), [

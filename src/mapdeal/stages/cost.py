@@ -12,6 +12,9 @@ from mapdeal.stages.definition import Parameters, stage
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_INSCRIBED_PUBLISHED = 99
+"""What ROS publishes for inscribed: planners do not enter cells from here on."""
+
 Advice = Callable[[Parameters, int], str]
 """Returns which parameter to change, given all of them and the cost that most cells have."""
 
@@ -68,7 +71,9 @@ def _remark_on_uniform_costs(
         return f"every known cell is lethal or inscribed: {when_closed}"
     if common["share"] <= UNIFORM_SHARE:
         return None
-    text = f"{100 * common['share']:.4g} % of the open cells cost {common['cost']}"
+    cost, cells = common["cost"], f"{100 * common['share']:.4g} % of the open cells"
     if not figures["lethal"]:
-        return f"{text}: there is no obstacle"
-    return f"{text}: {advice(parameters, common['cost'])}"
+        return f"{cells} cost {cost}: there is no obstacle"
+    if figures["cost_scale"] == "occupancy" and cost < _INSCRIBED_PUBLISHED:
+        cells += f" (below {_INSCRIBED_PUBLISHED})"
+    return f"{cells} cost {cost}: {advice(parameters, cost)}"

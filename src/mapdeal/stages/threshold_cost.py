@@ -54,10 +54,18 @@ def _distance_as_value(parameters: Parameters, name: str) -> float | None:
 
 def _advice(parameters: Parameters, cost: int) -> str:
     """Return what to change where nearly all open cells have one cost."""
-    if cost == 0 and parameters["down_distance"] is not None:
-        return f"raise down_distance ({parameters['down_distance']:g} m)"
+    distance, factor = parameters["down_distance"], parameters["down_factor"]
+    if cost == 0 and distance is not None:
+        wider = f"down_distance ({distance:g} m)"
+        return (
+            f"raise down_factor (0); if that is not enough, {wider}"
+            if not factor
+            else f"raise {wider}"
+        )
     if cost == 0 and parameters["down"] > 0:
-        return f"lower down ({parameters['down']:g}), or give down_distance in metres"
+        wider = f"lower down ({parameters['down']:g})"
+        raised = "" if factor else " and raise down_factor (0)"
+        return f"{wider}{raised}, or give down_distance and up_distance in metres"
     if parameters["view"] == "seed":
         return "view seed is scaled by the extremes of the map; take view metric"
     if cost == _HIGHEST_BELOW_OBSTACLE:
@@ -158,6 +166,7 @@ def threshold_cost(
     _check_order(down_distance, up_distance)
     lower = _value_at(down_distance, "down_distance", down, scale, source.resolution)
     upper = _value_at(up_distance, "up_distance", up, scale, source.resolution)
+    _check_order_of_views(lower, upper, down_distance, up_distance)
     table = table_of_views(lower, upper, down_factor, up_factor)
     if isinstance(source, FieldView):
         cost = looked_up(source.occupancy, table)
@@ -191,6 +200,21 @@ def _check_order(down_distance: float | None, up_distance: float | None) -> None
     raise ParameterError(rule, place="down_distance", got=down_distance)
 
 
+def _check_order_of_views(
+    lower: float, upper: float, down_distance: float | None, up_distance: float | None
+) -> None:
+    """Refuse a threshold in metres that contradicts the other one, which is a view value."""
+    if lower <= upper or (down_distance is None) == (up_distance is None):
+        return
+    if up_distance is None:
+        rule = f"the view is {lower:g} there, above up ({upper:g})"
+        raise ParameterError(
+            rule, place="down_distance", got=down_distance, hint="give up_distance, too"
+        )
+    rule = f"the view is {upper:g} there, below down ({lower:g})"
+    raise ParameterError(rule, place="up_distance", got=up_distance, hint="give down_distance, too")
+
+
 def _value_at(
     distance: float | None, name: str, value: float | None, scale: ViewScale, resolution: float
 ) -> float:
@@ -210,9 +234,8 @@ def table_of_views(
 ) -> NDArray[np.int8]:
     """Return the cost of each value of the view, shape (256,), by its byte: -1 is the last."""
     if down > up:
-        hint = "down and up are values of the view; give both, or both as distances"
         rule = f"must not be larger than up ({up:g})"
-        raise ParameterError(rule, place="down", got=down, hint=hint)
+        raise ParameterError(rule, place="down", got=down)
     table = np.zeros(256, dtype=np.int8)
     for value in range(FREE, OCCUPIED):
         factor = 0.0 if value <= down else down_factor if value <= up else up_factor
