@@ -138,10 +138,20 @@ def test_a_window_on_the_canvas_of_another_grid():
         again = window(back, frame=known.frame)
         np.testing.assert_array_equal(again.layer, made.layer)
         assert again.frame == known.frame
-    for frame in (Frame(4, 5, 0.31, whole.origin), Frame(4, 5, 0.3, (1.5, -2.0, 0.8)),
-                  Frame(4, 5, 0.3, (1.6, -2.0, 0.7))):  # fmt: skip
-        with pytest.raises(ParameterError, match="frame: resolution, yaw or the edges"):
-            window(known, frame=frame)
+
+
+@pytest.mark.parametrize(
+    ("resolution", "origin", "told"),
+    [
+        (0.31, (1.5, -2.0, 0.7), "must have cells of 0.3 m as the grid has, not of 0.31 m"),
+        (0.3, (1.5, -2.0, 0.8), "must have the grid's yaw, 0.7 rad, not 0.8 rad"),
+        (0.3, (1.6, -2.0, 0.7), "the edges of the cells must coincide: the origins are not whole"),
+    ],
+)
+def test_a_canvas_with_other_cells_is_refused_and_what_differs_is_named(resolution, origin, told):
+    whole = grid_from_text("?????\n?#..?\n?..#?\n?????", 0.3, (1.5, -2.0, 0.7))
+    with pytest.raises(ParameterError, match=f"frame: .*{told}"):
+        window(whole, frame=Frame(4, 5, resolution, origin))
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Framed, ValueGrid
 from mapdeal.grid.region import Region, region_of
-from mapdeal.grid.resample import region_on_lattice
+from mapdeal.grid.resample import is_turned, region_on_lattice
 from mapdeal.kernels.spans import Spans
 
 G = TypeVar("G", bound=ValueGrid | FieldGrid)
@@ -89,8 +89,7 @@ def window(
             raise ParameterError("takes the place of size, corner and center", place="frame")
         place = region_on_lattice(grid.frame, frame)
         if place is None:
-            rule = "resolution, yaw or the edges of the cells are not those of the grid"
-            raise ParameterError(rule, place="frame")
+            raise ParameterError(_other_cells(grid.frame, frame), place="frame")
         return _copied(grid, place, frame, fill=fill, what="window")
     if size_xy is None:
         raise ParameterError("must be given, or a frame", place="size")
@@ -218,6 +217,16 @@ def blank(grid: D, value: int = 0) -> D:
     if isinstance(grid, BitMap):
         return grid.fill(bool(grid.accept_value(value, "background")))
     return grid.with_values(np.full_like(grid.values, grid.accept_value(value, "background")))
+
+
+def _other_cells(lattice: Frame, frame: Frame) -> str:
+    """Return in what the cells of a frame are not those of a lattice."""
+    if frame.resolution != lattice.resolution:
+        own, other = lattice.resolution, frame.resolution
+        return f"must have cells of {own:g} m as the grid has, not of {other:g} m"
+    if is_turned(lattice, frame.origin[2]):
+        return f"must have the grid's yaw, {lattice.origin[2]:g} rad, not {frame.origin[2]:g} rad"
+    return "the edges of the cells must coincide: the origins are not whole cells apart"
 
 
 def _default_of(grid: Framed, value: int) -> int:
