@@ -130,6 +130,7 @@ def run(
     """
     if update_golden and golden is None:
         raise ParameterError("needs --golden DIR", source="--update-golden")
+    around.refuse_in_set(changes or [])
     loaded = load_recipe(recipe, sim=sim, footprint=footprint, settings=changes or [])
     for one in loaded.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))

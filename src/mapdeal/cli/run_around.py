@@ -56,6 +56,14 @@ LocalChanges = Annotated[
 ]
 
 
+def refuse_in_set(changes: Sequence[str]) -> None:
+    """Refuse options of the local map among those of the recipe, and name where they go."""
+    for text in changes:
+        if text.strip().startswith(f"{LOCAL_RECIPE}."):
+            hint = f"with --pose, {_SET} takes what the local map is made with"
+            raise ParameterError("is no stage's parameter", source="--set", got=text, hint=hint)
+
+
 def around_of(
     pose: str | None,
     cloud: str | None,
@@ -92,7 +100,7 @@ def around_of(
                 raise ParameterError("needs --cloud", source=_SET, got=f"{LOCAL_RECIPE}.{name}")
     return Around(
         place,
-        load_recipe(recipe or LOCAL_RECIPE, footprint=footprint, settings=others),
+        load_recipe(recipe or LOCAL_RECIPE, footprint=footprint, settings=others, option=_SET),
         LocalOptions(frame or "robot", **options),
         None if cloud is None else only_cloud([cloud]),
         takes_cells=cloud is None and "resolution" not in options,

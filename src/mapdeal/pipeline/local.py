@@ -329,7 +329,7 @@ def _check_robot(inflated: OccupancyGrid, made: LocalMap, cloud: Path) -> None:
         return
     text = "the robot's own cell is an obstacle once inflated"
     if made.counts.marking:
-        text += "; --min-range drops points of the robot itself"
+        text += "; a larger min_range drops points of the robot itself"
     warnings.warn(f"{cloud}: {text}", MapdealWarning, stacklevel=2)
 
 

@@ -40,6 +40,7 @@ def load_recipe(
     sim: bool = False,
     footprint: Footprint | None = None,
     settings: Sequence[str] = (),
+    option: str = "--set",
 ) -> Recipe:
     """Return a recipe, adapted and checked.
 
@@ -54,6 +55,8 @@ def load_recipe(
         The robot's shape: inflate's radius, or the radii of cost if nothing is inflated.
     settings : sequence of str
         ``stage.parameter=value``, stronger than all else.
+    option : str
+        What messages call `settings`.
 
     Raises
     ------
@@ -73,7 +76,7 @@ def load_recipe(
     if footprint is not None:
         _adapt_to_footprint(draft, footprint, name)
     for setting in settings:
-        _apply_setting(draft, setting, name)
+        _apply_setting(draft, setting, name, option)
     steps = tuple(make_step(stage, given) for stage, given in draft)
     _warn_of_double_radius(steps)
     return Recipe(steps)
@@ -171,19 +174,19 @@ def _adapt_to_footprint(draft: Draft, footprint: Footprint, name: str) -> None:
     raise ParameterError(rule, source=name)
 
 
-def _apply_setting(draft: Draft, setting: str, name: str) -> None:
+def _apply_setting(draft: Draft, setting: str, name: str, option: str) -> None:
     target, equals, value = setting.partition("=")
     stage, dot, parameter = target.strip().partition(".")
     if not (equals and dot and stage and parameter):
         rule = "must look like stage.parameter=value"
-        raise ParameterError(rule, source="--set", got=setting)
+        raise ParameterError(rule, source=option, got=setting)
     given = _find(draft, stage)
     if given is None:
         if not models_of(stage):
-            raise unknown_name("stage", stage, STAGE_NAMES, place="--set")
+            raise unknown_name("stage", stage, STAGE_NAMES, place=option)
         rule = f"recipe {name} has no stage {stage}"
         hint = f"its stages are {', '.join(done for done, _ in draft)}"
-        raise ParameterError(rule, source="--set", got=setting, hint=hint)
+        raise ParameterError(rule, source=option, got=setting, hint=hint)
     parameter = parameter.replace("-", "_")
     for by, other in _stage_in((stage, given)).in_place_of.items():  # one takes the other's place
         if parameter in (by, other.parameter):
