@@ -62,10 +62,13 @@ def build(
     ] = None,
     compare: Annotated[
         bool,
-        typer.Option("--compare", help="All methods on one grid: maps, figures, and what differs."),
+        typer.Option(
+            "--compare",
+            help="Run all methods on one grid: maps, figures, and pictures of what differs.",
+        ),
     ] = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="With --compare: print the figures as one document.")
+        bool, typer.Option("--json", help="With --compare: print the figures as JSON.")
     ] = False,
     resolution: Annotated[float, typer.Option(metavar="R", help="Metres per cell.")] = 0.05,
     size: Annotated[
@@ -111,13 +114,14 @@ def build(
     ] = None,
     truncation: Annotated[
         float | None,
-        typer.Option(metavar="CELLS", help="tsdf: distances are cut off here.  [default: 2]"),
+        typer.Option(metavar="CELLS", help="tsdf: truncation distance.  [default: 2]"),
     ] = None,
     truncation_behind: Annotated[
         float | None,
         typer.Option(
             metavar="N",
-            help="tsdf: truncations behind a hit up to which beams are followed.  [default: 1]",
+            help="tsdf: how far beams are followed behind a hit, in truncation distances.  "
+            "[default: 1]",
         ),
     ] = None,
     layers: Annotated[
@@ -134,7 +138,7 @@ def build(
     """Make a map from laser scans with known poses.
 
     Cells that a beam passes become free, those that it ends in occupied; what no beam reaches
-    stays unknown. --compare tells what each method makes of a log; docs/mapping.md explains it.
+    stays unknown. --compare shows what each method makes of a log; docs/mapping.md explains it.
     """
     own: dict[Method, dict[str, Any]] = {
         "log-odds": opt.given(

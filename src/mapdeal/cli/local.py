@@ -101,7 +101,7 @@ def local(
     unknown: Annotated[
         Unknown | None,
         typer.Option(
-            help="Cells that nothing has seen, with --map or --keep: unknown, or free.  "
+            help="With --map or --keep: cells that nothing has seen stay unknown, or become free.  "
             "[default: keep]",
             show_default=False,
         ),
@@ -110,7 +110,7 @@ def local(
         str | None,
         typer.Option(
             metavar="N|all",
-            help="With --poses: obstacles of the last N clouds stay, until a beam passes them.",
+            help="With --poses: clouds to remember. Their obstacles stay until a beam passes them.",
         ),
     ] = None,
     require_points: Annotated[

@@ -43,15 +43,16 @@ def route(
         Path | None,
         typer.Option(
             metavar="FILE|-",
-            help="Starts and goals in lines x,y,x,y or of JSON, from a file, or - for standard "
-            "input, instead of the two.",
+            help="File of starts and goals, a pair a line: x,y,x,y or JSON; - reads standard "
+            "input. Instead of --from and --to.",
         ),
     ] = None,
     compare: Annotated[
         str | None,
         typer.Option(
             metavar="METHOD,...",
-            help="With --pairs: the field nowhere (plain), in the cost, or in the heuristic.  "
+            help="With --pairs: search without the distance field (plain), with it in the cost, "
+            "or in the heuristic.  "
             f"[default: {','.join(PLACES_OF_FIELD)}]",
         ),
     ] = None,
@@ -76,15 +77,15 @@ def route(
         float | None,
         typer.Option(
             metavar="W",
-            help="astar: how much nearness to obstacles, within 2 m, counts on top.  "
+            help="astar: weight of the distance field in the cost, within 2 m of obstacles.  "
             "[default: 0; with --pairs, in the cost: 1]",
         ),
     ] = None,
     heuristic: Annotated[
         Heuristic | None,
         typer.Option(
-            help="astar: what the search takes for the rest of the way: the octile distance, or "
-            "with nearness to obstacles, within 2 m, on top.  [default: octile]",
+            help="astar: estimate of the way that remains: the octile distance, or that and a "
+            "penalty within 2 m of obstacles (field).  [default: octile]",
             show_default=False,
         ),
     ] = None,
@@ -92,7 +93,7 @@ def route(
         float | None,
         typer.Option(
             metavar="M",
-            help="How much nearness counts in the heuristic, metres.  "
+            help="Penalty of the heuristic field at an obstacle, metres.  "
             f"[default: {HEURISTIC_WEIGHT:g}]",
         ),
     ] = None,

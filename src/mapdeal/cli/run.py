@@ -64,9 +64,9 @@ def run(
     canvas: Annotated[
         Canvas,
         typer.Option(
-            help="Write what was computed on the active region as it is, or put back onto the "
-            "map's whole canvas: unknown around it, without distances. With --set "
-            "active.canvas=full all stages compute on the whole canvas instead."
+            help="Extent of the outputs: the active region (crop), or the map's whole canvas "
+            "(full), unknown outside of the region. Stages compute on the region either way, "
+            "unless active.canvas=full is --set."
         ),
     ] = "crop",
     golden: Annotated[
@@ -122,8 +122,8 @@ def run(
     with such names, one a line (@- reads them from stdin). Maps of folders, patterns and lists
     keep their path below DIR.
 
-    With --pose, and with what a robot sees there, --cloud, one map also gets its local map, with
-    what the recipe for local maps makes of it: all products of both in one call.
+    With --pose, a single map also gets the local map around a robot there, with or without a
+    point cloud (--cloud): the products of both maps in one call.
 
     One map's failure does not stop the others: the exit code is 5 then, and DIR/summary.json
     tells what became of each.

@@ -25,16 +25,24 @@ PoseOption = Annotated[
     str | None,
     typer.Option(
         metavar="X,Y,YAW",
-        help="Make the local map around this robot, too, as `mapdeal local` does; it goes into a "
-        "folder local in the map's folder.",
+        help="Also make the local map around a robot at this pose, as `mapdeal local` does, in "
+        "the subfolder local of the map's folder.",
     ),
 ]
 CloudOption = Annotated[
-    str | None, typer.Option("--cloud", metavar="FILE", help="What the robot at --pose sees.")
+    str | None,
+    typer.Option(
+        "--cloud",
+        metavar="FILE",
+        help="The point cloud that the robot at --pose sees. Without it the local map is a "
+        "window of the map.",
+    ),
 ]
 FrameOption = Annotated[
     CloudFrame | None,
-    typer.Option(help="What the cloud's coordinates are.  [default: robot]", show_default=False),
+    typer.Option(
+        help="The frame of the cloud's coordinates.  [default: robot]", show_default=False
+    ),
 ]
 LocalRecipe = Annotated[
     str | None,
@@ -50,7 +58,7 @@ LocalChanges = Annotated[
     typer.Option(
         _SET,
         metavar="STAGE.PARAMETER=VALUE",
-        help="Change a parameter of the local recipe, or an option of the command local, as "
+        help="Change a parameter of the local recipe, or an option of `mapdeal local`, such as "
         "local.size=12,8; can be repeated.",
     ),
 ]

@@ -35,7 +35,10 @@ def window(
     corner: opt.Corner = None,
     like: Annotated[
         Path | None,
-        typer.Option(metavar="MAP", help="Or the canvas of another map with the same cells."),
+        typer.Option(
+            metavar="MAP",
+            help="The canvas of another map with the same cells, instead of a size and a place.",
+        ),
     ] = None,
     default: Annotated[
         int | None,

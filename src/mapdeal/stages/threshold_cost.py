@@ -109,10 +109,11 @@ def threshold_cost(
     up : float, optional
         End of the middle range. None where `up_distance` is given.
     down_distance : float, optional
-        Where the costs begin, in place of `down`, which becomes the view at this distance. Cells
-        this far from obstacles, and farther, cost 0.
+        Cells at this distance from obstacles and farther cost 0. It replaces `down`, which becomes
+        the view at this distance.
     up_distance : float, optional
-        Where the middle range ends, in place of `up`, which becomes the view at this distance.
+        End of the middle range, as a distance. It replaces `up`, which becomes the view at this
+        distance.
     down_factor : float
         Factor of the middle range.
     up_factor : float
