@@ -294,7 +294,10 @@ def test_a_run_whose_costs_say_nothing_has_a_finding(command, folder):
     words = ["--recipe", "seed-real", "--set", "inflate.radius=0"]
     words += ["--set", "cost.down=100", "--set", "cost.up=100"]
     code, _, err = command("run", "good.yaml", "-o", "out", "--no-images", *words)
-    assert (code, err.count("% of the open cells (below 99) cost 0: lower down (100)")) == (
+    assert (
+        code,
+        err.count("% of the open cells (below 99) cost 0: lower up (100) and down (100)"),
+    ) == (
         0,
         1,
     )

@@ -54,23 +54,38 @@ def _distance_as_value(parameters: Parameters, name: str) -> float | None:
 
 def _advice(parameters: Parameters, cost: int) -> str:
     """Return what to change where nearly all open cells have one cost."""
-    distance, factor = parameters["down_distance"], parameters["down_factor"]
-    if cost == 0 and distance is not None:
-        wider = f"down_distance ({distance:g} m)"
-        return (
-            f"raise down_factor (0); if that is not enough, {wider}"
-            if not factor
-            else f"raise {wider}"
-        )
-    if cost == 0 and parameters["down"] > 0:
-        wider = f"lower down ({parameters['down']:g})"
-        raised = "" if factor else " and raise down_factor (0)"
-        return f"{wider}{raised}, or give down_distance and up_distance in metres"
+    if cost == 0:
+        return _advice_on_nothing(parameters)
     if parameters["view"] == "seed":
         return "view seed is scaled by the extremes of the map; take view metric"
     if cost == _HIGHEST_BELOW_OBSTACLE:
         return f"lower up_factor ({parameters['up_factor']:g})"
-    return "raise up_factor and down_factor" if cost == 0 else "change down, up and their factors"
+    return "change down, up and their factors"
+
+
+def _advice_on_nothing(parameters: Parameters) -> str:
+    """Return what to change where nearly all open cells cost 0.
+
+    The costs begin at `down`, but where the factor makes 0 of the whole middle range, at `up`.
+    """
+    up, factor = parameters["up"], parameters["down_factor"]
+    begin = "down" if factor * (OCCUPIED if up is None else up) >= 1 else "up"
+    if begin == "up" and parameters["up_factor"] * _HIGHEST_BELOW_OBSTACLE < 1:
+        return f"raise up_factor ({parameters['up_factor']:g})"
+    lengths = {} if parameters["view"] == "seed" else {"view_range": parameters["view_range"]}
+    value, distance = parameters[begin], parameters[f"{begin}_distance"]
+    if distance is not None:
+        # up_distance must not be larger than down_distance, and neither than view_range
+        limits = {"down_distance": parameters["down_distance"], **lengths}
+        reached = [name for name, limit in limits.items() if limit == distance]
+        others = [f" and {name}" for name in reached if name != f"{begin}_distance"]
+        return f"raise {begin}_distance ({distance:g} m){''.join(others)}"
+    if value == 0:
+        return ", or ".join(["raise up_factor and down_factor", *lengths])
+    if begin == "down" or not parameters["down"]:
+        return f"lower {begin} ({value:g}), or give {begin}_distance in metres"
+    both = f"lower up ({value:g}) and down ({parameters['down']:g})"
+    return f"{both}, or give up_distance and down_distance in metres"
 
 
 @cost_model(
