@@ -188,7 +188,7 @@ def reset_region(
     if value is not None:
         number = grid.accept_value(value)
     elif isinstance(grid, BitMap):
-        raise ParameterError("is needed: the cells of a bit map are known", place="value")
+        raise ParameterError("is needed, 0 or 100: a bit map has no unknown cells", place="value")
     else:
         number = grid.unknown_value
     region = region_of(grid.frame, size_xy, corner_xy=corner_xy, center_xy=center_xy)
