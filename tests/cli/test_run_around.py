@@ -62,6 +62,13 @@ def test_without_a_cloud_it_is_the_window_in_the_map_s_cells(command, place):
     assert read_map("b/local.yaml").resolution == 0.1
 
 
+def test_what_the_local_map_is_warned_of_is_not_said_of_the_whole_map(command, place):
+    for _ in range(2):  # done, and unchanged
+        err = around(command, "--no-images", pose="90,90,0", cloud=None)[2]
+        assert "warning: o/m/local: cost: every cell is unknown\n" in err
+        assert "m.yaml: cost: every cell is unknown" not in err
+
+
 def test_what_is_there_is_not_made_again(command, place):
     words = [*IN_RUN, "--no-images"]
     assert around(command, *words)[0] == 0

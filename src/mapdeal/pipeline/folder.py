@@ -142,7 +142,7 @@ class OutputFolder:
             remark = step.remark_on(figures[step.name])
             if remark is not None:
                 remarks.append(remark)
-                _warn(filling.files[0], remark)
+                _warn(filling.subject, remark)
             write_products(
                 transaction,
                 step,
@@ -208,6 +208,8 @@ class Filling:
         What pictures call the input.
     files : tuple of Path
         All that was read: none of it may be written.
+    subject : Path
+        What warnings of the products call the input.
     overlay : Overlay, optional
         What is drawn over each picture.
     by_blocks : bool
@@ -218,6 +220,7 @@ class Filling:
     products: Iterable[Product]
     stem: str
     files: tuple[Path, ...]
+    subject: Path
     overlay: Overlay | None = None
     by_blocks: bool = False
 

@@ -178,7 +178,7 @@ def filled(filling: Filling, settings: Settings, *, skip: bool) -> RunReport:
     folder.check_inputs(filling.files)
     figures = folder.unchanged_figures() if skip and not settings.force else None
     if figures is not None:
-        folder.repeat_warnings(filling.files[0])
+        folder.repeat_warnings(filling.subject)
         return RunReport(folder.path, "unchanged", figures)
     with use_threads(settings.threads):
         (figures,) = fill_together([filling])
@@ -246,7 +246,10 @@ def filling_of(
     clouds = () if job.cloud is None else (job.cloud,)
     files = (*clouds, *(known.files if known is not None else ()))
     products = _products(folder.steps[0], job, make, common)
-    return Filling(folder, products, job.source(common).stem, files, PoseOverlay(pose))
+    subject = job.folder if job.cloud is None else job.cloud  # not the map, which is another one's
+    return Filling(
+        folder, products, job.source(common).stem, files, subject, PoseOverlay(pose)
+    )  # fmt: skip
 
 
 def local_folder(

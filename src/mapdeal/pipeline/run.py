@@ -59,7 +59,7 @@ def run_map(
         canvas = source.grid.frame if settings.canvas == "full" else None
         products = products_of(recipe, source.grid, path, canvas=canvas)
         fillings = [
-            Filling(target, products, path.stem, source.files, by_blocks=source.grid.is_lazy)
+            Filling(target, products, path.stem, source.files, path, by_blocks=source.grid.is_lazy)
         ]
         if around is not None:
             fillings.append(around.filling(folder, source, settings))
@@ -75,7 +75,7 @@ def _filled(fillings: list[Filling], settings: Settings) -> RunReport:
     new = [filling for filling, old in zip(fillings, found, strict=True) if old is None]
     for filling, old in zip(fillings, found, strict=True):
         if old is not None:
-            filling.folder.repeat_warnings(filling.files[0])
+            filling.folder.repeat_warnings(filling.subject)
     made = iter(fill_together(new, progress=settings.progress) if new else [])
     reports = [
         RunReport(filling.folder.path, "done", next(made))
