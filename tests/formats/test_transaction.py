@@ -1,5 +1,6 @@
 import contextlib
 import hashlib
+import io
 import os
 import signal
 import stat
@@ -10,6 +11,7 @@ import threading
 import pytest
 
 from mapdeal import FileAccessError
+from mapdeal.formats import temporary
 from mapdeal.formats.transaction import Transaction
 from mapdeal.kernels.threads import use_threads
 
@@ -272,3 +274,29 @@ def test_a_disk_that_fails_at_the_end_leaves_the_old_files(tmp_path, monkeypatch
         transaction.write(output, _writer("new"))
     assert output.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["one.txt"]
+
+
+def test_parts_are_written_one_after_the_other(tmp_path):
+    output = tmp_path / "a.txt"
+    with Transaction([output], checksums=True) as transaction:
+        transaction.write_parts(output, iter([b"one ", b"", b"two"]))
+        assert transaction.checksums() == {output: hashlib.sha256(b"one two").hexdigest()}
+        assert not output.exists()
+    assert output.read_bytes() == b"one two"
+
+
+def test_a_part_that_cannot_be_written_leaves_the_old_file(tmp_path, monkeypatch):
+    output = tmp_path / "a.txt"
+    output.write_text("old")
+
+    class Full(io.BytesIO):
+        def write(self, _):
+            raise OSError(28, "No space left on device")
+
+    with (
+        pytest.raises(FileAccessError, match=r"a\.txt: cannot be written: No space left"),
+        Transaction([output], force=True) as transaction,
+    ):
+        monkeypatch.setattr(temporary.os, "fdopen", lambda opened, _: os.close(opened) or Full())
+        transaction.write_parts(output, [b"new"])
+    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("a.txt", "old")]

@@ -71,6 +71,16 @@ class Temporary:
         file.seek(0)
         return hashlib.file_digest(file, "sha256").hexdigest()
 
+    def append(self, data: bytes) -> None:
+        """Write some bytes, behind those that are there."""
+        if self._file is None:
+            raise FileAccessError("was discarded", source=self.destination)
+        try:
+            self._file.write(data)
+        except OSError as error:
+            rule = f"cannot be written: {error.strerror}"
+            raise FileAccessError(rule, source=self.destination) from None
+
     def sync(self) -> None:
         """Have the contents written through to the disk."""
         if self._file is not None:

@@ -113,6 +113,13 @@ class Transaction:
         filler(temporary.path)
         self._finish(temporary, lambda _: None)
 
+    def write_parts(self, path: Path, parts: Iterable[bytes]) -> None:
+        """Write the file that becomes `path` in this thread, each part as soon as it is there."""
+        temporary = self._opened(path)
+        for part in parts:
+            temporary.append(part)
+        self._finish(temporary, lambda _: None)
+
     def _opened(self, path: Path) -> Temporary:
         if path not in self._outputs:
             raise ParameterError("was not announced as an output", source=path)

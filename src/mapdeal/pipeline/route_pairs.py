@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -116,7 +116,7 @@ def compare_pairs(
     asked : iterable of PairLine
         The pairs, which may come one after the other.
     output : Path, optional
-        Where the lines go, all at the end; to `show` if there is none, one by one.
+        Where the lines go, which is there once all are; to `show` if there is none, one by one.
     options : Settings
         How files are read and written.
     asked_from : Path or str
@@ -151,7 +151,6 @@ def compare_pairs(
         claim_work(path, source.grid, _PER_CELL)
     outputs = [] if output is None else [output]
     inputs = [*source.files, *([asked_from] if isinstance(asked_from, Path) else [])]
-    lines: list[str] = []
     with outputs_of(outputs, inputs, options) as transaction:
         with errors_named(path):
             terrain = Terrain.of(costs_of(source, path, footprint), **(weights or {}))
@@ -160,16 +159,15 @@ def compare_pairs(
                 for method in dict.fromkeys(methods)
             }
         tally = _Tally(searches)
-        for pair, one in enumerate(asked, 1):
-            found, texts = _answer(pair, one, terrain, searches)
-            tally.add(found)
-            for text in texts:
-                (lines.append if output else show)(text)
+        lines = _lines_of(asked, terrain, searches, tally)
+        if output is None:
+            for line in lines:
+                show(line)
+        else:
+            transaction.write_parts(output, (f"{line}\n".encode() for line in lines))
         report = tally.report()
         if report.pairs == 0:
             raise MalformedInputError("holds no pairs of points", source=asked_from)
-        if output is not None:
-            transaction.write_bytes(output, "".join(f"{line}\n" for line in lines).encode())
     return report
 
 
@@ -182,6 +180,19 @@ def _search_of(
     if method == "heuristic":
         return {"surcharges": surcharges_near_obstacles(terrain, heuristic_weight)}
     return {}
+
+
+def _lines_of(
+    asked: Iterable[PairLine],
+    terrain: Terrain,
+    searches: Mapping[str, Mapping[str, Any]],
+    tally: _Tally,
+) -> Iterator[str]:
+    """Yield the lines of each pair once it is planned, and counted."""
+    for pair, one in enumerate(asked, 1):
+        found, texts = _answer(pair, one, terrain, searches)
+        tally.add(found)
+        yield from texts
 
 
 def _answer(
