@@ -90,7 +90,7 @@ def around_of(
     if pose is None:
         given = {"--cloud": cloud, "--frame": frame, "--local-recipe": recipe, _SET: changes}
         for name, value in given.items():
-            if value:
+            if value not in (None, []):
                 raise ParameterError("needs --pose", source=name)
         return None
     if cloud is None and frame is not None:
@@ -108,7 +108,12 @@ def around_of(
                 raise ParameterError("needs --cloud", source=_SET, got=f"{LOCAL_RECIPE}.{name}")
     return Around(
         place,
-        load_recipe(recipe or LOCAL_RECIPE, footprint=footprint, settings=others, option=_SET),
+        load_recipe(
+            LOCAL_RECIPE if recipe is None else recipe,
+            footprint=footprint,
+            settings=others,
+            prefix="--local-",
+        ),
         LocalOptions(frame or "robot", **options),
         None if cloud is None else only_cloud([cloud]),
         takes_cells=cloud is None and "resolution" not in options,

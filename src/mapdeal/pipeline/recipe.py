@@ -40,7 +40,7 @@ def load_recipe(
     sim: bool = False,
     footprint: Footprint | None = None,
     settings: Sequence[str] = (),
-    option: str = "--set",
+    prefix: str = "--",
 ) -> Recipe:
     """Return a recipe, adapted and checked.
 
@@ -55,8 +55,8 @@ def load_recipe(
         The robot's shape: inflate's radius, or the radii of cost if nothing is inflated.
     settings : sequence of str
         ``stage.parameter=value``, stronger than all else.
-    option : str
-        What messages call `settings`.
+    prefix : str
+        How the options begin, ``recipe`` and ``set``, that an error names.
 
     Raises
     ------
@@ -70,21 +70,21 @@ def load_recipe(
     MapdealWarning
         If the robot's radius would count twice.
     """
+    if not name:
+        raise ParameterError("must not be empty", source=f"{prefix}recipe")
     draft = _read_draft(name)
     if sim:
         _adapt_to_sim(draft)
     if footprint is not None:
         _adapt_to_footprint(draft, footprint, name)
     for setting in settings:
-        _apply_setting(draft, setting, name, option)
+        _apply_setting(draft, setting, name, f"{prefix}set")
     steps = tuple(make_step(stage, given) for stage, given in draft)
     _warn_of_double_radius(steps)
     return Recipe(steps)
 
 
 def _read_draft(name: str) -> Draft:
-    if not name:
-        raise ParameterError("must not be empty", source="--recipe")
     if name in BUILT_IN:
         with resources.as_file(resources.files("mapdeal.pipeline") / "recipes") as folder:
             return _parse(folder / f"{name}.yaml", name)
