@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mapdeal import OccupancyGrid, read_map, write_map
+from mapdeal.kernels.engine import engine_name
 
 LOCAL = ["--size", "3,2", "--resolution", "0.07", "--min-range", "0.2"]
 IN_RUN = ["--local-set", "local.size=3,2", "--local-set", "local.resolution=0.07",
@@ -113,9 +114,10 @@ def test_blocks_give_the_same_bytes(command, place):
     write_map("m.yaml", OccupancyGrid(values, 0.02, (-2.03, -1.06, 0.3)), force=True)
     words = [*IN_RUN, "--no-images", "--threads", "1"]
     assert around(command, *words, out="whole")[0] == 0
-    words += ["--max-memory", "56M"]
+    little = 56 if engine_name() == "compiled" else 106  # MiB, those included that are taken anyhow
+    words += ["--max-memory", f"{little}M"]
     told = around(command, *words, "--dry-run", out="blocks")[1]
-    assert "56 MiB in blocks" in told
+    assert f"{little} MiB in blocks" in told
     code, _, err = around(command, *words, out="blocks")
     assert (code, err) == (0, "")
     assert contents(place / "whole") == contents(place / "blocks")

@@ -171,9 +171,6 @@ def test_a_run_warns_once_and_its_manifest_and_a_second_run_say_it_again(command
 def test_cost_and_batches_warn(command, wall):
     _, _, err = command("cost", "m.yaml", "-o", "c.npz", "--inflation-radius", "0.1")
     assert err.count("open cells cost 0: raise inflation_radius (0.1 m)") == 1
-    _, _, err = command("cost", "m.yaml", "-o", "d.npz", "--inflation-radius", "0.1",
-                        "--max-memory", "80M", "--threads", "1")  # fmt: skip
-    assert err.count("open cells cost 0: raise inflation_radius (0.1 m)") == 1
     code, _, err = command("run", "m.yaml", "n.yaml", "-o", "b", "--no-images", "--recipe", "nav2")
     assert code == 0
     assert err.count("n.yaml: cost: 100 % of the open cells cost 0") == 1
