@@ -238,6 +238,32 @@ def test_nan_around_a_box_is_where_the_box_is():
     assert everywhere.cropped is everywhere
 
 
+def test_rows_of_a_field_know_their_part_of_the_box():
+    distance = np.full((5, 4), np.nan, np.float32)
+    distance[1:3, 1:3] = [[1.0, 2.0], [3.0, 4.0]]
+    occupancy = np.where(np.isnan(distance), -1, 0).astype(np.int8)
+    field = DistanceField(distance, occupancy, 0.5, (1.0, 2.0, 0.4))
+    assert field.cropped.shape == (2, 2)  # what the whole keeps is not its rows'
+    for first, end in itertools.combinations(range(6), 2):
+        part = field.part(slice(first, end))
+        rows = [row for row in (1, 2) if first <= row < end]
+        assert part.region[1:] == (1, len(rows), 2)
+        if rows:
+            assert part.region.row == rows[0] - first
+            assert np.array_equal(part.cropped.distance, distance[rows][:, 1:3])
+            place = field.frame.window(rows[0], 1, len(rows), 2)
+            assert part.cropped.origin == pytest.approx(place.origin, abs=1e-12)
+
+
+def test_a_field_with_another_layer_has_that_one_in_its_box_too():
+    distance = np.full((3, 4), np.nan, np.float32)
+    distance[1, 1:3] = 1.0
+    occupancy = np.where(np.isnan(distance), -1, 0).astype(np.int8)
+    field = DistanceField(distance, occupancy, 0.5)
+    assert field.cropped.distance.tolist() == [[1.0, 1.0]]
+    assert field.with_layer(2 * distance).cropped.distance.tolist() == [[2.0, 2.0]]
+
+
 def test_a_costmap_on_a_canvas_is_unknown_around():
     for scale, outside in (("costmap2d", 255), ("occupancy", -1)):
         whole = on_canvas(Costmap([[0, 99]], 0.5, scale=scale), Frame(1, 4, 0.5, (-0.5, 0.0, 0.0)))

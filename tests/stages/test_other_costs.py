@@ -257,3 +257,13 @@ def test_views_of_long_distances_are_those_of_short_ones(monkeypatch):
     monkeypatch.setattr("mapdeal.stages.field_values._LARGEST_TABLE", 0)
     costmap = threshold_cost(grid, down=40, up=62, down_factor=0.5, up_factor=1.1)
     assert costmap.cost.tolist() == [[100, 95, 82, 31, 25, 0, -1]]  # as by hand above
+
+
+@pytest.mark.parametrize(("cells", "view_range"), [(6, 1.0), (12, 2.0), (18, 3.0)])
+def test_a_cell_as_far_as_the_threshold_is_not_lost_to_rounding(cells, view_range):
+    grid = OccupancyGrid([[100, *[0] * 20]], 0.15, (0.5, -2.0, 1.0))
+    distance = float(f"{0.15 * cells:.2f}")  # which 0.15 times the number of cells is not
+    found = threshold_cost(grid, down_distance=distance, up_distance=0.0, down_factor=1.0,
+                           view_range=view_range).cost[0]  # fmt: skip
+    assert found[cells - 1] > 0
+    assert not found[cells:].any()
