@@ -102,6 +102,14 @@ def test_another_layer_is_no_view(tmp_path):
     assert type(read_map(path)) is OccupancyGrid
 
 
+def test_another_layer_of_an_npz_is_refused(tmp_path):
+    path = tmp_path / "v.npz"
+    write_map(path, METRIC)
+    np.savez(path, **{**np.load(path), "layer": np.array("height")})
+    with pytest.raises(MalformedInputError, match="layer: must be one of esdf_view"):
+        read_map(path)
+
+
 @pytest.mark.parametrize(
     "wrong", [{"view": "polar"}, {"view_range": 0.0}, {"view_range": float("nan")},
               {"farthest": -1.0}, {"deepest": float("inf")}],

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.blocks import Layer
+from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy
 from mapdeal.kernels.threads import for_rows
 
 _SMALL_SIDE = 600
@@ -67,8 +67,14 @@ class Raster:
         step = self.reduce
         height, width = (math.ceil(length / step) for length in layer.shape)
         pooled = np.empty((height, width), dtype=layer.dtype)
+        # of lazy rows a block is enough: what is under many pixels may be most of the map
+        together = max(1, next(blocks_of(layer)).stop // step) if is_lazy(layer) else height
 
         def pool(rows: slice) -> None:
+            for first in range(rows.start, rows.stop, together):
+                pool_some(slice(first, min(first + together, rows.stop)))
+
+        def pool_some(rows: slice) -> None:
             under = layer[rows.start * step : rows.stop * step]
             merged = under[::step].copy()
             for k in range(1, step):  # the last rows and columns may have fewer cells under them

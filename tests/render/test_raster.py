@@ -1,0 +1,29 @@
+"""Maps as pixels: many cells under one."""
+
+import numpy as np
+import pytest
+
+from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.render.raster import Raster
+
+
+@pytest.mark.parametrize("block_height", [1, 4, 7, 100])
+def test_lazy_layers_are_pooled_without_more_than_a_block_of_rows(block_height):
+    values = np.random.default_rng(3).normal(size=(53, 38)).astype(np.float32)
+    values[5:9, 3:11] = np.nan
+    asked = []
+
+    def rows_of(rows):
+        asked.append(rows.stop - rows.start)
+        return values[rows]
+
+    layer = lazy_layer(values.shape, np.float32, rows_of, block_height=block_height)
+    for method, choose in (("largest", np.fmax), ("smallest", np.fmin)):
+        expected = [
+            [choose.reduce(values[row : row + 3, col : col + 3], axis=None)
+             for col in range(0, 38, 3)]
+            for row in range(0, 53, 3)
+        ]  # fmt: skip
+        found = getattr(Raster(reduce=3), method)(layer)
+        assert np.array_equal(found, np.array(expected, np.float32), equal_nan=True)
+    assert max(asked) <= max(3, block_height)  # a row of pixels has three of cells under it
