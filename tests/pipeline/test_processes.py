@@ -5,7 +5,10 @@ import os
 import resource
 import subprocess
 import sys
+import threading
+from concurrent.futures import process, wait
 from multiprocessing import forkserver, resource_tracker
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import pytest
@@ -45,6 +48,26 @@ def test_a_pool_that_cannot_have_its_threads_is_one_error_and_does_not_wait_for_
     with pytest.raises(FileAccessError, match="worker processes: cannot be started"):
         done_by_a_worker()
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_process_that_a_lost_pool_forgets_to_end_is_not_waited_for(monkeypatch):
+    """As one is that is started at the moment in which another dies."""
+
+    def forget(*_):
+        pass
+
+    monkeypatch.setattr(process._ExecutorManagerThread, "shutdown_workers", forget)
+    monkeypatch.setattr(BaseProcess, "terminate", forget)
+
+    def lose():
+        with ProcessWorkers(2).started(2, batch_work.do) as submit:
+            jobs = [Job(Path(f"{name}.yaml"), Path("o"), name, name) for name in ("slow", "term")]
+            wait([submit(job) for job in jobs])
+
+    thread = threading.Thread(target=lose, daemon=True)
+    thread.start()
+    thread.join(timeout=60)
+    assert not thread.is_alive()
 
 
 def test_processes_without_a_server_start_afresh(monkeypatch):

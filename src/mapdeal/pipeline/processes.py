@@ -81,11 +81,23 @@ class ProcessWorkers:
                 )  # fmt: skip
                 stack.callback(_shut_down, executor)
 
+            is_lost = threading.Event()
+
+            def look_at(future: Future[Outcome]) -> None:
+                if not future.cancelled() and isinstance(future.exception(), BrokenProcessPool):
+                    is_lost.set()
+
             def submit(job: Job) -> Future[Outcome]:
                 try:
-                    return _sent(executor, _stoppable, work, job)
+                    future = _sent(executor, _stoppable, work, job)
                 except (OSError, EOFError) as error:  # of another process that it needs
+                    is_lost.set()
                     raise BrokenProcessPool(str(error)) from None
+                except BrokenProcessPool:
+                    is_lost.set()
+                    raise
+                future.add_done_callback(look_at)
+                return future
 
             try:
                 with _start_told():
@@ -94,6 +106,10 @@ class ProcessWorkers:
             except BaseException:
                 held.close()
                 raise
+            if is_lost.is_set():
+                # A pool that has lost a process ends the others, but not one that is started at
+                # that moment, and would wait for it for ever.
+                held.close()
 
 
 @contextmanager
