@@ -20,6 +20,7 @@ from mapdeal.grid.scales import (
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
     INSCRIBED_INFLATED_OBSTACLE,
+    INSCRIBED_PUBLISHED,
     LETHAL_OBSTACLE,
     NO_INFORMATION,
     OCCUPIED,
@@ -105,7 +106,7 @@ class Costmap(ValueGrid):
         """
         closed_from = INSCRIBED_INFLATED_OBSTACLE
         if self.scale == "occupancy":
-            closed_from = OCCUPIED - 1
+            closed_from = INSCRIBED_PUBLISHED
             besides, highest = int(counts[:OCCUPIED].sum()), int(counts[closed_from])
             if highest > UNIFORM_SHARE * besides:
                 return {"cost": closed_from, "share": highest / besides}

@@ -18,6 +18,9 @@ INSCRIBED_INFLATED_OBSTACLE: Final = 253
 LETHAL_OBSTACLE: Final = 254
 NO_INFORMATION: Final = 255
 
+INSCRIBED_PUBLISHED: Final = 99
+"""What ROS publishes for inscribed, on the occupancy scale: planners enter no cell from here on."""
+
 DEFAULT_LETHAL_THRESHOLD: Final = 100
 
 CostScale = Literal["costmap2d", "occupancy"]

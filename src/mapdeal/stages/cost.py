@@ -7,13 +7,11 @@ from typing import Any, ParamSpec, TypeVar
 
 from mapdeal.grid.costmap import UNIFORM_SHARE
 from mapdeal.grid.framed import Figures
+from mapdeal.grid.values import INSCRIBED_PUBLISHED
 from mapdeal.stages.definition import Parameters, stage
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-_INSCRIBED_PUBLISHED = 99
-"""What ROS publishes for inscribed: planners do not enter cells from here on."""
 
 Advice = Callable[[Parameters, int], str]
 """Returns which parameter to change, given all of them and the cost that most cells have."""
@@ -74,6 +72,6 @@ def _remark_on_uniform_costs(
     cost, cells = common["cost"], f"{100 * common['share']:.4g} % of the open cells"
     if not figures["lethal"]:
         return f"{cells} cost {cost}: there is no obstacle"
-    if figures["cost_scale"] == "occupancy" and cost < _INSCRIBED_PUBLISHED:
-        cells += f" (below {_INSCRIBED_PUBLISHED})"
+    if figures["cost_scale"] == "occupancy" and cost < INSCRIBED_PUBLISHED:
+        cells += f" (below {INSCRIBED_PUBLISHED})"
     return f"{cells} cost {cost}: {advice(parameters, cost)}"
