@@ -19,7 +19,8 @@ from mapdeal.formats.budget import claim
 from mapdeal.formats.dialects import DIALECTS, cells_of
 from mapdeal.formats.image import read_image
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
-from mapdeal.formats.map_server import find_image, warn_of_lost_values
+from mapdeal.formats.map_remarks import count_of_lost, remark_on_lost
+from mapdeal.formats.map_server import find_image
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, metadata_of
 from mapdeal.formats.npz import read_npz
 from mapdeal.formats.picture import Picture
@@ -175,8 +176,10 @@ def _read_pair(path: Path, max_cells: int | None, bits: Path | None) -> PairFact
     claim(path, picture.samples.nbytes + _per_cell(picture) * height * width)
     readings: dict[Dialect, NDArray[np.int8]] = {}
     if metadata.cost_scale is None:
-        if metadata.mode == "raw":
-            warn_of_lost_values(picture, image_path)
+        lost = count_of_lost(picture) if metadata.mode == "raw" else 0
+        if lost:
+            text = f"{image_path}: {remark_on_lost(lost)}"
+            warnings.warn(MapdealWarning(text, "image.raw-values"), stacklevel=2)
         readings = {dialect: cells_of(picture, metadata, dialect) for dialect in DIALECTS}
     return PairFacts(path, entries, metadata, image_path, picture, readings, comments)
 

@@ -5,6 +5,8 @@ The contents decide the format, not the file's name; `images.catalogue` lists th
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from mapdeal.errors import MalformedInputError
@@ -12,6 +14,7 @@ from mapdeal.formats.images.catalogue import IMAGE_FORMATS, recognised
 from mapdeal.formats.images.image_format import ImageFormat, OtherContentsError
 from mapdeal.formats.picture import Picture
 from mapdeal.formats.source import head_of, read_file
+from mapdeal.formats.strips import Strips, strips_of
 
 _HEAD = 1 << 16
 
@@ -50,6 +53,23 @@ def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
         return image_format.read(data, path, _limit(image_format, max_cells))
     except OtherContentsError:
         raise _unknown_format(path) from None
+
+
+@contextmanager
+def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]:
+    """Open an image file to go through its picture some rows at a time.
+
+    Parameters
+    ----------
+    path, max_cells
+        As for `read_image`.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        As `read_image`: on opening, or while the strips are gone through.
+    """
+    yield strips_of(read_image(path, max_cells=max_cells))
 
 
 def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:

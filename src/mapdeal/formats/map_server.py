@@ -10,20 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
-from mapdeal.formats.dialects import DIALECTS, cells_of
-from mapdeal.formats.image import read_image
+from mapdeal.formats.dialects import cells_of
+from mapdeal.formats.image import open_strips
+from mapdeal.formats.map_remarks import PixelRemarks
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
-from mapdeal.formats.picture import Picture, Samples
+from mapdeal.formats.picture import Picture
 from mapdeal.formats.pixel_rows import PixelRows
 from mapdeal.formats.source import contents_of, exists
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.blocks import CacheBudget, Layer, lazy_layer
 
 
 def read_cells(
+    yaml_path: Path,
     metadata: MapMetadata,
     image_path: Path,
     *,
@@ -34,8 +35,10 @@ def read_cells(
 
     Parameters
     ----------
+    yaml_path : Path
+        The YAML file, for warnings.
     metadata : MapMetadata
-        The YAML file; with ``cost_scale`` the image holds costs.
+        What it says; with ``cost_scale`` the image holds costs.
     image_path : Path
         The image.
     dialect : {'nav2', 'humble', 'ros1'}
@@ -50,16 +53,18 @@ def read_cells(
     MalformedInputError
         If it is malformed.
     """
-    picture = read_image(image_path, max_cells=max_cells)
-    if metadata.cost_scale is not None:
-        cost = np.ascontiguousarray(_costs_of(picture, image_path)[::-1])
-        return Costmap(cost, metadata.resolution, metadata.origin)
-    if dialect == "ros1" and picture.colour == "palette":
-        text = f"{image_path}: ROS 1 reads indices of the palette, not colours"
-        warnings.warn(MapdealWarning(text, "image.palette"), stacklevel=2)
-    occupancy = cells_of(picture, metadata, dialect)
-    if metadata.mode == "raw":
-        warn_of_lost_values(picture, image_path)
+    with open_strips(image_path, max_cells=max_cells) as strips:
+        if metadata.cost_scale is not None:
+            cost = np.empty(strips.shape, dtype=np.uint8)
+            for rows, picture in strips.placed():
+                cost[rows] = _costs_of(picture, image_path)[::-1]
+            return Costmap(cost, metadata.resolution, metadata.origin)
+        occupancy = np.empty(strips.shape, dtype=np.int8)
+        remarks = PixelRemarks(metadata, dialect)
+        for rows, picture in strips.placed():
+            cells_of(picture, metadata, dialect, out=occupancy[rows])
+            remarks.add(picture, occupancy[rows])
+    remarks.warn(yaml_path, image_path)
     return _grid_of(occupancy, metadata)
 
 
@@ -77,13 +82,30 @@ def lazy_cells(
     """
 
     def occupancy(rows: slice) -> NDArray[np.int8]:
-        picture = Picture("PNM", "grey", pixels[rows], maxval=pixels.located.maxval)
-        return np.ascontiguousarray(DIALECTS[dialect](picture, metadata))
+        return cells_of(pixels.picture(rows), metadata, dialect)
 
     layer = lazy_layer(
         pixels.shape, np.int8, occupancy, block_height=block_height, budget=budget
     )  # fmt: skip
     return _grid_of(layer, metadata)
+
+
+def warn_of_rows(
+    yaml_path: Path,
+    metadata: MapMetadata,
+    pixels: PixelRows,
+    block_height: int,
+    dialect: Dialect = "nav2",
+) -> None:
+    """Warn of the pixels that `read_cells` warns of, where an image is read by rows."""
+    remarks = PixelRemarks(metadata, dialect)
+    height = pixels.shape[0]
+    for start in range(0, height, block_height):
+        picture = pixels.picture(slice(start, min(start + block_height, height)))
+        if not remarks.are_possible(picture):
+            return
+        remarks.add(picture, cells_of(picture, metadata, dialect))
+    remarks.warn(yaml_path, pixels.image)
 
 
 def _grid_of(occupancy: Layer, metadata: MapMetadata) -> OccupancyGrid:
@@ -166,29 +188,3 @@ def _costs_of(picture: Picture, path: Path) -> NDArray[np.uint8]:
         rule = "an image of costs must have one 8-bit grey channel"
         raise MalformedInputError(rule, source=path, got=picture.colour)
     return picture.samples.astype(np.uint8, copy=False)
-
-
-def warn_of_lost_values(picture: Picture, path: Path) -> None:
-    """Warn of pixels of mode raw that hold no value of a map, if there are any."""
-    if picture.colour != "grey" or picture.maxval != 255:
-        return
-    _warn_of_lost(_count_of_lost(picture.samples), path)
-
-
-def warn_of_lost_rows(metadata: MapMetadata, pixels: PixelRows, block_height: int) -> None:
-    """Warn of the same as `warn_of_lost_values`, of an image that is read by rows."""
-    if metadata.mode != "raw" or pixels.located.maxval != 255:
-        return
-    height = pixels.shape[0]
-    blocks = (slice(k, min(k + block_height, height)) for k in range(0, height, block_height))
-    _warn_of_lost(sum(_count_of_lost(pixels[rows]) for rows in blocks), pixels.image)
-
-
-def _count_of_lost(samples: Samples) -> int:
-    return int(np.count_nonzero((samples > OCCUPIED) & (samples < 255)))
-
-
-def _warn_of_lost(lost: int, image: Path) -> None:
-    if lost:
-        text = f"{image}: {lost} pixels of mode raw hold 101..254, read as unknown"
-        warnings.warn(MapdealWarning(text, "image.raw-values"), stacklevel=4)

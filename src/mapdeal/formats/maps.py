@@ -17,7 +17,8 @@ from mapdeal.formats.budget import use_memory
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.image import read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
-from mapdeal.formats.map_server import find_image, lazy_cells, read_cells, warn_of_lost_rows
+from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
+from mapdeal.formats.map_server import find_image, lazy_cells, read_cells, warn_of_rows
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
 from mapdeal.formats.npz import Grid, npz_frame, read_npz, write_npz
@@ -148,9 +149,14 @@ class MapFile:
             grid: Grid = read_npz(self.path, max_cells=self._max_cells)
         else:
             grid = read_cells(
-                self.metadata, self._image, dialect=self._dialect, max_cells=self._max_cells
+                self.path,
+                self.metadata,
+                self._image,
+                dialect=self._dialect,
+                max_cells=self._max_cells,
             )
         self.check_unchanged()
+        self._warn_of_cells(grid)
         return Source(grid, self.files, self.metadata)
 
     def by_rows(
@@ -169,7 +175,7 @@ class MapFile:
         budget : CacheBudget, optional
             What layers that are made of it may take to keep their rows.
         warns_of_values : bool
-            Whether all pixels of mode raw are looked at now, to warn of those without a meaning.
+            Whether cells are looked at now where they may be worth a warning, as `read` does.
 
         Raises
         ------
@@ -191,8 +197,16 @@ class MapFile:
             metadata, pixels, block_height=block_height, budget=budget, dialect=self._dialect
         )
         if warns_of_values:
-            warn_of_lost_rows(metadata, pixels, block_height)
+            warn_of_rows(self.path, metadata, pixels, block_height, self._dialect)
+            self._warn_of_cells(grid)
         return Source(grid, self.files, metadata)
+
+    def _warn_of_cells(self, grid: Grid) -> None:
+        """Warn of a grid of which nothing can be concluded."""
+        if isinstance(grid, Costmap):
+            warn_of_one_cost(self.path, grid)
+        elif isinstance(grid, OccupancyGrid):
+            warn_of_nothing_known(self.path, grid.occupancy)
 
     def sums_by_name(self, read: Mapping[Path, str]) -> dict[str, str]:
         """Return the sha256 of each file, by its name, of what was or will be read of it.

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError
 from mapdeal.formats.file_state import CHANGED, FileState
+from mapdeal.formats.picture import Picture
 from mapdeal.formats.pnm import GreyFile, brightness_of_bits, check_pixels, locate_pixels
 from mapdeal.formats.source import check_regular
 
@@ -45,8 +46,11 @@ class PixelRows:
         """Rows and columns."""
         return self.located.height, self.located.width
 
-    def __getitem__(self, rows: slice) -> NDArray[np.uint8]:
-        """Return the pixels of rows that are counted from the south."""
+    def picture(self, rows: slice) -> Picture:
+        """Return the picture of some rows, which are counted from the south; its row 0 is north."""
+        return Picture("PNM", "grey", self._samples(rows), maxval=self.located.maxval)
+
+    def _samples(self, rows: slice) -> NDArray[np.uint8]:
         located = self.located
         north = located.height - rows.stop
         count = (rows.stop - rows.start) * located.row_bytes
@@ -56,9 +60,9 @@ class PixelRows:
             raise FileAccessError(CHANGED, source=self.image)
         samples = np.frombuffer(data, dtype=np.uint8).reshape(-1, located.row_bytes)
         if located.is_packed:
-            return brightness_of_bits(samples, located.width)[::-1]
+            return brightness_of_bits(samples, located.width)
         check_pixels(samples, located.maxval, north * located.width, self.image)
-        return samples[::-1]
+        return samples
 
     def sha256(self) -> str:
         """Return the checksum of the whole file."""

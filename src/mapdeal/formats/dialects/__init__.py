@@ -32,7 +32,13 @@ DIALECTS: dict[Dialect, Reader] = {
 }
 
 
-def cells_of(picture: Picture, metadata: MapMetadata, dialect: Dialect) -> NDArray[np.int8]:
+def cells_of(
+    picture: Picture,
+    metadata: MapMetadata,
+    dialect: Dialect,
+    *,
+    out: NDArray[np.int8] | None = None,
+) -> NDArray[np.int8]:
     """Return the occupancy of each cell as a reader has it, shape (H, W), row 0 in the south.
 
     Parameters
@@ -43,14 +49,20 @@ def cells_of(picture: Picture, metadata: MapMetadata, dialect: Dialect) -> NDArr
         What the YAML file says.
     dialect : {'nav2', 'humble', 'ros1'}
         Whose reading to follow.
+    out : numpy.ndarray of int8, optional
+        Where to put the result.
     """
     picture = picture.from_the_south()
     read = DIALECTS[dialect]
     if _is_plain(picture):
-        return np.ascontiguousarray(read(picture, metadata))
+        values = read(picture, metadata)
+        if out is None:
+            return np.ascontiguousarray(values)
+        out[:] = values
+        return out
     # colours and opacities become wide numbers on the way: not those of all pixels at once
     height, width = picture.shape
-    cells = np.empty((height, width), dtype=np.int8)
+    cells = np.empty((height, width), dtype=np.int8) if out is None else out
     step = max(1, _PIXELS_TOGETHER // width)
     for first in range(0, height, step):
         rows = slice(first, first + step)
