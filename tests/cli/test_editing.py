@@ -51,6 +51,7 @@ def test_a_polygon_by_its_points(command, room, tmp_path):
     assert "8 x 4 cells" in out
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_line_and_circles_on_costs(command, costs, tmp_path):
     command("edit", "line", costs, "-o", tmp_path / "l.npz", "--point", "1.55,-1.95",
             "--point=2.25,-1.95", "--value", 255)  # fmt: skip
@@ -162,6 +163,7 @@ def test_the_16_gon_can_be_written_as_flags_are(command, room, tmp_path, words, 
     assert np.array_equal(circle, other) is same
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_reset_region_is_unknown_unless_a_value_is_given(command, room, costs, tmp_path):
     words = ["--corner", "1.6,-1.9", "--size", "0.2,0.1"]
     command("edit", "reset", room, "-o", tmp_path / "a.yaml", *words)
@@ -272,6 +274,7 @@ def test_packing_a_field_takes_what_it_counts_as_obstacles(command, room, tmp_pa
     assert read_bit_map(tmp_path / "b.pbm").count() == 4
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_costs_read_as_bytes_are_written_as_bytes(command, costs, tmp_path):
     command("convert", costs, "-o", tmp_path / "b.yaml", "--encoding", "costmap2d")
     code, _, _ = command("edit", "circle", tmp_path / "b.yaml", "-o", tmp_path / "c.yaml",
@@ -288,6 +291,7 @@ def test_keys_that_map_server_does_not_know_are_kept(command, room, tmp_path):
     assert yaml.safe_load((tmp_path / "w.yaml").read_text())["height"] == 0.5
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
@@ -382,6 +386,7 @@ def test_commands_do_what_the_library_does(command, room, tmp_path):
     assert np.array_equal(read_map(tmp_path / "o.npz").occupancy, expected.occupancy)
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_keepout_mask_of_a_real_map_from_zones_to_costs(command, real_maps, tmp_path):
     depot = next(real_maps.rglob("depot.yaml"))
     zones = tmp_path / "zones.yaml"

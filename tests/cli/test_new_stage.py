@@ -90,6 +90,7 @@ def test_it_has_a_command(command, room, tmp_path):
     assert (before[3, 2], cleaned[3, 2]) == (100, 0)
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_its_models_options_join_the_command(command, room, tmp_path):
     text = " ".join(command("cost", "--help")[1].split())
     models = "|".join(str(model) for model in catalogue.models_of("cost"))

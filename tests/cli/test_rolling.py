@@ -51,6 +51,7 @@ def test_without_a_cloud_it_is_the_map_s_window(command, place):
     assert figures["from_map"] == figures["occupied"]
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_window_at_the_map_s_edge_is_unknown_beyond_it(command, place):
     command("local", "--map", "known.yaml", "--pose", "-2,-1,0", "-o", "a", "--size", "2,2",
             "--no-images")  # fmt: skip

@@ -79,6 +79,7 @@ def test_info_says_how_a_file_was_made_of_the_run_s_own_files_alone(command, tmp
     )  # fmt: skip
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_the_whole_canvas_through_the_command(command, tmp_path):
     """In a batch with worker processes, told beforehand, and not where nothing is cropped."""
     for name in ("a", "b"):

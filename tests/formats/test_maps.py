@@ -36,6 +36,7 @@ ORIGINS = st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-3.2, 
 @given(
     occupancies(), st.floats(1e-3, 10), ORIGINS, st.sampled_from([".yaml", ".pgm", ".png", ".npz"])
 )
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_values_and_geometry_survive_a_round_trip(tmp_path, occupancy, resolution, origin, ending):
     path = tmp_path / f"map{ending}"
     write_map(path, OccupancyGrid(occupancy, resolution, origin), force=True)
@@ -130,6 +131,7 @@ def test_the_keys_of_an_npz(tmp_path):
         assert getattr(back, name) == getattr(field, name)
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize("scale", ["costmap2d", "occupancy"])
 def test_costs_in_an_npz(tmp_path, scale):
     costmap = Costmap([[0, 99, 100]], 0.25, (1.5, -2.0, 0.4), scale, circumscribed_cost=77)

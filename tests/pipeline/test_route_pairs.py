@@ -16,6 +16,7 @@ def costs(tmp_path):
     return tmp_path / "c.npz"
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_lines_go_to_the_disk_as_they_come(costs, tmp_path):
     folder = tmp_path / "new"
     sizes = []
@@ -33,6 +34,7 @@ def test_lines_go_to_the_disk_as_they_come(costs, tmp_path):
     assert (folder / "r.jsonl").read_text().count('"line": ') == 100
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_what_goes_wrong_on_the_way_leaves_nothing(costs, tmp_path):
     def asked():
         yield PairLine(1, (1.5, -1.5), (1.5, -1.5))

@@ -109,6 +109,7 @@ def test_a_replaced_run_leaves_no_outputs_of_the_old_one_behind(room, tmp_path):
     assert set(contents(folder)) == {*left, "manifest.json", "notes.txt", "active.png"}
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_run_that_fails_leaves_nothing(tmp_path):
     write_map(tmp_path / "blank.yaml", grid_from_text("???\n???"))
     with pytest.raises(MalformedInputError, match="no active cells"):

@@ -99,7 +99,8 @@ def read_by_rows(path, data):
             return None
         height, width = pixels.shape
         assert height * width < (8 if data.startswith(b"P4") else 1) * len(data)
-        rows = np.vstack([pixels[k : min(k + 4, height)] for k in range(0, height, 4)])
+        parts = [pixels.picture(slice(k, min(k + 4, height))) for k in range(0, height, 4)]
+        rows = np.vstack([part.samples[::-1] for part in parts])
     assert np.array_equal(rows, read_image(path).samples[::-1])
     return rows
 

@@ -23,6 +23,7 @@ from mapdeal.kernels.threads import available_threads
 from mapdeal.pipeline.applied import LOCAL_RECIPE, around_in
 from mapdeal.pipeline.dispatch import Workers
 from mapdeal.pipeline.golden import differences_from_golden, store_golden
+from mapdeal.pipeline.heard import heard, refused
 from mapdeal.pipeline.jobs import MapRun, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import output_folder
@@ -78,6 +79,14 @@ def run(
     update_golden: Annotated[
         bool, typer.Option("--update-golden", help="Store the runs in --golden instead.")
     ] = False,
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict",
+            help="Warnings about a map or what is made of it are findings: exit 1, and nothing "
+            "is written.",
+        ),
+    ] = False,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -126,19 +135,23 @@ def run(
     point cloud (--cloud): the products of both maps in one call.
 
     One map's failure does not stop the others: the exit code is 5 then, and DIR/summary.json
-    tells what became of each.
+    tells what became of each. A map that --strict refuses has failed, too.
     """
     if update_golden and golden is None:
         raise ParameterError("needs --golden DIR", source="--update-golden")
     around.refuse_in_set(changes or [])
-    loaded = load_recipe(recipe, sim=sim, footprint=footprint, settings=changes or [])
+    texts: list[str] = []
+    with heard(texts):
+        loaded = load_recipe(recipe, sim=sim, footprint=footprint, settings=changes or [])
+    if strict and texts:
+        raise refused(texts, recipe)
     for one in loaded.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
     if canvas == "full" and not any(one.is_smaller for one in loaded.steps):
         terminal.warn("--canvas full: has no effect, no stage of the recipe crops the map")
         canvas = "crop"
     # progress: of a single map alone, see `run_single`
-    settings = replace(settings, canvas=canvas, progress=None)
+    settings = replace(settings, canvas=canvas, strict=strict, progress=None)
     robot = around.around_of(pose, cloud, frame, local_recipe, local_changes, footprint)
     if robot is not None and scheduler is not None:
         raise ParameterError("cannot be given together with --scheduler", source="--pose")

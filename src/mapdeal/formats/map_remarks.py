@@ -15,6 +15,7 @@ from mapdeal.formats.dialects import cells_of
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture, by_sample, to_16_bit
 from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
+from mapdeal.grid.framed import Figures
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.blocks import Layer, holds_everywhere
 
@@ -29,6 +30,9 @@ FREED_SHARE = 0.001
 
 Anti-aliasing spreads a few percent of the cells over all greys.
 """
+
+_HALF_WAY = 50
+"""A cost that is low on either scale."""
 
 NOTHING_KNOWN = "every cell is unknown; are the thresholds, mode and negate right?"
 
@@ -122,10 +126,12 @@ def remark_on_freed(
         for dialect, one in freed.items()
         if one.count
     )
-    text = f"grey {MAP_SAVER_UNKNOWN}, which map_saver writes for unknown, is read as free: {told}"
+    text = f"grey {MAP_SAVER_UNKNOWN}, map_saver's unknown, is read as free in {told}"
     if any(one.stay_free for one in freed.values()):
-        return f"{text}; the reader takes opacity into account, so that no free_thresh mends it"
-    return f"{text}; free_thresh is {metadata.free_thresh:.6g}, {USUAL_FREE_THRESH} would not do so"
+        return f"{text}: opacity counts as brightness there, so that no free_thresh mends it"
+    return (
+        f"{text}: free_thresh is {metadata.free_thresh:.6g}; {USUAL_FREE_THRESH} keeps it unknown"
+    )
 
 
 class PixelRemarks:
@@ -191,15 +197,25 @@ def warn_of_nothing_known(path: Path, occupancy: Layer) -> None:
 
 def warn_of_one_cost(path: Path, costmap: Costmap) -> None:
     """Warn of costs that say nothing: one for nearly all cells that are open, or none open."""
-    common = costmap.figures()["most_common"]
+    figures = costmap.figures()
+    common = figures["most_common"]
     if common is None:
-        _warn(
-            path, "no cell is open: every one is lethal, inscribed or unknown", "run.uniform-cost"
-        )
+        if figures["unknown"] == costmap.cost.size:
+            _warn(path, "every cell is unknown", "run.uniform-cost")
+        else:
+            _warn(path, "every known cell is lethal or inscribed", "run.uniform-cost")
     elif common["share"] > UNIFORM_SHARE:
         told = f"{100 * common['share']:.4g} % of the open cells cost {common['cost']}"
-        advice = "make the costs again with a larger radius, or lower cost_scaling_factor"
-        _warn(path, f"{told}: {advice}", "run.uniform-cost")
+        _warn(path, f"{told}: {_advice(figures)}", "run.uniform-cost")
+
+
+def _advice(figures: Figures) -> str:
+    """Return what to change of costs of which nobody knows how they were made."""
+    if not figures["lethal"]:
+        return "there is no obstacle"
+    if figures["most_common"]["cost"] < _HALF_WAY:
+        return "a larger inflation_radius, or lower up and down, grade more of them"
+    return "a higher cost_scaling_factor, or the metric view, grades more of them"
 
 
 def _warn(path: Path, text: str, check: str) -> None:

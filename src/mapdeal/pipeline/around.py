@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -54,8 +54,12 @@ class Around:
         """What is read beside the map."""
         return () if self.cloud is None else (self.cloud,)
 
-    def filling(self, folder: Path, source: Source, settings: Settings) -> Filling:
+    def filling(
+        self, folder: Path, source: Source, settings: Settings, heard: Sequence[str]
+    ) -> Filling:
         """Return what goes into the local map's folder, given that of the run and its map.
+
+        `heard` is what reading the map has warned of.
 
         Raises
         ------
@@ -63,7 +67,7 @@ class Around:
             If the cloud cannot be found, or the window is too large.
         """
         grid = as_occupancy(source.grid, str(source.files[0]))
-        known = GlobalMap(grid, source.files, dict(source.sums))
+        known = GlobalMap(grid, source.files, dict(source.sums), heard)
         common = self._common(settings, known.grid.resolution, known)
         with holding_map(None if known.grid.is_lazy else known):
             return local_filling(LocalJob(self.cloud, self.pose, around_in(folder)), common)

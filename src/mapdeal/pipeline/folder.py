@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import FileAccessError, MapdealWarning, one_line
+from mapdeal.errors import FileAccessError, MapdealWarning
 from mapdeal.formats.json_text import json_of, read_json
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import exists, holds, is_same_file, real_path
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.figures import are_figures_of
+from mapdeal.pipeline.heard import heard_from, located, portable, refused
 from mapdeal.pipeline.products import passes_of, paths_of, write_products
 from mapdeal.pipeline.progress import Written, written
 from mapdeal.pipeline.settings import ProgressCallback, Settings
@@ -106,12 +107,18 @@ class OutputFolder:
         figures: dict[str, Figures] = stored
         return figures if same else None
 
-    def repeat_warnings(self, source: Path) -> None:
-        """Warn of what the run that has written the folder has warned of in its products."""
+    def repeat_warnings(self, filling: Filling) -> list[str]:
+        """Warn of what the run that has written the folder has warned of, and return all of that.
+
+        What reading has warned of, this time, too, is not said twice.
+        """
         old = read_json(self.path / MANIFEST)
         remarks = old.get("warnings") if isinstance(old, dict) else None
-        for remark in remarks if isinstance(remarks, list) else ():
-            _warn(source, one_line(str(remark)))
+        texts = [str(remark) for remark in remarks] if isinstance(remarks, list) else []
+        for text in located(texts, filling.named):
+            if text not in filling.heard:
+                warnings.warn(text, MapdealWarning, stacklevel=2)
+        return texts
 
     def passes(self) -> int:
         """Return how often the rows of lazy products are gone through to write them."""
@@ -135,14 +142,14 @@ class OutputFolder:
         """Write all files within a transaction, the manifest last; return each step's figures."""
         old = read_json(self.path / MANIFEST)
         figures: dict[str, Figures] = {}
-        remarks: list[str] = []
-        for product in filling.products:
+        texts = list(filling.heard)
+        for product in heard_from(filling.products, texts):
             step, grid = product.step, product.grid
             figures[step.name] = {**grid.figures(), **product.figures}
             remark = step.remark_on(figures[step.name])
             if remark is not None:
-                remarks.append(remark)
-                _warn(filling.subject, remark)
+                texts.append(f"{filling.subject}: {remark}")
+                warnings.warn(texts[-1], MapdealWarning, stacklevel=2)
             write_products(
                 transaction,
                 step,
@@ -153,6 +160,9 @@ class OutputFolder:
                 image_max=self.settings.image_max,
                 overlay=filling.overlay,
             )
+        remarks = portable(texts, filling.named)
+        if self.settings.strict and remarks:
+            raise refused(remarks, filling.subject)
         made = transaction.checksums()
         sums = {path.name: digest for path, digest in made.items() if path.parent == self.path}
         document = json_of(
@@ -190,10 +200,6 @@ class OutputFolder:
                 transaction.remove_if_unchanged(path, str(digest))
 
 
-def _warn(source: Path, remark: str) -> None:
-    warnings.warn(f"{source}: {remark}", MapdealWarning, stacklevel=3)
-
-
 @dataclass(frozen=True)
 class Filling:
     """What goes into a folder.
@@ -214,6 +220,8 @@ class Filling:
         What is drawn over each picture.
     by_blocks : bool
         Whether the products are made block by block, so that progress can be told.
+    heard : sequence of str
+        What reading the files has warned of.
     """
 
     folder: OutputFolder
@@ -223,6 +231,12 @@ class Filling:
     subject: Path
     overlay: Overlay | None = None
     by_blocks: bool = False
+    heard: Sequence[str] = ()
+
+    @property
+    def named(self) -> tuple[Path, ...]:
+        """All that warnings may be about."""
+        return (*self.files, self.subject)
 
 
 def fill_together(

@@ -40,6 +40,7 @@ from mapdeal.mapping.poses import Pose
 from mapdeal.pipeline.applied import RunReport, products_of
 from mapdeal.pipeline.files import errors_named
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product, fill_together
+from mapdeal.pipeline.heard import heard
 from mapdeal.pipeline.memory import bytes_of, check_fits
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import Settings
@@ -64,11 +65,12 @@ _LOCAL = Stage(
 
 @dataclass(frozen=True)
 class GlobalMap:
-    """A map that local maps take over, and the files it came from."""
+    """A map that local maps take over, the files it came from, and what reading them warned of."""
 
     grid: OccupancyGrid
     files: tuple[Path, ...]
     sums: Mapping[str, str]
+    heard: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -135,13 +137,16 @@ class LocalJob:
 
 def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     """Return the map in a file, as `LocalCommon` takes it."""
+    texts: list[str] = []
     with (
+        heard(texts),
         sums_of_reads() as sums,
         open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
     ):
         source = file.read()
         named = file.sums_by_name(sums)
-    return GlobalMap(as_occupancy(source.grid, str(path)), source.files, named)
+        grid = as_occupancy(source.grid, str(path))
+    return GlobalMap(grid, source.files, named, texts)
 
 
 def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> RunReport:
@@ -178,7 +183,7 @@ def filled(filling: Filling, settings: Settings, *, skip: bool) -> RunReport:
     folder.check_inputs(filling.files)
     figures = folder.unchanged_figures() if skip and not settings.force else None
     if figures is not None:
-        folder.repeat_warnings(filling.subject)
+        folder.repeat_warnings(filling)
         return RunReport(folder.path, "unchanged", figures)
     with use_threads(settings.threads):
         (figures,) = fill_together([filling])
@@ -248,7 +253,8 @@ def filling_of(
     products = _products(folder.steps[0], job, make, common)
     subject = job.folder if job.cloud is None else job.cloud  # not the map, which is another one's
     return Filling(
-        folder, products, job.source(common).stem, files, subject, PoseOverlay(pose)
+        folder, products, job.source(common).stem, files, subject, PoseOverlay(pose),
+        heard=() if known is None else known.heard,
     )  # fmt: skip
 
 

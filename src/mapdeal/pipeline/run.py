@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from mapdeal.formats.json_text import read_json
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.applied import RunReport, around_in, products_of
 from mapdeal.pipeline.folder import MANIFEST, Filling, OutputFolder, fill_together
+from mapdeal.pipeline.heard import heard, refused
 from mapdeal.pipeline.memory import opened_map
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
@@ -48,21 +50,36 @@ def run_map(
     MapdealError
         If the map cannot be read or processed, or outputs exist that the manifest does not
         show to be these; nothing is changed then.
+    FindingError
+        If there is anything to warn of, and the settings are strict.
     """
-    with (
-        use_threads(settings.threads),
-        opened_map(
-            path, recipe.steps, settings, image_max=settings.picture_size, with_sums=True
-        ) as source,
-    ):
+    texts: list[str] = []
+    with ExitStack() as stack:
+        stack.enter_context(use_threads(settings.threads))
+        with heard(texts):
+            source = stack.enter_context(
+                opened_map(
+                    path, recipe.steps, settings, image_max=settings.picture_size, with_sums=True
+                )
+            )
+        if settings.strict and texts:
+            raise refused(texts, path)
         target = output_folder(folder, source.sums, recipe, settings)
         canvas = source.grid.frame if settings.canvas == "full" else None
         products = products_of(recipe, source.grid, path, canvas=canvas)
         fillings = [
-            Filling(target, products, path.stem, source.files, path, by_blocks=source.grid.is_lazy)
+            Filling(
+                target,
+                products,
+                path.stem,
+                source.files,
+                path,
+                by_blocks=source.grid.is_lazy,
+                heard=texts,
+            )
         ]
         if around is not None:
-            fillings.append(around.filling(folder, source, settings))
+            fillings.append(around.filling(folder, source, settings, texts))
         return _filled(fillings, settings)
 
 
@@ -75,7 +92,9 @@ def _filled(fillings: list[Filling], settings: Settings) -> RunReport:
     new = [filling for filling, old in zip(fillings, found, strict=True) if old is None]
     for filling, old in zip(fillings, found, strict=True):
         if old is not None:
-            filling.folder.repeat_warnings(filling.subject)
+            texts = filling.folder.repeat_warnings(filling)
+            if settings.strict and texts:
+                raise refused(texts, filling.subject)
     made = iter(fill_together(new, progress=settings.progress) if new else [])
     reports = [
         RunReport(filling.folder.path, "done", next(made))

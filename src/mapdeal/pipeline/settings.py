@@ -49,6 +49,8 @@ class Settings:
         onto the whole map.
     progress : callable, optional
         Progress of a map that is processed block by block.
+    strict : bool
+        Whether a run ends, before it writes anything, if there is anything to warn of.
     memory_is_chosen : bool
         Whether `max_memory` was asked for, rather than a job's share of what is free.
     """
@@ -63,6 +65,7 @@ class Settings:
     image_max: int = DEFAULT_IMAGE_MAX
     canvas: Canvas = "crop"
     progress: ProgressCallback | None = None
+    strict: bool = False
     memory_is_chosen: bool = True
 
     def memory(self, *, anew: bool = False) -> AbstractContextManager[None]:

@@ -1,0 +1,67 @@
+"""Warnings that are heard on their way: manifests keep them, and strict runs end at them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+from mapdeal.errors import FindingError, MapdealWarning, one_line
+
+Item = TypeVar("Item")
+
+
+@contextmanager
+def heard(texts: list[str]) -> Iterator[None]:
+    """Add the texts of mapdeal's warnings in the block to a list; they are given in its end.
+
+    What becomes of them then is up to the filters of whoever called.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MapdealWarning)
+        try:
+            yield
+        finally:
+            kept = list(caught)
+    texts += [str(one.message) for one in kept if issubclass(one.category, MapdealWarning)]
+    for one in kept:
+        warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+
+
+def heard_from(items: Iterable[Item], texts: list[str]) -> Iterator[Item]:
+    """Yield items; add the texts of the warnings that come up while each is made, see `heard`."""
+    rest = iter(items)
+    while True:
+        with heard(texts):
+            try:
+                item = next(rest)
+            except StopIteration:
+                return
+        yield item
+
+
+def portable(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
+    """Return warnings as they read wherever the files lie, each once: by their names alone."""
+    return _renamed(texts, {str(file): file.name for file in files})
+
+
+def located(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
+    """Return portable warnings as they read of files where they are."""
+    return _renamed(texts, {file.name: str(file) for file in files})
+
+
+def _renamed(texts: Iterable[str], names: dict[str, str]) -> list[str]:
+    """Return each text once, on one line, with another name of the file that it begins with."""
+    renamed: dict[str, None] = {}
+    for text in texts:
+        old = next((name for name in names if text.startswith(f"{name}: ")), None)
+        renamed[one_line(text if old is None else names[old] + text.removeprefix(old))] = None
+    return list(renamed)
+
+
+def refused(texts: Sequence[str], source: Path | str) -> FindingError:
+    """Return the error of a strict run that was warned of something."""
+    told = "1 warning" if len(texts) == 1 else f"{len(texts)} warnings"
+    return FindingError(f"{told}, and --strict allows none; nothing was written", source=source)

@@ -1,0 +1,144 @@
+"""What a map warns of reaches whoever asked, once; `run --strict` makes findings of it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from mapdeal.cli.main import command_names
+
+GREYS = np.full((40, 60), 254, dtype=np.uint8)
+GREYS[5, :] = 0
+GREYS[10:20, 30:60] = 205
+HEAD = "resolution: 0.1\norigin: [1.5, -2.0, 0.4]\nnegate: 0\noccupied_thresh: 0.65\n"
+
+FREED = (
+    "m.yaml: grey 205, map_saver's unknown, is read as free in 300 cells (12.5 %):"
+    " free_thresh is 0.25; 0.196 keeps it unknown"
+)
+
+# A command line for every command that reads a map.
+LINES = {
+    "run": ["run", "m.yaml", "-o", "o", "--no-images"],
+    "local": ["local", "--map", "m.yaml", "--pose", "3,0,0.2", "-o", "o"],
+    "active": ["active", "m.yaml", "-o", "o.yaml"],
+    "inflate": ["inflate", "m.yaml", "-o", "o.yaml"],
+    "esdf": ["esdf", "m.yaml", "-o", "o.npz"],
+    "cost": ["cost", "m.yaml", "-o", "o.npz"],
+    "potential": ["potential", "m.yaml", "-o", "o.npz"],
+    "query": ["query", "m.yaml", "--at", "3,0"],
+    "route": ["route", "m.yaml", "--from", "3,0", "--to", "3.3,0"],
+    "edit": ["edit", "circle", "m.yaml", "-o", "o.yaml", "--point", "3,0", "--radius", "0.2",
+             "--value", "100"],
+    "window": ["window", "m.yaml", "--corner", "3,0", "--size", "1,1", "-o", "o.yaml"],
+    "shift": ["shift", "m.yaml", "--origin", "2,-1.5", "-o", "o.yaml"],
+    "convert": ["convert", "m.yaml", "-o", "o.png"],
+    "pack": ["pack", "m.yaml", "-o", "o.pbm"],
+    "info": ["info", "m.yaml"],
+    "diff": ["diff", "m.yaml", "m.yaml"],
+}  # fmt: skip
+
+# lint has findings, and these read no maps.
+OTHERS = {"lint", "build", "unpack"}
+
+
+def write_pair(name, greys, free_thresh):
+    with open(f"{name}.pgm", "wb") as file:
+        file.write(b"P5\n%d %d\n255\n" % greys.shape[::-1] + greys.tobytes())
+    with open(f"{name}.yaml", "w") as file:
+        file.write(f"image: {name}.pgm\n{HEAD}free_thresh: {free_thresh}\n")
+
+
+@pytest.fixture
+def maps(tmp_path, monkeypatch):
+    """A map of which 12.5 % are freed, one of which nothing is known, and a good one."""
+    monkeypatch.chdir(tmp_path)
+    write_pair("m", GREYS, 0.25)
+    write_pair("u", np.full((3, 5), 205, dtype=np.uint8), 0.196)
+    write_pair("good", GREYS, 0.196)
+    return tmp_path
+
+
+def test_every_command_is_listed():
+    assert set(LINES) | OTHERS == set(command_names())
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_every_command_that_reads_a_map_tells_of_freed_cells(name, command, maps):
+    code, _, err = command(*LINES[name])
+    assert code == 0
+    assert err.count(FREED) == (2 if name == "diff" else 1)  # which reads two
+
+
+@pytest.mark.parametrize("name", sorted(set(LINES) - {"active"}))  # which refuses such a map
+def test_and_that_nothing_is_known(name, command, maps):
+    words = [word.replace("m.yaml", "u.yaml") for word in LINES[name]]
+    _, _, err = command(*words)
+    assert err.count("u.yaml: every cell is unknown; are the") == (2 if name == "diff" else 1)
+
+
+def test_manifests_and_summaries_keep_it(command, maps):
+    code, _, err = command("run", "m.yaml", "good.yaml", "-o", "o", "--no-images")
+    assert (code, err) == (0, f"warning: {FREED}\n")
+    manifest = json.loads((maps / "o/m/manifest.json").read_text())
+    assert manifest["warnings"] == [FREED]
+    assert json.loads((maps / "o/good/manifest.json").read_text())["warnings"] == []
+    m, good = json.loads((maps / "o/summary.json").read_text())["maps"]
+    assert (m["warnings"], good.get("warnings")) == ([FREED], None)
+
+
+def test_manifests_name_files_as_they_would_anywhere(command, maps):
+    command("run", "m.yaml", "-o", "a", "--no-images")
+    command("run", maps / "m.yaml", "-o", "b", "--no-images")
+    assert (maps / "a/m/manifest.json").read_bytes() == (maps / "b/m/manifest.json").read_bytes()
+    _, out, err = command("run", maps / "m.yaml", "-o", "b", "--no-images")
+    assert out.endswith("unchanged\n")
+    assert err == f"warning: {maps}/{FREED}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "warnings"),
+    [
+        (["m.yaml"], 1),
+        (["u.yaml"], 2),  # and the costs say nothing
+        (["good.yaml", "--set", "inflate.radius=0.05", "--set", "cost.inflation_radius=0.06"], 1),
+        (["good.yaml", "--set", "cost.inscribed_radius=0.1"], 1),  # the radius counts twice
+    ],
+    ids=["freed", "unknown", "costs", "recipe"],
+)
+def test_a_strict_run_writes_nothing(command, maps, words, warnings):
+    lenient = command("run", *words, "-o", "o", "--no-images")
+    assert lenient[0] == 0
+    assert lenient[2].count("warning: ") == warnings
+    code, out, err = command("run", *words, "-o", "s", "--no-images", "--strict")
+    assert (code, out) == (1, "")
+    assert "and --strict allows none; nothing was written" in err
+    assert not (maps / "s").exists()
+    # what an earlier run has left is there still, and is no excuse
+    before = {path: path.read_bytes() for path in (maps / "o").rglob("*.*")}
+    assert command("run", *words, "-o", "o", "--no-images", "--strict")[0] == 1
+    assert {path: path.read_bytes() for path in (maps / "o").rglob("*.*")} == before
+
+
+def test_a_strict_batch_goes_on_with_other_maps(command, maps):
+    code, _, err = command("run", "m.yaml", "good.yaml", "-o", "o", "--no-images", "--strict")
+    assert code == 5
+    assert "m.yaml: 1 warning, and --strict allows none" in err
+    m, good = json.loads((maps / "o/summary.json").read_text())["maps"]
+    assert (m["status"], m["exit_code"], m["warnings"]) == ("failed", 1, [FREED])
+    assert good["status"] == "done"
+    assert not (maps / "o/m").exists()
+
+
+def test_a_strict_run_of_a_good_map_is_a_run(command, maps):
+    assert command("run", "good.yaml", "-o", "a", "--no-images")[0] == 0
+    assert command("run", "good.yaml", "-o", "b", "--no-images", "--strict")[0] == 0
+    for name in ("manifest.json", "cost.npz"):
+        one, other = (maps / f"{folder}/good/{name}" for folder in "ab")
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_blocks_and_workers_say_the_same(command, maps):
+    small = ["--max-memory", "120M", "-j", "2"]
+    code, _, err = command("run", "m.yaml", "good.yaml", "-o", "o", "--no-images", *small)
+    assert (code, err) == (0, f"warning: {FREED}\n")
