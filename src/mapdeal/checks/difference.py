@@ -63,6 +63,8 @@ class Difference:
         Common cells with different values.
     beyond : int
         Those of them that the tolerance does not explain.
+    not_compared : int
+        Known cells of the first map where the second has none.
     walls : tuple of WallShift or None
         Obstacles of the first map in the common area to the nearest of the second, and those
         of the second to the first; None if one of the two has none.
@@ -80,6 +82,7 @@ class Difference:
     confusion: NDArray[np.int64]
     differing: int
     beyond: int
+    not_compared: int
     walls: tuple[WallShift | None, WallShift | None]
     symmetry: str | None
     frame: Frame
@@ -142,6 +145,7 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
         confusion,
         int(np.count_nonzero(differs)),
         int(np.count_nonzero(beyond)),
+        int(np.count_nonzero(first.occupancy >= 0) - np.count_nonzero(both & (a >= 0))),
         _wall_shifts(first, second, frame, (a == OCCUPIED) & both, (b == OCCUPIED) & both),
         _better_symmetry(first.occupancy, second.occupancy),
         frame,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from mapdeal.checks.bounds import Bound, Bounds
 from mapdeal.checks.difference import STATES, Difference, WallShift
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
@@ -27,6 +29,20 @@ def diff(
         float,
         typer.Option(metavar="CELLS", help="Let cells pass whose like is so near in the other."),
     ] = 0.0,
+    max_shift: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="Pass if no obstacle of either map is farther than this from those of the "
+            "other, metres.",
+        ),
+    ] = None,
+    max_differing: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PERCENT", help="Pass if no more than this part of the common cells differs."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     settings: Settings,
@@ -34,21 +50,29 @@ def diff(
     """Tell what differs between two maps.
 
     Size, origin and resolution may differ: cells are compared where both maps have some. The
-    exit code is 0 if they are equal within the tolerance, 1 if not.
+    exit code is 0 if they are equal within the tolerance, 1 if not. With --max-shift or
+    --max-differing it is 0 if what differs in the common area stays within them, both if both
+    are given, whatever the maps' geometry.
     """
-    report = diff_files(first, second, settings, tolerance=tolerance)
+    bounds = Bounds(max_shift, max_differing)
+    report = diff_files(first, second, settings, tolerance=tolerance, bounds=bounds)
+    if bounds and report.found.not_compared:
+        count = report.found.not_compared
+        terminal.warn(
+            f"{second}: does not cover {count} known cells of {first}, which are not compared"
+        )
     if as_json:
         terminal.result(json.dumps(report.document(), indent=2))
     else:
         for line in _lines(first, second, report, tolerance):
             terminal.result(one_line(line))
-    if not report.found.is_equal:
+    if not report.passes:
         raise typer.Exit(1)
 
 
 def _lines(first: Path, second: Path, report: DiffReport, tolerance: float) -> list[str]:
     found = report.found
-    lines = [f"{first}, {second}: {'equal' if found.is_equal else 'different'}"]
+    lines = [f"{first}, {second}: {_verdict(report)}"]
     for what, pairs in (("geometry", found.geometry), ("metadata", report.metadata)):
         lines += [f"  {what:<9} {name} {a} -> {b}" for name, (a, b) in pairs.items()]
     told = f"  cells     {found.common} in both, {found.differing} differ"
@@ -61,7 +85,26 @@ def _lines(first: Path, second: Path, report: DiffReport, tolerance: float) -> l
         lines.append(f"  symmetry  B is much more like A if it is {found.symmetry}")
     for name, shift in (("A to B", found.walls[0]), ("B to A", found.walls[1])):
         lines.append(f"  walls     {name}: {_shift(shift)}")
+    lines += [f"  bound     {_judged(bound)}" for bound in report.bounds]
     return lines
+
+
+def _verdict(report: DiffReport) -> str:
+    verdict = "equal" if report.found.is_equal else "different"
+    if not report.bounds:
+        return verdict
+    return f"{verdict}, {'within the bounds' if report.passes else 'beyond the bounds'}"
+
+
+def _judged(bound: Bound) -> str:
+    """Return a bound, whether it holds, and what was found."""
+    told = f"--{bound.name} {bound.allowed:g} {bound.unit}: {'holds' if bound.holds else 'missed'}"
+    if math.isnan(bound.found):
+        return f"{told}, the maps have no common cell"
+    if math.isinf(bound.found):
+        return f"{told}, only one of the maps has obstacles"
+    # 9 digits: a figure that is shown as the bound itself is not beyond it
+    return f"{told}, found {bound.found:.9g} {bound.unit}"
 
 
 def _matrix(found: Difference) -> list[str]:

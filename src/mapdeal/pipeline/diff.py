@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from mapdeal.checks.bounds import Bound, Bounds
 from mapdeal.checks.difference import STATES, Difference, WallShift, compare, frame_around
 from mapdeal.errors import one_line
 from mapdeal.formats.budget import claim, holding
@@ -22,15 +24,34 @@ from mapdeal.render.difference import difference_image
 _PER_CELL, _PER_WALL = 30, 75
 """Bytes for each cell of a grid around both maps, and for each occupied cell of one."""
 
+NO_BOUNDS = Bounds()
+"""Of a comparison that only equal maps pass."""
+
 _METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
 
 
 @dataclass(frozen=True)
 class DiffReport:
-    """What differs, and what their YAML files say differently."""
+    """What differs, and what their YAML files say differently.
+
+    Parameters
+    ----------
+    found : Difference
+        What differs between the cells.
+    metadata : dict
+        What the YAML files say differently: both values.
+    bounds : tuple of Bound
+        What was allowed to differ; empty if nothing was.
+    """
 
     found: Difference
     metadata: dict[str, tuple[Any, Any]]
+    bounds: tuple[Bound, ...] = ()
+
+    @property
+    def passes(self) -> bool:
+        """Whether all bounds hold; without any, whether the maps are equal."""
+        return all(bound.holds for bound in self.bounds) if self.bounds else self.found.is_equal
 
     def document(self) -> dict[str, Any]:
         """Return the report as JSON can hold it."""
@@ -42,6 +63,7 @@ class DiffReport:
             "common_cells": found.common,
             "differing": found.differing,
             "beyond_tolerance": found.beyond,
+            "known_only_in_first": found.not_compared,
             "confusion": {
                 state: dict(zip(STATES, row, strict=True))
                 for state, row in zip(STATES, found.confusion.tolist(), strict=True)
@@ -51,11 +73,25 @@ class DiffReport:
                 "first_to_second": _listed(found.walls[0]),
                 "second_to_first": _listed(found.walls[1]),
             },
+            "bounds": {
+                bound.name.replace("-", "_"): {
+                    "allowed": bound.allowed,
+                    "found": bound.found if math.isfinite(bound.found) else None,
+                    "holds": bound.holds,
+                }
+                for bound in self.bounds
+            },
+            "passes": self.passes,
         }
 
 
 def diff_files(
-    first: Path, second: Path, options: Settings, *, tolerance: float = 0.0
+    first: Path,
+    second: Path,
+    options: Settings,
+    *,
+    tolerance: float = 0.0,
+    bounds: Bounds = NO_BOUNDS,
 ) -> DiffReport:
     """Return what differs between the maps in two files; draw it if a picture is asked for.
 
@@ -67,6 +103,8 @@ def diff_files(
         How they are read.
     tolerance : float
         As of `compare`.
+    bounds : Bounds
+        What may differ.
     """
     with options.memory():
         source = read_input(first, options)
@@ -96,7 +134,7 @@ def diff_files(
             transaction.write(
                 options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
             )
-    return DiffReport(found, _metadata(*sources))
+    return DiffReport(found, _metadata(*sources), bounds.judged(found))
 
 
 def _metadata(first: Source, second: Source) -> dict[str, tuple[Any, Any]]:

@@ -1,0 +1,105 @@
+"""Bounds on what may differ between two maps, for a gate that lets small changes pass."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapdeal.checks.difference import STATES, Difference
+from mapdeal.errors import ParameterError
+
+_ROUNDING = 1e-9
+"""Of distances: six cells of 0.05 m are 0.30000000000000004 m."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """One bound, and what was found.
+
+    Parameters
+    ----------
+    name : str
+        The option that sets it, without dashes.
+    unit : str
+        Of both figures.
+    allowed : float
+        The most that may be found.
+    found : float
+        What was found; infinite if obstacles of one map have none in the other to be compared
+        with, nan if the maps have no common cell.
+    """
+
+    name: str
+    unit: str
+    allowed: float
+    found: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether no more was found than is allowed, but for the rounding of floats."""
+        return self.found <= self.allowed * (1 + _ROUNDING)  # never true of nan
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What may differ between two maps.
+
+    Parameters
+    ----------
+    max_shift : float, optional
+        Metres by which the obstacle that is farthest from those of the other map may be away.
+    max_differing : float, optional
+        Percent of the common cells that may differ, beyond the tolerance if there is one.
+
+    Raises
+    ------
+    ParameterError
+        If one is negative or not finite, or the percentage is more than 100.
+    """
+
+    max_shift: float | None = None
+    max_differing: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.max_shift is not None and not 0 <= self.max_shift < math.inf:
+            rule = "must be a finite number of metres, 0 or more"
+            raise ParameterError(rule, place="max_shift", got=self.max_shift)
+        if self.max_differing is not None and not 0 <= self.max_differing <= 100:
+            rule = "must be 0 to 100 percent"
+            raise ParameterError(rule, place="max_differing", got=self.max_differing)
+
+    def __bool__(self) -> bool:
+        return self.max_shift is not None or self.max_differing is not None
+
+    def judged(self, found: Difference) -> tuple[Bound, ...]:
+        """Return each bound that is set with what was found.
+
+        Notes
+        -----
+        Only the common area is judged, whatever the geometry of the maps.
+        """
+        bounds = []
+        if self.max_shift is not None:
+            bounds.append(Bound("max-shift", "m", self.max_shift, largest_shift(found)))
+        if self.max_differing is not None:
+            share = 100 * found.beyond / found.common if found.common else math.nan
+            bounds.append(Bound("max-differing", "%", self.max_differing, share))
+        return tuple(bounds)
+
+
+def largest_shift(found: Difference) -> float:
+    """Return how far the farthest obstacle of either map is from those of the other, metres.
+
+    Infinite if only one of the maps has obstacles, nan if they have no common cell.
+    """
+    if not found.common:
+        return math.nan
+    occupied = STATES.index("occupied")
+    in_common = np.array([found.confusion[occupied].sum(), found.confusion[:, occupied].sum()])
+    shifts = [
+        0.0 if not count else math.inf if shift is None else shift.largest
+        for count, shift in zip(in_common, found.walls, strict=True)
+    ]
+    return max(shifts)
