@@ -9,12 +9,14 @@ PACKAGE = Path(mapdeal.__file__).parent
 
 WALKS = {
     "formats/source.py:contents_of": "lists one folder, each entry once",
+    "checks/run_checks.py:lint_run": "lists one folder",
     "formats/listing.py:_files_of": "one folder, or the pattern's files, each once",
     "formats/listing.py:files_matching": "each part of a pattern takes each real folder once",
     "formats/listing.py:_one_part_on": "the folders of one part: real ones, each once",
     "formats/listing.py:_seen_in": "lists one folder",
     "formats/listing.py:numbered_folders": "lists one folder",
     "formats/map_listing.py:_below_folder": "each real folder once, however many links lead to it",
+    "formats/map_listing.py:look_into": "lists one folder",
     "formats/map_server.py:_nearest_name": "lists one folder",
     "formats/commit.py:_inside": "lists one folder",
     "formats/temporary.py:remove_stale": "lists one folder",

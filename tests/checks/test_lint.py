@@ -174,6 +174,7 @@ def test_a_check_finds_what_it_is_about(checks, name, map_):
 def test_every_check_has_a_case():
     covered = {name for name, _ in CASES} | {"image.depth", "image.outside-folder"}
     covered |= {"run.no-manifest", "run.missing-file", "run.other-file", "run.uniform-cost"}
+    covered |= {"lint.not-checked", "lint.unused-ignore"}  # tests/pipeline/test_lint.py
     assert covered == set(CHECKS)
     assert len(CHECKS) >= 30
     assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
@@ -500,5 +501,5 @@ def test_a_resolution_in_a_comment_is_found_however_it_is_written(checks, noted)
 
 def test_a_folder_without_a_manifest_is_named(command, folder):
     (found,) = lint_file(folder)
-    text = "has no manifest.json of a run; maps are checked by their .yaml or .npz"
+    text = "has no manifest.json of a run, and no map in it or below: no .yaml with the key image"
     assert found == Finding("run.no-manifest", "error", str(folder), text)

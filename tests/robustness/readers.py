@@ -19,6 +19,7 @@ from robustness.words import (
     NPY_WORDS,
     SCAN_WORDS,
     TEXT_WORDS,
+    TOML_WORDS,
     YAML_WORDS,
 )
 
@@ -180,6 +181,8 @@ READERS = [
     _file("manifest", _manifests(), reading.compare_with_golden, JSON_WORDS),
     Reader("recipe", _seeds(seeds.RECIPES, "r.yaml"), reading.load_one_recipe, _USAGE, YAML_WORDS,
            is_file=False, share=0.4),
+    Reader("configuration of lint", _seeds(seeds.LINT_CONFIGS, "c.toml"), reading.read_config,
+           (MalformedInputError, ParameterError), TOML_WORDS, is_file=False, share=0.4),
     Reader("list of maps", _seeds(_LISTS, "maps.txt", packed=reading.within_folder, beside=_LISTED),
            reading.list_all_maps, (ParameterError, FileAccessError), TEXT_WORDS, is_file=False,
            share=0.25),

@@ -13,6 +13,7 @@ import numpy as np
 
 from mapdeal import BitMap, Costmap, DistanceField, OccupancyGrid, PotentialField
 from mapdeal.checks.lint import lint_file
+from mapdeal.checks.selection import selection_of
 from mapdeal.cli.options import numbers, pair, size_of
 from mapdeal.errors import (
     ParameterError,
@@ -21,6 +22,7 @@ from mapdeal.formats.bit_maps import read_bit_map
 from mapdeal.formats.clouds.reader import cloud_chunks, read_cloud
 from mapdeal.formats.dialects import DIALECTS
 from mapdeal.formats.image import read_image, read_image_size
+from mapdeal.formats.lint_config import read_lint_config
 from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.maps import open_map, read_map
@@ -36,6 +38,7 @@ from mapdeal.grid.coordinates import FARTHEST
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.golden import differences_from_golden
+from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.stages.catalogue import STAGES
 from mapdeal.stages.parameters import parameters_of
@@ -176,7 +179,20 @@ def read_bits(path, data):
 def lint(path, data):
     findings = lint_file(path)
     assert all(finding.message.isprintable() for finding in findings), findings
-    return findings
+    (report,) = lint_maps([path], LintRules(is_isolated=True)).maps
+    assert {one.check for one in report.findings} - {one.check for one in findings} <= {
+        "lint.unused-ignore"
+    }
+    assert report.suppressed + len(report.findings) >= len(findings)
+    return report.findings
+
+
+def read_config(path, data):
+    """Read a file of configuration by the name that it seems to have; make a selection of it."""
+    named = path.with_name("pyproject.toml" if b"tool" in data else "mapdeal.toml")
+    named.write_bytes(data)
+    config = read_lint_config(named)
+    return None if config is None else selection_of(config=config)
 
 
 # Sensor data
@@ -320,6 +336,9 @@ def list_all_maps(path, data):
     os.chdir(path.parent)
     try:
         listing = list_maps(["@" + path.name], Path("out"), list)
+        assert {one.path for one in listing.maps} <= {
+            one.path for one in list_sources(["@" + path.name], list).maps
+        }
     finally:
         os.chdir(before)
     assert len(listing.maps) > 0

@@ -373,6 +373,12 @@ RECIPES = [
     b"stages: [{cost: {inscribed_radius: 0.22, inflation_radius: .7, cost_scaling_factor: 3.0}}]\n",
 ]
 
+LINT_CONFIGS = [
+    b'[lint]\nselect = ["image", "yaml.origin-yaw"]\nignore = ["image.greys"]\nstrict = true\n',
+    b'[tool.mapdeal.lint]\nseverity = {"map" = "note"}\nper-file-ignores = {"old/*" = ["all"]}\n',
+    b'[lint]\nselect = ["all"]\n\n[lint.severity]\nmap = "note"\n',
+]
+
 MANIFEST = {
     "mapdeal": "1.0", "inputs": {"m.pgm": "00aa", "m.yaml": "11aa"}, "options": {"sim": False},
     "stages": [{"inflate": {"radius": 0.3, "kernel": "disc"}}, {"esdf": {"unknown": "free"}}],

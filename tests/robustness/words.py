@@ -6,7 +6,12 @@ YAML_WORDS = (
     b"2024-01-01", b"mode: raw\n", b"mode: scale\n", b"mode: trinary\n", b"negate: 1\n",
     b"occupied_thresh: 0.65\n", b"free_thresh: 0.196\n", b"cost_scale: costmap2d\n",
     b"image: m.pgm\n", b"more: {a: [1, 2]}\n", b"raw: true\n", b"%YAML 1.2\n---\n", b"~",
-    b"- " * 30, b"[" * 30,
+    b"- " * 30, b"[" * 30, b" # mapdeal: ignore image, map.\n", b"# mapdeal:ignore\n",
+)  # fmt: skip
+TOML_WORDS = (
+    b"[lint]\n", b"[tool.mapdeal.lint]\n", b"[[lint]]\n", b"lint.", b"= ", b"[" * 3000, b"{" * 50,
+    b"]", b"}", b'"', b"'" * 3, b"\n", b"true", b"1_0", b"7" * 5000, b"0x", b"nan", b"1979-05-27",
+    b"select = []\n", b'ignore = ["all"]\n', b"strict = 1\n", b'"error"', b"\\u0000", b"\xff", b"#",
 )  # fmt: skip
 JSON_WORDS = (
     b"null", b"true", b"NaN", b"-Infinity", b"[" * 40, b"{}", b"[]", b"[[]]", b'"', b"\\u0000",

@@ -7,14 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.checks.finding import CHECKS, Finding, declare_check
+from mapdeal.errors import FileAccessError
 from mapdeal.formats.json_text import read_json
-from mapdeal.formats.source import exists, holds
+from mapdeal.formats.map_listing import WholeFolders
+from mapdeal.formats.source import contents_of, exists, holds
 from mapdeal.grid.costmap import UNIFORM_SHARE
 
 MANIFEST = "manifest.json"
 LOCAL_FOLDER = "local"
+RUN_FOLDERS = WholeFolders(MANIFEST, "summary.json", parts=(LOCAL_FOLDER,))
+"""How the folders of runs are told from those of maps."""
 
-declare_check("run.no-manifest", "error", "a folder without the manifest of a run")
+declare_check(
+    "run.no-manifest", "error", "a folder without a map, and without the manifest of a run"
+)
 declare_check("run.missing-file", "error", "a file that the manifest lists is gone")
 declare_check(
     "run.other-file", "error", "a file is not the manifest's: changed, or of a run that was killed"
@@ -31,10 +37,16 @@ def lint_run(folder: Path) -> list[Finding]:
 
     The local map that a run has made, too, is looked at with it.
     """
+    try:
+        _, files = contents_of(folder)
+    except FileAccessError as error:
+        return [_finding("file.access", folder, str(error).removeprefix(f"{folder}: "))]
     manifest = read_json(folder / MANIFEST)
     outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
     if not isinstance(outputs, dict) or not outputs:
-        text = f"has no {MANIFEST} of a run; maps are checked by their .yaml or .npz"
+        text = f"has no {MANIFEST} of a run, and no map in it or below: no .yaml with the key image"
+        if MANIFEST in files:
+            text = f"its {MANIFEST} is not that of a run"
         return [_finding("run.no-manifest", folder, text)]
     found = [*_of_outputs(folder, outputs), *_of_costs(folder, manifest.get("figures"))]
     if exists(folder / LOCAL_FOLDER / MANIFEST):

@@ -2,43 +2,78 @@
 
 from __future__ import annotations
 
-import json
-from collections import Counter
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from mapdeal.checks.finding import SEVERITIES, Finding
-from mapdeal.checks.lint import lint_file
+from mapdeal.checks.reports.as_text import sum_of
+from mapdeal.checks.reports.catalogue import REPORTS, ReportForm
 from mapdeal.cli import terminal
+from mapdeal.cli.many_maps import jobs_at_once, say_listing
 from mapdeal.cli.shared_options import shared_options
-from mapdeal.errors import ParameterError, one_line
+from mapdeal.errors import ParameterError
+from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources
 from mapdeal.pipeline.repair import repair_file
 from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
-
-_COMMANDS = {"error": "error", "warning": "warning", "note": "notice"}
 
 
 @app.command()
 @shared_options("max_cells", "force", "max_memory")
 def lint(
     sources: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(
-            metavar="MAP...", help="map_server .yaml files, .pbm or .npz maps, or folders of runs."
+            metavar="MAP...",
+            help="Maps, folders of maps or runs, quoted patterns, or @LIST.txt.",
         ),
     ],
+    select: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="IDS",
+            help="Checks that count, or their areas, such as image; several with commas.  "
+            "[default: all]",
+        ),
+    ] = None,
+    ignore: Annotated[
+        list[str] | None,
+        typer.Option(metavar="IDS", help="Checks, or areas, that do not count."),
+    ] = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="Warnings, too, make the exit code 1.")
     ] = False,
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Configuration of all maps.  [default: the nearest mapdeal.toml or "
+            "pyproject.toml of each]",
+        ),
+    ] = None,
+    is_isolated: Annotated[
+        bool, typer.Option("--no-config", help="Read no file of configuration.")
+    ] = False,
     form: Annotated[
-        Literal["text", "json", "github"],
-        typer.Option("--format", help="Text, one JSON document, or annotations of a workflow."),
+        ReportForm,
+        typer.Option(
+            "--format",
+            help="Text, one JSON document, annotations of a GitHub workflow, SARIF 2.1.0, or "
+            "JUnit XML.",
+        ),
     ] = "text",
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs",
+            "-j",
+            metavar="N",
+            min=1,
+            help="Processes, if there is enough for them to do.  [default: the processors]",
+        ),
+    ] = None,
     fix: Annotated[
         bool, typer.Option("--fix", help="Write a map without the traps that can be taken out.")
     ] = False,
@@ -53,27 +88,35 @@ def lint(
 
     Errors make the exit code 1: they make a map wrong or unsafe for some reader. Warnings are
     traps, notes are good to know. A file that cannot be read is a finding; the others go on.
+
+    A MAP is a .yaml of map_server, a .pbm beside its .yaml, or an .npz; a folder, for all maps
+    and folders of runs in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt,
+    a file with such names, one a line (@- reads them from stdin).
+
+    A comment "# mapdeal: ignore ID, ID" in a map's .yaml takes these checks out for that map.
     """
+    listing = list_sources(sources, terminal.input_chunks)
+    paths = [one.path for one in listing.maps]
     if fix or output is not None:
-        _fix(sources, output, settings, wanted=fix)
+        _fix(paths, output, settings, wanted=fix)
         return
-    found = {path: lint_file(path, max_cells=settings.max_cells) for path in sources}
-    findings = [finding for path in sources for finding in found[path]]
-    counts = Counter(finding.severity for finding in findings)
-    if form == "json":
-        maps = [
-            {"file": str(path), "findings": [_listed(f) for f in found[path]]} for path in found
-        ]
-        summary = {f"{name}s": counts[name] for name in SEVERITIES}
-        terminal.result(json.dumps({"maps": maps, **summary}, indent=2))
-    else:
-        for finding in findings:
-            terminal.result(_text(finding) if form == "text" else _annotation(finding))
-        told = ", ".join(f"{counts[name]} {name}{'s' * (counts[name] != 1)}" for name in SEVERITIES)
-        if form == "text":
-            terminal.summary([f"{len(found)} map{'s' * (len(found) != 1)}: {told}"])
-    if counts["error"] or (strict and counts["warning"]):
+    say_listing(listing, "checked")
+    rules = LintRules(_names(select), _names(ignore), strict, config, is_isolated)
+    with terminal.progress(len(paths), what="map") as bar:
+        report = lint_maps(
+            paths, rules, settings, jobs=jobs_at_once(jobs, len(paths)), done=bar.advance
+        )
+    for line in REPORTS[form](report):
+        terminal.result(line)
+    if form == "text":
+        terminal.summary([sum_of(report)])
+    if not report.passes:
         raise typer.Exit(1)
+
+
+def _names(given: list[str] | None) -> tuple[str, ...]:
+    """Return names that were given with commas between them, or option by option."""
+    return tuple(name.strip() for text in given or () for name in text.split(","))
 
 
 def _fix(
@@ -86,29 +129,3 @@ def _fix(
         raise ParameterError("is for one map", source="--fix", got=len(sources))
     done = repair_file(sources[0], output, options)
     terminal.summary([f"{sources[0]} -> {output}", *(f"  {line}" for line in done)])
-
-
-def _listed(finding: Finding) -> dict[str, object]:
-    listed = asdict(finding)
-    del listed["file"]
-    return listed
-
-
-def _text(finding: Finding) -> str:
-    place = finding.file if finding.line is None else f"{finding.file}:{finding.line}"
-    return one_line(f"{place}: {finding.severity}: {finding.check}: {finding.message}")
-
-
-def _annotation(finding: Finding) -> str:
-    """Return a workflow command; GitHub shows it beside the file."""
-    place = f"file={_escaped(finding.file, more=True)}"
-    if finding.line is not None:
-        place += f",line={finding.line}"
-    title = _escaped(finding.check, more=True)
-    return f"::{_COMMANDS[finding.severity]} {place},title={title}::{_escaped(finding.message)}"
-
-
-def _escaped(text: str, *, more: bool = False) -> str:
-    for mark, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
-        text = text.replace(mark, code)
-    return text.replace(":", "%3A").replace(",", "%2C") if more else text

@@ -13,13 +13,13 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import run_around as around
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
-from mapdeal.cli.run_batch import run_batch, run_single, say_listing, say_plans
+from mapdeal.cli.many_maps import jobs_at_once, say_listing
+from mapdeal.cli.run_batch import run_batch, run_single, say_plans
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import FindingError, ParameterError, one_line
 from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.source import absolute_path
 from mapdeal.grid.footprint import Footprint
-from mapdeal.kernels.threads import available_threads
 from mapdeal.pipeline.applied import LOCAL_RECIPE, around_in
 from mapdeal.pipeline.dispatch import Workers
 from mapdeal.pipeline.golden import differences_from_golden, store_golden
@@ -28,9 +28,6 @@ from mapdeal.pipeline.jobs import MapRun, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import output_folder
 from mapdeal.pipeline.settings import Canvas, Settings
-
-_MOST_PER_PROCESSOR = 4
-_LEAST_CAP = 8
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -160,14 +157,14 @@ def run(
     listing = list_maps(sources, output, terminal.input_chunks)
     names = {path.name for path in output_folder(output, {}, loaded, settings).outputs()}
     all_jobs = jobs_of(listing.maps, output, names)
-    say_listing(listing)
+    say_listing(listing, "run")
     is_batch = listing.is_set or len(all_jobs) > 1
     if robot is not None and len(all_jobs) > 1:
         raise ParameterError(f"is for one map, there are {len(all_jobs)}", source="--pose")
     map_run = MapRun(loaded, settings, robot)
     if scheduler is not None:
         all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]
-    size = None if scheduler is not None else _jobs_at_once(jobs, len(all_jobs))
+    size = None if scheduler is not None else jobs_at_once(jobs, len(all_jobs))
     if size is not None:
         map_run = map_run.sharing(size)
     if dry_run:
@@ -193,15 +190,6 @@ def run(
     if robot is not None:
         runs += [(around_in(folder), f"{place}/{LOCAL_RECIPE}") for folder, place in runs]
     _compare_with_golden(runs, golden, update=update_golden)
-
-
-def _jobs_at_once(wanted: int | None, maps: int) -> int:
-    """Return how many jobs there are at the same time: not more than can be of use."""
-    processors = available_threads()
-    most = max(_LEAST_CAP, _MOST_PER_PROCESSOR * processors)
-    if wanted is not None and wanted > most:
-        terminal.warn(f"--jobs {wanted}: took {most}, as there are {processors} processors")
-    return min(wanted or processors, maps, most)
 
 
 def _compare_with_golden(

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError, one_line
-from mapdeal.formats.map_listing import MapListing
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.applied import RunReport
 from mapdeal.pipeline.batch import run_all, text_of
@@ -24,31 +23,6 @@ _LEAST_COLUMN = 8
 _ALL_AROUND = 2 * math.pi - 0.1
 """Radians: with gaps as short as this there is no direction that a cloud does not cover."""
 _MIB = 1 << 20
-
-
-def say_listing(listing: MapListing) -> None:
-    """Tell what was left out of the maps that names stand for."""
-    if listing.left_out:
-        _say_some(
-            listing.left_out,
-            "YAML file without the key image was left out",
-            "YAML files without the key image were left out",
-        )
-    if listing.repeated:
-        _say_some(
-            listing.repeated,
-            "map was named more than once, and is run once",
-            "maps were named more than once, and are run once",
-        )
-
-
-def _say_some(paths: Sequence[Path], one: str, many: str) -> None:
-    if len(paths) == 1:
-        terminal.warn(f"1 {one}: {paths[0]}")
-        return
-    terminal.warn(f"{len(paths)} {many}, such as {paths[0]}; -v names all")
-    for path in paths:
-        terminal.detail(f"{many.rsplit(' ', 2)[0]}: {path}")
 
 
 def run_single(job: Job, run: MapRun, workers: Workers | None) -> None:

@@ -60,6 +60,9 @@ class _Budget:
     held: int = 0
 
 
+SHARE_OF_JOB = " (by default this job's share of the memory)"
+"""What the refusal of a job says that may have more memory when it is alone."""
+
 _current: ContextVar[_Budget | None] = ContextVar("budget", default=None)
 
 
@@ -110,8 +113,7 @@ def use_memory(
 def _budget_of(limit: int | None, *, is_chosen: bool = True) -> _Budget:
     if limit is None:
         return _current.get() or _by_default()
-    origin = "" if is_chosen else " (by default this job's share of the memory)"
-    return _Budget(limit, origin)
+    return _Budget(limit, "" if is_chosen else SHARE_OF_JOB)
 
 
 def _by_default() -> _Budget:

@@ -12,7 +12,13 @@ from pathlib import Path
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.budget import claim
-from mapdeal.formats.listing import folders_below, list_files, sorted_naturally
+from mapdeal.formats.listing import (
+    Contents,
+    folders_below,
+    list_files,
+    natural_key,
+    sorted_naturally,
+)
 from mapdeal.formats.source import (
     contents_of,
     exists,
@@ -61,6 +67,30 @@ class ListedMap:
 
 
 @dataclass(frozen=True)
+class WholeFolders:
+    """Folders that count as one thing, listed as they are, rather than searched for maps.
+
+    Parameters
+    ----------
+    mark : str
+        The file that makes a folder one of them.
+    summary : str
+        A file that stands for the folder it is in, as `mark` does.
+    parts : tuple of str
+        Folders in one that belong to it.
+
+    Notes
+    -----
+    Other folders in one, and the files in those, are listed as everywhere. A folder that cannot
+    be read, or holds nothing to be listed, is listed, too: whoever looks at it says so.
+    """
+
+    mark: str
+    summary: str
+    parts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class MapListing:
     """The maps that names stand for.
 
@@ -92,9 +122,21 @@ class _Found:
     left_out: list[Path]
 
 
+@dataclass(frozen=True)
+class _Rules:
+    """What is left out of folders, and what is not looked into; see `list_maps`."""
+
+    output: Path | None
+    whole: WholeFolders | None
+
+
 def list_maps(
-    names: Iterable[str], output: Path, standard_input: Callable[[], Iterable[bytes]]
-) -> MapListing:  # fmt: skip
+    names: Iterable[str],
+    output: Path | None,
+    standard_input: Callable[[], Iterable[bytes]],
+    *,
+    whole_folders: WholeFolders | None = None,
+) -> MapListing:
     """Return the maps that names stand for.
 
     Parameters
@@ -103,10 +145,12 @@ def list_maps(
         Each a file; a folder, for all map_server YAMLs in it and below; a pattern of ``*``,
         ``?``, ``[...]`` and ``**``; or ``@`` and the name of a text file with such names, one a
         line, ``@-`` for standard input.
-    output : Path
+    output : Path, optional
         The folder of outputs: nothing in it is taken for an input of a folder or pattern.
     standard_input : callable
         Gives what comes in on stdin, bit by bit.
+    whole_folders : WholeFolders, optional
+        Folders that are listed beside the maps.
 
     Returns
     -------
@@ -118,16 +162,17 @@ def list_maps(
     ParameterError
         If a pattern matches no map, or a list is empty or no text.
     FileAccessError
-        If a folder holds no map, or a folder or list cannot be read.
+        If a list cannot be read; without `whole_folders`, if a folder holds no map or cannot be
+        read.
     """
-    nowhere = real_path(output)
+    rules = _Rules(None if output is None else real_path(output), whole_folders)
     found: list[_Found] = []
     for name in names:
         if name.startswith("@"):
             lines = _lines_of(name[1:], standard_input)
-            found += [_found_by(line, nowhere, is_listed=True) for line in lines]
+            found += [_found_by(line, rules, is_listed=True) for line in lines]
         else:
-            found.append(_found_by(name, nowhere, is_listed=False))
+            found.append(_found_by(name, rules, is_listed=False))
     root = _common_root(found)
     maps: dict[tuple[Path, str], ListedMap] = {}
     repeated: dict[tuple[Path, str], Path] = {}
@@ -177,16 +222,19 @@ def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[
     return lines
 
 
-def _found_by(name: str, output: Path, *, is_listed: bool) -> _Found:
+def _found_by(name: str, rules: _Rules, *, is_listed: bool) -> _Found:
     if not name:
         raise ParameterError("the name of a map must not be empty")
-    path = Path(name)
+    path, output, whole = Path(name), rules.output, rules.whole
+    if whole is not None and path.name in (whole.mark, whole.summary):
+        path = path.parent
     if is_folder(path):
-        candidates = _below_folder(path, output)
+        candidates, folders = _below_folder(path, rules)
         maps = [one for one in candidates if _is_map(one)]
-        if not maps:
+        if not maps and whole is None:
             rule = f"is a directory without a map: no .yaml with the key image{_outside_of(output)}"
             raise FileAccessError(rule, source=name)
+        maps = [*maps, *folders] or [path]
         root = path
     elif has_magic(name) and not exists(path):
         matches = list_files([name], (*_YAML, ".npz", BIT_MAP))
@@ -222,11 +270,14 @@ def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
     return [one for one in files if is_map(one)]
 
 
-def _outside_of(output: Path) -> str:
-    return f" outside of {output}, where outputs go" if exists(output) else ""
+def _outside_of(output: Path | None) -> str:
+    is_there = output is not None and exists(output)
+    return f" outside of {output}, where outputs go" if is_there else ""
 
 
-def _lies_in(folder: Path, output: Path) -> bool:
+def _lies_in(folder: Path, output: Path | None) -> bool:
+    if output is None:
+        return False
     real = real_path(folder)
     return real == output or output in real.parents
 
@@ -241,11 +292,31 @@ def _fixed_part(pattern: Path) -> Path:
     return Path(*fixed)
 
 
-def _below_folder(folder: Path, output: Path) -> list[Path]:
-    """Return all YAML files in a folder and below, hidden ones and outputs left aside."""
-    walk = folders_below([folder], contents_of, leave_out=lambda one: _lies_in(one, output))
-    files = (one / name for one, names in walk for name in names)
-    return sorted_naturally(file for file in files if file.suffix.lower() in _YAML)
+def _below_folder(folder: Path, rules: _Rules) -> tuple[list[Path], list[Path]]:
+    """Return the YAML files in a folder and below, and the folders that are listed themselves.
+
+    Hidden ones and outputs are left aside.
+    """
+    listed: list[Path] = []
+    whole = rules.whole
+
+    def look_into(one: Path) -> Contents:
+        try:
+            folders, files = contents_of(one)
+        except FileAccessError:
+            if whole is None:
+                raise
+            listed.append(one)
+            return [], []
+        if whole is not None and whole.mark in files:
+            listed.append(one)
+            return [name for name in folders if name not in whole.parts], []
+        return folders, files
+
+    walk = folders_below([folder], look_into, leave_out=lambda one: _lies_in(one, rules.output))
+    files = [one / name for one, names in walk for name in names]
+    yamls = sorted_naturally(file for file in files if file.suffix.lower() in _YAML)
+    return yamls, sorted(listed, key=lambda one: natural_key(str(one)))
 
 
 def _is_map(path: Path) -> bool:

@@ -1,0 +1,1 @@
+"""What lint has found, in the forms that people and machines read."""

@@ -1,0 +1,217 @@
+"""Which findings count: checks that are selected, and maps that are spared some."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
+
+from mapdeal.checks.finding import CHECKS, SEVERITIES, Finding, Severity
+from mapdeal.errors import ParameterError
+from mapdeal.formats.lint_config import LintConfig
+from mapdeal.formats.source import normal_path
+from mapdeal.formats.yaml_comments import IgnoreComment
+
+UNUSED = "lint.unused-ignore"
+EVERYTHING = "all"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which findings count, and how much.
+
+    Parameters
+    ----------
+    checks : frozenset of str
+        Names of the checks that are wanted.
+    strict : bool
+        Whether warnings, too, are failures.
+    folder : Path, optional
+        Where the patterns of `per_file` begin.
+    per_file : tuple of (str, frozenset of str)
+        Patterns of names, and checks of which such maps are spared.
+    severity : mapping of str to str
+        Severities that are not those of the checks.
+    """
+
+    checks: frozenset[str]
+    strict: bool = False
+    folder: Path | None = None
+    per_file: tuple[tuple[str, frozenset[str]], ...] = ()
+    severity: Mapping[str, Severity] = field(default_factory=dict)
+
+    def judged(
+        self, file: Path, findings: Iterable[Finding], comments: Sequence[IgnoreComment] = ()
+    ) -> tuple[tuple[Finding, ...], int]:
+        """Return the findings of a map that count, the worst first, and how many were suppressed.
+
+        Parameters
+        ----------
+        file : Path
+            The map.
+        findings : iterable of Finding
+            All that were found.
+        comments : sequence of IgnoreComment
+            Those of its YAML file.
+
+        Notes
+        -----
+        Suppressed are findings of checks that are wanted, by a comment or a pattern. A comment
+        that ignores nothing is a finding itself, which no comment ignores.
+        """
+        findings = list(findings)
+        spared = self._spared(file)
+        wanted = [found for found in findings if found.check in self.checks]
+        ignored = {name for one in comments for text in one.names for name in _matching(text)}
+        ignored.discard(UNUSED)
+        kept = [found for found in wanted if found.check not in ignored | spared]
+        unused = []
+        if UNUSED in self.checks - spared:
+            unused = list(_unused(file, comments, {found.check for found in findings}))
+        weighed = [
+            replace(found, severity=self.severity.get(found.check, found.severity))
+            for found in [*kept, *unused]
+        ]
+        weighed.sort(key=lambda found: SEVERITIES.index(found.severity))
+        return tuple(weighed), len(wanted) - len(kept)
+
+    def _spared(self, file: Path) -> frozenset[str]:
+        """Return the checks of which a map is spared."""
+        if not self.per_file or self.folder is None:
+            return frozenset()
+        path, folder = normal_path(file), normal_path(self.folder)
+        if folder not in path.parents:
+            return frozenset()
+        below = PurePosixPath(path.relative_to(folder).as_posix())
+        names = [path.name, *map(str, (below, *below.parents[:-1]))]
+        matching = (
+            checks
+            for pattern, checks in self.per_file
+            if any(fnmatchcase(name, pattern.removesuffix("/")) for name in names)
+        )
+        return frozenset().union(*matching)
+
+
+def selection_of(
+    select: Sequence[str] = (),
+    ignore: Sequence[str] = (),
+    *,
+    strict: bool = False,
+    config: LintConfig | None = None,
+) -> Selection:
+    """Return which findings count.
+
+    Parameters
+    ----------
+    select, ignore : sequence of str
+        Names of checks or areas, or ``all``, as a caller gives them. The more precise name wins,
+        of equal ones `ignore`. What is selected takes the place of all that the file says of it;
+        `ignore` alone is taken from that.
+    strict : bool
+        Whether warnings, too, are failures.
+    config : LintConfig, optional
+        What the project says.
+
+    Raises
+    ------
+    ParameterError
+        If a name is of no check.
+    """
+    everything = frozenset(CHECKS)
+    checks = everything
+    per_file: tuple[tuple[str, frozenset[str]], ...] = ()
+    severity: dict[str, Severity] = {}
+    if config is not None:
+        source, table = config.source, config.table
+        checks = _chosen(
+            checks,
+            _ranked(config.select or (), source, f"{table}.select"),
+            _ranked(config.ignore or (), source, f"{table}.ignore"),
+            selects=config.select is not None,
+        )
+        per_file = tuple(
+            (pattern, frozenset(_ranked(names, source, f'{table}.per-file-ignores."{pattern}"')))
+            for pattern, names in config.per_file_ignores
+        )
+        ranks: dict[str, int] = {}
+        for text, level in config.severity:
+            for name, rank in _ranked([text], source, f"{table}.severity").items():
+                if rank >= ranks.get(name, 0):
+                    ranks[name] = rank
+                    severity[name] = level  # type: ignore[assignment]
+    checks = _chosen(
+        checks,
+        _ranked(select, "--select"),
+        _ranked(ignore, "--ignore"),
+        selects=bool(select),
+    )
+    return Selection(
+        checks,
+        strict=strict or (config is not None and config.strict),
+        folder=None if config is None else config.source.parent,
+        per_file=per_file,
+        severity=severity,
+    )
+
+
+def _chosen(
+    before: frozenset[str], select: Mapping[str, int], ignore: Mapping[str, int], *, selects: bool
+) -> frozenset[str]:
+    """Return checks after a choice, given how precisely each is selected and ignored."""
+    ranks = select if selects else dict.fromkeys(before, -1)
+    return frozenset(name for name, rank in ranks.items() if rank > ignore.get(name, -2))
+
+
+def _ranked(names: Iterable[str], source: Path | str, place: str | None = None) -> dict[str, int]:
+    """Return how precisely each check is named, at best: 0 by ``all``, 1 by its area, 2 by itself.
+
+    Raises
+    ------
+    ParameterError
+        If a name is of no check.
+    """
+    ranks: dict[str, int] = {}
+    for text in names:
+        matching = _matching(text)
+        if not matching:
+            raise ParameterError(
+                "is no check of lint", source=source, place=place, got=text, hint=hint_for(text)
+            )
+        for name, rank in matching.items():
+            ranks[name] = max(rank, ranks.get(name, 0))
+    return ranks
+
+
+def _matching(text: str) -> dict[str, int]:
+    """Return the checks that a name stands for, and how precisely; none of one that is none."""
+    if text in CHECKS:
+        return {text: 2}
+    if text.lower() == EVERYTHING:
+        return dict.fromkeys(CHECKS, 0)
+    area = text.removesuffix(".")
+    return dict.fromkeys((name for name in CHECKS if name.partition(".")[0] == area), 1)
+
+
+def hint_for(text: str) -> str:
+    """Return which check, or area of checks, a name may be meant to be."""
+    areas = dict.fromkeys(name.partition(".")[0] for name in CHECKS)
+    near = difflib.get_close_matches(text.lower(), [*CHECKS, *areas], n=1)
+    if not near:  # a check's name without its area
+        near = [name for name in CHECKS if name.partition(".")[2] == text.lower()][:1]
+    return f"did you mean {near[0]}?" if near else f"areas are {', '.join(areas)}"
+
+
+def _unused(file: Path, comments: Iterable[IgnoreComment], found: set[str]) -> Iterator[Finding]:
+    """Yield what is wrong with comments, given the checks that have found something."""
+    for comment in comments:
+        messages = [] if comment.names else ["names no check, and ignores nothing"]
+        for text in comment.names:
+            matching = _matching(text)
+            if not matching:
+                messages.append(f"{text} is no check; {hint_for(text)}")
+            elif found.isdisjoint(matching) or text == UNUSED:
+                messages.append(f"{text} ignores nothing here")
+        for message in messages:
+            yield Finding(UNUSED, CHECKS[UNUSED].severity, str(file), message, comment.line)

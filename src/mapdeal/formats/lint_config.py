@@ -1,0 +1,175 @@
+"""What a project says of lint, in its ``pyproject.toml`` or ``mapdeal.toml``."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.formats.source import exists, normal_path, read_file
+
+OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
+
+_LARGEST = 1 << 20
+_SEVERITIES = ("error", "warning", "note")
+
+Names = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LintConfig:
+    """The table of lint in a file.
+
+    Parameters
+    ----------
+    source : Path
+        The file.
+    table : str
+        The table's name in it.
+    select, ignore : tuple of str, optional
+        Checks that are wanted, or not, as they are written; None if the file does not say.
+    strict : bool
+        Whether warnings, too, are failures.
+    per_file_ignores : tuple of (str, tuple of str)
+        Patterns of names below the file's folder, and checks that such maps are spared.
+    severity : tuple of (str, str)
+        Checks, and the severity that their findings get.
+    """
+
+    source: Path
+    table: str
+    select: Names | None = None
+    ignore: Names | None = None
+    strict: bool = False
+    per_file_ignores: tuple[tuple[str, Names], ...] = field(default=())
+    severity: tuple[tuple[str, str], ...] = field(default=())
+
+
+def find_lint_config(folder: Path) -> LintConfig | None:
+    """Return what the nearest file says, in a folder or one above it; None if there is none.
+
+    A ``mapdeal.toml`` comes before a ``pyproject.toml`` beside it; one of the latter without the
+    table ``[tool.mapdeal.lint]`` is passed over.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError, ParameterError
+        As `read_lint_config`.
+    """
+    start = normal_path(folder)
+    for place in (start, *start.parents):
+        if exists(place / OWN_FILE):
+            return read_lint_config(place / OWN_FILE) or LintConfig(place / OWN_FILE, "lint")
+        if exists(place / PYPROJECT):
+            found = read_lint_config(place / PYPROJECT)
+            if found is not None:
+                return found
+    return None
+
+
+def read_lint_config(path: Path) -> LintConfig | None:
+    """Return what a file says of lint; None if it has no such table.
+
+    Parameters
+    ----------
+    path : Path
+        A ``pyproject.toml``, whose table is ``[tool.mapdeal.lint]``; in a file of any other name
+        it is ``[lint]``.
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If it is no TOML.
+    ParameterError
+        If a key is unknown, or its value is none for it.
+    """
+    document = _document_of(path)
+    if path.name == PYPROJECT:
+        tool = document.get("tool", {})
+        ours = tool.get("mapdeal", {}) if isinstance(tool, dict) else {}
+        table, ours_at = "tool.mapdeal.lint", "tool.mapdeal."
+    else:
+        ours, table, ours_at = document, "lint", ""
+    if not isinstance(ours, dict):
+        raise ParameterError("must be a table", source=path, place="tool.mapdeal", got=ours)
+    _check_keys(ours, ("lint",), path, ours_at)
+    if "lint" not in ours:
+        return None
+    entries = ours["lint"]
+    if not isinstance(entries, dict):
+        raise ParameterError("must be a table", source=path, place=table, got=entries)
+    _check_keys(entries, tuple(_KEYS), path, f"{table}.")
+    values = {
+        name: _KEYS[key](entries[key], path, f"{table}.{key}")
+        for key, name in ((key, key.replace("-", "_")) for key in entries)
+    }
+    return LintConfig(path, table, **values)
+
+
+def _document_of(path: Path) -> dict[str, Any]:
+    data = read_file(path, limit=_LARGEST)
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
+    except RecursionError:
+        raise MalformedInputError("not valid TOML: nested too deeply", source=path) from None
+    except ValueError as error:  # of tomllib, or numbers of many thousand digits
+        raise MalformedInputError(f"not valid TOML: {error}", source=path) from None
+
+
+def _check_keys(
+    table: Mapping[str, Any], known: Iterable[str], path: Path, prefix: str
+) -> None:  # fmt: skip
+    for key in table:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"keys are {', '.join(known)}"
+            raise ParameterError("unknown key", source=path, place=f"{prefix}{key}", hint=hint)
+
+
+def _names(value: Any, path: Path, place: str) -> Names:
+    if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+        raise ParameterError("must be a list of names", source=path, place=place, got=value)
+    return tuple(value)
+
+
+def _flag(value: Any, path: Path, place: str) -> bool:
+    if not isinstance(value, bool):
+        raise ParameterError("must be true or false", source=path, place=place, got=value)
+    return value
+
+
+def _per_file(value: Any, path: Path, place: str) -> tuple[tuple[str, Names], ...]:
+    if not isinstance(value, dict):
+        rule = "must be a table of patterns and lists of names"
+        raise ParameterError(rule, source=path, place=place, got=value)
+    return tuple(
+        (pattern, _names(names, path, f'{place}."{pattern}"')) for pattern, names in value.items()
+    )
+
+
+def _severity(value: Any, path: Path, place: str) -> tuple[tuple[str, str], ...]:
+    if not isinstance(value, dict):
+        raise ParameterError("must be a table of names", source=path, place=place, got=value)
+    for name, severity in value.items():
+        if severity not in _SEVERITIES:
+            rule = f"must be {', '.join(_SEVERITIES[:-1])} or {_SEVERITIES[-1]}"
+            raise ParameterError(rule, source=path, place=f'{place}."{name}"', got=severity)
+    return tuple(value.items())
+
+
+_KEYS: dict[str, Callable[[Any, Path, str], Any]] = {
+    "select": _names,
+    "ignore": _names,
+    "strict": _flag,
+    "per-file-ignores": _per_file,
+    "severity": _severity,
+}
+"""What reads the value of each key."""

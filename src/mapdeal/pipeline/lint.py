@@ -1,0 +1,257 @@
+"""Lint on any number of maps, in this process or in several, by the rules of each project."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mapdeal.checks.finding import CHECKS, Finding
+from mapdeal.checks.lint import lint_file
+from mapdeal.checks.reports.report import LintReport, MapReport
+from mapdeal.checks.run_checks import RUN_FOLDERS
+from mapdeal.checks.selection import Selection, selection_of
+from mapdeal.errors import MapdealError, MapdealWarning, ParameterError
+from mapdeal.formats.bit_map_names import BIT_MAP
+from mapdeal.formats.budget import SHARE_OF_JOB
+from mapdeal.formats.lint_config import LintConfig, find_lint_config, read_lint_config
+from mapdeal.formats.map_listing import MapListing, list_maps
+from mapdeal.formats.maps import open_map
+from mapdeal.formats.source import is_folder, normal_path
+from mapdeal.formats.yaml_comments import IgnoreComment, read_ignore_comments
+from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
+from mapdeal.version import __version__
+
+if TYPE_CHECKING:  # what only several processes need
+    from mapdeal.pipeline.jobs import Job
+
+_NOT_CHECKED = "lint.not-checked"
+
+_CELLS_OF_ANY = 100_000
+"""Cells that are checked in the time that a file takes, however small it is."""
+
+_CELLS_WORTH_WORKERS = 60_000_000
+"""Checked in twice the time that processes take to start."""
+
+
+@dataclass(frozen=True)
+class LintRules:
+    """Which findings count.
+
+    Parameters
+    ----------
+    select, ignore : tuple of str
+        Names of checks or areas, see `selection_of`; nothing is chosen by an empty tuple.
+    strict : bool
+        Whether warnings, too, are failures.
+    config : Path, optional
+        The file that holds for all maps; the nearest of each map if not given.
+    is_isolated : bool
+        Whether no file holds.
+    """
+
+    select: tuple[str, ...] = ()
+    ignore: tuple[str, ...] = ()
+    strict: bool = False
+    config: Path | None = None
+    is_isolated: bool = False
+
+
+class _Selections:
+    """The selection for each map, every file of configuration read once."""
+
+    def __init__(self, rules: LintRules) -> None:
+        self._rules = rules
+        self._of_folder: dict[Path, Selection] = {}
+        self._of_source: dict[Path | None, Selection] = {}
+        if rules.config is not None and rules.is_isolated:
+            raise ParameterError("cannot be given together with --no-config", source="--config")
+        self._config = None if rules.config is None else _read_config(rules.config)
+        self._make(self._config)  # so that wrong names are told of before any work
+
+    def of(self, path: Path) -> Selection:
+        """Return the selection for a map, or for a folder."""
+        folder = normal_path(path if is_folder(path) else path.parent)
+        if folder not in self._of_folder:
+            config = self._config
+            if config is None and not self._rules.is_isolated:
+                config = find_lint_config(folder)
+            self._of_folder[folder] = self._make(config)
+        return self._of_folder[folder]
+
+    def _make(self, config: LintConfig | None) -> Selection:
+        source = None if config is None else config.source
+        if source not in self._of_source:
+            rules = self._rules
+            self._of_source[source] = selection_of(
+                rules.select, rules.ignore, strict=rules.strict, config=config
+            )
+        return self._of_source[source]
+
+
+def _read_config(path: Path) -> LintConfig:
+    config = read_lint_config(path)
+    if config is None:
+        table = "[tool.mapdeal.lint]" if path.name == "pyproject.toml" else "[lint]"
+        raise ParameterError(f"has no table {table}", source=path)
+    return config
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What there is about a map before rules are applied."""
+
+    findings: tuple[Finding, ...]
+    comments: tuple[IgnoreComment, ...] = ()
+
+
+def list_sources(
+    names: Iterable[str], standard_input: Callable[[], Iterable[bytes]]
+) -> MapListing:  # fmt: skip
+    """Return the maps, and folders of runs, that names stand for; see `list_maps`."""
+    return list_maps(names, None, standard_input, whole_folders=RUN_FOLDERS)
+
+
+def lint_maps(
+    paths: Sequence[Path],
+    rules: LintRules,
+    settings: Settings = DEFAULT_SETTINGS,
+    *,
+    jobs: int = 1,
+    done: Callable[[int], object] = lambda _: None,
+) -> LintReport:
+    """Return what is wrong with maps.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Maps and folders of runs.
+    rules : LintRules
+        Which findings count.
+    settings : Settings
+        How maps are read.
+    jobs : int
+        Processes to share the maps out to, if there is enough to be done.
+    done : callable
+        Called with 1 for each map that is done.
+
+    Returns
+    -------
+    LintReport
+        In the order of `paths`, whatever `jobs` is.
+
+    Raises
+    ------
+    ParameterError
+        If a check that is named is none, or a file of configuration says what cannot be.
+    FileAccessError, MalformedInputError
+        If such a file cannot be read.
+    """
+    selections = _Selections(rules)
+    wanted = [selections.of(path) for path in paths]
+    found: dict[int, _Found] = {}
+
+    def take(index: int, one: _Found) -> None:
+        found[index] = one
+        done(1)
+
+    if jobs > 1 and _are_worth_workers(paths, settings):
+        _lint_in_processes(paths, settings, min(jobs, len(paths)), take)
+    else:
+        for index, path in enumerate(paths):
+            take(index, _lint_one(path, settings))
+    reports = []
+    for index, (path, selection) in enumerate(zip(paths, wanted, strict=True)):
+        findings, suppressed = selection.judged(path, found[index].findings, found[index].comments)
+        reports.append(
+            MapReport(str(path), findings, suppressed, selection.strict, is_folder(path))
+        )
+    return LintReport(tuple(reports), __version__)
+
+
+def _lint_one(path: Path, settings: Settings) -> _Found:
+    """Return what is found in a map, also if it cannot be checked."""
+    try:
+        findings = lint_file(path, max_cells=settings.max_cells)
+    except MapdealError as error:
+        return _not_checked(path, str(error))
+    except MemoryError:
+        return _not_checked(path, "not enough memory for a map of this size")
+    except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
+        text = f"internal error: {type(problem).__name__}: {problem}; this is a bug in mapdeal"
+        return _not_checked(path, text)
+    has_comments = not is_folder(path) and path.suffix.lower() not in (".npz", BIT_MAP)
+    comments = read_ignore_comments(path) if has_comments else []
+    return _Found(tuple(findings), tuple(comments))
+
+
+def _not_checked(path: Path, text: str) -> _Found:
+    severity = CHECKS[_NOT_CHECKED].severity
+    return _Found((Finding(_NOT_CHECKED, severity, str(path), text.removeprefix(f"{path}: ")),))
+
+
+def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
+    """Return whether sharing maps out saves more time than starting processes takes."""
+    if len(paths) < 2:
+        return False
+    cells = _CELLS_OF_ANY * len(paths)
+    for path in paths:
+        if cells >= _CELLS_WORTH_WORKERS:
+            return True
+        cells += _cells_of(path, settings)
+    return cells >= _CELLS_WORTH_WORKERS
+
+
+def _cells_of(path: Path, settings: Settings) -> int:
+    """Return how many cells the header of a map tells of; 0 if there is none."""
+    if is_folder(path):
+        return 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapdealWarning)
+        try:
+            with open_map(path, max_cells=settings.max_cells) as file:
+                height, width = file.shape()
+        except MapdealError:
+            return 0
+    return height * width
+
+
+def _lint_in_processes(
+    paths: Sequence[Path], settings: Settings, jobs: int, done: Callable[[int, _Found], None]
+) -> None:
+    from mapdeal.pipeline.dispatch import dispatch
+    from mapdeal.pipeline.jobs import Job, Outcome, attempt
+    from mapdeal.pipeline.memory import memory_budget
+    from mapdeal.pipeline.processes import ProcessWorkers
+
+    def take(index: int, outcome: Outcome) -> None:
+        found = outcome.result
+        if not isinstance(found, _Found):
+            found = _not_checked(paths[index], str(found))
+        elif any(SHARE_OF_JOB in one.message for one in found.findings):
+            found = _lint_one(paths[index], settings)  # alone it may have all of it
+        done(index, found)
+
+    work = _LintJob(
+        replace(
+            settings,
+            max_memory=memory_budget(settings.max_memory, jobs),
+            memory_is_chosen=settings.max_memory is not None,
+        )
+    )
+    all_jobs = [Job(path, path, str(path), str(path)) for path in paths]
+    dispatch(len(paths), all_jobs.__getitem__, partial(attempt, work), ProcessWorkers(jobs), take)
+
+
+@dataclass(frozen=True)
+class _LintJob:
+    """Lint with its options, as it is sent to workers."""
+
+    settings: Settings
+
+    def __call__(self, job: Job) -> _Found:
+        with self.settings.memory(anew=True):
+            return _lint_one(job.path, self.settings)
