@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -20,7 +20,7 @@ from mapdeal.kernels.spans import Spans, paint_bits, set_bits
 from mapdeal.kernels.threads import for_rows
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BitMap(Framed):
     """A grid of bits, eight cells a byte.
 
@@ -76,6 +76,9 @@ class BitMap(Framed):
     def _own_figures(self) -> Figures:
         ones, cells = self.count(), self.shape[0] * self.shape[1]
         return {"occupied": ones, "free": cells - ones, "unknown": 0, "between": 0}
+
+    def _told_of_values(self) -> Iterator[str]:
+        yield f"{self.count()} ones"
 
     @property
     def shape(self) -> tuple[int, int]:

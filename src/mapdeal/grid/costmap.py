@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,7 +35,7 @@ UNIFORM_SHARE = 0.98
 """Share of the open cells above which one cost for them means that the costs say nothing."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Costmap(ValueGrid):
     """A grid of costs.
 
@@ -96,6 +97,16 @@ class Costmap(ValueGrid):
         figures["graded"] = int(counts.sum()) - named
         figures["most_common"] = self._most_common(counts)
         return figures
+
+    def _told_of_parameters(self) -> Iterator[str]:
+        yield f"scale {self.scale}"
+        if self.circumscribed_cost is not None:
+            yield f"circumscribed_cost {self.circumscribed_cost}"
+
+    def _told_of_values(self) -> Iterator[str]:
+        figures = self._own_figures()
+        names = ("lethal", "inscribed", "graded", "free", "unknown")
+        yield from (f"{figures[name]} {name}" for name in names if name in figures)
 
     def _most_common(self, counts: NDArray[np.int64]) -> Figures | None:
         """Return the cost that most open cells have, and which share of them; None without any.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.canvas import FieldGrid, padded
 from mapdeal.grid.coordinates import Origin
+from mapdeal.grid.display import count_text, numbers_text
 from mapdeal.grid.framed import Figures, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.region import Region
@@ -51,8 +52,20 @@ class FieldSamples(NamedTuple):
     gradient: NDArray[np.float64]
     inside: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        """Return one line: the sample of a point, or the range of those of many."""
+        parts = [
+            f"{count_text(len(self.distance), 'point')}, {np.count_nonzero(self.inside)} inside"
+        ]
+        known = self.distance[~np.isnan(self.distance)]
+        if len(self.distance) == 1 and len(known):
+            parts.append(f"distance {known[0]:.6g} m, gradient {numbers_text(self.gradient[0])}")
+        elif len(known):
+            parts.append(f"distance {known.min():.6g} .. {known.max():.6g} m")
+        return f"{type(self).__name__}({', '.join(parts)})"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class DistanceField(FieldGrid):
     """A signed distance field together with the map that it was made from.
 
@@ -121,6 +134,22 @@ class DistanceField(FieldGrid):
             range_of(self.distance[rows], obstacles[rows]) for rows in blocks_of(self.distance)
         )
         return range_figures(parts, self.convention)
+
+    def _told_of_parameters(self) -> Iterator[str]:
+        yield f"convention {self.convention}"
+        if self.strength != 1.0:
+            yield f"strength {self.strength:g}"
+        if self.max_distance is not None:
+            yield f"max_distance {self.max_distance:g} m"
+
+    def _told_of_values(self) -> Iterator[str]:
+        figures = self.figures()
+        lowest, highest = figures["lowest_distance"], figures["highest_distance"]
+        if lowest is None:
+            yield "no obstacle" if figures["obstacles"] == 0 else "nothing but obstacles"
+            return
+        yield f"{lowest + 0.0:.6g} .. {highest:.6g} m"
+        yield count_text(figures["obstacles"], "obstacle cell")
 
     def entries(self) -> dict[str, Any]:
         """Return the distances, the map they were made from, and how."""

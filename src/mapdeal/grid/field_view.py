@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -103,7 +104,7 @@ class ViewScale:
         return f"{self.view}, 0 at {self.end:.4g} m"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FieldView(OccupancyGrid):
     """A distance field as values 0..100 that grow towards obstacles.
 
@@ -136,6 +137,9 @@ class FieldView(OccupancyGrid):
     def entries(self) -> dict[str, Any]:
         """Return the values and what they stand for."""
         return {**super().entries(), "layer": ESDF_VIEW, **self.scale.entries()}
+
+    def _told_of_parameters(self) -> Iterator[str]:
+        yield f"view {self.scale.described()}"
 
     def _own_figures(self) -> Figures:
         return {**super()._own_figures(), **self.scale.entries()}

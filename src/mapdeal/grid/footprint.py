@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.grid.coordinates import Point
+from mapdeal.grid.display import OneLine, points_text
 from mapdeal.grid.outline import (
     check_simple,
     checked_corners,
@@ -25,8 +26,8 @@ _NUMBER = re.compile(
 )
 
 
-@dataclass(frozen=True)
-class Footprint:
+@dataclass(frozen=True, repr=False)
+class Footprint(OneLine):
     """The outline of a robot around its centre of rotation, a polygon or a circle.
 
     Parameters
@@ -116,6 +117,14 @@ class Footprint:
             return value + math.copysign(padding, value) if value else value
 
         return Footprint(vertices=tuple((pad(x), pad(y)) for x, y in self.vertices))
+
+    def _told(self) -> Iterator[str]:
+        if not self.vertices:
+            yield f"circle, radius {self.radius:.6g} m"
+            return
+        yield points_text(self.vertices)
+        yield f"inscribed_radius {self.inscribed_radius:.6g} m"
+        yield f"circumscribed_radius {self.circumscribed_radius:.6g} m"
 
     @property
     def inscribed_radius(self) -> float:

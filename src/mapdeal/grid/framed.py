@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from copy import copy
 from typing import Any, ClassVar, Self, cast
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
+from mapdeal.grid.display import MOST_COUNTED, Drawn, numbers_text
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import OverlayType
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
@@ -21,7 +22,7 @@ Figures = dict[str, Any]
 """What is told of a grid, as JSON can hold it."""
 
 
-class Framed(ABC):
+class Framed(Drawn, ABC):
     """What every grid type shares: layers, a resolution, an origin, and a frame.
 
     Layers are arrays, or lazy layers (`mapdeal.kernels.blocks`) of a map that is processed block
@@ -91,6 +92,24 @@ class Framed(ABC):
     @abstractmethod
     def _own_figures(self) -> Figures:
         """Return the figures that only this type of grid has."""
+
+    def _told(self) -> Iterator[str]:
+        """Yield size and place, and of grids that are counted at once what they hold."""
+        height, width = self.shape
+        yield f"{width} x {height} cells"
+        yield f"{self.resolution:.10g} m"
+        yield f"origin {numbers_text(self.origin)}"
+        yield from self._told_of_parameters()
+        if not self.is_lazy and height * width <= MOST_COUNTED:
+            yield from self._told_of_values()
+
+    def _told_of_parameters(self) -> Iterator[str]:
+        """Yield what the values stand for, without a look at them."""
+        yield from ()
+
+    @abstractmethod
+    def _told_of_values(self) -> Iterator[str]:
+        """Yield what there is to say of the values."""
 
     def entries(self) -> dict[str, Any]:
         """Return what an npz holds besides the geometry: layers and parameters by their keys."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +18,7 @@ from mapdeal.kernels.blocks import counts_of, is_lazy, mapped
 from mapdeal.kernels.lookup import look_up
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OccupancyGrid(ValueGrid):
     """A grid of occupancy values, as ``nav_msgs/OccupancyGrid``.
 
@@ -55,6 +56,12 @@ class OccupancyGrid(ValueGrid):
 
     def _own_figures(self) -> Figures:
         return occupancy_figures(counts_of(self.occupancy))
+
+    def _told_of_values(self) -> Iterator[str]:
+        figures = occupancy_figures(counts_of(self.occupancy))
+        if figures["between"]:
+            yield f"{figures['between']} in 1..99"
+        yield from (f"{figures[name]} {name}" for name in ("occupied", "free", "unknown"))
 
     @property
     def value_range(self) -> tuple[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.canvas import FieldGrid, layer_of_box, put_around
 from mapdeal.grid.coordinates import Origin, Point, check_point
+from mapdeal.grid.display import count_text, numbers_text
 from mapdeal.grid.framed import Figures, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.region import Region
@@ -24,7 +26,7 @@ LARGEST_REPULSION = 1e15
 """Beyond what any map has; within, no layer overflows."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PotentialField(FieldGrid):
     """A potential on a map: high at obstacles, low at the goal.
 
@@ -97,6 +99,14 @@ class PotentialField(FieldGrid):
             "highest_potential": float(self.potential.max()),
             "steepest_gradient": float(self.gradient_magnitude.max()),
         }
+
+    def _told_of_parameters(self) -> Iterator[str]:
+        yield "no goal" if self.goal is None else f"goal {numbers_text(self.goal)}"
+
+    def _told_of_values(self) -> Iterator[str]:
+        # Of its own layer alone: the others are arrays that are made when they are asked for.
+        yield f"repulsion up to {np.fmax.reduce(self.repulsive, axis=None):.6g} per metre"
+        yield count_text(int(np.count_nonzero(self.obstacles())), "obstacle cell")
 
     def entries(self) -> dict[str, Any]:
         """Return all layers that there are, the map, and the numbers they were made with."""

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid.display import OneLine, count_text, numbers_text
+
 Method = Literal["astar", "descent"]
 
 
-@dataclass(frozen=True, eq=False)
-class Route:
+@dataclass(frozen=True, eq=False, repr=False)
+class Route(OneLine):
     """What was found on the way from a start to a goal.
 
     Parameters
@@ -62,3 +65,15 @@ class Route:
         points = np.asarray(self.points_xy, dtype=np.float64).reshape(-1, 2).view()
         points.flags.writeable = False
         object.__setattr__(self, "points_xy", points)
+
+    def _told(self) -> Iterator[str]:
+        yield self.method
+        yield "reached" if self.reached else "not reached"
+        yield f"{numbers_text(self.start)} to {numbers_text(self.goal)}"
+        if len(self.points_xy):
+            yield count_text(len(self.points_xy), "point")
+            yield f"{self.length:.6g} m"
+            yield f"cost {self.cost:.6g}"
+            yield f"clearance {self.min_clearance:.4g} m"
+        if self.local_minimum is not None:
+            yield f"local minimum at {numbers_text(self.local_minimum)}"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import CELL_TOLERANCE, FARTHEST, Point
+from mapdeal.grid.display import OneLine, count_text, points_text
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.outline import area_of, check_simple, checked_corners, is_number
 from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, edges_through, line_spans
@@ -52,8 +53,8 @@ class Shape(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Polygon:
+@dataclass(frozen=True, repr=False)
+class Polygon(OneLine):
     """A filled polygon, convex or not, with holes or without.
 
     Parameters
@@ -106,6 +107,13 @@ class Polygon:
             left -= len(holes[-1])
         object.__setattr__(self, "holes_xy", tuple(holes))
 
+    def _told(self) -> Iterator[str]:
+        yield points_text(self.points_xy)
+        if self.holes_xy:
+            yield count_text(len(self.holes_xy), "hole")
+        if self.value is not None:
+            yield f"value {self.value}"
+
     def spans(self, frame: Frame) -> Iterator[Spans]:
         """Return the cells of a grid that the polygon covers, in parts."""
         rings = [_cells(frame, ring, self.kind) for ring in (self.points_xy, *self.holes_xy)]
@@ -122,8 +130,8 @@ class Polygon:
         return area_of(self.points_xy) > _FLAT * extent**2
 
 
-@dataclass(frozen=True)
-class Line:
+@dataclass(frozen=True, repr=False)
+class Line(OneLine):
     """A line through two points or more, with both of its ends.
 
     Parameters
@@ -170,6 +178,12 @@ class Line:
         if not (is_number(self.thickness) and 0 <= self.thickness <= FARTHEST):
             rule = "must be a finite number of metres of at least 0"
             raise ParameterError(rule, place="line thickness", got=self.thickness)
+
+    def _told(self) -> Iterator[str]:
+        yield points_text(self.points_xy)
+        yield f"thickness {self.thickness:.6g} m"
+        if self.value is not None:
+            yield f"value {self.value}"
 
     def spans(self, frame: Frame) -> Iterator[Spans]:
         """Return the cells of a grid that the line covers, in parts."""

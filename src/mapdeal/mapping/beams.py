@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import FARTHEST
+from mapdeal.grid.display import OneLine, count_text
 
 Floats = NDArray[np.float64]
 
@@ -19,8 +20,8 @@ FARTHEST_POSE = FARTHEST / 10
 _BEAMS_TOGETHER = 1 << 18
 
 
-@dataclass(frozen=True, eq=False)
-class Scans:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scans(OneLine):
     """Some scans with the same angles.
 
     Parameters
@@ -59,6 +60,10 @@ class Scans:
                 raise ParameterError(f"must be finite and within {FARTHEST_POSE:g}", place=name)
         for name, array in (("poses", poses), ("angles", angles), ("ranges", ranges)):
             object.__setattr__(self, name, array)
+
+    def _told(self) -> Iterator[str]:
+        yield count_text(len(self.poses), "scan")
+        yield count_text(len(self.angles), "beam") + " each"
 
     def parts(self) -> Iterator[Scans]:
         """Yield the scans some at a time, so that what is made of them stays small."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.coordinates import Point, cells_to_cover, check_point, check_resolution
+from mapdeal.grid.display import Drawn, count_text
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.region import MOST_CELLS, Region
@@ -108,8 +109,8 @@ def frame_of(size: Point, origin: Point, resolution: float) -> Frame:
     return Region(0, 0, rows, cols).frame_in(Frame(1, 1, checked, (x, y, 0.0)))
 
 
-@dataclass(frozen=True, eq=False)
-class BuiltMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class BuiltMap(Drawn):
     """A map made of scans.
 
     Parameters
@@ -129,6 +130,12 @@ class BuiltMap:
     layers: Layers
     counts: BeamCounts
     vanished: HitGroups
+
+    def _told(self) -> Iterator[str]:
+        yield repr(self.grid)
+        yield f"layers {' '.join(self.layers)}" if self.layers else "no layers"
+        yield f"{count_text(self.counts.hits, 'hit')} of {count_text(self.counts.beams, 'beam')}"
+        yield f"{count_text(len(self.vanished), 'group')} of hits vanished"
 
 
 class MapBuilder:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid.display import OneLine, count_text
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.groups import touching_groups
 from mapdeal.kernels.rays import MOST_HITS
@@ -24,8 +26,8 @@ NEAR = 2
 """Cells, along both axes, within which an occupied one stands for what was hit."""
 
 
-@dataclass(frozen=True, eq=False)
-class HitGroups:
+@dataclass(frozen=True, eq=False, repr=False)
+class HitGroups(OneLine):
     """Groups of touching cells, the largest first.
 
     Parameters
@@ -43,6 +45,10 @@ class HitGroups:
     def none(cls) -> HitGroups:
         """Return no groups."""
         return cls(np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64))
+
+    def _told(self) -> Iterator[str]:
+        yield count_text(len(self), "group")
+        yield count_text(len(self.cells), "cell")
 
     def __len__(self) -> int:
         """Return how many groups there are."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapdeal.grid.display import Drawn, count_text, numbers_text
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.region import Region, region_of
@@ -21,8 +22,8 @@ from mapdeal.mapping.seen_cloud import CloudCounts, SeenCloud
 from mapdeal.mapping.sightings import Sightings
 
 
-@dataclass(frozen=True, eq=False)
-class LocalMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class LocalMap(Drawn):
     """A local map, and what is to be said of it.
 
     Parameters
@@ -54,6 +55,13 @@ class LocalMap:
     angles: tuple[float, float] | None
     clouds: int = 1
     from_earlier: int = 0
+
+    def _told(self) -> Iterator[str]:
+        yield repr(self.grid)
+        yield f"pose {numbers_text(self.pose)}"
+        yield f"{self.counts.marking} of {count_text(self.counts.points, 'point')} are obstacles"
+        if self.clouds > 1:
+            yield f"{self.clouds} clouds"
 
     @property
     def rear_heading(self) -> float:
