@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from mapdeal.errors import one_line
+
 Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
 
@@ -34,6 +36,11 @@ class Finding:
     file: str
     message: str
     line: int | None = None
+
+    def __str__(self) -> str:
+        """Return ``FILE:LINE: SEVERITY: CHECK: MESSAGE``, as ``mapdeal lint`` prints it."""
+        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        return one_line(f"{place}: {self.severity}: {self.check}: {self.message}")
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Literal
 
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.canvas import on_canvas
+from mapdeal.grid.display import OneLine
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.folder import Product
@@ -23,8 +24,8 @@ def around_in(folder: Path) -> Path:
     return folder / LOCAL_RECIPE
 
 
-@dataclass(frozen=True)
-class RunReport:
+@dataclass(frozen=True, repr=False)
+class RunReport(OneLine):
     """What a run did.
 
     Parameters
@@ -44,11 +45,18 @@ class RunReport:
     figures: dict[str, Figures]
     local: RunReport | None = None
 
+    def _told(self) -> Iterator[str]:
+        yield str(self.folder)
+        yield self.status
+        yield f"stages {' '.join(self.figures)}"
+        if self.local is not None:
+            yield f"local map {self.local!r}"
+
 
 def products_of(
-    recipe: Recipe, grid: Grid, path: Path, *, canvas: Frame | None = None
+    recipe: Recipe, grid: Grid, path: Path | None, *, canvas: Frame | None = None
 ) -> Iterator[Product]:
-    """Yield what each step of a recipe makes of a grid; errors name the file it came from.
+    """Yield what each step of a recipe makes of a grid; errors name the file it came from, if any.
 
     With a canvas, each product is put onto it. That changes nothing of what steps compute.
     """

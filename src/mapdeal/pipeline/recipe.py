@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
 from mapdeal.formats.source import exists
 from mapdeal.formats.yaml_text import OF_RECIPES, read_mapping
+from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
@@ -23,11 +24,25 @@ BUILT_IN = ("default", "nav2", "local", "arena", "seed-real", "seed-sim", "seed-
 Draft = list[tuple[str, dict[str, object]]]
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """A checked sequence of steps."""
+@dataclass(frozen=True, repr=False)
+class Recipe(OneLine):
+    """A checked sequence of steps: which stages run, in which order, with which parameters.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+        What the pipeline goes through; `described` says what they are.
+    """
 
     steps: tuple[Step, ...]
+
+    @property
+    def is_smaller(self) -> bool:
+        """Whether a product may cover a part of the map alone."""
+        return any(step.is_smaller for step in self.steps)
+
+    def _told(self) -> Iterator[str]:
+        yield " -> ".join(" ".join(filter(None, (s.name, s.stage.model))) for s in self.steps)
 
     def described(self) -> list[dict[str, Any]]:
         """Return the recipe with all parameters, as JSON or YAML can hold it."""
@@ -40,6 +55,7 @@ def load_recipe(
     sim: bool = False,
     footprint: Footprint | None = None,
     settings: Sequence[str] = (),
+    changes: Mapping[str, object] | None = None,
     prefix: str = "--",
 ) -> Recipe:
     """Return a recipe, adapted and checked.
@@ -55,6 +71,8 @@ def load_recipe(
         The robot's shape: inflate's radius, or the radii of cost if nothing is inflated.
     settings : sequence of str
         ``stage.parameter=value``, stronger than all else.
+    changes : mapping of str to object, optional
+        The same as values by ``stage.parameter``.
     prefix : str
         How the options begin, ``recipe`` and ``set``, that an error names.
 
@@ -79,6 +97,8 @@ def load_recipe(
         _adapt_to_footprint(draft, footprint, name)
     for setting in settings:
         _apply_setting(draft, setting, name, f"{prefix}set")
+    for target, given in (changes or {}).items():
+        _apply_change(draft, target, given, name, "changes")
     steps = tuple(make_step(stage, given) for stage, given in draft)
     _warn_of_double_radius(steps)
     return Recipe(steps)
@@ -176,10 +196,21 @@ def _adapt_to_footprint(draft: Draft, footprint: Footprint, name: str) -> None:
 
 def _apply_setting(draft: Draft, setting: str, name: str, option: str) -> None:
     target, equals, value = setting.partition("=")
-    stage, dot, parameter = target.strip().partition(".")
-    if not (equals and dot and stage and parameter):
+    if not (equals and all(target.strip().partition("."))):
         rule = "must look like stage.parameter=value"
         raise ParameterError(rule, source=option, got=setting)
+    _apply_change(draft, target.strip(), value.strip(), name, option, setting)
+
+
+def _apply_change(
+    draft: Draft, target: str, value: object, name: str, option: str, setting: str | None = None
+) -> None:
+    """Give a parameter its value, ``stage.parameter``; errors show the setting that asks for it."""
+    setting = setting or target
+    stage, dot, parameter = str(target).partition(".")
+    if not (dot and stage and parameter):
+        rule = "must look like {'stage.parameter': value}"
+        raise ParameterError(rule, source=option, got=target)
     given = _find(draft, stage)
     if given is None:
         if not models_of(stage):
@@ -192,7 +223,7 @@ def _apply_setting(draft: Draft, setting: str, name: str, option: str) -> None:
         if parameter in (by, other.parameter):
             given.pop(by, None)
             given.pop(other.parameter, None)
-    given[parameter] = value.strip()
+    given[parameter] = value
 
 
 def _warn_of_double_radius(steps: Sequence[Step]) -> None:

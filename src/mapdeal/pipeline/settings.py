@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
+from mapdeal.errors import ParameterError
 from mapdeal.formats.budget import use_memory
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
@@ -19,6 +21,11 @@ Advance = Callable[[int], object]
 
 ProgressCallback = Callable[[int], AbstractContextManager[Advance]]
 """Called with the number of all steps; gives, within a ``with`` block, what to call."""
+
+
+def is_whole(value: object) -> bool:
+    """Return whether a value is a whole number, of Python's or numpy's."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,11 @@ class Settings:
         Whether a run ends, before it writes anything, if there is anything to warn of.
     memory_is_chosen : bool
         Whether `max_memory` was asked for, rather than a job's share of what is free.
+
+    Raises
+    ------
+    ParameterError
+        If a choice or a number is not allowed.
     """
 
     dialect: Dialect = "nav2"
@@ -67,6 +79,17 @@ class Settings:
     progress: ProgressCallback | None = None
     strict: bool = False
     memory_is_chosen: bool = True
+
+    def __post_init__(self) -> None:
+        for name, choices in (("dialect", get_args(Dialect)), ("canvas", get_args(Canvas))):
+            if getattr(self, name) not in choices:
+                rule = f"must be one of {', '.join(choices)}"
+                raise ParameterError(rule, place=name, got=getattr(self, name))
+        for name, least in (("max_cells", 1), ("threads", 1), ("max_memory", 1), ("image_max", 0)):
+            value = getattr(self, name)
+            if value is not None and not (is_whole(value) and value >= least):
+                rule = f"must be a whole number, at least {least}"
+                raise ParameterError(rule, place=name, got=value)
 
     def memory(self, *, anew: bool = False) -> AbstractContextManager[None]:
         """Hold readers to the memory within a ``with`` block, see `use_memory`."""

@@ -59,14 +59,14 @@ class Step:
         """Whether its product may cover a part of the map alone."""
         return self.stage.is_smaller(self.parameters)
 
-    def apply(self, grid: Grid, source: Path) -> Grid:
-        """Return what the stage makes of `grid`; errors name the file it came from."""
+    def apply(self, grid: Grid, source: Path | None) -> Grid:
+        """Return what the stage makes of `grid`; errors name the file it came from, if any."""
         try:
             takes_it = self.stage.takes_field and isinstance(grid, (DistanceField, FieldView))
             taken = grid if takes_it else as_occupancy(grid)
             made: Grid = self.stage.function(taken, **self.parameters)
         except MapdealError as error:
-            raise error.found_in(source) from None
+            raise error if source is None else error.found_in(source) from None
         return made
 
     def remark_on(self, figures: Figures) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -41,6 +42,33 @@ class Overlay(Protocol):
         first_index : int
             Where `colours` begin in the palette.
         """
+
+
+@dataclass(frozen=True)
+class Overlays:
+    """Several things that are drawn over the same picture, one over the other."""
+
+    overlays: tuple[Overlay, ...]
+
+    @property
+    def colours(self) -> list[Colour]:
+        """Those of all, one after the other."""
+        return [colour for overlay in self.overlays for colour in overlay.colours]
+
+    @property
+    def text(self) -> str:
+        """What there is to know of each."""
+        return "; ".join(overlay.text for overlay in self.overlays)
+
+    def draw(
+        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
+    ) -> list[Swatch]:
+        """Draw all of them; see `Overlay`."""
+        swatches = []
+        for overlay in self.overlays:
+            swatches += overlay.draw(pixels, frame, raster, first_index)
+            first_index += len(overlay.colours)
+        return swatches
 
 
 def place_of(points_xy: ArrayLike, frame: Frame, raster: Raster) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ import math
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from typing import get_type_hints as hints_of
 
@@ -128,7 +129,7 @@ class Parameter:
 
     def _accept_number(self, kind: type, value: object) -> float:
         number: float | None = None
-        if isinstance(value, (int, float, str)) and not isinstance(value, bool):
+        if isinstance(value, (Real, str)) and not isinstance(value, bool):  # numpy's, too
             try:
                 number = float(value)
             except (ValueError, OverflowError):
