@@ -25,6 +25,7 @@ ALLOWED = {
     "render": {"errors", "grid", "kernels"},
     "checks": {"errors", "grid", "kernels", "formats"},
     "pipeline": {"errors", "version", "grid", "kernels", *MIDDLE, "checks"},
+    "api": {"errors", "version", "grid", "kernels", *MIDDLE, "checks", "pipeline"},
     "cli": {"errors", "version", "grid", "kernels", *MIDDLE, "checks", "pipeline"},
 }
 

@@ -2,8 +2,8 @@
 
 Read and write: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_shapes`,
 `read_cloud`, `read_poses`.
-Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField`, `BitMap`, each with its
-`Frame`; `FieldView` with its `ViewScale`.
+Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField` (any of them a `Grid`) and
+`BitMap`, each with its `Frame`; `FieldView` with its `ViewScale`.
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
 `ring_cost`, `potential`; a robot's `Footprint`; `apply_keepout_mask`.
 Maps from sensors: `local_map`, and `LocalMapper` with `LocalOptions` for clouds that come in
@@ -11,6 +11,11 @@ parts, which gives a `LocalMap`; `build_map` of laser scans, which gives a `Buil
 `MapBuilder` with `BeamLimits` for `Scans` that come in parts.
 Questions: `DistanceField.query`, which gives `FieldSamples`; `shortest_route` and `descend`, which
 give a `Route`.
+As the commands do: `run` with its `RunReport`; `load_recipe`, which gives a `Recipe`, and
+`apply_recipe` for grids in memory; `lint`, which gives a `LintReport` of `Finding`; `diff`, which
+gives a `DiffReport` with `WallShift`; `info`.
+Pictures: `draw_picture`, which gives a `Picture`, and `write_picture`; notebooks show grids and
+reports as pictures by themselves.
 Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
 `reset_region`.
 
@@ -59,9 +64,18 @@ def _names_in(module: str) -> list[str]:
     return [name for name in vars(import_module(module)) if not name.startswith("_")]
 
 
+def _draw(shown: object) -> bytes | None:
+    from mapdeal.api.picture import png_of
+
+    return png_of(shown)
+
+
 def __getattr__(name: str) -> object:
     from importlib import import_module
 
+    from mapdeal.grid.display import draw_with
+
+    draw_with(_draw)  # grids lie below what draws them; commands never come here
     if name == "__all__":
         return __dir__()
     home = None if name.startswith("__") else _home_of(name)

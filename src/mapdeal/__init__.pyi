@@ -1,6 +1,19 @@
 # The public names: what `import mapdeal` gives, each loaded on first use.
 # `mapdeal.__init__` reads this file, so that no name stands in two places.
 
+from mapdeal.api.diff import DiffReport as DiffReport
+from mapdeal.api.diff import diff as diff
+from mapdeal.api.info import info as info
+from mapdeal.api.lint import LintReport as LintReport
+from mapdeal.api.lint import lint as lint
+from mapdeal.api.picture import Picture as Picture
+from mapdeal.api.picture import draw_picture as draw_picture
+from mapdeal.api.picture import write_picture as write_picture
+from mapdeal.api.recipe import apply_recipe as apply_recipe
+from mapdeal.api.recipe import load_recipe as load_recipe
+from mapdeal.api.run import run as run
+from mapdeal.checks.difference import WallShift as WallShift
+from mapdeal.checks.finding import Finding as Finding
 from mapdeal.editing.draw import draw as draw
 from mapdeal.editing.window import blank as blank
 from mapdeal.editing.window import reset_region as reset_region
@@ -17,6 +30,7 @@ from mapdeal.formats.bit_maps import write_bit_map as write_bit_map
 from mapdeal.formats.clouds.reader import read_cloud as read_cloud
 from mapdeal.formats.maps import read_map as read_map
 from mapdeal.formats.maps import write_map as write_map
+from mapdeal.formats.npz import Grid as Grid
 from mapdeal.formats.poses import read_poses as read_poses
 from mapdeal.formats.shapes import read_shapes as read_shapes
 from mapdeal.grid.bit_map import BitMap as BitMap
@@ -44,6 +58,8 @@ from mapdeal.mapping.local_map import LocalMapper as LocalMapper
 from mapdeal.mapping.local_map import local_map as local_map
 from mapdeal.mapping.local_options import LocalOptions as LocalOptions
 from mapdeal.mapping.rolling_map import RollingMapper as RollingMapper
+from mapdeal.pipeline.applied import RunReport as RunReport
+from mapdeal.pipeline.recipe import Recipe as Recipe
 from mapdeal.planning.astar import shortest_route as shortest_route
 from mapdeal.planning.descent import descend as descend
 from mapdeal.stages.esdf import field_view as field_view

@@ -1,0 +1,233 @@
+"""Pictures of grids, of routes over them, and of comparisons, as the commands draw them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from mapdeal.api.diff import DiffReport
+from mapdeal.errors import ParameterError, one_line
+from mapdeal.formats.npz import Grid
+from mapdeal.formats.png import write_indexed_png
+from mapdeal.formats.transaction import Transaction
+from mapdeal.grid.bit_map import BitMap
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.display import OneLine
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.route import Route
+from mapdeal.mapping.build import BuiltMap
+from mapdeal.mapping.local_map import LocalMap
+from mapdeal.mapping.poses import check_pose
+from mapdeal.pipeline.products import PICTURE, files_of
+from mapdeal.pipeline.settings import Settings
+from mapdeal.render.canvas import Image
+from mapdeal.render.difference import difference_image
+from mapdeal.render.overlay import Overlay, Overlays
+from mapdeal.render.pose import PoseOverlay
+from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+from mapdeal.render.route import RouteOverlay
+
+Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport
+"""What there are pictures of."""
+
+_GRIDS = (OccupancyGrid, Costmap, DistanceField, PotentialField)
+
+_IN_NOTEBOOKS = 1200
+"""Pixels along the longest side: a notebook keeps its pictures, and shows few more. Maps of up to
+so many cells look as those of commands do."""
+
+_MOST_CELLS = 100_000_000
+_MOST_CELLS_OF_POTENTIAL = 4_000_000
+"""Of what notebooks draw unasked: about a second's work, and less than 1 GB."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Picture(OneLine):
+    r"""A picture, which notebooks show, and which can be written or taken as an array.
+
+    Parameters
+    ----------
+    indices : numpy.ndarray of uint8, shape (H, W)
+        The palette entry of each pixel, row 0 at the top: the north of a map.
+    palette : numpy.ndarray of uint8, shape (256, 3)
+        Red, green, blue of each entry.
+
+    Examples
+    --------
+    >>> picture = Picture(np.array([[0, 1]], np.uint8), np.eye(256, 3, dtype=np.uint8) * 255)
+    >>> picture
+    Picture(2 x 1 pixels)
+    >>> picture.rgb().tolist()
+    [[[255, 0, 0], [0, 255, 0]]]
+    >>> picture.png()[:4]
+    b'\x89PNG'
+    """
+
+    indices: NDArray[np.uint8]
+    palette: NDArray[np.uint8]
+
+    def png(self) -> bytes:
+        """Return the picture as a PNG, the bytes that a command writes."""
+        file = io.BytesIO()
+        write_indexed_png(file, self.indices, self.palette)
+        return file.getvalue()
+
+    def rgb(self) -> NDArray[np.uint8]:
+        """Return red, green, blue of each pixel, shape (H, W, 3)."""
+        return self.palette[self.indices]
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return `rgb`, so that matplotlib takes the picture as it is."""
+        return self.rgb().astype(dtype or np.uint8, copy=bool(copy))
+
+    def _repr_png_(self) -> bytes:
+        return self.png()
+
+    def _told(self) -> Iterator[str]:
+        height, width = self.indices.shape
+        yield f"{width} x {height} pixels"
+
+
+def draw_picture(
+    shown: Drawable,
+    *,
+    title: str | None = None,
+    route: Route | None = None,
+    pose: Sequence[float] | None = None,
+    image_max: int = DEFAULT_IMAGE_MAX,
+) -> Picture:
+    """Draw a grid, or what differs between two, as the commands do.
+
+    Parameters
+    ----------
+    shown : grid, BitMap, LocalMap, BuiltMap or DiffReport
+        What to draw. Of a local map also the robot; of a map of scans the map alone.
+    title : str, optional
+        The first line above the map; what it is, if not given. The commands write the name of
+        the map and what was done: ``office: signed distance field``.
+    route : Route, optional
+        A route, drawn over it.
+    pose : sequence of float, optional
+        x, y (metres) and yaw (radians) of a robot, drawn over it.
+    image_max : int
+        Longest side of the map in pixels; larger maps are reduced by a whole factor, so that
+        obstacles stay. 0 for one pixel per cell.
+
+    Returns
+    -------
+    Picture
+        With a legend, a scale, and the map's coordinates along its edges.
+
+    Raises
+    ------
+    ParameterError
+        If there is no picture of it, a number is not allowed, or something is to be drawn over
+        a comparison.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid, esdf
+    >>> draw_picture(esdf(OccupancyGrid([[100, 0, 0, -1]], 0.5)))
+    Picture(796 x 315 pixels)
+    """
+    image_max = Settings(image_max=image_max).image_max
+    if isinstance(shown, DiffReport):
+        if route is not None or pose is not None:
+            raise ParameterError("nothing can be drawn over a comparison", place="route, pose")
+        title = one_line(title or shown.title)
+        image = difference_image(shown.changes, shown.frame, title=title, image_max=image_max)
+        return _picture(image)
+    grid, name = _grid_in(shown)
+    if pose is None and isinstance(shown, LocalMap):
+        pose = shown.pose
+    over: list[Overlay] = [] if route is None else [RouteOverlay(route)]
+    if pose is not None:
+        over.append(PoseOverlay(check_pose(pose)))
+    overlay = Overlays(tuple(over)) if over else None
+    draw = files_of(type(grid)).draw
+    return _picture(draw(grid, title=one_line(title or name), image_max=image_max, overlay=overlay))
+
+
+def write_picture(
+    path: str | PathLike[str],
+    shown: Drawable | Picture,
+    *,
+    title: str | None = None,
+    route: Route | None = None,
+    pose: Sequence[float] | None = None,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    force: bool = False,
+) -> None:
+    """Write a picture of a grid, or of what differs between two, as a PNG.
+
+    Parameters
+    ----------
+    path : path or str
+        Where it goes: a ``.png``. Folders that are missing are made.
+    shown : Picture, grid, BitMap, LocalMap, BuiltMap or DiffReport
+        The picture, or what to draw.
+    title, route, pose, image_max
+        As of `draw_picture`; not for a `Picture`.
+    force : bool
+        Whether a file that exists is replaced.
+
+    Raises
+    ------
+    ParameterError
+        As of `draw_picture`, and if the path does not end in ``.png``.
+    FileAccessError
+        If the file exists, or cannot be written.
+    """
+    output = Path(path)
+    if output.suffix != PICTURE:
+        raise ParameterError("a picture must end in .png", source=output)
+    if isinstance(shown, Picture):
+        if not (title is None and route is None and pose is None):
+            raise ParameterError("is drawn already", place="picture", got=shown)
+        picture = shown
+    else:
+        picture = draw_picture(shown, title=title, route=route, pose=pose, image_max=image_max)
+    with Transaction([output], force=force) as transaction:
+        transaction.write(
+            output, lambda file: write_indexed_png(file, picture.indices, picture.palette)
+        )
+
+
+def png_of(shown: object) -> bytes | None:
+    """Return what notebooks show of something, None of what would take them long."""
+    if isinstance(shown, DiffReport):
+        return draw_picture(shown, image_max=_IN_NOTEBOOKS).png()
+    if not isinstance(shown, Drawable):
+        return None
+    grid, _ = _grid_in(shown)
+    most = _MOST_CELLS_OF_POTENTIAL if isinstance(grid, PotentialField) else _MOST_CELLS
+    if grid.is_lazy or grid.shape[0] * grid.shape[1] > most:
+        return None
+    return draw_picture(shown, image_max=_IN_NOTEBOOKS).png()
+
+
+def _grid_in(shown: object) -> tuple[Grid, str]:
+    """Return the grid that stands for something, and what to call it."""
+    if isinstance(shown, LocalMap):
+        return shown.grid, "local map"
+    if isinstance(shown, BuiltMap):
+        return shown.grid, "map of scans"
+    if isinstance(shown, BitMap):
+        return shown.to_occupancy(), shown.kind
+    if isinstance(shown, _GRIDS):
+        return shown, shown.kind
+    rule = "must be a grid, a bit map, a local map, a map of scans or a comparison"
+    raise ParameterError(rule, place="picture", got=shown)
+
+
+def _picture(image: Image) -> Picture:
+    return Picture(image.indices, image.palette)

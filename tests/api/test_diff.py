@@ -1,0 +1,94 @@
+"""Comparisons from Python: what the command says, of files and of grids."""
+
+import json
+
+import numpy as np
+import pytest
+
+import mapdeal
+from drawn import grid_from_text
+
+BEFORE = """
+    ????????
+    ?.#....?
+    ?.#....?
+    ?......?
+"""
+AFTER = """
+    ????????
+    ?..#...?
+    ?..#...?
+    ?.....??
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    paths = [tmp_path / "before.yaml", tmp_path / "after.yaml"]
+    for path, text in zip(paths, (BEFORE, AFTER), strict=True):
+        mapdeal.write_map(path, grid_from_text(text))
+    return paths
+
+
+def test_what_differs_is_counted_by_hand(files):
+    report = mapdeal.diff(*files)
+    assert not report.is_equal
+    assert (report.common_cells, report.differing, report.beyond_tolerance) == (32, 5, 5)
+    assert report.confusion["free"] == {"occupied": 2, "free": 13, "unknown": 1, "between": 0}
+    assert report.confusion["occupied"] == {"occupied": 0, "free": 2, "unknown": 0, "between": 0}
+    # Each wall cell has one of the other map a column of 0.25 m away.
+    for shift in (report.first_to_second, report.second_to_first):
+        assert (shift.largest, shift.mean) == pytest.approx((0.25, 0.25))
+    assert report.geometry == report.metadata == {}
+    assert report.symmetry is None
+    assert repr(report) == (
+        "DiffReport(different, 5 of 32 common cells differ, walls A to B: at most 0.25 m, "
+        "walls B to A: at most 0.25 m)"
+    )
+
+
+def test_a_tolerance_lets_walls_pass_that_are_near(files):
+    report = mapdeal.diff(*files, tolerance=1)
+    assert (report.is_equal, report.differing, report.beyond_tolerance) == (True, 5, 0)
+    assert mapdeal.diff(*files, tolerance=0.5).beyond_tolerance == 5
+    with pytest.raises(mapdeal.ParameterError, match="tolerance"):
+        mapdeal.diff(*files, tolerance=-1)
+
+
+def test_the_document_is_what_the_command_prints(files, command):
+    files[1].write_text(files[1].read_text().replace("0.65", "0.6"))
+    for tolerance in (0, 1):
+        _, out, _ = command("diff", *files, "--json", "--tolerance", tolerance)
+        report = mapdeal.diff(*files, tolerance=tolerance)
+        assert report.document() == json.loads(out)
+    assert report.metadata == {"occupied_thresh": (0.65, 0.6)}
+    assert "occupied_thresh 0.65 -> 0.6" in repr(report)
+
+
+def test_grids_and_files_are_compared_alike(files):
+    grids = [mapdeal.read_map(path) for path in files]
+    by_files = mapdeal.diff(*files)
+    for pair in (grids, (files[0], grids[1]), (grids[0], str(files[1]))):
+        report = mapdeal.diff(*pair)
+        assert report.document() == by_files.document()
+        assert np.array_equal(report.changes, by_files.changes)
+        assert report.frame == by_files.frame
+    assert mapdeal.diff(grids[0], grids[0]).is_equal
+
+
+def test_costs_are_compared_as_ros_publishes_them(files):
+    grid = mapdeal.read_map(files[0])
+    costs = mapdeal.exponential_cost(grid, inflation_radius=0.25)
+    with pytest.warns(mapdeal.MapdealWarning, match="map B holds costs"):
+        report = mapdeal.diff(grid, costs)
+    assert report.confusion["occupied"]["occupied"] == 2
+    assert mapdeal.diff(grid, mapdeal.esdf(grid)).is_equal
+
+
+def test_what_is_no_map_is_refused(files, tmp_path):
+    with pytest.raises(mapdeal.ParameterError, match="takes files or grids"):
+        mapdeal.diff(files[0], np.zeros((2, 2)))
+    with pytest.raises(mapdeal.FileAccessError, match=r"missing\.yaml"):
+        mapdeal.diff(files[0], tmp_path / "missing.yaml")
+    with pytest.raises(mapdeal.ParameterError, match="dialect: must be one of nav2"):
+        mapdeal.diff(*files, dialect="ros2")

@@ -1,0 +1,183 @@
+"""How public types show themselves: one line of text, whatever they hold."""
+
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mapdeal
+from drawn import grid_from_text
+from mapdeal.grid.canvas import on_canvas
+from mapdeal.kernels.blocks import lazy_layer
+
+DRAWING = """
+    ?..#.
+    ..+#.
+    .....
+"""
+PLACE = "5 x 3 cells, 0.25 m, origin (1.5, -2, 0.4)"
+
+
+def grid():
+    return grid_from_text(DRAWING)
+
+
+def shapes():
+    return [
+        mapdeal.Polygon([(0, 0), (2, 0), (2, 1)], value=100),
+        mapdeal.Line([(0, 0), (2, 0.5)], thickness=0.2),
+        mapdeal.Circle((0.5, 1), 2.0),
+    ]
+
+
+def samples():
+    """A value of each public type, by the name of the type."""
+    map_, field = grid(), mapdeal.esdf(grid())
+    costmap = mapdeal.exponential_cost(map_, inscribed_radius=0.1, inflation_radius=0.3)
+    built = mapdeal.build_map([[0, 0, 0.3]], [0.0, 0.5], [[1.0, 1.2]], resolution=0.25)
+    options = mapdeal.LocalOptions(size=(2, 1), resolution=0.5)
+    mapper = mapdeal.LocalMapper((0.5, 1, 0.3), options)
+    mapper.add(np.zeros((4, 2)))
+    start, goal = map_.frame.xy_from_rowcol([[0, 0], [0, 4]])
+    differing = mapdeal.diff(map_, map_.with_values(np.zeros_like(map_.occupancy)))
+    finding = mapdeal.Finding("yaml.defaults", "warning", "a.yaml", "negate is missing", 3)
+    return {
+        type(value).__name__: value
+        for value in [
+            map_, field, costmap, mapdeal.field_view(field), mapdeal.potential(map_),
+            mapdeal.BitMap.from_occupancy(map_), map_.frame, built, mapper.result(), options,
+            mapdeal.shortest_route(costmap, start, goal), field.query([start, goal]),
+            mapdeal.ViewScale(), mapdeal.Footprint.circle(0.2), *shapes(), mapdeal.BeamLimits(),
+            mapdeal.Scans([[0, 0, 0]], [0.0, 0.5], [[1.0, 1.2]]), mapper,
+            mapdeal.MapBuilder(map_.frame), mapdeal.RollingMapper([[0, 0, 0]], options, keep=1),
+            mapdeal.load_recipe("nav2"), mapdeal.draw_picture(map_), differing, finding,
+            mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.LintReport({"a.yaml": (finding,)}),
+            mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}),
+        ]
+    }  # fmt: skip
+
+
+SAMPLES = samples()
+
+
+def test_every_public_type_has_a_sample():
+    types = {
+        name
+        for name in dir(mapdeal)
+        if inspect.isclass(value := getattr(mapdeal, name)) and not issubclass(value, Exception)
+    }
+    assert types == set(SAMPLES)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_value_of_a_public_type_is_shown_in_one_line(name):
+    text = repr(SAMPLES[name])
+    assert "\n" not in text
+    assert "array(" not in text
+    assert len(text) <= 250
+    assert name in text
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("OccupancyGrid", f"{PLACE}, 1 in 1..99, 2 occupied, 11 free, 1 unknown"),
+        ("BitMap", f"{PLACE}, 2 ones"),
+        # The farthest cell is a row and three columns away: sqrt(10) cells.
+        ("DistanceField", f"{PLACE}, convention seed, 0 .. 0.790569 m, 2 obstacle cells"),
+        (
+            "Costmap",
+            # all cells within two cells: two on the left, one on the right, and three below
+            f"{PLACE}, scale costmap2d, 2 lethal, 0 inscribed, 9 graded, 3 free, 1 unknown",
+        ),
+        (
+            "FieldView",
+            f"{PLACE}, view metric, 0 at 2 m, 12 in 1..99, 2 occupied, 0 free, 1 unknown",
+        ),
+        ("Polygon", "[(0, 0), (2, 0), (2, 1)], value 100"),
+        ("Line", "[(0, 0), (2, 0.5)], thickness 0.2 m"),
+        ("Footprint", "circle, radius 0.2 m"),
+        ("Scans", "1 scan, 2 beams each"),
+        ("Recipe", "esdf -> cost exponential"),
+        ("LintReport", "1 map: 0 errors, 1 warning, 0 notes"),
+        ("RunReport", "out/a, done, stages esdf"),
+    ],
+)
+def test_the_line_says_what_there_is(name, expected):
+    assert repr(SAMPLES[name]) == f"{name}({expected})"
+
+
+def test_fields_without_obstacles_and_with_parts_alone_are_told():
+    free = mapdeal.OccupancyGrid(np.zeros((2, 3)), 0.5, (1, 2, 0.3))
+    field = mapdeal.esdf(free)
+    assert repr(field).endswith("convention seed, no obstacle)")
+    nothing_free = mapdeal.esdf(free.with_values(np.full((2, 3), 100, np.int8)))
+    assert repr(nothing_free).endswith("convention seed, nothing but obstacles)")
+    clipped = mapdeal.esdf(grid(), max_distance=0.3, strength=2.0)
+    assert "strength 2, max_distance 0.3 m, " in repr(clipped)
+    frame = grid().frame.window(-2, -1, 9, 8)
+    wide = on_canvas(mapdeal.esdf(grid()), frame)
+    assert repr(wide).startswith("DistanceField(8 x 9 cells, ")
+    assert repr(wide).endswith("0 .. 0.790569 m, 2 obstacle cells)")
+
+
+def test_one_sample_of_a_field_is_shown_as_it_is():
+    field = mapdeal.esdf(mapdeal.OccupancyGrid([[100, 0, 0, 0]], resolution=0.5))
+    text = repr(field.query([1.0, 0.25]))
+    assert text == "FieldSamples(1 point, 1 inside, distance 0.75 m, gradient (1, 0))"
+    assert repr(field.query([[9, 9]])) == "FieldSamples(1 point, 0 inside)"
+    text = repr(field.query([[1.0, 0.25], [1.25, 0.25], [9, 9]]))
+    assert text == "FieldSamples(3 points, 2 inside, distance 0.75 .. 1 m)"
+
+
+def test_many_corners_are_counted():
+    angles = np.linspace(0, 6, 50)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1).tolist()
+    assert repr(mapdeal.Polygon(ring)) == "Polygon(50 points from (1, 0))"
+    text = repr(mapdeal.Footprint.polygon(ring))
+    assert text.startswith("Footprint(50 points from (1, 0), inscribed_radius 0.9")
+
+
+def test_layers_that_are_made_block_by_block_are_left_alone():
+    def make(rows):
+        raise AssertionError("a repr asked for rows")
+
+    layer = lazy_layer((30_000, 20_000), np.int8, make, block_height=100)
+    lazy = mapdeal.OccupancyGrid(layer, 0.05)
+    assert repr(lazy) == "OccupancyGrid(20000 x 30000 cells, 0.05 m, origin (0, 0, 0))"
+    assert lazy._repr_png_() is None
+
+
+def test_giant_grids_are_not_counted(monkeypatch):
+    monkeypatch.setattr("mapdeal.grid.framed.MOST_COUNTED", 14)
+    for name in ("OccupancyGrid", "BitMap"):
+        assert repr(SAMPLES[name]) == f"{name}({PLACE})"
+    assert repr(SAMPLES["DistanceField"]) == f"DistanceField({PLACE}, convention seed)"
+    monkeypatch.setattr("mapdeal.grid.framed.MOST_COUNTED", 15)
+    assert repr(SAMPLES["BitMap"]) == f"BitMap({PLACE}, 2 ones)"
+
+
+def test_layers_of_a_potential_are_not_made_for_its_line():
+    field = mapdeal.potential(grid(), goal=(1.6, -1.9))
+    before = set(vars(field))
+    assert "goal (1.6, -1.9), repulsion up to " in repr(field)
+    assert set(vars(field)) == before
+
+
+def test_importing_the_package_loads_nothing_of_it():
+    code = "import sys, mapdeal; print([m for m in sys.modules if m.startswith('mapdeal.')])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.split() == ["['mapdeal.version']"]
+
+
+def test_pictures_and_lines_load_neither_scipy_nor_pillow():
+    code = (
+        "import sys, mapdeal; g = mapdeal.OccupancyGrid([[0, 100, -1]], 0.5); repr(g);"
+        "assert g._repr_png_()[:4] == b'\\x89PNG';"
+        "print([m for m in sys.modules if m in ('scipy', 'PIL', 'typer', 'multiprocessing')])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
