@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import mapdeal
 from mapdeal.cli.main import command_names
 from mapdeal.cli.shared_options import SHARED_OPTIONS
 from mapdeal.stages.catalogue import STAGES
@@ -64,6 +65,21 @@ def test_every_command_of_a_page_runs(page, project, command):
 def test_every_python_example_of_a_page_runs(page, project, capsys):
     for block in _blocks(page, "python"):
         exec(compile(block, page.name, "exec"), {})  # noqa: S102
+
+
+def test_python_examples_print_what_their_comments_say(project, capsys):
+    said = []
+    for block in _blocks(ROOT / "docs" / "python.md", "python"):
+        exec(compile(block, "python.md", "exec"), {})  # noqa: S102
+        said += re.findall(r"^print\(.*\)  # (.*)$", block, re.MULTILINE)
+    assert len(said) > 5
+    printed = capsys.readouterr().out.splitlines()
+    assert [line for line in printed if line in said] == said
+
+
+def test_python_page_shows_a_grid_as_it_is(project):
+    shown = repr(mapdeal.read_map("examples/maps/office.yaml"))
+    assert f"```\n{shown}\n```" in (ROOT / "docs" / "python.md").read_text()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
