@@ -7,8 +7,8 @@ Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField` (any of the
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
 `ring_cost`, `potential`; a robot's `Footprint`; `apply_keepout_mask`.
 Maps from sensors: `local_map`, and `LocalMapper` with `LocalOptions` for clouds that come in
-parts, which gives a `LocalMap`; `build_map` of laser scans, which gives a `BuiltMap`, and
-`MapBuilder` with `BeamLimits` for `Scans` that come in parts.
+parts, which gives a `LocalMap`, or `RollingMapper` for sequences; `build_map` of laser scans,
+which gives a `BuiltMap`, and `MapBuilder` with `BeamLimits` for `Scans` that come in parts.
 Questions: `DistanceField.query`, which gives `FieldSamples`; `shortest_route` and `descend`, which
 give a `Route`.
 As the commands do: `run` with its `RunReport`; `load_recipe`, which gives a `Recipe`, and
@@ -17,7 +17,9 @@ gives a `DiffReport` with `WallShift`; `info`.
 Pictures: `draw_picture`, which gives a `Picture`, and `write_picture`; notebooks show grids and
 reports as pictures by themselves.
 Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
-`reset_region`.
+`reset_region`; `xy_ahead` of a pose.
+Errors: `MapdealError`, of which `ParameterError`, `MalformedInputError`, `FileAccessError` and
+`FindingError` are kinds; `MapdealWarning`.
 
 Everything public is loaded on first use, so that ``import mapdeal`` costs nothing.
 """

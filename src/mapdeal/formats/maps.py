@@ -32,6 +32,7 @@ from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.values import check_choice
 from mapdeal.kernels.blocks import CacheBudget
 
 
@@ -362,12 +363,15 @@ def read_map(
         If a file cannot be read.
     MalformedInputError
         If a file is malformed.
+    ParameterError
+        If there is no such dialect.
 
     Warns
     -----
     MapdealWarning
         For each choice that had to be made, such as a missing key.
     """
+    check_choice(dialect, Dialect, "dialect")
     with use_memory(max_memory):
         return read_source(Path(path), dialect=dialect, max_cells=max_cells).grid
 
@@ -439,7 +443,12 @@ def write_map(
     ------
     FileAccessError
         If a file exists already or cannot be written; nothing is changed then.
+    ParameterError
+        If the ending, mode or encoding is none, or does not fit the grid.
     """
+    if mode is not None:
+        check_choice(mode, Mode, "mode")
+    check_choice(encoding, Encoding, "encoding")
     output = Path(path)
     with Transaction(output_paths(output), force=force) as transaction:
         write_grid(transaction, output, grid, mode=mode, encoding=encoding)

@@ -31,12 +31,12 @@ _LEANS = "a robot that leans by more than 10 degrees; does w come last?"
 Poses = NDArray[np.float64]
 
 
-def read_poses(path: Path) -> Poses:
+def read_poses(path: Path | str) -> Poses:
     """Return the poses in a file.
 
     Parameters
     ----------
-    path : Path
+    path : path or str
         Text with a pose a line: ``x y yaw`` in metres and radians, or, as the benchmark tools
         of TUM have it, ``t x y z qx qy qz qw``. Numbers are separated by white space, commas or
         semicolons; lines that begin with # are skipped, and a first line of names.
@@ -59,6 +59,7 @@ def read_poses(path: Path) -> Poses:
         If a quaternion is not of length 1, a pose leans by more than 10 degrees, a yaw is more
         than a turn, or times do not increase.
     """
+    path = Path(path)
     file = io.BytesIO(_contents_of(path))
     number, start, line = first_line(file)
     delimiter = delimiter_of(line)

@@ -7,7 +7,9 @@ References
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from typing import Any, Final, Literal, get_args
+
+from mapdeal.errors import ParameterError
 
 UNKNOWN: Final = -1
 FREE: Final = 0
@@ -27,3 +29,16 @@ CostScale = Literal["costmap2d", "occupancy"]
 UnknownPolicy = Literal["free", "occupied"]
 OverlayType = Literal["seq", "max", "min"]
 Convention = Literal["seed", "center", "border"]
+
+
+def check_choice(value: object, choices: Any, name: str) -> None:
+    """Refuse a word that is none of the choices, a ``Literal``; the error calls it `name`.
+
+    Raises
+    ------
+    ParameterError
+        With all choices.
+    """
+    known = get_args(choices)
+    if value not in known:
+        raise ParameterError(f"must be one of {', '.join(known)}", place=name, got=value)

@@ -7,11 +7,12 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from mapdeal.errors import ParameterError
 from mapdeal.formats.budget import use_memory
 from mapdeal.formats.map_yaml import Dialect
+from mapdeal.grid.values import check_choice
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
 Canvas = Literal["crop", "full"]
@@ -81,10 +82,8 @@ class Settings:
     memory_is_chosen: bool = True
 
     def __post_init__(self) -> None:
-        for name, choices in (("dialect", get_args(Dialect)), ("canvas", get_args(Canvas))):
-            if getattr(self, name) not in choices:
-                rule = f"must be one of {', '.join(choices)}"
-                raise ParameterError(rule, place=name, got=getattr(self, name))
+        check_choice(self.dialect, Dialect, "dialect")
+        check_choice(self.canvas, Canvas, "canvas")
         for name, least in (("max_cells", 1), ("threads", 1), ("max_memory", 1), ("image_max", 0)):
             value = getattr(self, name)
             if value is not None and not (is_whole(value) and value >= least):
