@@ -63,18 +63,13 @@ def test_every_command_of_a_page_runs(page, project, command):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_every_python_example_of_a_page_runs(page, project, capsys):
+    said = []
     for block in _blocks(page, "python"):
         exec(compile(block, page.name, "exec"), {})  # noqa: S102
-
-
-def test_python_examples_print_what_their_comments_say(project, capsys):
-    said = []
-    for block in _blocks(ROOT / "docs" / "python.md", "python"):
-        exec(compile(block, "python.md", "exec"), {})  # noqa: S102
         said += re.findall(r"^print\(.*\)  # (.*)$", block, re.MULTILINE)
-    assert len(said) > 5
-    printed = capsys.readouterr().out.splitlines()
-    assert [line for line in printed if line in said] == said
+    if page.name == "python.md":  # where comments after print say what is printed
+        assert len(said) > 5
+        assert [line for line in capsys.readouterr().out.splitlines() if line in said] == said
 
 
 def test_python_page_shows_a_grid_as_it_is(project):

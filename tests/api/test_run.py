@@ -93,12 +93,25 @@ def test_an_unchanged_run_is_told_and_another_one_refused(room, tmp_path):
     assert forced.status == "done"
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_run_that_fails_leaves_nothing(room, tmp_path):
     blank = tmp_path / "blank.yaml"
     mapdeal.write_map(blank, mapdeal.OccupancyGrid(np.full((2, 3), -1, np.int8), 0.5))
     with pytest.raises(mapdeal.MapdealError, match=r"blank\.yaml"):
         mapdeal.run(blank, tmp_path / "out", "seed-sim")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_strict_run_ends_at_a_warning_before_it_writes(room, tmp_path):
+    room.write_text(room.read_text().replace("negate: 0\n", ""))
+    with (
+        pytest.warns(mapdeal.MapdealWarning, match="negate"),
+        pytest.raises(mapdeal.FindingError, match=r"room\.yaml"),
+    ):
+        mapdeal.run(room, tmp_path / "out", strict=True)
+    assert not (tmp_path / "out").exists()
+    with pytest.warns(mapdeal.MapdealWarning, match="negate"):
+        assert mapdeal.run(room, tmp_path / "out").status == "done"
 
 
 def test_changes_are_values_of_python_and_numpy():

@@ -29,6 +29,7 @@ def run(
     images: bool = True,
     image_max: int = DEFAULT_IMAGE_MAX,
     force: bool = False,
+    strict: bool = False,
     dialect: Dialect = "nav2",
     max_cells: int | None = None,
     max_memory: int | None = None,
@@ -52,6 +53,8 @@ def run(
         Longest side of the maps in pictures, pixels; 0 for one pixel per cell.
     force : bool
         Whether outputs that exist are replaced.
+    strict : bool
+        Whether there is an error, before anything is written, if there is anything to warn of.
     dialect, max_cells
         As of `read_map`.
     max_memory : int, optional
@@ -73,6 +76,8 @@ def run(
         If the map is malformed, or needs too much memory.
     ParameterError
         If the recipe or a parameter is not allowed.
+    FindingError
+        If there is anything to warn of, and the run is strict.
 
     Warns
     -----
@@ -92,6 +97,7 @@ def run(
         dialect=dialect,
         max_cells=max_cells,
         force=force,
+        strict=strict,
         threads=threads,
         max_memory=max_memory,
         images=images,
