@@ -31,9 +31,14 @@ REASONS = {
      r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"):
         ("search", "every repeat is bounded, so a try is, too"),
     ("cli/main.py", r"[-+0-9.eE]+,[-+0-9.eE]+"): ("fullmatch", "the comma is in neither class"),
-    ("cli/main.py", r"-?\d+(\.\d*)?\)?"): ("fullmatch", "a point stands between the digits"),
     ("cli/options.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
         ("fullmatch", "digits, white space and letters have nothing in common"),
+    ("cli/usage.py", r"-?\d+(\.\d*)?\)?"): ("fullmatch", "a point stands between the digits"),
+    ("cli/usage.py", r"no such option:? '?(?P<name>-[^ ']*)'?"):
+        ("match", "the repeat ends before the blank or quote that may follow"),
+    ("cli/usage.py", r"no such command '(?P<name>[^']*)'"): ("match", "a try is at one place"),
+    ("cli/usage.py", r": '(?P<word>[^']*)' is not one of "):
+        ("search", "a word of the command line; the repeat ends at the next quote"),
     ("cli/stage_command.py", r".*?\.(?=\s+[A-Z`]|$)"): ("match", OURS),
     ("formats/commit.py", r"\.mapdeal-[0-9a-f]{12}\.old"): ("fullmatch", "of fixed length"),
     ("formats/free_memory.py", r"^MemAvailable:\s+(\d+) kB"):

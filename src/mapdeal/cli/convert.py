@@ -14,6 +14,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.formats.map_yaml import Mode
 from mapdeal.pipeline.convert import Scale, convert_file
 from mapdeal.pipeline.settings import Settings
+from mapdeal.stages.parameters import is_plain
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -109,6 +110,8 @@ def _number_or_none(text: str) -> int | None:
     if text == "none":
         return None
     try:
+        if not is_plain(text):
+            raise ValueError
         return int(text)
     except ValueError:
         rule = "must be a whole number from 0 to 100, or none"

@@ -20,6 +20,7 @@ from typer.models import TyperPath
 
 from mapdeal.cli import terminal
 from mapdeal.cli.process import begin_work
+from mapdeal.cli.usage import read_words_our_way, usage_error
 from mapdeal.errors import (
     FileAccessError,
     FindingError,
@@ -42,7 +43,6 @@ _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "
 
 _OF_POINTS = {"query": "--at", "edit": "--point"}
 _PAIR = re.compile(r"[-+0-9.eE]+,[-+0-9.eE]+")
-_NUMBER = re.compile(r"-?\d+(\.\d*)?\)?")
 
 _INTERRUPTED, _INTERNAL = 130, 70
 _EPOCH = "SOURCE_DATE_EPOCH"
@@ -114,6 +114,7 @@ def _leave_files_to_us(command: Any) -> None:
     """Keep a command, and those below it, from saying in click's way what cannot be used."""
     command.make_context = partial(_made_context, command.make_context)
     for parameter in command.params:
+        read_words_our_way(parameter)
         if isinstance(parameter.type, TyperPath):
             parameter.type.readable = False  # whoever opens the file says why it cannot
             vars(parameter.type)["convert"] = _NotEmpty(parameter.type.convert)
@@ -220,7 +221,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         terminal.error(problem)
         return problem.exit_code
     except _ClickError as error:
-        terminal.error(_usage_error(error))
+        terminal.error(usage_error(error, command_names))
         return ParameterError.exit_code
     except (KeyboardInterrupt, _InterruptedError, typer.Abort) as interrupt:
         terminal.error(MapdealError("; ".join(["interrupted", *interrupt.args])))
@@ -288,21 +289,6 @@ def _worse_than(error: MapdealError) -> MapdealError:
         except FileAccessError as lost:
             return lost
     return error
-
-
-def _usage_error(error: Any) -> ParameterError:
-    """Return click's error as one of ours, on one line."""
-    message = " ".join(error.format_message().split()).removesuffix(".")
-    message = message[:1].lower() + message[1:] if not message.startswith("'") else message
-    context = getattr(error, "ctx", None)
-    path = getattr(context, "command_path", None) or "mapdeal"
-    hint = f"{path} --help tells what is allowed"
-    is_astray = message.startswith(("got unexpected extra", "no such option"))
-    if path.endswith(" local") and ("--cloud" in message or message.startswith("got unexp")):
-        hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"
-    elif is_astray and any(map(_NUMBER.fullmatch, message.replace("(", " ").split())):
-        hint = "points and sizes are written X,Y, without a space"
-    return ParameterError(message, hint=hint)
 
 
 def _spread_points(words: list[str]) -> list[str]:

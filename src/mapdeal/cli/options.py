@@ -12,7 +12,7 @@ import typer
 from mapdeal.cli import terminal
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
-from mapdeal.stages.parameters import Parameter, parameters_of
+from mapdeal.stages.parameters import Parameter, is_plain, parameters_of
 
 MapArgument = Annotated[
     Path,
@@ -137,7 +137,7 @@ def size_of(text: str, name: str) -> int:
 def numbers(text: str, count: int, form: str, name: str) -> list[float]:
     """Return the numbers of an option that is written like `form`."""
     try:
-        if not text.isascii() or "_" in text:  # which Python reads as digits, too
+        if not is_plain(text):
             raise ValueError
         values = [float(part) for part in text.split(",")]
         if len(values) != count:

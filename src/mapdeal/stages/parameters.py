@@ -19,6 +19,7 @@ from typing import get_type_hints as hints_of
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
+from mapdeal.spelling import as_known, meant
 
 
 @dataclass(frozen=True)
@@ -101,9 +102,12 @@ class Parameter:
         if self.optional and (value is None or (isinstance(value, str) and value == "none")):
             return None
         if self.choices:
-            if value in self.choices:
-                return value
-            raise self._error(f"one of {', '.join(self.choices)}", value)
+            word = as_known(value, self.choices) if isinstance(value, str) else value
+            if word in self.choices:
+                return word
+            error = self._error(f"one of {', '.join(self.choices)}", value)
+            error.hint = meant(str(value), self.choices)
+            raise error
         if self.kind is Footprint:
             return _footprint(value)
         if self.kind is bool:
@@ -131,7 +135,7 @@ class Parameter:
         number: float | None = None
         if isinstance(value, (Real, str)) and not isinstance(value, bool):  # numpy's, too
             try:
-                number = float(value)
+                number = float(value) if is_plain(value) else None
             except (ValueError, OverflowError):
                 number = None
         what = "a whole number" if kind is int else "a finite number"
@@ -144,6 +148,19 @@ class Parameter:
 
     def _error(self, rule: str, value: object) -> ParameterError:
         return ParameterError(f"must be {rule}", place=self.name, got=value)
+
+
+def is_plain(value: object) -> bool:
+    """Return whether a number is none, or a text that not only Python reads as one.
+
+    Python takes ``1_000`` and digits of all scripts.
+
+    Examples
+    --------
+    >>> is_plain("1e3"), is_plain(1000), is_plain("1_000"), is_plain("\u0663")
+    (True, True, False, False)
+    """
+    return not isinstance(value, str) or (value.isascii() and "_" not in value)
 
 
 @functools.cache
@@ -214,10 +231,7 @@ def unknown_name(
 ) -> ParameterError:
     """Return the error for a name that is not among the `known` ones, with the nearest."""
     names = list(known)
-    import difflib
-
-    near = difflib.get_close_matches(str(name), names, n=1)
-    hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
+    hint = meant(str(name), names) or f"known: {', '.join(names)}"
     return ParameterError(f"no such {what}", place=place, got=name, hint=hint)
 
 

@@ -1,0 +1,69 @@
+"""Words that are spelled in another way than they are known: accepted, or the nearest suggested."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+BRITISH_AND_AMERICAN = (
+    ("centre", "center"),
+    ("centring", "centering"),
+    ("colour", "color"),
+    ("disc", "disk"),
+    ("grey", "gray"),
+    ("metre", "meter"),
+    ("neighbour", "neighbor"),
+    ("normalise", "normalize"),
+    ("optimise", "optimize"),
+)
+"""Spellings of one word, in choices and in names: either is as good."""
+
+
+def _plain(word: str) -> str:
+    """Return what all spellings of a word have in common."""
+    plain = word.lower().replace("_", "-")
+    for british, american in BRITISH_AND_AMERICAN:
+        plain = plain.replace(british, american)
+    return plain
+
+
+def as_known(word: str, known: Iterable[str]) -> str:
+    """Return the known word that `word` is another spelling of; `word` itself if there is none.
+
+    Examples
+    --------
+    >>> as_known("centre", ["seed", "center"]), as_known("log_odds", ["log-odds"])
+    ('center', 'log-odds')
+    >>> as_known("middle", ["seed", "center"])
+    'middle'
+    """
+    names = list(known)
+    if word in names:
+        return word
+    return next((name for name in names if _plain(name) == _plain(word)), word)
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """Return the known word that `word` is most like; None if it is like none.
+
+    Examples
+    --------
+    >>> nearest("rnu", ["run", "route"]), nearest("zzz", ["run", "route"])
+    ('run', None)
+    """
+    import difflib  # of use to mistakes alone
+
+    plain = {_plain(name): name for name in reversed(list(known))}
+    near = difflib.get_close_matches(_plain(word), plain, n=1)
+    return plain[near[0]] if near else None
+
+
+def meant(word: str, known: Iterable[str]) -> str | None:
+    """Return the hint that asks for the nearest known word, if there is one.
+
+    Examples
+    --------
+    >>> meant("inflaet", ["inflate", "esdf"])
+    'did you mean inflate?'
+    """
+    near = nearest(word, known)
+    return None if near is None else f"did you mean {near}?"

@@ -1,0 +1,59 @@
+"""Words that are spelled in another way than they are known."""
+
+import pytest
+
+from drawn import grid_from_text
+from mapdeal import DistanceField, esdf
+from mapdeal.spelling import BRITISH_AND_AMERICAN, as_known, meant, nearest
+from mapdeal.stages.catalogue import STAGES
+
+
+@pytest.mark.parametrize(("british", "american"), BRITISH_AND_AMERICAN)
+def test_either_spelling_stands_for_the_one_that_is_known(british, american):
+    assert as_known(british, ["other", american]) == american
+    assert as_known(american, ["other", british]) == british
+    assert as_known(f"--to-{british}s", [f"--to-{american}s"]) == f"--to-{american}s"
+
+
+@pytest.mark.parametrize(
+    ("word", "known", "expected"),
+    [
+        ("rnu", ["run", "route", "lint"], "run"),
+        ("esfd", ["esdf", "edit"], "esdf"),
+        ("NAV2", ["nav2", "ros1"], "nav2"),
+        ("lethal_treshold", ["--lethal-threshold", "--image"], "--lethal-threshold"),
+        ("centr", ["seed", "center", "border"], "center"),
+        ("zzzz", ["run", "route"], None),
+        ("", ["run"], None),
+        ("run", [], None),
+    ],
+)
+def test_the_nearest_known_word(word, known, expected):
+    assert nearest(word, known) == expected
+    assert meant(word, known) == (f"did you mean {expected}?" if expected else None)
+
+
+def test_a_word_that_is_known_or_like_none_stays():
+    assert as_known("center", ["centre", "center"]) == "center"
+    assert as_known("cent", ["center"]) == "cent"
+
+
+def test_every_choice_of_every_stage_is_known_by_its_other_spelling():
+    tried = set()
+    for stage in STAGES:
+        for parameter in stage.parameters.values():
+            for choice in parameter.choices:
+                for british, american in BRITISH_AND_AMERICAN:
+                    for one, other in ((british, american), (american, british)):
+                        if one in choice:
+                            tried.add(choice)
+                            assert parameter.accept(choice.replace(one, other)) == choice
+    assert {"center", "disc"} <= tried  # else the test has gone blind
+
+
+def test_python_callers_may_spell_as_they_like():
+    grid = grid_from_text("..#\n...")
+    made, known = esdf(grid, convention="centre"), esdf(grid, convention="center")
+    assert isinstance(made, DistanceField)
+    assert made.convention == known.convention == "center"
+    assert (made.distance == known.distance).all()
