@@ -71,6 +71,9 @@ REASONS = {
         ("fullmatch", "a point or an e stands between runs of digits"),
     ("pipeline/batch.py", r"(?<![\w./-])/some/folder/"):
         ("split", "a look back at one character, then fixed text"),
+    ("pipeline/recipe_file.py",
+     r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?"):
+        ("fullmatch", "the first repeat ends at the bracket, the others are of digits"),
     ("pipeline/cluster.py", r"(tcp|tls|ucx|ws|wss)://[^/\s]+:\d{1,5}"):
         ("fullmatch", "one run; behind each place where it may end five digits at most"),
     ("stages/definition.py", r"(?m)^ {4}(?P<names>[a-z_0-9, ]+) : "): ("finditer split", OURS),

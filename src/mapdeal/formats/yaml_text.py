@@ -7,6 +7,7 @@ PyYAML turns scalars into values by YAML 1.1, where ``5e-2`` is text, ``1:30`` i
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,10 @@ _DEEPEST = 20
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _PLAIN_KINDS = ("str", "int", "float", "bool", "null", "timestamp", "seq", "map", "merge")
 _PLAIN_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _PLAIN_KINDS}
+
+
+_NUMBER_TAGS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_NULL, _MERGE = "tag:yaml.org,2002:null", "tag:yaml.org,2002:merge"
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,7 @@ class Entry:
     source: Path
     key: str
     node: yaml.Node
+    key_line: int | None = None
 
     @property
     def place(self) -> str:
@@ -92,6 +98,50 @@ class Entry:
         if not isinstance(self.node, yaml.MappingNode):
             raise self.error("must be a mapping of keys")
         return _entries_of(self.source, self.node)
+
+    @property
+    def line(self) -> int:
+        """The line of the key, from 1 on; of an item of a list its own."""
+        return self.key_line or int(self.node.start_mark.line) + 1
+
+    def is_nothing(self) -> bool:
+        """Return whether nothing stands there, or YAML's word for that."""
+        return bool(self.node.tag == _NULL)
+
+    def merged_fields(self) -> dict[str, Entry]:
+        """Return the entries of a mapping by key, with those of the mappings that ``<<`` names."""
+        if isinstance(self.node, yaml.MappingNode) and any(
+            key.tag == _MERGE for key, _ in self.node.value
+        ):
+            own = [pair for pair in self.node.value if pair[0].tag != _MERGE]
+            _entries_of(self.source, yaml.MappingNode(self.node.tag, own))  # none stands twice
+            merged = yaml.MappingNode(self.node.tag, list(self.node.value))
+            try:
+                yaml.SafeLoader("").flatten_mapping(merged)
+            except yaml.YAMLError as error:
+                raise self.error(f"cannot be read ({one_line_of(error)})") from None
+            # what is merged comes first, and gives way
+            return {
+                str(key.value): Entry(self.source, str(key.value), value, key.start_mark.line + 1)
+                for key, value in merged.value
+            }
+        return self.fields()
+
+    def plain_value(self) -> Any:
+        """Return the value, in which all numbers are decimal ones.
+
+        YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10; other readers do not.
+        """
+        for node in _scalars_of(self.node):
+            text = str(node.value).lower()
+            if node.tag not in _NUMBER_TAGS or text.lstrip("+-") in (".inf", ".nan"):
+                continue
+            if not _NUMBER.fullmatch(text) or re.match(r"[-+]?0\d", text):
+                hint = "YAML readers disagree on it; write digits, a point and an e alone"
+                raise Entry(self.source, self.key, node).error(
+                    "must be a decimal number", hint=hint
+                )
+        return self.value()
 
     def value(self) -> Any:
         """Return the value that PyYAML's safe loader makes of the node."""
@@ -157,11 +207,24 @@ def _entries_of(path: Path, node: yaml.MappingNode) -> dict[str, Entry]:
             raise MalformedInputError("a key must be a single word", source=path, place=place)
         key = str(key_node.value)
         if key in entries:
-            first = entries[key].node.start_mark.line + 1
-            rule = f"key stands twice, on lines {first} and {key_node.start_mark.line + 1}"
+            rule = (
+                f"key stands twice, on lines {entries[key].line} and {key_node.start_mark.line + 1}"
+            )
             raise MalformedInputError(rule, source=path, place=key)
-        entries[key] = Entry(path, key, value_node)
+        entries[key] = Entry(path, key, value_node, key_node.start_mark.line + 1)
     return entries
+
+
+def _scalars_of(node: yaml.Node) -> Iterator[yaml.ScalarNode]:
+    """Yield the single values in a node, which is no deeper than the limits allow."""
+    if isinstance(node, yaml.ScalarNode):
+        yield node
+    elif isinstance(node, yaml.SequenceNode):
+        for item in node.value:
+            yield from _scalars_of(item)
+    elif isinstance(node, yaml.MappingNode):
+        for _, value in node.value:
+            yield from _scalars_of(value)
 
 
 def one_line_of(error: Exception) -> str:

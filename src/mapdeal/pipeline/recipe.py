@@ -9,19 +9,17 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.errors import MapdealWarning, ParameterError
 from mapdeal.formats.source import exists
-from mapdeal.formats.yaml_text import OF_RECIPES, read_mapping
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
+from mapdeal.pipeline.recipe_file import Draft, Given, read_recipe_file
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.definition import Stage
 from mapdeal.stages.parameters import unknown_name
 
 BUILT_IN = ("default", "nav2", "local", "arena", "seed-real", "seed-sim", "seed-local")
-
-Draft = list[tuple[str, dict[str, object]]]
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,66 +97,30 @@ def load_recipe(
         _apply_setting(draft, setting, name, f"{prefix}set")
     for target, given in (changes or {}).items():
         _apply_change(draft, target, given, name, "changes")
-    steps = tuple(make_step(stage, given) for stage, given in draft)
+    steps = tuple(_made(stage, given) for stage, given in draft)
     _warn_of_double_radius(steps)
     return Recipe(steps)
+
+
+def _made(stage: str, given: Given) -> Step:
+    try:
+        return make_step(stage, given)
+    except ParameterError as error:
+        raise given.located(error, stage) from None
 
 
 def _read_draft(name: str) -> Draft:
     if name in BUILT_IN:
         with resources.as_file(resources.files("mapdeal.pipeline") / "recipes") as folder:
-            return _parse(folder / f"{name}.yaml", name)
+            draft = read_recipe_file(folder / f"{name}.yaml", name)
+        return [(stage, Given(given)) for stage, given in draft]
     path = Path(name)
     if path.suffix not in (".yaml", ".yml") and not exists(path):
         raise unknown_name("recipe", name, BUILT_IN)
-    return _parse(path, name)
+    return read_recipe_file(path, name)
 
 
-def _parse(path: Path, name: str) -> Draft:
-    try:
-        entries = read_mapping(path, OF_RECIPES)
-        for key, entry in entries.items():
-            if key != "stages":
-                raise _in_file(unknown_name("key", key, ["stages"], place=entry.place), path)
-        listed = entries["stages"].value() if "stages" in entries else None
-    except MalformedInputError as error:  # of the user's making: a recipe is usage
-        raise ParameterError(str(error), hint=error.hint) from None
-    if not isinstance(listed, list) or not listed:
-        raise ParameterError("a recipe needs stages: a list of stages", source=name)
-    draft: Draft = []
-    for item in listed:
-        stage, given = _stage_of(item, name)
-        if not models_of(stage):
-            raise _in_file(unknown_name("stage", stage, STAGE_NAMES), path)
-        if stage in (done for done, _ in draft):
-            raise ParameterError("a stage can run once", source=name, place=stage)
-        if draft and next(iter(models_of(draft[-1][0]).values())).is_last:
-            rule = f"no stage can follow {draft[-1][0]}"
-            raise ParameterError(rule, source=name, place=stage)
-        draft.append((stage, given))
-    return draft
-
-
-def _in_file(error: ParameterError, path: Path) -> ParameterError:
-    error.source = path
-    return error
-
-
-def _stage_of(item: object, name: str) -> tuple[str, dict[str, object]]:
-    """Return stage and parameters of a list item, ``stage`` or ``stage: {...}``."""
-    if isinstance(item, str):
-        return item, {}
-    if isinstance(item, Mapping) and len(item) == 1:
-        ((stage, given),) = item.items()
-        if given is None:
-            given = {}
-        if isinstance(given, Mapping):
-            return str(stage), {str(key): value for key, value in given.items()}
-    rule = "an item of stages must look like stage: {parameter: value}"
-    raise ParameterError(rule, source=name, got=item)
-
-
-def _find(draft: Draft, stage: str) -> dict[str, object] | None:
+def _find(draft: Draft, stage: str) -> Given | None:
     return next((given for done, given in draft if done == stage), None)
 
 
@@ -176,10 +138,10 @@ def _adapt_to_sim(draft: Draft) -> None:
         rule = stage.in_simulation
         given = _find(draft, stage.name)
         if rule is not None and given is None and rule.is_added:
-            given = {}
+            given = Given()
             draft.insert(0, (stage.name, given))
         if rule is not None and given is not None:
-            given.update(rule.parameters)
+            given.put(rule.parameters)
 
 
 def _adapt_to_footprint(draft: Draft, footprint: Footprint, name: str) -> None:
@@ -188,7 +150,7 @@ def _adapt_to_footprint(draft: Draft, footprint: Footprint, name: str) -> None:
         robot = _stage_in(item).robot
         if robot is not None:
             item[1].pop(robot.replaces, None)
-            item[1].update(robot.parameters(footprint))
+            item[1].put(robot.parameters(footprint))
             return
     rule = "the recipe has no stage that a robot's shape could go into"
     raise ParameterError(rule, source=name)
@@ -223,7 +185,7 @@ def _apply_change(
         if parameter in (by, other.parameter):
             given.pop(by, None)
             given.pop(other.parameter, None)
-    given[parameter] = value
+    given.put({parameter: value}, option)
 
 
 def _warn_of_double_radius(steps: Sequence[Step]) -> None:

@@ -18,7 +18,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
 from mapdeal.stages.definition import Stage
 from mapdeal.stages.esdf import field_view
-from mapdeal.stages.parameters import accept_parameters, unknown_name
+from mapdeal.stages.parameters import accept_parameters, unknown_name, unknown_parameter
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def make_step(name: str, given: Mapping[str, object]) -> Step:
     stage, given = _in_model(name, models, dict(given))
     for key in given:
         if key not in stage.parameters:
-            raise unknown_name("parameter", key, stage.parameters, place=name)
+            raise unknown_parameter(key, stage.parameters, name)
     own, view = ({key: value for key, value in given.items() if key in known}
                  for known in (stage.own_parameters, stage.view_parameters))  # fmt: skip
     parameters = accept_parameters(stage.function, own, name)

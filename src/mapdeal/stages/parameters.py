@@ -217,13 +217,19 @@ def accept_parameters(
     values = {name: parameter.default for name, parameter in known.items()}
     for name, value in given.items():
         if name not in known:
-            raise unknown_name("parameter", name, known, place=owner)
+            raise unknown_parameter(name, known, owner)
         try:
             values[name] = known[name].accept(value)
         except ParameterError as error:
-            error.place = f"{owner}.{error.place}"
+            error.place = f"{owner}.{error.place or name}"
             raise
     return values
+
+
+def unknown_parameter(name: str, known: Iterable[str], owner: str) -> ParameterError:
+    """Return the error for a parameter that a stage does not have."""
+    error = unknown_name("parameter", name, known)
+    return ParameterError(error.rule, place=f"{owner}.{name}", hint=error.hint)
 
 
 def unknown_name(
