@@ -46,6 +46,13 @@ REASONS = {
     ("formats/free_memory.py", r"^0::/(.*)$"): ("search", "tried at the beginnings of lines"),
     ("formats/free_memory.py", r"^inactive_file (\d+)"):
         ("search", "tried at the beginnings of lines"),
+    ("formats/kinds.py", r"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]"):
+        ("search", "tried at the beginnings of lines, where one run precedes a letter"),
+    ("formats/kinds.py", r"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
+        ("search", "tried at the beginnings of lines, where one run follows what is fixed"),
+    ("formats/kinds.py", r"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:"):
+        ("search", "tried at the beginnings of lines, where two runs stand around what is fixed"),
+    ("formats/kinds.py", r"(?m)^size (\d+)$"): ("search", "tried at the beginnings of lines"),
     ("formats/listing.py", r"([0-9]+)"): ("split", "a try cannot fail behind its first digit"),
     ("formats/map_listing.py", r"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
         ("search", "tried at the beginnings of lines, where one run follows what is fixed"),

@@ -300,7 +300,7 @@ def test_files_that_were_mixed_up_are_told_apart(folder, refused):
     refused(["inflate", "r.yaml", "-o", "o.npz"], 3, "r.yaml", hint="--recipe")
     words = ["edit", "circle", "m.yaml", "-o", "o.npz", "--value", "1", "--file"]
     refused([*words, "l.yaml"], 3, "l.yaml", hint="shapes:")
-    refused([*words, "m.yaml"], 3, "missing key shapes", hint="shapes:")
+    refused([*words, "m.yaml"], 3, "m.yaml: is a map, not a file of shapes", hint="info")
 
 
 BAD_QUESTIONS = [

@@ -59,7 +59,7 @@ MALFORMED_FILES = [
     ("Y9-duplicate-key", yaml_text() + "resolution: 0.1\n", "3 and 8"),
     ("Y10-all-missing", "negate: 0\n", "image, resolution, origin"),
     ("Y10-two-missing", yaml_text(image=None, origin=None), "image, origin"),
-    ("Y31-pgm-named-yaml", PGM, "looks like a P5 image"),
+    ("Y31-pgm-named-yaml", PGM, "is an image (PNM), not a map"),
 ]
 
 

@@ -330,7 +330,7 @@ BAD = [
     ("S2-narrow.pcd", head(DATA="ascii") + b"1 2\n", "line 9"),
     ("S2-unknown-line.pcd", b"PIXELS 4\n" + head(), "line 1"),
     ("S2-twice.pcd", b"WIDTH 1\n" + head(), "WIDTH"),
-    ("S2-an-image.pcd", b"P5\n3 3\n255\n123456789", "line 1"),
+    ("S2-an-image.pcd", b"P5\n3 3\n255\n123456789", "is an image"),
     ("S5-claims-a-lot.pcd", head(WIDTH="1000000000000", POINTS="1000000000000"), "0 of"),
     ("S5-record.pcd", head(COUNT="1 1 60000000") + bytes(12), "COUNT"),
     ("lzf-sizes.pcd", head(DATA="binary_compressed") + struct.pack("<II", 4, 99), "12 bytes"),

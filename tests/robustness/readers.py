@@ -114,6 +114,16 @@ def _manifests():
     return [Seed("manifest.json", good, beside={"golden/run/manifest.json": other})]
 
 
+def _of_all_kinds():
+    files = [
+        seeds.pcd_files()[0], seeds.ply_files()[0], seeds.npy_files()[0], seeds.carmen_logs()[0],
+        seeds.SHAPES_YAML[0], seeds.RECIPES[0], seeds.geojson_files()[0], seeds.pose_files()[0],
+        seeds.png(8, 0), seeds.MAP_YAML, seeds.MAP_PGM, json.dumps(seeds.MANIFEST).encode(),
+        b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"a:\n  ros__parameters: {b: 1}\n",
+    ]  # fmt: skip
+    return _seeds(files, "f") + _zips(["scans.npz"], "f")
+
+
 _BY_ROWS = [data for data in seeds.pnm_files() if data[:2] in (b"P5", b"P4")]
 _MAP_FILES = {"m.pgm": seeds.MAP_PGM, "n.png": seeds.png(8, 0)}
 _MAP_SEEDS = [
@@ -168,6 +178,7 @@ READERS = [
     _file("cloud npy", _seeds(seeds.npy_files(), "c.npy"), reading.read_cloud_points, NPY_WORDS),
     _file("cloud npz", _zips(["points.npz"], "c.npz"), reading.read_cloud_points, NPY_WORDS),
     _file("CARMEN log", _logs(), reading.read_log, SCAN_WORDS),
+    _file("kinds of files", _of_all_kinds(), reading.kind_of_file, YAML_WORDS, share=0.5),
     _file("scans npz", _zips(["scans.npz"], "s.npz"), reading.read_log, NPY_WORDS, share=0.7),
     _file("scans as text", _scan_texts(), reading.read_scan_texts, CLOUD_WORDS),
     _file("poses", _seeds(seeds.pose_files(), "p.txt"), reading.read_all_poses, CLOUD_WORDS),

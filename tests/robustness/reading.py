@@ -4,6 +4,7 @@ Each takes a path and the bytes that are there, and returns what it has read. `r
 files they are given.
 """
 
+import json
 import math
 import os
 import zlib
@@ -22,6 +23,7 @@ from mapdeal.formats.bit_maps import read_bit_map
 from mapdeal.formats.clouds.reader import cloud_chunks, read_cloud
 from mapdeal.formats.dialects import DIALECTS
 from mapdeal.formats.image import read_image, read_image_size
+from mapdeal.formats.kinds import kind_of
 from mapdeal.formats.lint_config import read_lint_config
 from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
@@ -48,6 +50,17 @@ MEMORY = 70_000_000
 
 _LARGEST_RATIO = 300
 """How many numbers a byte of a file may stand for: what LZF, the densest, can do."""
+
+
+def kind_of_file(path, data):
+    """What a file is, and the figures that its header tells, as JSON can hold them."""
+    kind = kind_of(path)
+    if kind is None:
+        return None
+    assert kind.name
+    assert kind.what.isprintable()
+    json.dumps(kind.figures(), allow_nan=False)
+    return kind.name
 
 
 # Grids and pictures

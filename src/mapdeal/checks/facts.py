@@ -19,6 +19,7 @@ from mapdeal.formats.budget import claim
 from mapdeal.formats.dialects import DIALECTS, cells_of
 from mapdeal.formats.image import read_image
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
+from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import count_of_lost, remark_on_lost
 from mapdeal.formats.map_server import find_image
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, metadata_of
@@ -165,8 +166,9 @@ def _per_cell(picture: Picture) -> int:
 
 def _read_pair(path: Path, max_cells: int | None, bits: Path | None) -> PairFacts:
     """Return the facts of a YAML file, which must name the bit map that was asked for, if any."""
-    entries = read_mapping(path)
-    metadata = metadata_of(entries, path, mend=True)
+    with recognised(path, "a map", MAP):
+        entries = read_mapping(path)
+        metadata = metadata_of(entries, path, mend=True)
     image_path = (
         find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
     )

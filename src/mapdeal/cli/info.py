@@ -45,7 +45,8 @@ def info(
 
 
 def _text(report: dict[str, Any]) -> str:
-    rows = _rows_of_run(report) if report["kind"] == "run" else _rows_of_map(report)
+    rows_of = _rows_of_file if "use" in report else _rows_of_map
+    rows = _rows_of_run(report) if report["kind"] == "run" else rows_of(report)
     lines = [f"  {name:<11} {value}" for name, value in rows]
     return "\n".join(one_line(line) for line in [str(report["file"]), *lines])
 
@@ -58,11 +59,28 @@ def _rows_of_run(report: dict[str, Any]) -> list[tuple[str, str]]:
         ("options", _listed(report["options"])),
     ]
     for name, parameters in _stages(report["stages"]):
-        rows.append((name, _listed(parameters)))
-        rows.append(("", _listed(report["figures"].get(name, {}))))
+        rows.append((name, _figures(report["figures"].get(name, {}))))
+        rows.append(("", _listed(parameters)))
     warned = report["warnings"]
     rows += [("warning", str(text)) for text in (warned if isinstance(warned, list) else ())]
     return rows
+
+
+def _rows_of_file(report: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return what there is to say of a file that is no map."""
+    rows = [("kind", str(report["is"]))]
+    if report["figures"]:
+        rows.append(("holds", _measured(report["figures"])))
+    return [*rows, ("use", str(report["use"]))]
+
+
+def _figures(figures: dict[str, Any]) -> str:
+    """Return what a stage has made; of a manifest that somebody has changed as it is."""
+    try:
+        text = f"{figures['width']} x {figures['height']} cells, {summary_of(figures)}"
+    except (LookupError, TypeError, ValueError, ZeroDivisionError):
+        return _listed(figures)
+    return text
 
 
 def _stages(stages: list[dict[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -75,6 +93,17 @@ def _listed(values: object, *, with_values: bool = True) -> str:
         return opt.said(values)
     return ", ".join(f"{key} {opt.said(one)}" if with_values else key
                      for key, one in values.items())  # fmt: skip
+
+
+def _measured(figures: dict[str, Any]) -> str:
+    """Return figures with counts in front of what they count: ``5 points, encoding ascii``."""
+    parts = []
+    for name, value in figures.items():
+        is_count = isinstance(value, int)
+        parts.append(f"{value} {name}" if is_count else f"{name} {opt.said(value)}")
+        if value == 1:
+            parts[-1] = parts[-1].removesuffix("s")
+    return ", ".join(parts)
 
 
 def _rows_of_map(report: dict[str, Any]) -> list[tuple[str, str]]:

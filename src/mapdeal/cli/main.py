@@ -20,7 +20,7 @@ from typer.models import TyperPath
 
 from mapdeal.cli import terminal
 from mapdeal.cli.process import begin_work
-from mapdeal.cli.usage import read_words_our_way, usage_error
+from mapdeal.cli.usage import accept_spellings, usage_error
 from mapdeal.errors import (
     FileAccessError,
     FindingError,
@@ -114,7 +114,7 @@ def _leave_files_to_us(command: Any) -> None:
     """Keep a command, and those below it, from saying in click's way what cannot be used."""
     command.make_context = partial(_made_context, command.make_context)
     for parameter in command.params:
-        read_words_our_way(parameter)
+        accept_spellings(parameter)
         if isinstance(parameter.type, TyperPath):
             parameter.type.readable = False  # whoever opens the file says why it cannot
             vars(parameter.type)["convert"] = _NotEmpty(parameter.type.convert)

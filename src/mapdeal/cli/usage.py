@@ -61,7 +61,7 @@ class SpelledChoice:
         return self._convert(known, parameter, context)
 
 
-def read_words_our_way(parameter: Any) -> None:
+def accept_spellings(parameter: Any) -> None:
     """Have the words of an option read as those of recipes are: spellings and numbers."""
     kind = copy(parameter.type)  # click has one for all numbers
     if str(getattr(kind, "name", "")).startswith(_NUMBERS):

@@ -12,6 +12,7 @@ from pathlib import Path
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.budget import claim
+from mapdeal.formats.kinds import kind_of, other_kind
 from mapdeal.formats.listing import (
     Contents,
     folders_below,
@@ -231,6 +232,9 @@ def _found_by(name: str, rules: _Rules, *, is_listed: bool) -> _Found:
     if is_folder(path):
         candidates, folders = _below_folder(path, rules)
         maps = [one for one in candidates if _is_map(one)]
+        kind = None if maps or whole is not None else kind_of(path)
+        if kind is not None:
+            raise other_kind(path, kind, "a folder of maps")
         if not maps and whole is None:
             rule = f"is a directory without a map: no .yaml with the key image{_outside_of(output)}"
             raise FileAccessError(rule, source=name)

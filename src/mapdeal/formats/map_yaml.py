@@ -147,10 +147,6 @@ def _warn(path: Path, place: str, text: str, check: str) -> None:
 
 
 def _typo_hint(missing: list[str], entries: dict[str, Entry]) -> str | None:
-    if "shapes" in entries:
-        return "this is a file of shapes; mapdeal edit polygon --blank --file draws a mask of it"
-    if "stages" in entries:
-        return "this is a recipe; mapdeal run --recipe takes it"
     for key in missing:
         import difflib
 

@@ -17,6 +17,7 @@ from mapdeal.formats.budget import use_memory
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.image import read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
+from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
 from mapdeal.formats.map_server import find_image, lazy_cells, read_cells, warn_of_rows
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
@@ -273,7 +274,8 @@ def open_map(
     else:
         path = yaml_beside(bits)
     states = {path: state_of(path)}
-    metadata = read_metadata(path, dialect=dialect)
+    with recognised(path, "a map", MAP):
+        metadata = read_metadata(path, dialect=dialect)
     image = find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
     states[image] = state_of(image)
     with ExitStack() as stack:

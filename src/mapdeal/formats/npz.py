@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.deflate import Buffer, deflated, pieces
+from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.npy import npy_header
 from mapdeal.formats.npz_reader import NpzReader
 from mapdeal.formats.picture import LARGEST_CELLS
@@ -135,7 +136,8 @@ def npz_frame(path: Path) -> Frame:
 def _check_format(reader: NpzReader, path: Path) -> None:
     if "format" not in reader.names():
         hint = "only npz files that mapdeal wrote can be read"
-        raise MalformedInputError("missing key", source=path, place="format", hint=hint)
+        with recognised(path, "a map", MAP):
+            raise MalformedInputError("missing key", source=path, place="format", hint=hint)
     found = reader.text("format", None)
     if found != FORMAT:
         raise MalformedInputError(f"must be {FORMAT}", source=path, place="format", got=found)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealWarning
 from mapdeal.formats.budget import PIECES, claim
+from mapdeal.formats.kinds import NUMBERS, POSES, recognised
 from mapdeal.formats.source import LARGEST_FILE, LONGEST_STREAM, chunks_of, is_regular
 from mapdeal.formats.text_rows import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.coordinates import FARTHEST
@@ -60,6 +61,11 @@ def read_poses(path: Path | str) -> Poses:
         than a turn, or times do not increase.
     """
     path = Path(path)
+    with recognised(path, "a file of poses", POSES, NUMBERS):
+        return _poses_in(path)
+
+
+def _poses_in(path: Path) -> Poses:
     file = io.BytesIO(_contents_of(path))
     number, start, line = first_line(file)
     delimiter = delimiter_of(line)

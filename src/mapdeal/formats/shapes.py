@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.geojson import read_geojson
+from mapdeal.formats.kinds import SHAPES, recognised
 from mapdeal.formats.yaml_text import OF_SHAPES, Entry, read_mapping
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
@@ -43,10 +44,9 @@ def read_shapes(path: Path | str) -> list[Shape]:
         If it is malformed, or has no shape; the error names shape and line.
     """
     path = Path(path)
-    if path.suffix.lower() in (".json", ".geojson"):
-        shapes = read_geojson(path)
-    else:
-        shapes = list(_shapes_of(path))
+    with recognised(path, "a file of shapes", SHAPES):
+        is_json = path.suffix.lower() in (".json", ".geojson")
+        shapes = read_geojson(path) if is_json else list(_shapes_of(path))
     if not shapes:
         raise MalformedInputError("holds no shape", source=path)
     return shapes

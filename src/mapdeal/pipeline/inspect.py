@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from mapdeal.errors import FileAccessError
+from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.kinds import IMAGE, MAP, POINTER, kind_of
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import open_map
 from mapdeal.formats.source import exists, is_folder, status_of, sums_of_reads
@@ -34,10 +35,31 @@ def describe_file(
     ``known_box`` is row, column, height and width of the known cells' bounding box, row 0 in
     the south; ``sha256`` is of the layer's bytes in that order. ``made_by`` has the stages that
     have made the file, with the parameters that took effect, where it lies in the folder of the
-    run that wrote it. A folder of a run, or its manifest, is told of as a whole.
+    run that wrote it. A folder of a run, or its manifest, is told of as a whole. Of a file that
+    is no map there is what it ``is``, the ``figures`` that its header tells, and its ``use``.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read.
+    MalformedInputError
+        If a file is malformed, or nothing that is known.
     """
-    if is_folder(path) or path.name == MANIFEST:
+    is_run = path.name == MANIFEST or exists(path / MANIFEST)
+    if is_run:
         return _describe_run(path)
+    try:
+        return _describe_map(path, dialect, max_cells)
+    except (MalformedInputError, FileAccessError) as error:
+        # an error about a file that a map names is not about what the map is
+        kind = kind_of(path) if str(error.source) == str(path) else None
+        if kind is None or kind.name in (MAP, IMAGE, POINTER):
+            raise _without_run(path) if kind is None and is_folder(path) else error from None
+    report = {"file": str(path), "kind": kind.name, "is": kind.what}
+    return report | {"figures": kind.figures(), "use": kind.use}
+
+
+def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> dict[str, Any]:
     with (
         sums_of_reads() as sums,
         open_map(path, dialect=dialect, max_cells=max_cells) as file,
@@ -62,13 +84,15 @@ def describe_file(
 def _describe_run(path: Path) -> dict[str, Any]:
     """Return what the manifest of a run tells of it, the sums of its outputs aside."""
     folder = path if is_folder(path) else path.parent
-    if path == folder and not exists(folder / MANIFEST):
-        rule = f"is a directory without the {MANIFEST} of a run"
-        raise FileAccessError(rule, source=path, hint="name the maps in it")
     status_of(folder / MANIFEST)
     manifest = manifest_in(folder)
     keys = ("version", "inputs", "options", "stages", "figures", "warnings")
     return {"file": str(path), "kind": "run"} | {key: manifest.get(key) for key in keys}
+
+
+def _without_run(path: Path) -> FileAccessError:
+    rule = f"is a directory without the {MANIFEST} of a run"
+    return FileAccessError(rule, source=path, hint="name the maps in it")
 
 
 def _known_box(occupancy: Any) -> list[int] | None:

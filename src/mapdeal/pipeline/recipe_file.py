@@ -9,10 +9,12 @@ from pathlib import Path
 import yaml
 
 from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.formats.kinds import RECIPE, kind_of, other_kind, recognised
 from mapdeal.formats.yaml_text import OF_RECIPES, Entry, read_mapping
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
 from mapdeal.stages.parameters import unknown_name
 
+_NO_STAGES = "a recipe needs stages: a list of stages"
 _LINE = re.compile(
     r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?"
 )  # fmt: skip
@@ -73,13 +75,12 @@ def read_recipe_file(path: Path, name: str) -> Draft:
         If it is malformed: a recipe is of the user's making, like an option.
     """
     try:
-        entries = read_mapping(path, OF_RECIPES)
+        entries = _entries_in(path)
         for key, entry in entries.items():
             if key != "stages":
                 raise _at(entry, unknown_name("key", key, ["stages"]), name)
-        if "stages" not in entries:
-            rule = "a recipe needs stages: a list of stages"
-            raise ParameterError(rule, source=name)
+        if not entries:
+            raise ParameterError(_NO_STAGES, source=name)
         items = _items_of(entries["stages"], name)
         draft: Draft = []
         for item in items:
@@ -91,9 +92,18 @@ def read_recipe_file(path: Path, name: str) -> Draft:
     return draft
 
 
+def _entries_in(path: Path) -> dict[str, Entry]:
+    with recognised(path, "a recipe", RECIPE):
+        entries = read_mapping(path, OF_RECIPES)
+    kind = None if "stages" in entries else kind_of(path)
+    if kind is not None:
+        raise other_kind(path, kind, "a recipe")
+    return entries
+
+
 def _items_of(entry: Entry, name: str) -> list[Entry]:
     if not isinstance(entry.node, yaml.SequenceNode) or not entry.node.value:
-        raise _at(entry, ParameterError("a recipe needs stages: a list of stages"), name)
+        raise _at(entry, ParameterError(_NO_STAGES), name)
     return entry.items()
 
 

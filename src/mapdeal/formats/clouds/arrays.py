@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.clouds.header import LONGEST_RECORD
 from mapdeal.formats.npz_reader import NpzReader
+from mapdeal.formats.source import access_to
 
 _POINTS_TOGETHER = 1 << 17
 _MOST_ELEMENTS = 1 << 31
@@ -45,6 +46,13 @@ def npy_points(path: Path) -> Iterator[NDArray[np.float64]]:
         together = max(1, min(_POINTS_TOGETHER, _BYTES_TOGETHER // table.row_size))
         for first in range(0, table.height, together):
             yield table.points(first, min(first + together, table.height))
+
+
+def npy_figures(path: Path) -> dict[str, Any]:
+    """Return what the header of an npy file tells: shape and type."""
+    with access_to(path), path.open("rb") as file:
+        shape, _, dtype = _header_of(file, path)
+    return {"shape": " x ".join(map(str, shape)), "type": str(dtype)}
 
 
 @dataclass(frozen=True)

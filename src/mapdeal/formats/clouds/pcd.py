@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from mapdeal.formats.clouds.header import (
     header_lines,
     whole_number,
 )
+from mapdeal.formats.source import access_to
 from mapdeal.formats.text_rows import read_rows
 from mapdeal.kernels.lzf import lzf_expanded
 
@@ -67,6 +68,14 @@ def pcd_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
     else:
         yield from _compressed_points(file, header, axes, path)
     _warn_of_rest(file, path)
+
+
+def pcd_figures(path: Path) -> dict[str, Any]:
+    """Return what the header of a PCD file tells: encoding, number of points, fields."""
+    with access_to(path), path.open("rb") as file:
+        header = _read_header(file, path)
+    fields = " ".join(header.record.names)
+    return {"encoding": header.encoding, "points": header.points, "fields": fields}
 
 
 def _read_header(file: BinaryIO, path: Path) -> _Header:

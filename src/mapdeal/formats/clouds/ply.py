@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.clouds.header import Record, binary_points, header_lines, whole_number
+from mapdeal.formats.source import access_to
 from mapdeal.formats.text_rows import read_rows
 
 _TYPES = {
@@ -86,6 +87,15 @@ def _pass_over(file: BinaryIO, element: _Element, path: Path) -> None:
         rule = f"ends after {left} of {size} bytes"
         raise MalformedInputError(rule, source=path, place=f"element {element.name}")
     file.seek(size, os.SEEK_CUR)
+
+
+def ply_figures(path: Path) -> dict[str, Any]:
+    """Return what the header of a PLY file tells: encoding, number of points, fields."""
+    with access_to(path), path.open("rb") as file:
+        encoding, elements, _ = _read_header(file, path)
+    vertices = [one for one in elements if one.name == "vertex"]
+    fields = " ".join(name for one in vertices for name in one.names)
+    return {"encoding": encoding, "points": sum(one.count for one in vertices), "fields": fields}
 
 
 def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[_Element], int]:

@@ -15,6 +15,7 @@ from mapdeal.formats.clouds.arrays import npy_points, npz_points
 from mapdeal.formats.clouds.pcd import pcd_points
 from mapdeal.formats.clouds.ply import ply_points
 from mapdeal.formats.clouds.text import text_points
+from mapdeal.formats.kinds import CLOUD, NUMBERS, recognised
 from mapdeal.formats.source import check_regular
 
 Points = NDArray[np.float64]
@@ -53,20 +54,21 @@ def cloud_chunks(path: Path) -> Iterator[Points]:
     MalformedInputError
         If it is malformed, or of another kind.
     """
-    check_regular(path)
-    suffix = path.suffix.lower()
-    if suffix not in CLOUD_SUFFIXES:
-        rule = f"a cloud must end in {', '.join(CLOUD_SUFFIXES)}"
-        raise MalformedInputError(rule, source=path, got=path.suffix)
-    try:
-        if suffix in _BY_NAME:
-            yield from _BY_NAME[suffix](path)
-        else:
-            with path.open("rb") as file:
-                yield from _IN_A_FILE[suffix](file, path)
-    except OSError as error:
-        rule = f"cannot be read: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
+    with recognised(path, "a point cloud", CLOUD, NUMBERS):
+        check_regular(path)
+        suffix = path.suffix.lower()
+        if suffix not in CLOUD_SUFFIXES:
+            rule = f"a cloud must end in {', '.join(CLOUD_SUFFIXES)}"
+            raise MalformedInputError(rule, source=path, got=path.suffix)
+        try:
+            if suffix in _BY_NAME:
+                yield from _BY_NAME[suffix](path)
+            else:
+                with path.open("rb") as file:
+                    yield from _IN_A_FILE[suffix](file, path)
+        except OSError as error:
+            rule = f"cannot be read: {error.strerror or error}"
+            raise FileAccessError(rule, source=path) from None
 
 
 def read_cloud(path: Path | str, *, max_memory: int | None = None) -> Points:

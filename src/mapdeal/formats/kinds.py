@@ -1,0 +1,360 @@
+"""What a file is, told by its first bytes, and which command takes it.
+
+Commands that are given another kind of file than they take say so with one line from here.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
+from mapdeal.formats.image import read_image_size
+from mapdeal.formats.images.catalogue import recognised as recognised_image
+from mapdeal.formats.json_text import read_json
+from mapdeal.formats.source import chunks_of, exists, head_of, is_folder, status_of
+from mapdeal.formats.text_rows import delimiter_of, is_number
+from mapdeal.formats.yaml_text import OF_RECIPES, Entry, read_mapping
+
+MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
+IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"
+
+_HEAD = 1 << 16
+_COUNTED = 1 << 28
+"""Bytes of a text of which the lines are counted."""
+
+_SCAN_WORDS = re.compile(rb"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]")
+_IMAGE_KEY = re.compile(rb"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""")
+_ROS_PARAMETERS = re.compile(rb"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:")
+_OF_COSTMAPS = ("local_costmap", "global_costmap", "obstacle_layer", "inflation_layer")
+_TUM, _PLANAR = 8, 3
+_MOST_OF_A_POINT = 16
+
+_MAP_SUFFIXES = (".yaml", ".yml", ".npz", ".pbm")
+_MAPS_ARE = "a map is a map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's"
+
+_MAP_USE = "mapdeal info {path} describes it, mapdeal run {path} -o DIR processes it"
+_CLOUD_USE = "mapdeal local --cloud {path} --pose X,Y,YAW -o DIR makes a map of it"
+_SCANS_USE = "mapdeal build {path} -o OUT.yaml makes a map of it"
+_POSES_USE = "--poses {path} gives it to mapdeal build and mapdeal local"
+_ROS1_USE = (
+    "mapdeal does not read bags; rosbag play with map_server's map_saver writes the map of a topic"
+)
+_ROS2_USE = (
+    "mapdeal does not read bags; ros2 bag play with nav2_map_server's map_saver_cli writes the map "
+    "of a topic"
+)
+_PARAMETERS_USE = "no command takes it; options such as --inscribed-radius take its numbers"
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """What a file is.
+
+    Parameters
+    ----------
+    name : str
+        The kind, in a word or two.
+    what : str
+        The same with an article and the format, as a sentence has it.
+    use : str
+        Which command takes it, as a hint.
+    figures : callable
+        Reads what its header tells: words and numbers by name.
+    """
+
+    name: str
+    what: str
+    use: str
+    figures: Callable[[], dict[str, Any]] = dict
+
+
+def kind_of(path: Path) -> FileKind | None:
+    """Return what a file or folder is; None if it is nothing that is known.
+
+    The first bytes are read, of YAML and JSON the whole if it is short.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    """
+    if is_folder(path):
+        kind = _kind_of_folder(path)
+    else:
+        head = head_of(path, _HEAD)
+        kind = next(filter(None, (look(path, head) for look in _LOOKS)), None)
+    if kind is None:
+        return None
+    return FileKind(kind.name, kind.what, kind.use.format(path=path), kind.figures)
+
+
+@contextmanager
+def recognised(path: Path, wanted: str, *kinds: str) -> Iterator[None]:
+    """Have an error about a file of another kind than is wanted say what it is.
+
+    Parameters
+    ----------
+    path : Path
+        The file that is read within the block.
+    wanted : str
+        What it should be, with an article.
+    *kinds : str
+        The kinds that it can be: an error about one of them stays as it is.
+
+    Raises
+    ------
+    MalformedInputError
+        In the place of one about this file.
+    """
+    try:
+        yield
+    except (MalformedInputError, FileAccessError) as error:
+        if str(error.source) != str(path):
+            raise
+        kind = None
+        with suppress(MapdealError):
+            kind = kind_of(path)
+        if kind is None and MAP in kinds and path.suffix.lower() not in _MAP_SUFFIXES:
+            error.hint = error.hint or _MAPS_ARE
+        if kind is None or kind.name in kinds:
+            raise
+        raise other_kind(path, kind, wanted) from None
+
+
+def other_kind(path: Path, kind: FileKind, wanted: str) -> MalformedInputError:
+    """Return the error for a file that is of another kind than is wanted."""
+    return MalformedInputError(f"is {kind.what}, not {wanted}", source=path, hint=kind.use)
+
+
+def _kind_of_folder(path: Path) -> FileKind | None:
+    if exists(path / "metadata.yaml") and _is_bag_metadata(path / "metadata.yaml"):
+        return FileKind(BAG, "a folder with a ROS 2 bag", _ROS2_USE)
+    if exists(path / "summary.json"):
+        return _kind_of_json(path / "summary.json", b"{")
+    return None
+
+
+def _is_bag_metadata(path: Path) -> bool:
+    return b"rosbag2_bagfile_information" in head_of(path, _HEAD)
+
+
+def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
+    def size() -> dict[str, Any]:
+        return {"bytes": status_of(path).st_size}
+
+    if head.startswith(b"version https://git-lfs.github.com/spec/"):
+        found = re.search(rb"(?m)^size (\d+)$", head)
+        what = "a Git LFS pointer" + (f" to a file of {int(found[1])} bytes" if found else "")
+        return FileKind(POINTER, what, "git lfs pull fetches the file itself")
+    if head.startswith(b"#ROSBAG V"):
+        return FileKind(BAG, "a ROS 1 bag", _ROS1_USE, size)
+    if head.startswith(b"\x89MCAP0\r\n"):
+        return FileKind(BAG, "a bag (MCAP)", _ROS2_USE, size)
+    if head.startswith(b"SQLite format 3\0"):
+        what = "a ROS 2 bag (SQLite)" if path.suffix == ".db3" else "an SQLite database"
+        return FileKind(BAG, what, _ROS2_USE, size)
+    return None
+
+
+def _kind_of_cloud(path: Path, head: bytes) -> FileKind | None:
+    if head.startswith((b"ply\n", b"ply\r")):
+        from mapdeal.formats.clouds.ply import ply_figures
+
+        return FileKind(CLOUD, "a point cloud (PLY)", _CLOUD_USE, lambda: ply_figures(path))
+    lines = [line for line in head.splitlines() if line.strip() and not line.startswith(b"#")]
+    words = [line.split(maxsplit=1)[0] for line in lines[:2]]
+    if words and (words[0] == b"VERSION" or words[0] in (b"FIELDS", b"COLUMNS")):
+        from mapdeal.formats.clouds.pcd import pcd_figures
+
+        return FileKind(CLOUD, "a point cloud (PCD)", _CLOUD_USE, lambda: pcd_figures(path))
+    if head.startswith(b"\x93NUMPY"):
+        from mapdeal.formats.clouds.arrays import npy_figures
+
+        what = "an array of numpy (npy)"
+        return FileKind(CLOUD, what, f"of points, {_CLOUD_USE}", lambda: npy_figures(path))
+    return None
+
+
+def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
+    if not head.startswith(b"PK"):
+        return None
+    from mapdeal.formats.npz_reader import NpzReader
+
+    with NpzReader(path, 1) as reader:
+        names = reader.names()
+        if "format" in names:
+            return FileKind(MAP, "an npz of mapdeal's", _MAP_USE)
+        if {"poses", "angles", "ranges"} <= names:
+            scans = reader.shape("ranges")
+            figures = {"scans": scans[0], "beams": scans[1]} if len(scans) == 2 else {}
+            return FileKind(SCANS, "laser scans (npz)", _SCANS_USE, lambda: figures)
+        if "points" in names or len(names) == 1:
+            shape = reader.shape("points" if "points" in names else next(iter(names)))
+            told = {"shape": " x ".join(map(str, shape))}
+            what = "an array of numpy (npz)"
+            return FileKind(CLOUD, what, f"of points, {_CLOUD_USE}", lambda: told)
+    return None
+
+
+def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
+    image = recognised_image(head)
+    if image is None:
+        return None
+
+    def figures() -> dict[str, Any]:
+        height, width = read_image_size(path)
+        return {"pixels": f"{width} x {height}"}
+
+    beside = [p for p in map(path.with_suffix, (".yaml", ".yml")) if p != path and exists(p)]
+    use = "a map needs a .yaml, too, with its resolution and origin; pass that"
+    if beside:
+        use = f"pass the map: {str(beside[0]).replace('{', '{{').replace('}', '}}')}"
+    return FileKind(IMAGE, f"an image ({image.name})", use, figures)
+
+
+def _kind_of_log(path: Path, head: bytes) -> FileKind | None:
+    if head.startswith(b"\x1f\x8b"):
+        with suppress(OSError, EOFError, zlib.error):
+            expanded = zlib.decompressobj(wbits=31).decompress(head, _HEAD)
+            return _kind_of_log(path, expanded) if expanded[:2] != b"\x1f\x8b" else None
+        return None
+    if not _SCAN_WORDS.search(head):
+        return None
+
+    def figures() -> dict[str, Any]:
+        from mapdeal.formats.scans.carmen import CarmenLog
+
+        return {"scans": CarmenLog(path, max_bad=0).count}
+
+    return FileKind(SCANS, "a log of laser scans (CARMEN)", _SCANS_USE, figures)
+
+
+def _kind_of_json(path: Path, head: bytes) -> FileKind | None:
+    if head.lstrip()[:1] != b"{":
+        return None
+    value = read_json(path)
+    if not isinstance(value, dict):
+        return None
+    if value.get("type") in ("FeatureCollection", "Feature", "Polygon", "LineString", "Point"):
+        features = value.get("features")
+        count = {"shapes": len(features)} if isinstance(features, list) else {}
+        return _shapes("GeoJSON", count)
+    if isinstance(value.get("outputs"), dict) and isinstance(value.get("stages"), list):
+        use = "mapdeal info on its folder tells of the run"
+        return FileKind("manifest", "the manifest of a run", use)
+    maps = value.get("maps")
+    if isinstance(maps, list) and all(isinstance(one, dict) and "status" in one for one in maps):
+        statuses = [str(one["status"]) for one in maps]
+        counts = {name: statuses.count(name) for name in dict.fromkeys(statuses)}
+        what, use = "the summary of a batch", "mapdeal info tells of the folder of each of its maps"
+        return FileKind("summary", what, use, lambda: {"maps": len(maps), **counts})
+    if "reached" in value and isinstance(value.get("points"), list):
+        length = {"points": len(value["points"]), "length_m": value.get("length_m")}
+        use = "mapdeal route wrote it; no command takes it"
+        return FileKind("route", "a route (JSON)", use, lambda: length)
+    return None
+
+
+def _shapes(form: str, figures: dict[str, Any]) -> FileKind:
+    use = "mapdeal edit polygon MAP --file {path} -o OUT.yaml draws them"
+    return FileKind(SHAPES, f"a file of shapes ({form})", use, lambda: figures)
+
+
+def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
+    if b":" not in head or b"\0" in head:
+        return None
+    if _IMAGE_KEY.search(head):
+        return FileKind(MAP, "a map", _MAP_USE)
+    try:
+        entries = read_mapping(path, OF_RECIPES)
+    except MalformedInputError:
+        return None
+    if "image" in entries:
+        return FileKind(MAP, "a map", _MAP_USE)
+    if "stages" in entries:
+        use = "mapdeal run MAP -o DIR --recipe {path} takes it"
+        names = _stages_in(entries["stages"])
+        return FileKind(RECIPE, "a recipe", use, lambda: {"stages": ", ".join(names)})
+    if "shapes" in entries:
+        with suppress(MalformedInputError):
+            return _shapes("YAML", {"shapes": len(entries["shapes"].items())})
+    if "rosbag2_bagfile_information" in entries:
+        return FileKind(BAG, "the description of a ROS 2 bag", _ROS2_USE)
+    found = [key for key in _OF_COSTMAPS if key in entries]
+    if _ROS_PARAMETERS.search(head) or found:
+        what = "a file of ROS parameters"
+        figures = {"nodes": ", ".join(entries)}
+        return FileKind("ROS parameters", what, _PARAMETERS_USE, lambda: figures)
+    return None
+
+
+def _stages_in(entry: Entry) -> list[str]:
+    with suppress(MalformedInputError):
+        return [
+            one.text() if isinstance(one.node, yaml.ScalarNode) else next(iter(one.fields()), "")
+            for one in entry.items()
+        ]
+    return []
+
+
+def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
+    """Return what a text with numbers in each of its first lines is."""
+    rows = [line.strip().decode("latin-1") for line in head.split(b"\n")[:-1] or [head]]
+    rows = [row for row in rows if row and not row.startswith("#")]
+    if not rows or b"\0" in head:
+        return None
+    delimiter = delimiter_of(rows[-1])
+    names = [word.strip(' "').lower() for word in rows[0].removeprefix("//").split(delimiter)]
+    if not names:
+        return None
+    if is_number(names[0]):
+        names = []
+    elif not {"x", "y"} <= set(names) or len(rows) == 1:
+        return None
+    width = len(rows[-1].split(delimiter))
+    for row in rows[bool(names) :]:
+        words = row.split(delimiter)
+        if len(words) != width or not all(map(is_number, words)):
+            return None
+
+    figures = _lines_of(path)
+    if names or (2 <= width <= _MOST_OF_A_POINT and width not in (_PLANAR, _TUM)):
+        what = f"a point cloud (text with {width} numbers a line)"
+        return FileKind(NUMBERS, what, _CLOUD_USE, figures)
+    if width == _TUM:
+        return FileKind(POSES, "a file of poses (TUM)", _POSES_USE, figures)
+    what = f"a text with {width} number{'s' if width > 1 else ''} a line"
+    if width == _PLANAR:
+        use = f"of points x y z, {_CLOUD_USE}; of poses x y yaw, {_POSES_USE}"
+        return FileKind(NUMBERS, what, use, figures)
+    use = "mapdeal build --poses P --angles A --ranges R takes scans in three texts"
+    return FileKind(NUMBERS, what, use, figures)
+
+
+def _lines_of(path: Path) -> Callable[[], dict[str, Any]]:
+    """Return what counts the lines of a text, unless it is very long."""
+
+    def figures() -> dict[str, Any]:
+        if status_of(path).st_size > _COUNTED:
+            return {"bytes": status_of(path).st_size}
+        count, last = 0, b"\n"
+        for chunk in chunks_of(path):
+            count, last = count + chunk.count(b"\n"), chunk[-1:]
+        return {"lines": count + (last != b"\n")}
+
+    return figures
+
+
+_LOOKS: tuple[Callable[[Path, bytes], FileKind | None], ...] = (
+    _kind_by_magic, _kind_of_cloud, _kind_of_npz, _kind_of_image, _kind_of_log, _kind_of_json,
+    _kind_of_numbers, _kind_of_yaml,
+)  # fmt: skip
+"""The first that knows a file counts; those that look at a few bytes come first."""

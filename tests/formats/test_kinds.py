@@ -1,0 +1,262 @@
+"""What files are that are no maps, and which command takes them."""
+
+import gzip
+import json
+import struct
+
+import numpy as np
+import pytest
+
+from drawn import grid_from_text
+from mapdeal import write_map
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.formats.kinds import kind_of, recognised
+
+FLASER = b"FLASER 180 " + b"1.0 " * 180 + b"0 0 0 0 0 0 12.5 host 12.5\n"
+
+
+def npy(array):
+    """The bytes of an npy file by numpy itself."""
+    import io
+
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def npz(**arrays):
+    import io
+
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+PCD = (
+    b"# .PCD v0.7\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n"
+    b"WIDTH 3\nHEIGHT 2\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 6\nDATA binary\n"
+)
+PLY = (
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+    b"end_header\n"
+) + struct.pack("<8f", *range(8))
+ROUTE = {"reached": True, "start": [0, 0], "length_m": 1.5, "points": [[0, 0], [1, 1], [2, 1]]}
+NAV2 = b"amcl:\n  ros__parameters:\n    alpha1: 0.2\nglobal_costmap: {}\n"
+
+# Name and contents of a file; its kind; words of what it is; figures; a command that takes it.
+FILES = {
+    "c.pcd": (PCD, "point cloud", "PCD", {"encoding": "binary", "points": 6, "fields": "x y z rgb"},
+              "mapdeal local --cloud"),
+    "c.ply": (PLY, "point cloud", "PLY",
+              {"encoding": "binary_little_endian", "points": 4, "fields": "x y"},
+              "mapdeal local --cloud"),
+    "c.npy": (npy(np.zeros((7, 3), np.float32)), "point cloud", "npy",
+              {"shape": "7 x 3", "type": "float32"}, "mapdeal local --cloud"),
+    "c.npz": (npz(points=np.zeros((5, 2))), "point cloud", "npz", {"shape": "5 x 2"},
+              "mapdeal local --cloud"),
+    "scans.npz": (npz(poses=np.zeros((4, 3)), angles=np.zeros(9), ranges=np.ones((4, 9))),
+                  "laser scans", "npz", {"scans": 4, "beams": 9}, "mapdeal build"),
+    "c.csv": (b"x,y,z,intensity\n1,2,3,4\n5,6,7,8\n", "numbers", "4 numbers a line", {"lines": 3},
+              "mapdeal local --cloud"),
+    "c.txt": (b"1 2\n3 4\n5 6", "numbers", "2 numbers a line", {"lines": 3},
+              "mapdeal local --cloud"),
+    "either.txt": (b"# a comment\n1 2 3\n4 5 6\n", "numbers", "3 numbers a line", {"lines": 3},
+                   "--poses"),
+    "angles.txt": (b"0.1 " * 40 + b"\n", "numbers", "40 numbers a line", {"lines": 1},
+                   "mapdeal build --poses P --angles A --ranges R"),
+    "tum.txt": (b"1.5 0 0 0 0 0 0 1\n2.5 1 0 0 0 0 0 1\n", "poses", "TUM", {"lines": 2}, "--poses"),
+    "scans.log": (b"# log\nODOM 0 0 0 0 0 0 1 host 1\n" + 3 * FLASER, "laser scans", "CARMEN",
+                  {"scans": 3}, "mapdeal build"),
+    "scans.log.gz": (gzip.compress(b"# log\n" + 2 * FLASER), "laser scans", "CARMEN", {"scans": 2},
+                     "mapdeal build"),
+    "scans.clf": (2 * FLASER, "laser scans", "CARMEN", {"scans": 2}, "mapdeal build"),
+    "a.bag": (b"#ROSBAG V2.0\n\x45\0\0\0", "bag", "ROS 1", {"bytes": 17}, "rosbag play"),
+    "a.mcap": (b"\x89MCAP0\r\n\x01", "bag", "MCAP", {"bytes": 9}, "ros2 bag play"),
+    "a.db3": (b"SQLite format 3\0\x10\0", "bag", "ROS 2", {"bytes": 18}, "ros2 bag play"),
+    "metadata.yaml": (b"rosbag2_bagfile_information:\n  version: 5\n", "bag", "ROS 2", {},
+                      "ros2 bag play"),
+    "r.yaml": (b"stages:\n  - inflate: {radius: 1}\n  - esdf\n", "recipe", "recipe",
+               {"stages": "inflate, esdf"}, "--recipe"),
+    "s.yaml": (b"shapes:\n- {type: circle, center: [0, 0], radius: 1}\n", "shapes", "YAML",
+               {"shapes": 1}, "mapdeal edit polygon"),
+    "s.geojson": (json.dumps({"type": "FeatureCollection", "features": [{}, {}]}).encode(),
+                  "shapes", "GeoJSON", {"shapes": 2}, "mapdeal edit polygon"),
+    "nav2.yaml": (NAV2, "ROS parameters", "ROS parameters", {"nodes": "amcl, global_costmap"},
+                  "--inscribed-radius"),
+    "ros1.yaml": (b"obstacle_layer: {enabled: true}\nfootprint: []\n", "ROS parameters", "ROS",
+                  {"nodes": "obstacle_layer, footprint"}, "--inscribed-radius"),
+    "route.json": (json.dumps(ROUTE).encode(), "route", "route", {"points": 3, "length_m": 1.5},
+                   "mapdeal route"),
+    "summary.json": (b'{"maps": [{"status": "done"}, {"status": "failed"}, {"status": "done"}]}',
+                     "summary", "batch", {"maps": 3, "done": 2, "failed": 1}, "mapdeal info"),
+    "old.json": (b'{"outputs": {}, "stages": [], "figures": {}}', "manifest", "run", {},
+                 "mapdeal info"),
+    "m.pgm": (b"P5\n3 2\n255\n123456", "image", "PNM", {"pixels": "3 x 2"}, ".yaml"),
+    "lfs.pgm": (b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 12345\n",
+                "Git LFS pointer", "12345 bytes", {}, "git lfs pull"),
+}  # fmt: skip
+UNKNOWN = {
+    "words.txt": b"hello world\n", "empty": b"", "some.bin": bytes(range(256)),
+    "words.md": b"# A title\n\nText: more `text`.\n", "list.json": b"[1, 2]", "b.json": b"{}",
+    "cut.json": b'{"maps": [', "broken.yaml": b"stages: [\n", "mixed.csv": b"1,2\n3,x\n",
+    "names.csv": b"x,y\n", "cut.gz": b"\x1f\x8b\x08hello", "other.npz": npz(a=1, b=2),
+}  # fmt: skip
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, (data, *_) in FILES.items():
+        (tmp_path / name).write_bytes(data)
+    for name, data in UNKNOWN.items():
+        (tmp_path / name).write_bytes(data)
+    write_map("map.yaml", grid_from_text("..#\n.?."))
+    write_map("map.npz", grid_from_text("..#\n.?."))
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_is_what_it_is_by_its_bytes(here, name):
+    _, kind, what, figures, use = FILES[name]
+    found = kind_of(here / name)
+    assert found.name == kind
+    assert what in found.what
+    assert found.figures() == figures
+    assert use in found.use
+    assert "{" not in found.use
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_is_the_same_by_another_name(here, name):
+    kind = kind_of(here / name)
+    other = kind_of((here / name).rename(here / "braces {path} of nothing"))
+    if name == "a.db3":  # SQLite is used by others, too: its name counts
+        assert other.what == "an SQLite database"
+    else:
+        assert (other.name, other.what, other.figures()) == (kind.name, kind.what, FILES[name][3])
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_what_is_not_known_is_nothing(here, name):
+    assert kind_of(here / name) is None
+
+
+def test_maps_are_maps(here):
+    assert kind_of(here / "map.yaml").name == kind_of(here / "map.npz").name == "map"
+
+
+def test_a_folder_with_a_bag_and_one_of_a_batch(here):
+    for name in ("metadata.yaml", "summary.json"):
+        (here / f"of {name}").mkdir()
+        (here / name).rename(here / f"of {name}" / name)
+    assert kind_of(here / "of metadata.yaml").what == "a folder with a ROS 2 bag"
+    assert kind_of(here / "of summary.json").figures()["maps"] == 3
+    assert kind_of(here) is None
+
+
+def test_only_errors_about_the_file_itself_are_changed(here):
+    path = here / "c.pcd"
+    told = pytest.raises(MalformedInputError, match=r"is a point cloud \(PCD\), not a map")
+    with told, recognised(path, "a map", "map"):
+        raise MalformedInputError("some rule", source=path)
+    for error in (
+        MalformedInputError("some rule", source=here / "other.pgm"),
+        MalformedInputError("some rule"),
+        ParameterError("some rule", source=path),
+    ):
+        with pytest.raises(type(error), match="some rule"), recognised(path, "a map", "map"):
+            raise error
+    kept = pytest.raises(MalformedInputError, match="some rule")
+    with kept, recognised(path, "a point cloud", "point cloud"):
+        raise MalformedInputError("some rule", source=path)
+
+
+WRONG = [
+    ("inflate {} -o o.npz", "c.pcd", "is a point cloud (PCD), not a map"),
+    ("run {} -o out", "c.pcd", "is a point cloud (PCD), not a map"),
+    ("run {} -o out", "scans.log", "is a log of laser scans (CARMEN), not a map"),
+    ("esdf {} -o o.npz", "a.bag", "is a ROS 1 bag, not a map"),
+    ("info map.yaml --json", "", None),
+    ("query {} --at 1,1", "scans.npz", "is laser scans (npz), not a map"),
+    ("diff map.yaml {}", "a.mcap", "is a bag (MCAP), not a map"),
+    ("cost map.yaml -o o.npz --mask {}", "r.yaml", "is a recipe, not a map"),
+    ("build {} -o o.yaml", "map.yaml", "is a map, not a log of laser scans"),
+    ("build {} -o o.yaml", "map.npz", "is an npz of mapdeal's, not a log of laser scans"),
+    ("build {} -o o.yaml", "c.ply", "is a point cloud (PLY), not a log of laser scans"),
+    ("local --cloud {} --pose 0,0,0 -o out", "map.yaml", "is a map, not a point cloud"),
+    ("local --cloud {} --pose 0,0,0 -o out", "scans.log",
+     "is a log of laser scans (CARMEN), not a point cloud"),
+    ("local --cloud c.txt --poses {} -o out", "c.pcd",
+     "is a point cloud (PCD), not a file of poses"),
+    ("edit line map.yaml --value 1 -o o.yaml --file {}", "r.yaml",
+     "is a recipe, not a file of shapes"),
+    ("info {}", "lfs.pgm", "looks like an image"),
+    ("run {} -o out", "bag", "is a folder with a ROS 2 bag, not a folder of maps"),
+    ("inflate {} -o o.npz", "bag", "is a folder with a ROS 2 bag, not a map"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "name", "rule"), WRONG)
+def test_every_command_says_what_it_was_given(command, here, words, name, rule):
+    (here / "bag").mkdir()
+    (here / "metadata.yaml").rename(here / "bag" / "metadata.yaml")
+    before = sorted(here.iterdir())
+    code, out, err = command(*words.format(name).split())
+    if rule is None:
+        assert (code, err) == (0, "")
+        return
+    assert (code, out) == (3, "")
+    assert err.splitlines()[0].startswith(f"error: {name}: {rule}")
+    assert err.splitlines()[1].startswith("hint: ")
+    assert len(err.splitlines()) == 2
+    assert sorted(here.iterdir()) == before
+
+
+def test_a_recipe_that_is_a_map_is_usage(command, here):
+    code, _, err = command("run", "map.yaml", "-o", "out", "--recipe", "map.yaml")
+    assert (code, err.splitlines()[0]) == (2, "error: map.yaml: is a map, not a recipe")
+
+
+def test_lint_finds_what_a_file_is(command, here):
+    code, out, _ = command("lint", "c.pcd")
+    assert code == 1
+    assert "is a point cloud (PCD), not a map (mapdeal local --cloud c.pcd" in out
+
+
+@pytest.mark.parametrize("name", [n for n in FILES if not n.endswith(".pgm")])
+def test_info_tells_of_files_that_are_no_maps(command, here, name):
+    _, kind, what, figures, use = FILES[name]
+    code, out, err = command("info", name)
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert lines[0] == name
+    assert what in lines[1]
+    assert use in lines[-1]
+    assert len(lines) == (4 if figures else 3)
+    assert all(str(value) in lines[2] for value in figures.values())
+    report = json.loads(command("info", name, "--json")[1])
+    assert (report["kind"], report["figures"]) == (kind, figures)
+
+
+def test_a_damaged_cloud_is_an_error(command, here):
+    (here / "c.pcd").write_bytes(PCD.replace(b"SIZE 4 4 4 4", b"SIZE 4 4"))
+    code, out, err = command("info", "c.pcd")
+    assert (code, out) == (3, "")
+    assert "c.pcd: SIZE: must have 4 entries" in err
+
+
+@pytest.mark.parametrize("name", ["words.md", "some.bin", "words.txt"])
+def test_what_is_nothing_known_is_told_what_maps_are(command, here, name):
+    code, _, err = command("info", name)
+    assert code == 3
+    assert err.splitlines()[1].startswith("hint: a map is a map_server .yaml")
+
+
+def test_info_of_a_run_is_for_people(command, here):
+    assert command("run", "map.yaml", "-o", "out", "-q", "--no-images")[0] == 0
+    code, out, _ = command("info", "out/map")
+    assert code == 0
+    assert "  inflate     3 x 2 cells, occupied " in out
+    assert "  cost        3 x 2 cells, lethal " in out
+    assert "{" not in out
+    assert "[" not in out
