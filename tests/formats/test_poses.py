@@ -49,12 +49,20 @@ def test_what_is_odd_is_warned_of_once(read):
     assert np.cos(poses[:, 2] - [0, 90, -180]) == pytest.approx(1.0)
     assert np.abs(poses[:, 2]).max() <= math.pi
     with pytest.warns(MapdealWarning, match="time"):
-        read("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n")
+        read("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1\n")
     with pytest.warns(MapdealWarning, match="not of length 1"):
         (pose,) = read("0 1 2 3 0 0 2 2\n")
     assert pose.tolist() == [1.0, 2.0, pytest.approx(math.pi / 2)]
     with pytest.warns(MapdealWarning, match="leans"):
         read("0 1 2 3 0.2 0 0 0.9797958971132712\n")
+
+
+@pytest.mark.parametrize("time", ["0", "-0.0", "12.5"])
+def test_poses_without_times_are_not_scolded_for_their_order(read, time):
+    poses = read("".join(f"{time} {x} 2 0 0 0 0 1\n" for x in (5, 3, 4)))  # a warning is an error
+    assert poses[:, 0].tolist() == [5, 3, 4]
+    with pytest.warns(MapdealWarning, match="2 of 3 poses, the first of them pose 2.*a time"):
+        read("3 5 2 0 0 0 0 1\n2 5 2 0 0 0 0 1\n1 5 2 0 0 0 0 1\n")
 
 
 def test_times_as_far_apart_as_can_be(read):

@@ -140,6 +140,16 @@ def test_a_log_whose_lines_are_all_bad_names_the_first(read):
         read("# log", *[line] * 3, max_bad=10)
 
 
+@pytest.mark.parametrize("time", [0, 0.0, 7.5])
+@pytest.mark.parametrize("line", [flaser, robotlaser])
+def test_a_log_without_times_is_not_scolded_for_their_order(read, line, time):
+    lines = [line(HALF, (k, 0, 0), time=time) for k in range(3)]
+    ((poses, _, _),) = read(*lines)  # a warning is an error
+    assert [pose[0] for pose in poses] == [0.0, 1.0, 2.0]
+    with pytest.warns(MapdealWarning, match="2 of 4 scans are not later"):
+        read(*lines, line(HALF, (3, 0, 0), time=8))  # it has a time: so the others do
+
+
 def test_times_that_do_not_grow_are_warned_of_and_kept(read):
     with pytest.warns(MapdealWarning, match="1 of 3 scans are not later"):
         ((poses, _, _),) = read(*[flaser(HALF, (k, 0, 0), time=t) for k, t in enumerate((3, 2, 4))])

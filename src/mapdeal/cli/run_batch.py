@@ -10,6 +10,7 @@ from pathlib import Path
 
 from mapdeal.cli import terminal
 from mapdeal.errors import BatchError, MapdealError, one_line
+from mapdeal.formats.budget import size_text
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.applied import RunReport
 from mapdeal.pipeline.batch import run_all, text_of
@@ -22,7 +23,6 @@ _LONGEST_REASON = 100
 _LEAST_COLUMN = 8
 _ALL_AROUND = 2 * math.pi - 0.1
 """Radians: with gaps as short as this there is no direction that a cloud does not cover."""
-_MIB = 1 << 20
 
 
 def run_single(job: Job, run: MapRun, workers: Workers | None) -> None:
@@ -220,7 +220,7 @@ def _planned(plan: Plan) -> tuple[str, ...]:
         size = _size(plan.height, plan.width) if plan.height else "-"
         return what, "-", size, "-", _failure(plan.error, plan.job)
     files = str(len(plan.writes)) if plan.writes else "-"
-    memory = "-" if plan.need is None else _shown(plan.need.memory)
+    memory = "-" if plan.need is None else size_text(plan.need.memory)
     if plan.need is not None and plan.need.by_blocks:
         memory += " in blocks"
     where = f"{plan.job.name} -> {plan.job.folder}"
@@ -239,13 +239,8 @@ def _totals(plans: Sequence[Plan], size: int | None, output: Path, *, is_batch: 
     needed = sorted((plan.need.memory for plan in plans if plan.need), reverse=True)
     if needed:
         at_once = min(size or 1, len(needed))
-        text = f"memory: about {_shown(needed[0])} for the map that needs most"
+        text = f"memory: about {size_text(needed[0])} for the map that needs most"
         if at_once > 1:
-            text += f", {_shown(sum(needed[:at_once]))} at most with {at_once} jobs"
+            text += f", {size_text(sum(needed[:at_once]))} at most with {at_once} jobs"
         lines.append(text if size else f"{text}, on a worker")
     return [*lines, "nothing was written: this was --dry-run"]
-
-
-def _shown(size: int) -> str:
-    mib = size / _MIB
-    return f"{mib:.0f} MiB" if mib < 1000 else f"{mib / 1024:.1f} GiB"

@@ -103,8 +103,10 @@ def _poses_in(path: Path) -> Poses:
         turns = np.where(odd, np.round(rows[:, 2] / (2 * math.pi)), 0.0)
         return np.column_stack([rows[:, :2], rows[:, 2] - turns * 2 * math.pi])
     headings = _headings(rows[:, 4:], path)
-    is_late = np.concatenate([[False], rows[1:, 0] <= rows[:-1, 0]])
-    _warn_of(is_late, "a time that is not after the last", path)
+    times = rows[:, 0]
+    if (times != times[0]).any():  # one time for all, mostly 0, is none
+        is_late = np.concatenate([[False], times[1:] <= times[:-1]])
+        _warn_of(is_late, "a time that is not after the last", path)
     return np.column_stack([rows[:, 1:3], headings])
 
 

@@ -94,6 +94,7 @@ class CarmenLog(ScanSource):
         self._path = path
         self._bad = BadLines(path, max_bad)
         self._late = self._without_pose = self._repeated = 0
+        self._has_times = False
         self._tags = Counter(line.split(maxsplit=1)[0].decode() for _, line in self._lines(_TAGS))
         if not self._tags:
             rule = f"no line begins with {', '.join(_TAGS)}"
@@ -110,14 +111,18 @@ class CarmenLog(ScanSource):
         """Yield all scans in their order, some at a time; see `ScanSource.scans`."""
         self._bad = BadLines(self._path, self._bad.most)
         self._late = self._without_pose = self._repeated = 0
+        self._has_times = False  # one time for all, mostly 0, is none
         together: list[_Scan] = []
         latest = -math.inf
         before: _Scan | None = None
+        first_time: float | None = None
         for scan in self._parsed():
             if scan == before:
                 self._repeated += 1
                 continue
             before = scan
+            first_time = scan.time if first_time is None else first_time
+            self._has_times |= scan.time != first_time
             self._late += scan.time <= latest
             latest = max(latest, scan.time)
             most = max(1, min(_SCANS_TOGETHER, _READINGS_TOGETHER // max(1, len(scan.ranges))))
@@ -143,7 +148,7 @@ class CarmenLog(ScanSource):
             self._say(f"{self._without_pose} scans have no ODOM line before them, dropped")
         if self._repeated:
             self._say(f"{self._repeated} of {self.count} scans repeat the one before, dropped")
-        if self._late:
+        if self._late and self._has_times:
             text = f"{self._late} of {self.count} scans are not later than those before"
             self._say(f"{text}, kept in this order")
 
