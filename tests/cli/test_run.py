@@ -1,4 +1,4 @@
-"""The command `run`: how many maps it runs at the same time."""
+"""The command `run`: what it says of maps and stages."""
 
 import json
 
@@ -6,29 +6,6 @@ import pytest
 
 from drawn import grid_from_text
 from mapdeal import read_map, write_map
-from mapdeal.cli import run
-
-
-@pytest.mark.parametrize(
-    ("wanted", "maps", "processors", "size", "most"),
-    [
-        (None, 20, 3, 3, None),
-        (None, 2, 3, 2, None),
-        (1, 20, 3, 1, None),
-        (12, 20, 3, 12, None),  # four a processor
-        (13, 20, 3, 12, 12),
-        (8, 20, 1, 8, None),  # but eight at least
-        (9, 20, 1, 8, 8),
-        (99, 2, 3, 2, 12),
-    ],
-)
-def test_jobs_are_bounded_by_maps_and_processors(
-    monkeypatch, capsys, wanted, maps, processors, size, most
-):
-    monkeypatch.setattr(run, "available_threads", lambda: processors)
-    assert run._jobs_at_once(wanted, maps) == size
-    warning = f"warning: --jobs {wanted}: took {most}, as there are {processors} processors\n"
-    assert capsys.readouterr().err == ("" if most is None else warning)
 
 
 def test_a_map_that_is_named_twice_is_run_once_and_said(command, tmp_path):
@@ -58,7 +35,7 @@ def test_the_radius_of_a_footprint_is_told_everywhere(command, tmp_path):
     for name in (folder, folder / "manifest.json"):
         report = json.loads(command("info", name, "--json")[1])
         assert (report["kind"], report["stages"]) == ("run", manifest["stages"])
-        assert "  inflate     radius 0.5, footprint [[0.3, 0.4]," in command("info", name)[1]
+        assert "              radius 0.5, footprint [[0.3, 0.4]," in command("info", name)[1]
 
 
 def test_info_says_how_a_file_was_made_of_the_run_s_own_files_alone(command, tmp_path):

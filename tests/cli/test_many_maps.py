@@ -1,0 +1,27 @@
+"""Commands that take many maps: how many they go through at the same time."""
+
+import pytest
+
+from mapdeal.cli import many_maps
+
+
+@pytest.mark.parametrize(
+    ("wanted", "maps", "processors", "size", "most"),
+    [
+        (None, 20, 3, 3, None),
+        (None, 2, 3, 2, None),
+        (1, 20, 3, 1, None),
+        (12, 20, 3, 12, None),  # four a processor
+        (13, 20, 3, 12, 12),
+        (8, 20, 1, 8, None),  # but eight at least
+        (9, 20, 1, 8, 8),
+        (99, 2, 3, 2, 12),
+    ],
+)
+def test_jobs_are_bounded_by_maps_and_processors(
+    monkeypatch, capsys, wanted, maps, processors, size, most
+):
+    monkeypatch.setattr(many_maps, "available_threads", lambda: processors)
+    assert many_maps.jobs_at_once(wanted, maps) == size
+    warning = f"warning: --jobs {wanted}: took {most}, as there are {processors} processors\n"
+    assert capsys.readouterr().err == ("" if most is None else warning)
