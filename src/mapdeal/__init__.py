@@ -12,8 +12,8 @@ which gives a `BuiltMap`, and `MapBuilder` with `BeamLimits` for `Scans` that co
 Questions: `DistanceField.query`, which gives `FieldSamples`; `shortest_route` and `descend`, which
 give a `Route`.
 As the commands do: `run` with its `RunReport`; `load_recipe`, which gives a `Recipe`, and
-`apply_recipe` for grids in memory; `lint`, which gives a `LintReport` of `Finding`; `diff`, which
-gives a `DiffReport` with `WallShift`; `info`.
+`apply_recipe` for grids in memory; `lint`, which gives a `LintReport` of `Finding`, with a
+`MapReport` for each map; `diff`, which gives a `DiffReport` with `WallShift` and `Bound`; `info`.
 Pictures: `draw_picture`, which gives a `Picture`, and `write_picture`; notebooks show grids and
 reports as pictures by themselves.
 Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,

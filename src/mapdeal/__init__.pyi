@@ -4,7 +4,6 @@
 from mapdeal.api.diff import DiffReport as DiffReport
 from mapdeal.api.diff import diff as diff
 from mapdeal.api.info import info as info
-from mapdeal.api.lint import LintReport as LintReport
 from mapdeal.api.lint import lint as lint
 from mapdeal.api.picture import Picture as Picture
 from mapdeal.api.picture import draw_picture as draw_picture
@@ -12,8 +11,11 @@ from mapdeal.api.picture import write_picture as write_picture
 from mapdeal.api.recipe import apply_recipe as apply_recipe
 from mapdeal.api.recipe import load_recipe as load_recipe
 from mapdeal.api.run import run as run
+from mapdeal.checks.bounds import Bound as Bound
 from mapdeal.checks.difference import WallShift as WallShift
 from mapdeal.checks.finding import Finding as Finding
+from mapdeal.checks.reports.report import LintReport as LintReport
+from mapdeal.checks.reports.report import MapReport as MapReport
 from mapdeal.editing.draw import draw as draw
 from mapdeal.editing.window import blank as blank
 from mapdeal.editing.window import reset_region as reset_region

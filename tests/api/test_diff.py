@@ -55,6 +55,28 @@ def test_a_tolerance_lets_walls_pass_that_are_near(files):
         mapdeal.diff(*files, tolerance=-1)
 
 
+def test_bounds_let_small_changes_pass(files, command):
+    # Walls are 0.25 m away, and 5 of 32 cells differ: 15.6 %.
+    for words, bounds, passes in [
+        (["--max-shift", 0.25], {"max_shift": 0.25}, True),
+        (["--max-shift", 0.2], {"max_shift": 0.2}, False),
+        (["--max-differing", 16], {"max_differing": 16}, True),
+        (["--max-shift", 1, "--max-differing", 15], {"max_shift": 1, "max_differing": 15}, False),
+    ]:
+        code, out, _ = command("diff", *files, "--json", *words)
+        report = mapdeal.diff(*files, **bounds)
+        assert report.passes is passes
+        assert (code == 0) is passes
+        assert report.document() == json.loads(out)
+        assert [bound.holds for bound in report.bounds].count(False) == (not passes)
+        by_grids = mapdeal.diff(*map(mapdeal.read_map, files), **bounds)
+        assert by_grids.document() == report.document()
+        assert ("within the bounds" if passes else "beyond the bounds") in repr(report)
+    assert not mapdeal.diff(*files).passes
+    with pytest.raises(mapdeal.ParameterError, match="max_shift"):
+        mapdeal.diff(*files, max_shift=-1)
+
+
 def test_the_document_is_what_the_command_prints(files, command):
     files[1].write_text(files[1].read_text().replace("0.65", "0.6"))
     for tolerance in (0, 1):

@@ -29,10 +29,9 @@ def test_findings_are_those_of_the_command(maps, command):
     report = mapdeal.lint(paths)
     _, out, _ = command("lint", *paths, "--format", "json")
     listed = {one["file"]: one["findings"] for one in json.loads(out)["maps"]}
-    assert {file: len(found) for file, found in report.found.items()} == {
-        file: len(found) for file, found in listed.items()
-    }
-    for file, found in report.found.items():
+    found_in = {one.file: one.findings for one in report.maps}
+    assert list(found_in) == list(listed)
+    for file, found in found_in.items():
         for finding, expected in zip(found, listed[file], strict=True):
             for key in ("check", "severity", "message", "line"):
                 assert getattr(finding, key) == expected[key]
@@ -43,21 +42,21 @@ def test_findings_are_those_of_the_command(maps, command):
 
 def test_a_report_is_a_sequence_of_findings(maps):
     sound = mapdeal.lint(maps / "sound.yaml")
-    assert list(sound.found) == [str(maps / "sound.yaml")]
+    assert [one.file for one in sound.maps] == [str(maps / "sound.yaml")]
     assert not sound.errors
+    assert sound.passes
     report = mapdeal.lint(str(maps / "odd.yaml"))
     assert report
     assert len(report) == len(list(report))
     assert report[0] == next(iter(report))
-    assert report[-1] in report.found[str(maps / "odd.yaml")]
+    assert report[-1] in report.maps[0].findings
     assert {finding.check for finding in report} >= {"yaml.defaults"}
     assert len(report.errors) + len(report.warnings) + len(report.notes) == len(report)
     assert all(finding.severity == "error" for finding in report.errors)
     with pytest.raises(dataclasses.FrozenInstanceError):
         report[0].message = "other"
-    assert not mapdeal.lint([])
     with pytest.raises(IndexError):
-        mapdeal.lint([])[0]
+        report[len(report)]
 
 
 def test_a_missing_file_is_a_finding_with_its_line_of_text(tmp_path):
@@ -66,6 +65,38 @@ def test_a_missing_file_is_a_finding_with_its_line_of_text(tmp_path):
     assert str(finding).startswith(f"{tmp_path / 'missing.yaml'}: error: file.access: ")
     found = mapdeal.Finding("area.name", "note", "a\nb.yaml", "says\tso", 7)
     assert str(found) == "a\\nb.yaml:7: note: area.name: says\\tso"
+
+
+def test_folders_patterns_and_rules_are_those_of_the_command(maps, command):
+    _, out, _ = command("lint", maps, "--format", "json", "--ignore", "yaml", "--strict")
+    expected = json.loads(out)["maps"]
+    for paths in (maps, f"{maps}/*.yaml", [maps / "odd.yaml", str(maps / "sound.yaml")]):
+        report = mapdeal.lint(paths, ignore="yaml", strict=True)
+        assert [(one.file, len(one.findings)) for one in report.maps] == [
+            (one["file"], len(one["findings"])) for one in expected
+        ]
+    assert all(not finding.check.startswith("yaml.") for finding in report)
+    only = mapdeal.lint(maps, select=["yaml.defaults"])
+    assert [finding.check for finding in only] == ["yaml.defaults"]
+    assert only.passes
+    assert not mapdeal.lint(maps, select=["yaml.defaults"], strict=True).passes
+    with pytest.raises(mapdeal.ParameterError, match=r"yaml\.def"):
+        mapdeal.lint(maps, select="yaml.defalt")
+
+
+def test_the_projects_configuration_holds_unless_it_is_not_wanted(maps):
+    (maps / "mapdeal.toml").write_text('[lint]\nselect = ["yaml.defaults"]\n')
+    other = maps / "other.toml"
+    other.write_text('[lint]\nselect = ["yaml.origin-yaw"]\n')
+    checks = {finding.check for finding in mapdeal.lint(maps)}
+    assert checks == {"yaml.defaults"}
+    assert {finding.check for finding in mapdeal.lint(maps, config=other)} == {"yaml.origin-yaw"}
+    assert {finding.check for finding in mapdeal.lint(maps, config=False)} > checks
+
+
+def test_standard_input_is_left_to_the_command():
+    with pytest.raises(mapdeal.ParameterError, match="@-: is for the command line"):
+        mapdeal.lint("@-")
 
 
 def test_numbers_that_are_not_allowed_are_refused(tmp_path):
@@ -79,5 +110,5 @@ def test_real_maps_are_looked_at(real_maps, name):
     if not found:
         pytest.skip(f"there is no {name}")
     report = mapdeal.lint(found)
-    assert list(report.found) == [str(path) for path in found]
+    assert {one.file for one in report.maps} == {str(path) for path in found}
     assert "\n" not in repr(report)

@@ -44,6 +44,7 @@ def samples():
     start, goal = map_.frame.xy_from_rowcol([[0, 0], [0, 4]])
     differing = mapdeal.diff(map_, map_.with_values(np.zeros_like(map_.occupancy)))
     finding = mapdeal.Finding("yaml.defaults", "warning", "a.yaml", "negate is missing", 3)
+    checked = mapdeal.MapReport("a.yaml", (finding,))
     return {
         type(value).__name__: value
         for value in [
@@ -54,7 +55,8 @@ def samples():
             mapdeal.Scans([[0, 0, 0]], [0.0, 0.5], [[1.0, 1.2]]), mapper,
             mapdeal.MapBuilder(map_.frame), mapdeal.RollingMapper([[0, 0, 0]], options, keep=1),
             mapdeal.load_recipe("nav2"), mapdeal.draw_picture(map_), differing, finding,
-            mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.LintReport({"a.yaml": (finding,)}),
+            mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.Bound("max-shift", "m", 0.5, 0.25), checked,
+            mapdeal.LintReport((checked,), "1"),
             mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}),
         ]
     }  # fmt: skip
@@ -103,6 +105,7 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
         ("Scans", "1 scan, 2 beams each"),
         ("Recipe", "esdf -> cost exponential"),
         ("LintReport", "1 map: 0 errors, 1 warning, 0 notes"),
+        ("MapReport", "a.yaml: 0 errors, 1 warning, 0 notes"),
         ("RunReport", "out/a, done, stages esdf"),
     ],
 )

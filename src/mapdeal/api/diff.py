@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.checks.bounds import Bound, Bounds
 from mapdeal.checks.difference import WallShift, compare
 from mapdeal.errors import ParameterError
 from mapdeal.formats.map_yaml import Dialect
@@ -34,6 +35,10 @@ class DiffReport(Drawn):
     ----------
     is_equal : bool
         Whether they are the same, within the tolerance.
+    passes : bool
+        Whether all bounds hold; without any, `is_equal`.
+    bounds : tuple of Bound
+        Each bound that was given, what was found, and whether it holds.
     geometry : dict
         Those of width, height, resolution and origin that differ: both values.
     metadata : dict
@@ -64,6 +69,8 @@ class DiffReport(Drawn):
     """
 
     is_equal: bool
+    passes: bool
+    bounds: tuple[Bound, ...]
     geometry: dict[str, tuple[Any, Any]]
     metadata: dict[str, tuple[Any, Any]]
     common_cells: int
@@ -85,6 +92,8 @@ class DiffReport(Drawn):
 
     def _told(self) -> Iterator[str]:
         yield "equal" if self.is_equal else "different"
+        if self.bounds:
+            yield "within the bounds" if self.passes else "beyond the bounds"
         for name, (a, b) in {**self.geometry, **self.metadata}.items():
             yield f"{name} {a} -> {b}"
         yield f"{self.differing} of {self.common_cells} common cells differ"
@@ -102,6 +111,8 @@ def diff(
     second: Map,
     *,
     tolerance: float = 0.0,
+    max_shift: float | None = None,
+    max_differing: float | None = None,
     dialect: Dialect = "nav2",
     max_cells: int | None = None,
     max_memory: int | None = None,
@@ -116,6 +127,11 @@ def diff(
     tolerance : float
         Cells of A. A cell that is something else in the other map does not count if that map
         has a cell of its state so near, and the other way round.
+    max_shift : float, optional
+        Metres: `DiffReport.passes` if no obstacle of either map is farther than this from those
+        of the other in the common area.
+    max_differing : float, optional
+        Percent of the common cells that may differ, beyond the tolerance, for it to pass.
     dialect, max_cells, max_memory
         As of `read_map`, for files.
 
@@ -130,7 +146,8 @@ def diff(
     FileAccessError, MalformedInputError
         If a file cannot be read.
     ParameterError
-        If the tolerance is not 0..1000, or the maps lie so far apart that no grid holds both.
+        If the tolerance is not 0..1000, a bound is not allowed, or the maps lie so far apart that
+        no grid holds both.
 
     Warns
     -----
@@ -148,10 +165,11 @@ def diff(
     >>> diff(before, after).confusion["free"]["occupied"]
     1
     """
+    bounds = Bounds(max_shift, max_differing)
     if isinstance(first, str | PathLike) and isinstance(second, str | PathLike):
         paths = Path(first), Path(second)
         settings = Settings(dialect=dialect, max_cells=max_cells, max_memory=max_memory)
-        found = diff_files(*paths, settings, tolerance=tolerance)
+        found = diff_files(*paths, settings, tolerance=tolerance, bounds=bounds)
         title = f"{paths[0].stem} and {paths[1].stem}: what differs"
         return _report(found, tolerance, title)
     grids = [
@@ -163,7 +181,8 @@ def diff(
         )
         for one, name in ((first, "A"), (second, "B"))
     ]
-    found = FoundByFiles(compare(*grids, tolerance=tolerance), {})
+    between = compare(*grids, tolerance=tolerance)
+    found = FoundByFiles(between, {}, bounds.judged(between))
     return _report(found, tolerance, "what differs")
 
 
@@ -177,6 +196,8 @@ def _report(report: FoundByFiles, tolerance: float, title: str) -> DiffReport:
     found, document = report.found, report.document()
     return DiffReport(
         is_equal=found.is_equal,
+        passes=report.passes,
+        bounds=report.bounds,
         geometry=dict(found.geometry),
         metadata=dict(report.metadata),
         common_cells=found.common,

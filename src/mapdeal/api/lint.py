@@ -2,77 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
 
-from mapdeal.checks.finding import SEVERITIES, Finding, Severity
-from mapdeal.checks.lint import lint_file
-from mapdeal.grid.display import OneLine, count_text
+from mapdeal.checks.reports.report import LintReport
+from mapdeal.errors import ParameterError
+from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources
 from mapdeal.pipeline.settings import Settings
-
-
-@dataclass(frozen=True, repr=False)
-class LintReport(OneLine):
-    """What checks have found in some maps: as a sequence, the findings, map by map.
-
-    Empty, and so false, if there are none.
-
-    Parameters
-    ----------
-    found : dict of str to tuple of Finding
-        The findings of each file or folder that was looked at, the worst first; empty of those
-        without any.
-    """
-
-    found: dict[str, tuple[Finding, ...]]
-
-    def __iter__(self) -> Iterator[Finding]:
-        return (finding for findings in self.found.values() for finding in findings)
-
-    def __len__(self) -> int:
-        return sum(map(len, self.found.values()))
-
-    def __getitem__(self, index: int) -> Finding:
-        return tuple(self)[index]
-
-    @property
-    def errors(self) -> tuple[Finding, ...]:
-        """What makes a map wrong or unsafe for some reader."""
-        return self._of("error")
-
-    @property
-    def warnings(self) -> tuple[Finding, ...]:
-        """Traps."""
-        return self._of("warning")
-
-    @property
-    def notes(self) -> tuple[Finding, ...]:
-        """What is good to know."""
-        return self._of("note")
-
-    def _of(self, severity: Severity) -> tuple[Finding, ...]:
-        return tuple(finding for finding in self if finding.severity == severity)
-
-    def _told(self) -> Iterator[str]:
-        counts = (count_text(len(self._of(severity)), severity) for severity in SEVERITIES)
-        yield f"{count_text(len(self.found), 'map')}: {', '.join(counts)}"
 
 
 def lint(
     paths: str | PathLike[str] | Iterable[str | PathLike[str]],
     *,
+    select: str | Iterable[str] = (),
+    ignore: str | Iterable[str] = (),
+    strict: bool = False,
+    config: str | PathLike[str] | bool = True,
     max_cells: int | None = None,
     max_memory: int | None = None,
 ) -> LintReport:
-    """Say what is wrong with maps, by named checks, as the command does.
+    """Report what is wrong with maps, by named checks, as the command does.
 
     Parameters
     ----------
     paths : path or str, or several
-        Files: map_server ``.yaml``, ``.pbm`` with its YAML beside it, ``.npz``; or folders of
-        runs.
+        Files: map_server ``.yaml``, ``.pbm`` with its YAML beside it, ``.npz``; folders of maps
+        or of runs; patterns such as ``maps/**/*.yaml``; ``@LIST.txt``.
+    select, ignore : str or several
+        Names of checks, or of their areas such as ``image``: those that count, all if not given,
+        and those that do not.
+    strict : bool
+        Whether warnings, too, make `LintReport.passes` false.
+    config : path, str or bool
+        The file of configuration of all maps; True for the nearest ``mapdeal.toml`` or
+        ``pyproject.toml`` of each, False for none.
     max_cells : int, optional
         Cells up to which a file is read; by default 2e8 for compressed images, 1e9 for others.
     max_memory : int, optional
@@ -81,23 +45,41 @@ def lint(
     Returns
     -------
     LintReport
-        The findings. A file that cannot be read is one of them, and no error.
+        A sequence of `Finding`; ``print`` shows each as the command does. A file that cannot be
+        read is a finding, and no error.
+
+    Raises
+    ------
+    ParameterError
+        If a check is not known, a pattern matches no map, or a configuration says what cannot be.
+    FileAccessError, MalformedInputError
+        If a list or a file of configuration cannot be read.
 
     Examples
     --------
     In a script for CI::
 
-        report = mapdeal.lint(Path("maps").glob("*.yaml"))
+        report = mapdeal.lint("maps", ignore="yaml.origin-off-lattice")
         for finding in report:
             print(finding)
-        sys.exit(1 if report.errors else 0)
+        sys.exit(0 if report.passes else 1)
     """
-    several = [paths] if isinstance(paths, str | PathLike) else paths
     settings = Settings(max_cells=max_cells, max_memory=max_memory)
+    rules = LintRules(
+        _several(select),
+        _several(ignore),
+        strict=strict,
+        config=None if isinstance(config, bool) else Path(config),
+        is_isolated=config is False,
+    )
     with settings.memory():
-        found = {str(path): _findings(Path(path), settings) for path in several}
-    return LintReport(found)
+        listing = list_sources(_several(paths), _no_standard_input)
+        return lint_maps([one.path for one in listing.maps], rules, settings)
 
 
-def _findings(path: Path, settings: Settings) -> tuple[Finding, ...]:
-    return tuple(lint_file(path, max_cells=settings.max_cells))
+def _several(given: str | PathLike[str] | Iterable[str | PathLike[str]]) -> tuple[str, ...]:
+    return tuple(map(str, [given] if isinstance(given, str | PathLike) else given))
+
+
+def _no_standard_input() -> Iterable[bytes]:
+    raise ParameterError("is for the command line", source="@-", hint="give the names as a list")

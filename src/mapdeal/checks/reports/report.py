@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import overload
 
-from mapdeal.checks.finding import SEVERITIES, Finding
+from mapdeal.checks.finding import SEVERITIES, Finding, Severity
+from mapdeal.grid.display import OneLine, count_text
 
 
-@dataclass(frozen=True)
-class MapReport:
+@dataclass(frozen=True, repr=False)
+class MapReport(OneLine):
     """What was found in a map, or in the folder of a run.
 
     Parameters
@@ -36,6 +39,9 @@ class MapReport:
     is_folder: bool = False
     repairs: tuple[str, ...] = ()
 
+    def _told(self) -> Iterator[str]:
+        yield f"{self.file}: {counts_text(counts_of(self.findings), self.suppressed)}"
+
     @property
     def failures(self) -> tuple[Finding, ...]:
         """The findings that make the exit code 1."""
@@ -43,9 +49,11 @@ class MapReport:
         return tuple(found for found in self.findings if found.severity in failing)
 
 
-@dataclass(frozen=True)
-class LintReport:
-    """What was found in some maps.
+@dataclass(frozen=True, repr=False)
+class LintReport(OneLine, Sequence[Finding]):
+    """What was found in some maps: as a sequence, the findings, map by map.
+
+    Empty, and so false, if there are none.
 
     Parameters
     ----------
@@ -58,6 +66,51 @@ class LintReport:
     maps: tuple[MapReport, ...]
     version: str
 
+    def __len__(self) -> int:
+        return len(self.findings)
+
+    @overload
+    def __getitem__(self, index: int) -> Finding: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Finding]: ...
+
+    def __getitem__(self, index: int | slice) -> Finding | list[Finding]:
+        return self.findings[index]
+
+    @property
+    def errors(self) -> list[Finding]:
+        """What makes a map wrong or unsafe for some reader."""
+        return self._of("error")
+
+    @property
+    def warnings(self) -> list[Finding]:
+        """Traps."""
+        return self._of("warning")
+
+    @property
+    def notes(self) -> list[Finding]:
+        """What is good to know."""
+        return self._of("note")
+
+    def _of(self, severity: Severity) -> list[Finding]:
+        return [found for found in self.findings if found.severity == severity]
+
+    def _told(self) -> Iterator[str]:
+        yield self.summary()
+
+    def summary(self) -> str:
+        """Return how many maps there were, and how much was found, in one line."""
+        folders = sum(one.is_folder for one in self.maps)
+        maps = len(self.maps) - folders
+        kinds = [count_text(maps, "map")] if maps or not folders else []
+        kinds += [count_text(folders, "folder")] if folders else []
+        parts = [counts_text(self.counts, self.suppressed)]
+        repaired = sum(bool(one.repairs) for one in self.maps)
+        if repaired:
+            parts.append(f"{repaired} repaired")
+        return f"{', '.join(kinds)}: {', '.join(parts)}"
+
     @property
     def findings(self) -> list[Finding]:
         """Those of all maps."""
@@ -66,8 +119,7 @@ class LintReport:
     @cached_property
     def counts(self) -> dict[str, int]:
         """How many findings there are of each severity."""
-        found = Counter(finding.severity for finding in self.findings)
-        return {severity: found[severity] for severity in SEVERITIES}
+        return counts_of(self.findings)
 
     @property
     def suppressed(self) -> int:
@@ -78,3 +130,15 @@ class LintReport:
     def passes(self) -> bool:
         """Whether no map has a finding that makes the exit code 1."""
         return not any(one.failures for one in self.maps)
+
+
+def counts_of(findings: Iterable[Finding]) -> dict[str, int]:
+    """Return how many findings there are of each severity."""
+    found = Counter(finding.severity for finding in findings)
+    return {severity: found[severity] for severity in SEVERITIES}
+
+
+def counts_text(counts: Mapping[str, int], suppressed: int) -> str:
+    """Return the counts of findings in words, and how many were suppressed."""
+    parts = [count_text(count, severity) for severity, count in counts.items()]
+    return ", ".join([*parts, *([f"{suppressed} suppressed"] if suppressed else [])])
