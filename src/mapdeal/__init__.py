@@ -7,8 +7,9 @@ Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField` (any of the
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
 `ring_cost`, `potential`; a robot's `Footprint`; `apply_keepout_mask`.
 Maps from sensors: `local_map`, and `LocalMapper` with `LocalOptions` for clouds that come in
-parts, which gives a `LocalMap`, or `RollingMapper` for sequences; `build_map` of laser scans,
-which gives a `BuiltMap`, and `MapBuilder` with `BeamLimits` for `Scans` that come in parts.
+parts, which gives a `LocalMap`, or `RollingMapper` for sequences; `build_map` of laser scans
+and `build_map_from_log`, which give a `BuiltMap`, and `MapBuilder` with `BeamLimits` for `Scans`
+that come in parts.
 Questions: `DistanceField.query`, which gives `FieldSamples`; `shortest_route` and `descend`, which
 give a `Route`.
 As the commands do: `run` with its `RunReport`; `load_recipe`, which gives a `Recipe`, and

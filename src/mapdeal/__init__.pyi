@@ -1,6 +1,7 @@
 # The public names: what `import mapdeal` gives, each loaded on first use.
 # `mapdeal.__init__` reads this file, so that no name stands in two places.
 
+from mapdeal.api.build import build_map_from_log as build_map_from_log
 from mapdeal.api.diff import DiffReport as DiffReport
 from mapdeal.api.diff import diff as diff
 from mapdeal.api.info import info as info

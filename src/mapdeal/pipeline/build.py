@@ -23,7 +23,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.mapping.beams import BeamCounts, BeamLimits, Scans
-from mapdeal.mapping.build import Extent, MapBuilder, Method, frame_of, reach_behind
+from mapdeal.mapping.build import BuiltMap, Extent, MapBuilder, Method, frame_of, reach_behind
 from mapdeal.mapping.hit_groups import NEAR, OFTEN, HitGroups
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.settings import Settings
@@ -139,18 +139,32 @@ def build_file(
     (method,) = settings.methods
     outputs = [*output_paths(output), *([layers] if layers is not None else [])]
     with outputs_of(outputs, source.files, options) as transaction:
-        gathered = gather(source, settings, options, _PER_CELL[method], advance)
-        builder = gathered.builders[method]
-        built = builder.result(with_layers=layers is not None)
-        warn_of_nothing(built.grid, source.named)
-        if built.vanished:
-            _warn_of_vanished(built.vanished, built.grid.frame, builder, source.named)
+        built = build(source, settings, options, with_layers=layers is not None, advance=advance)
         write_grid(transaction, output, built.grid)
         if layers is not None:
             transaction.write(layers, lambda file: write_npz(file, built.grid, more=built.layers))
         title = f"{output.stem}: map, {method}"
         add_picture(transaction, options, built.grid, title)
     return {**built.grid.figures(), **asdict(built.counts)}
+
+
+def build(
+    source: ScanSource,
+    settings: BuildSettings,
+    options: Settings,
+    *,
+    with_layers: bool = True,
+    advance: Advance = lambda _: None,
+) -> BuiltMap:
+    """Return the map of scans in files, with its evidence or without; as `build_file`."""
+    (method,) = settings.methods
+    gathered = gather(source, settings, options, _PER_CELL[method], advance)
+    builder = gathered.builders[method]
+    built = builder.result(with_layers=with_layers)
+    warn_of_nothing(built.grid, source.named)
+    if built.vanished:
+        _warn_of_vanished(built.vanished, built.grid.frame, builder, source.named)
+    return built
 
 
 def gather(
