@@ -34,17 +34,38 @@ def touching_groups(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:
     cells = np.stack([at // width, at % width], axis=1)
     pairs = [_beside(at, cells, step, width) for step in ((0, 1), (1, -1), (1, 0), (1, 1))]
     first, second = np.concatenate(pairs, axis=1)
-    least = np.arange(len(at))  # of the cells known to be of the same group
+    return cells, np.unique(least_joined(first, second, len(at)), return_inverse=True)[1]
+
+
+def least_joined(first: Cells, second: Cells, count: int) -> Cells:
+    """Return for each of some things the least of all that it is joined to, by whatever way.
+
+    Parameters
+    ----------
+    first, second : numpy.ndarray of int64, shape (M,)
+        Pairs of things that are joined.
+    count : int
+        The things are 0 .. `count` - 1.
+
+    Returns
+    -------
+    numpy.ndarray of int64, shape (`count`,)
+
+    Examples
+    --------
+    >>> least_joined(np.array([1, 4]), np.array([4, 3]), 5).tolist()
+    [0, 1, 2, 1, 1]
+    """
+    least = np.arange(count)  # of those known to be joined
     while True:
         one, other = least[first], least[second]
         apart = one != other
         if not apart.any():
-            break
+            return least
         first, second, one, other = first[apart], second[apart], one[apart], other[apart]
         np.minimum.at(least, np.maximum(one, other), np.minimum(one, other))
         while not np.array_equal(nearer := least[least], least):
             least = nearer
-    return cells, np.unique(least, return_inverse=True)[1]
 
 
 def _beside(at: Cells, cells: Cells, step: tuple[int, int], width: int) -> Cells:
