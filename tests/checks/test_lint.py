@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mapdeal import OccupancyGrid, read_map, write_map
+from mapdeal import Costmap, OccupancyGrid, read_map, write_map
 from mapdeal.checks import lint
 from mapdeal.checks.check import check
 from mapdeal.checks.facts import GridFacts, PairFacts
@@ -200,13 +200,14 @@ def test_the_number_of_cells_and_the_line_are_told(checks):
     _, (found, *_) = checks(free_thresh="0.25")
     unknown = int((ROOM == 205).sum())
     assert found.line == 7
-    assert f"nav2 {unknown}, humble {unknown}, ros1 {unknown}" in found.message
+    assert found.message.startswith(f"{unknown} cells ({100 * unknown / 180:.3g} %) of grey 205")
 
 
 def test_counts_of_the_readers_are_told(checks):
     _, findings = checks(pgm(painted(_5_5=102)), occupied_thresh="0.6")
     first, second = (f.message for f in findings if f.check == "readers.differ")
-    assert first.startswith("1 cells differ between nav2 and humble (nav2: occupied 43, free 87")
+    counts = "(nav2: occupied 43, free 87"
+    assert first.startswith(f"1 cells (0.556 %) differ between nav2 and humble {counts}")
     assert second.endswith("ros1: occupied 42, free 87, unknown 51)")
 
 
@@ -234,7 +235,7 @@ def test_a_check_gets_the_facts_of_its_annotation(checks, tmp_path, restored_che
 
     @check("test.grid", "note", "the cells")
     def of_grid(facts: GridFacts):
-        yield f"{facts.grid.occupancy.size} cells"
+        yield f"{facts.cells.size} cells"
 
     file = str(tmp_path / "m.yaml")
     assert checks()[1] == [
@@ -307,6 +308,41 @@ def test_a_run_whose_costs_say_nothing_has_a_finding(command, folder):
     assert found.message == "cost: 100 % of the open cells cost 0"
     assert command("lint", "out/good")[0] == 0
     assert command("lint", "out/good", "--strict")[0] == 1
+
+
+@pytest.mark.parametrize("name", ["cost.npz", "cost.yaml"])
+@pytest.mark.parametrize(
+    ("cost", "told"),
+    [
+        ([[0, 0, 0, 254], [0, 0, 0, 255]], "100 % of the open cells cost 0: make the costs again"),
+        ([[254, 253, 254]], "no cell is open: every one is lethal, inscribed or unknown"),
+        ([[0, 1, 120], [3, 130, 254]], None),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*which map_server would misread")
+def test_costs_that_say_nothing_are_found_in_their_own_files_too(tmp_path, name, cost, told):
+    costmap = Costmap(np.array(cost, np.uint8), 0.25, (1.5, -2.0, 0.0))
+    write_map(tmp_path / name, costmap, encoding="costmap2d")
+    found = [f for f in lint_file(tmp_path / name) if f.check != "yaml.unknown-key"]
+    assert [(f.check, f.severity) for f in found] == [("run.uniform-cost", "warning")] * bool(told)
+    assert all(f.message.startswith(told) for f in found)
+
+
+@pytest.mark.filterwarnings("ignore:.*which map_server would misread")
+def test_costs_that_cannot_be_read_are_a_finding(tmp_path):
+    write_map(tmp_path / "m.yaml", Costmap(np.ones((2, 3), np.uint8), 0.25), encoding="costmap2d")
+    Image.fromarray(TINTED).save(tmp_path / "m.pgm", "PPM")
+    (found,) = lint_file(tmp_path / "m.yaml")
+    assert found.check == "file.malformed"
+    assert "must have one 8-bit grey channel" in found.message
+
+
+def test_a_map_of_which_nothing_is_known_is_told_once(checks):
+    _, findings = checks(pgm(np.full((4, 5), 205, np.uint8)))
+    errors = [(f.check, f.message) for f in findings if f.severity == "error"]
+    assert errors == [
+        ("map.all-unknown", "every cell is unknown; are the thresholds, mode and negate right?")
+    ]
 
 
 def test_fix_takes_the_traps_out(command, folder):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mapdeal import OccupancyGrid
+from mapdeal import MapdealWarning, OccupancyGrid, read_map
 from mapdeal.checks import image_checks, yaml_checks
 from mapdeal.checks.difference import compare
 from mapdeal.checks.facts import gather
@@ -94,11 +94,87 @@ def test_a_resolution_in_the_image_may_be_rounded(pair, comment, resolution, is_
 def test_grey_205_that_is_free_is_counted_where_only_that_is_free(pair):
     facts, _ = pair([[0, 205, 205], [254, 254, 205]], free_thresh="0.25")
     (text,) = said(image_checks.unknown_becomes_free, facts)
-    assert text.endswith(": nav2 3, humble 3, ros1 3; 0.196 does not")
+    assert text == (
+        "3 cells (50 %) of grey 205, which map_saver writes for unknown, are read as free by nav2,"
+        " humble and ros1; lower free_thresh from 0.25 to 0.196"
+    )
     facts, _ = pair([[0, 254, 210]], free_thresh="0.25")
     assert said(image_checks.unknown_becomes_free, facts) == []
     facts, _ = pair([[0, 205, 254]], mode="raw")
     assert said(image_checks.unknown_becomes_free, facts) == []
+
+
+def test_a_few_pixels_of_grey_205_are_the_blur_of_edges(pair):
+    """A thousandth of the cells is map_saver's."""
+    row = [254] * 1000
+    facts, _ = pair([[205, *row[1:]]], free_thresh="0.25")
+    (text,) = said(image_checks.unknown_becomes_free, facts)
+    assert text.startswith("1 cells (0.1 %) of grey 205")
+    facts, _ = pair([[205, *row]], free_thresh="0.25")
+    assert said(image_checks.unknown_becomes_free, facts) == []
+    assert repaired(facts.path, facts)[1] == []  # and so is none of them changed
+
+
+@pytest.mark.parametrize(
+    ("free_thresh", "told"),
+    [
+        ("0.1960785", "lower free_thresh from 0.1960785 to 0.196"),  # not from 0.196
+        ("0.3", "lower free_thresh from 0.3 to 0.196"),
+    ],
+)
+def test_what_is_told_of_a_threshold_does_not_contradict_itself(pair, free_thresh, told):
+    facts, _ = pair([[0, 205, 254]], free_thresh=free_thresh)
+    (text,) = said(image_checks.unknown_becomes_free, facts)
+    assert text.endswith(f" are read as free by nav2, humble and ros1; {told}")
+
+
+def test_a_threshold_that_readers_round_differently_names_those_that_free_the_grey(pair):
+    # the shade of grey 205; ROS 1 compares with <, and to humble 1 - 205 / 255 comes out below
+    facts, _ = pair([[0, 205, 205, 254]], free_thresh=repr(50 / 255))
+    (text,) = said(image_checks.unknown_becomes_free, facts)
+    assert text == (
+        "2 cells (50 %) of grey 205, which map_saver writes for unknown, are read as free by nav2"
+        " and humble; lower free_thresh from 0.19607843137254902 to 0.196"
+    )
+
+
+@pytest.mark.parametrize(
+    ("free_thresh", "who", "advice"),
+    [
+        ("0.196", "humble and ros1", "save"),
+        ("0.25", "nav2, humble and ros1", "lower free_thresh from 0.25 to 0.196, and save"),
+    ],
+)
+def test_opacity_that_is_averaged_in_is_no_matter_of_thresholds(png_pair, free_thresh, who, advice):
+    """(3 * 205 + 255) / 4 is 217.5, whose shade is 0.147."""
+    opaque = [[[205] * 3 + [255], [254] * 3 + [255]]]
+    facts = png_pair(opaque, free_thresh=free_thresh)
+    (text,) = said(image_checks.unknown_becomes_free, facts)
+    assert text == (
+        "1 cells (50 %) of grey 205, which map_saver writes for unknown, are read as free by"
+        f" {who}; {advice} the image as a PGM, since humble and ros1 average the opacity into the"
+        " grey"
+    )
+
+
+def test_16_bit_greys_beside_that_of_map_saver_are_not_taken_for_it(tmp_path):
+    """205 * 257 is its brightness; 52_900 has a shade of 0.193, free with the usual threshold."""
+    for value, is_told in ((205 * 257, True), (52_900, False)):
+        Image.fromarray(np.array([[value, 65_535]], np.uint16)).save(tmp_path / "m.png")
+        entries = {**YAML, "image": "m.png", "free_thresh": "0.25"}
+        (tmp_path / "m.yaml").write_text("\n".join(f"{k}: {v}" for k, v in entries.items()))
+        facts = gather(tmp_path / "m.yaml")[0]
+        assert len(said(image_checks.unknown_becomes_free, facts)) == is_told
+
+
+def test_commands_warn_in_the_words_of_the_check(pair):
+    facts, _ = pair([[0, 205, 254]], free_thresh="0.25")
+    with pytest.warns(MapdealWarning) as caught:
+        read_map(facts.path)
+    (text,) = said(image_checks.unknown_becomes_free, facts)
+    assert [str(one.message) for one in caught] == [
+        f"{facts.path}: {text}".replace(" by nav2, humble and ros1", "")
+    ]
 
 
 @pytest.mark.parametrize(
@@ -150,18 +226,18 @@ def test_paths_of_both_kinds_of_systems_are_absolute(pair, name, is_told):
 
 def test_a_repair_raises_no_threshold(pair):
     # grey 215 has the shade 0.157, grey 205 has 0.196
-    facts, cells = pair([[0, 205, 215, 254]], free_thresh="0.1")
-    grid, done = repaired(facts, cells)
+    facts, _ = pair([[0, 205, 215, 254]], free_thresh="0.1")
+    grid, done = repaired(facts.path, facts)
     assert (grid.occupancy.tolist(), done) == ([[100, -1, -1, 0]], [])
-    facts, cells = pair([[0, 205, 215, 254]], free_thresh="0.25")
-    grid, done = repaired(facts, cells)
+    facts, _ = pair([[0, 205, 215, 254]], free_thresh="0.25")
+    grid, done = repaired(facts.path, facts)
     assert grid.occupancy.tolist() == [[100, -1, 0, 0]]
     assert done == ["1 cells of unknown grey are not free any more"]
 
 
 def test_a_repair_that_turns_a_map_leaves_what_lies_outside_of_it_unknown(pair):
-    facts, cells = pair([[254, 254], [254, 254]], resolution="0.5", origin="[0.1, 0, 0.785398163]")
-    grid, done = repaired(facts, cells)
+    facts, _ = pair([[254, 254], [254, 254]], resolution="0.5", origin="[0.1, 0, 0.785398163]")
+    grid, done = repaired(facts.path, facts)
     # the square stands on its corner at (0.1, 0), 1.41 m high and wide
     assert grid.occupancy.tolist() == [
         [-1, -1, 0, -1],
@@ -175,7 +251,7 @@ def test_a_repair_that_turns_a_map_leaves_what_lies_outside_of_it_unknown(pair):
 def test_a_yaw_that_no_cell_shows_is_taken_out_without_resampling(pair):
     facts, cells = pair([[0, 205, 254]], origin="[-1.5, 2.0, 1e-7]")
     assert not is_turned(cells.frame)
-    grid, done = repaired(facts, cells)
+    grid, done = repaired(facts.path, facts)
     assert (grid.occupancy.tolist(), grid.origin, done) == ([[100, -1, 0]], (-1.5, 2.0, 0.0), [])
 
 
@@ -200,9 +276,10 @@ def test_a_tolerance_reaches_as_far_as_it_says_and_no_further(tolerance, beyond)
 def png_pair(tmp_path):
     """Return what there is to check of a PNG and its YAML."""
 
-    def make(pixels):
+    def make(pixels, **changes):
         Image.fromarray(np.array(pixels, dtype=np.uint8)).save(tmp_path / "m.png")
-        lines = [f"{key}: {value}" for key, value in {**YAML, "image": "m.png"}.items()]
+        entries = {**YAML, "image": "m.png", **changes}
+        lines = [f"{key}: {value}" for key, value in entries.items()]
         (tmp_path / "m.yaml").write_text("\n".join(lines))
         return gather(tmp_path / "m.yaml")[0]
 
@@ -213,12 +290,12 @@ def test_coloured_and_see_through_pixels_are_counted(png_pair):
     grey, tinted, blue = [9, 9, 9], [9, 9, 8], [0, 0, 255]
     facts = png_pair([[grey, tinted, grey, blue], [grey, grey, grey, blue]])
     assert said(image_checks.colour, facts) == [
-        "3 pixels are coloured; readers make grey of them differently"
+        "3 pixels (37.5 %) are coloured; readers make grey of them differently"
     ]
     assert said(image_checks.alpha, facts) == []
     assert said(image_checks.colour, png_pair([[grey, grey], [grey, grey]])) == []
     facts = png_pair([[[9, 9, 9, 255], [9, 9, 9, 254], [9, 9, 9, 0]]])
     assert said(image_checks.alpha, facts) == [
-        "2 pixels are not opaque: unknown to Nav2, grey to ROS 1"
+        "2 pixels (66.7 %) are not opaque: unknown to Nav2, grey to ROS 1"
     ]
     assert said(image_checks.alpha, png_pair([[[9, 9, 9, 255]]])) == []

@@ -293,6 +293,8 @@ def site(folder, side):
     grid = OccupancyGrid(values, 0.05, (1.5, -2.0, 0.0))
     write_map(folder / "site.yaml", grid)
     write_map(folder / "site.npz", grid)
+    turned = (folder / "site.yaml").read_text().replace("-2.0, 0.0]", "-2.0, 0.4]")
+    (folder / "turned.yaml").write_text(turned)
     write_map(folder / "site-png.png", grid)
     shifted = np.roll(values, 3, axis=0)
     write_map(folder / "other.yaml", OccupancyGrid(shifted, 0.05, (2.5, -2.0, 0.0)))
@@ -321,6 +323,8 @@ COMMANDS = {
     "info field on a canvas": ["info", "canvas.npz"],
     "info potential": ["info", "potential.npz"],
     "lint": ["lint", "site.yaml", "-q"],
+    "lint npz": ["lint", "site.npz", "-q"],
+    "repair": ["lint", "site.yaml", "--fix", *OUT],
     "convert": ["convert", "site.yaml", "-o", "out.npz"],
     "convert field": ["convert", "esdf.npz", *OUT],
     "convert field on a canvas": ["convert", "canvas.npz", *OUT],
@@ -367,3 +371,9 @@ def test_the_memory_that_a_command_asks_for_is_enough_and_not_much_too_much(ordi
     assert code in (0, 1), told  # 1: they differ, no way leads there
     assert peak < SLACK * allowed * 1_000_000
     assert allowed < 3 * peak / 1_000_000
+
+
+def test_a_repair_that_turns_a_large_map_is_refused_before_it_begins(ordinary):
+    words = ["lint", "turned.yaml", "--fix", *OUT, "--force"]
+    code, told, _ = measured(ordinary, *words, "--max-memory", "80MB")
+    assert (code, "turned.yaml: needs" in told) == (3, True), told

@@ -1,66 +1,72 @@
-"""What checks look at: a map's files, read once, for all readers."""
+"""What checks look at: a map's files, gone through once, for all readers."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mapdeal.checks.finding import CHECKS, Finding
+from mapdeal.checks.tallies import CellTallies, PixelTallies, tallies_of
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
-from mapdeal.formats.budget import claim
-from mapdeal.formats.dialects import DIALECTS, cells_of
-from mapdeal.formats.image import read_image
+from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats.image import open_strips
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 from mapdeal.formats.kinds import MAP, recognised
-from mapdeal.formats.map_remarks import count_of_lost, remark_on_lost
-from mapdeal.formats.map_server import find_image
-from mapdeal.formats.map_yaml import Dialect, MapMetadata, metadata_of
+from mapdeal.formats.map_remarks import remark_on_lost, warn_of_cost_figures, warn_of_one_cost
+from mapdeal.formats.map_server import costs_of, find_image
+from mapdeal.formats.map_yaml import MapMetadata, metadata_of
 from mapdeal.formats.npz import read_npz
 from mapdeal.formats.picture import Picture
 from mapdeal.formats.source import head_of
+from mapdeal.formats.strips import Strips
 from mapdeal.formats.yaml_text import Entry, read_mapping
-from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.costmap import Costmap, figures_of_costs
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import OCCUPIED
-
-MAP_SAVER_UNKNOWN = 205
-"""The grey that map_saver writes for unknown cells."""
+from mapdeal.kernels.components import Cells
 
 _HEAD = 1 << 16
-_PER_CELL, _PER_CELL_OF_COLOURS = 20, 44
-"""Bytes for each cell that what is read and its checks take."""
+
+_PIXELS_TOGETHER = 1 << 17
+"""Colours become wide numbers on the way to cells: not those of many pixels at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class GridFacts:
-    """The cells of a map, of whatever file.
+    """The cells of a map, of whatever file, as dialect nav2 reads them.
 
     Parameters
     ----------
-    grid : OccupancyGrid
-        As dialect nav2 reads it.
+    frame : Frame
+        Its geometry.
+    cells : CellTallies
+        What was counted of its cells, which are not kept.
     """
 
-    grid: OccupancyGrid
+    frame: Frame
+    cells: CellTallies
+
+    @classmethod
+    def of(cls, grid: OccupancyGrid) -> GridFacts:
+        """Return the facts of a map in memory, or of one that is read by rows."""
+        return cls(grid.frame, tallies_of(grid.occupancy))
 
     @property
-    def frame(self) -> Frame:
-        """Its geometry."""
-        return self.grid.frame
-
-    @cached_property
     def counts(self) -> dict[str, int]:
         """How many cells there are of each kind."""
-        return counts_of(self.grid.occupancy)
+        return self.cells.counts
+
+    @property
+    def other_components(self) -> tuple[Cells, Cells]:
+        """The sizes of the components of free cells but the largest, and how many of each."""
+        sizes, counts = self.cells.free_components
+        others = counts.copy()
+        others[-1:] -= 1
+        return sizes, others
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +83,10 @@ class PairFacts:
         What they mean.
     image_path : Path
         The image.
-    picture : Picture
-        Its pixels, row 0 in the north.
-    readings : dict of str to numpy.ndarray
-        The occupancy, row 0 in the south, as each reader has it; none of a costmap.
+    kind : Picture
+        What its pixels are, without any of them.
+    pixels : PixelTallies
+        What was counted of them, and of what each reader makes of them.
     comments : list of str
         Those in the header of the image.
     """
@@ -89,25 +95,9 @@ class PairFacts:
     entries: dict[str, Entry]
     metadata: MapMetadata
     image_path: Path
-    picture: Picture
-    readings: dict[Dialect, NDArray[np.int8]] = field(default_factory=dict)
+    kind: Picture
+    pixels: PixelTallies
     comments: list[str] = field(default_factory=list)
-
-    @cached_property
-    def greys(self) -> dict[int, int]:
-        """How many pixels there are of each grey, of 8-bit grey images; else empty."""
-        if self.picture.colour != "grey" or self.picture.maxval != 255:
-            return {}
-        counts = np.bincount(self.picture.samples.reshape(-1), minlength=256)
-        return {grey: int(counts[grey]) for grey in np.flatnonzero(counts).tolist()}
-
-
-def counts_of(occupancy: NDArray[np.int8]) -> dict[str, int]:
-    """Return how many cells are occupied, free, unknown and between."""
-    occupied, free = (int(np.count_nonzero(occupancy == v)) for v in (OCCUPIED, 0))
-    unknown = int(np.count_nonzero(occupancy < 0))
-    between = occupancy.size - occupied - free - unknown
-    return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}
 
 
 def gather(
@@ -139,19 +129,9 @@ def gather(
         path = path if bits is None else yaml_beside(bits)
         with _warnings_as_findings(findings, path):
             if path.suffix.lower() == ".npz":
-                grid = read_npz(path, max_cells=max_cells)
-                claim(path, sum(getattr(grid, name).nbytes for name in grid.layer_names)
-                      + _PER_CELL * grid.shape[0] * grid.shape[1])  # fmt: skip
-                if not isinstance(grid, Costmap):
-                    own = grid if isinstance(grid, OccupancyGrid) else grid.grid
-                    cells = GridFacts(own)
+                cells = _of_npz(path, max_cells)
             else:
-                pair = _read_pair(path, max_cells, bits)
-                if pair.readings:
-                    own = OccupancyGrid(
-                        pair.readings["nav2"], pair.metadata.resolution, pair.metadata.origin
-                    )
-                    cells = GridFacts(own)
+                pair, cells = _of_pair(path, max_cells, bits)
     except (FileAccessError, MalformedInputError) as error:
         name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
         text = str(error) + (f" ({error.hint})" if error.hint else "")
@@ -159,31 +139,53 @@ def gather(
     return pair, cells, findings
 
 
-def _per_cell(picture: Picture) -> int:
-    is_wide = picture.colour == "rgb" or picture.maxval > 255 or picture.alpha is not None
-    return _PER_CELL_OF_COLOURS if is_wide else _PER_CELL
+def _of_npz(path: Path, max_cells: int | None) -> GridFacts | None:
+    """Return the facts of the map in an npz, None if it holds costs."""
+    grid = read_npz(path, max_cells=max_cells)
+    if isinstance(grid, Costmap):
+        warn_of_one_cost(path, grid)
+        return None
+    return GridFacts.of(grid if isinstance(grid, OccupancyGrid) else grid.grid)
 
 
-def _read_pair(path: Path, max_cells: int | None, bits: Path | None) -> PairFacts:
+def _of_pair(
+    path: Path, max_cells: int | None, bits: Path | None
+) -> tuple[PairFacts, GridFacts | None]:
     """Return the facts of a YAML file, which must name the bit map that was asked for, if any."""
     with recognised(path, "a map", MAP):
         entries = read_mapping(path)
         metadata = metadata_of(entries, path, mend=True)
-    image_path = (
-        find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
-    )
-    picture = read_image(image_path, max_cells=max_cells)
-    comments = IMAGE_FORMATS[picture.file_format].comments(head_of(image_path, _HEAD))
-    height, width = picture.shape
-    claim(path, picture.samples.nbytes + _per_cell(picture) * height * width)
-    readings: dict[Dialect, NDArray[np.int8]] = {}
-    if metadata.cost_scale is None:
-        lost = count_of_lost(picture) if metadata.mode == "raw" else 0
-        if lost:
-            text = f"{image_path}: {remark_on_lost(lost)}"
-            warnings.warn(MapdealWarning(text, "image.raw-values"), stacklevel=2)
-        readings = {dialect: cells_of(picture, metadata, dialect) for dialect in DIALECTS}
-    return PairFacts(path, entries, metadata, image_path, picture, readings, comments)
+    image = find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
+    with open_strips(image, max_cells=max_cells) as strips:
+        kind, pixels, cells = _counted(strips, metadata, image)
+    if pixels.lost:
+        text = f"{image}: {remark_on_lost(pixels.lost)}"
+        warnings.warn(MapdealWarning(text, "image.raw-values"), stacklevel=2)
+    comments = IMAGE_FORMATS[kind.file_format].comments(head_of(image, _HEAD))
+    pair = PairFacts(path, entries, metadata, image, kind, pixels, comments)
+    if cells is None:
+        warn_of_cost_figures(path, figures_of_costs(pixels.of_greys, "costmap2d"))
+        return pair, None
+    return pair, GridFacts(Frame(*strips.shape, metadata.resolution, metadata.origin), cells)
+
+
+def _counted(
+    strips: Strips, metadata: MapMetadata, image: Path
+) -> tuple[Picture, PixelTallies, CellTallies | None]:
+    """Go through a picture; return its kind, what its pixels come to, and its cells, if any."""
+    holds_costs = metadata.cost_scale is not None
+    pixels = PixelTallies(metadata)
+    cells = None if holds_costs else CellTallies(strips.shape)
+    for strip in strips.pictures():
+        for part in strip.bands(_PIXELS_TOGETHER):
+            pixels.add(part)
+            if cells is None:
+                costs_of(part, image)
+            else:
+                cells.add(DIALECTS["nav2"](part, metadata))
+    pixels.finish()
+    alpha = None if strip.alpha is None else strip.alpha[:0]
+    return replace(strip, samples=strip.samples[:0], alpha=alpha), pixels, cells
 
 
 @contextmanager

@@ -2,32 +2,50 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from mapdeal.checks.facts import MAP_SAVER_UNKNOWN, GridFacts, PairFacts
+from mapdeal.checks.facts import PairFacts
 from mapdeal.checks.rounding import without_rounding_noise
+from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.dialects import cells_of
+from mapdeal.formats.image import open_strips
+from mapdeal.formats.map_remarks import USUAL_FREE_THRESH, FreedCells, remark_on_freed
+from mapdeal.formats.map_yaml import Dialect
+from mapdeal.formats.npz import read_npz
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.region import region_around
 from mapdeal.grid.resample import is_turned, obstacles_in, sampled
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 
-_FREE_THRESH = 0.196
-"""Below the shade of grey 205, which map_saver writes for unknown."""
+_COSTS = "holds costs, which are not repaired"
+
+_PER_CELL = 3
+"""Bytes: the cells, and what they become while they are written."""
+
+_PER_CELL_OF_TURNED, _PER_NEW_CELL = 2, 4
+"""Of a turned map that is resampled: its cells with a mask, and the new ones with three."""
 
 
-def repaired(pair: PairFacts | None, cells: GridFacts) -> tuple[OccupancyGrid, list[str]]:
+def repaired(
+    path: Path, pair: PairFacts | None, *, max_cells: int | None = None
+) -> tuple[OccupancyGrid, list[str]]:
     """Return a map as it should be, and what was changed, a line each.
 
     Parameters
     ----------
+    path : Path
+        The file, which could be read as a map.
     pair : PairFacts or None
         Of a map_server pair.
-    cells : GridFacts
-        Of any map.
+    max_cells : int, optional
+        Cells up to which it is read.
 
     Returns
     -------
@@ -37,18 +55,17 @@ def repaired(pair: PairFacts | None, cells: GridFacts) -> tuple[OccupancyGrid, l
         Written as a new pair it has a relative path and the usual thresholds.
     done : list of str
         What was changed.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If the map cannot be read again.
     """
-    grid, done = cells.grid, []
-    if pair is not None and pair.metadata.mode != "raw":
-        thresholds = replace(
-            pair.metadata, free_thresh=min(_FREE_THRESH, pair.metadata.free_thresh)
-        )
-        read_again = cells_of(pair.picture, thresholds, "nav2")
-        freed = MAP_SAVER_UNKNOWN in pair.greys and not np.array_equal(read_again, grid.occupancy)
-        if freed:
-            count = int(np.count_nonzero(read_again != grid.occupancy))
-            done.append(f"{count} cells of unknown grey are not free any more")
-            grid = grid.with_values(read_again)
+    done: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapdealWarning)  # all was told when it was read first
+        grid = _read_again(path, pair, max_cells, done)
+    claim(path, _PER_CELL * grid.occupancy.size)
     resolution = without_rounding_noise(grid.resolution) or grid.resolution
     x, y, yaw = (without_rounding_noise(value) or value for value in grid.origin)
     if (resolution, (x, y, yaw)) != (grid.resolution, grid.origin):
@@ -56,16 +73,51 @@ def repaired(pair: PairFacts | None, cells: GridFacts) -> tuple[OccupancyGrid, l
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, yaw))
     if is_turned(grid.frame):
         done.append(f"yaw {yaw:g} rad is in the cells now")
-        grid = _without_yaw(grid)
+        grid = _without_yaw(grid, path)
     elif yaw:
         grid = OccupancyGrid(grid.occupancy, resolution, (x, y, 0.0))
     return grid, done
 
 
-def _without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
+def _read_again(
+    path: Path, pair: PairFacts | None, max_cells: int | None, done: list[str]
+) -> OccupancyGrid:
+    if pair is not None:
+        return _map_of_pair(pair, max_cells, done)
+    grid = read_npz(path, max_cells=max_cells)
+    if isinstance(grid, Costmap):
+        raise MalformedInputError(_COSTS, source=path)
+    return grid if isinstance(grid, OccupancyGrid) else grid.grid
+
+
+def _map_of_pair(pair: PairFacts, max_cells: int | None, done: list[str]) -> OccupancyGrid:
+    """Read a map again, with a lower free_thresh if map_saver's unknown is free."""
+    if pair.metadata.cost_scale is not None:
+        raise MalformedInputError(_COSTS, source=pair.path)
+    given = mended = pair.metadata
+    freed: dict[Dialect, FreedCells] = {"nav2": pair.pixels.freed["nav2"]}
+    if remark_on_freed(freed, pair.pixels.size, given) is not None:
+        mended = replace(given, free_thresh=min(USUAL_FREE_THRESH, given.free_thresh))
+    changed = 0
+    with open_strips(pair.image_path, max_cells=max_cells) as strips:
+        occupancy = np.empty(strips.shape, dtype=np.int8)
+        for rows, picture in strips.placed():
+            cells_of(picture, mended, "nav2", out=occupancy[rows])
+            if mended is not given:
+                before = cells_of(picture, given, "nav2")
+                changed += int(np.count_nonzero(before != occupancy[rows]))
+    if changed:
+        done.append(f"{changed} cells of unknown grey are not free any more")
+    return OccupancyGrid(occupancy, given.resolution, given.origin)
+
+
+def _without_yaw(grid: OccupancyGrid, path: Path) -> OccupancyGrid:
     """Return a map on a lattice along the axes, with every obstacle of the turned one."""
     lattice = Frame(1, 1, grid.resolution)
     frame = region_around(lattice, grid.frame).frame_in(lattice)
+    new_cells = frame.shape[0] * frame.shape[1]
+    cells = _PER_CELL_OF_TURNED * grid.occupancy.size + _PER_NEW_CELL * new_cells
+    claim(path, cells + PIECES)
     values, inside = sampled(frame, grid.occupancy, grid.frame)
     values[~inside] = UNKNOWN
     values[obstacles_in(frame, grid.occupied(), grid.frame)] = OCCUPIED

@@ -28,7 +28,7 @@ declare_check(
 declare_check(
     "run.uniform-cost",
     "warning",
-    "costs of a run that say nothing: one for nearly all cells, or no cell open",
+    "costs that say nothing: one for nearly all cells, or no cell open",
 )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import MapdealWarning
 from mapdeal.formats.dialects import cells_of
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
-from mapdeal.formats.picture import Picture, by_sample, to_16_bit
+from mapdeal.formats.picture import Picture, by_sample
 from mapdeal.grid.costmap import UNIFORM_SHARE, Costmap
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.values import FREE, OCCUPIED
@@ -59,7 +59,12 @@ class FreedCells:
         self._dialect: Dialect = dialect
         self._byte_is_free: bool | None = None
 
-    def add(self, picture: Picture, occupancy: NDArray[np.int8]) -> None:
+    def add(
+        self,
+        picture: Picture,
+        occupancy: NDArray[np.int8],
+        times: NDArray[np.int64] | None = None,
+    ) -> None:
         """Count those of some rows.
 
         Parameters
@@ -68,11 +73,13 @@ class FreedCells:
             The pixels, row 0 in the north.
         occupancy : numpy.ndarray of int8
             What the reader makes of them, row 0 in the south.
+        times : numpy.ndarray of int64, optional
+            How often each pixel occurs; once if not given.
         """
         if not self.are_possible(picture):
             return
         mask = of_map_saver_unknown(picture) & (occupancy[::-1] == FREE)
-        count = int(np.count_nonzero(mask))
+        count = _count(mask, times)
         if count and not self.stay_free:
             alpha = None if picture.alpha is None else picture.alpha[mask][np.newaxis]
             row = replace(picture, samples=picture.samples[mask][np.newaxis], alpha=alpha)
@@ -91,12 +98,16 @@ class FreedCells:
 
 
 def of_map_saver_unknown(picture: Picture) -> NDArray[np.bool_]:
-    """Return which pixels have the grey that map_saver writes for unknown, shape (H, W)."""
+    """Return which pixels have the grey that map_saver writes for unknown, shape (H, W).
+
+    They have its very brightness, 205 / 255, whatever their maxval: greys beside it may be free
+    with the usual thresholds, which is nobody's mistake.
+    """
     if picture.palette is not None:
         of_index = (picture.palette[:, :3] == MAP_SAVER_UNKNOWN).all(axis=1)
         mask: NDArray[np.bool_] = by_sample(of_index, picture.samples)
         return mask
-    of_sample = to_16_bit(picture.maxval) // 257 == MAP_SAVER_UNKNOWN
+    of_sample = np.arange(picture.maxval + 1) * 255 == MAP_SAVER_UNKNOWN * picture.maxval
     mask = by_sample(of_sample, picture.samples)
     if picture.colour == "rgb":
         mask = mask[..., 0] & mask[..., 1] & mask[..., 2]
@@ -117,21 +128,62 @@ def remark_on_freed(
     metadata : MapMetadata
         What the YAML file says.
     """
-    most = max(one.count for one in freed.values())
-    if most < FREED_SHARE * cells:
+    counts = {dialect: one.count for dialect, one in freed.items() if one.count}
+    most = max(counts.values(), default=0)
+    if most == 0 or most < FREED_SHARE * cells:
         return None
-    told = ", ".join(
-        f"{one.count} cells ({100 * one.count / cells:.3g} %)"
-        + (f" by {dialect}" if len(freed) > 1 else "")
-        for dialect, one in freed.items()
-        if one.count
-    )
-    text = f"grey {MAP_SAVER_UNKNOWN}, map_saver's unknown, is read as free in {told}"
-    if any(one.stay_free for one in freed.values()):
-        return f"{text}: opacity counts as brightness there, so that no free_thresh mends it"
-    return (
-        f"{text}: free_thresh is {metadata.free_thresh:.6g}; {USUAL_FREE_THRESH} keeps it unknown"
-    )
+    told = f"{most} cells ({percent(most, cells)}) of grey {MAP_SAVER_UNKNOWN}"
+    text = f"{told}, which map_saver writes for unknown, are read as free"
+    if len(freed) > 1:
+        text += f" by {_listed([name for name, count in counts.items() if count == most])}"
+    for other in sorted(set(counts.values()) - {most}, reverse=True):
+        names = _listed([name for name, count in counts.items() if count == other])
+        text += f", {other} ({percent(other, cells)}) by {names}"
+    return f"{text}; {_advice(freed, metadata)}"
+
+
+def _advice(freed: Mapping[Dialect, FreedCells], metadata: MapMetadata) -> str:
+    """Return how such cells become unknown again.
+
+    To readers that average the opacity into the grey it is lighter, and free with the usual
+    free_thresh, too. Digits are not rounded: 0.1960785 must not look like 0.196.
+    """
+    by_opacity = [dialect for dialect, one in freed.items() if one.stay_free]
+    parts = []
+    if metadata.free_thresh > USUAL_FREE_THRESH:
+        parts.append(f"lower free_thresh from {metadata.free_thresh!r} to {USUAL_FREE_THRESH}")
+    if by_opacity:
+        verb = "averages" if len(by_opacity) == 1 else "average"
+        who = f"{_listed(by_opacity)} {verb} the opacity into the grey"
+        parts.append(f"save the image as a PGM, since {who}")
+    return ", and ".join(parts)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return names as a sentence lists them.
+
+    Examples
+    --------
+    >>> _listed(["a"]), _listed(["a", "b", "c"])
+    ('a', 'a, b and c')
+    """
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def percent(count: int, whole: int) -> str:
+    """Return a share as messages tell it, which is neither none nor all unless it is.
+
+    Examples
+    --------
+    >>> percent(1, 8), percent(3, 900_000), percent(899_999, 900_000), percent(7, 7)
+    ('12.5 %', 'below 0.001 %', 'above 99.9 %', '100 %')
+    """
+    share = 100 * count / whole
+    if 0 < share < 0.001:
+        return "below 0.001 %"
+    if 99.9 < share < 100:
+        return "above 99.9 %"
+    return f"{share:.3g} %"
 
 
 class PixelRemarks:
@@ -177,11 +229,18 @@ class PixelRemarks:
             _warn(yaml_path, remark, "thresholds.unknown-becomes-free")
 
 
-def count_of_lost(picture: Picture) -> int:
-    """Return how many pixels of mode raw hold no value of a map; of 8-bit grey alone."""
+def count_of_lost(picture: Picture, times: NDArray[np.int64] | None = None) -> int:
+    """Return how many pixels of mode raw hold no value of a map; of 8-bit grey alone.
+
+    `times` says how often each of them occurs, see `FreedCells.add`.
+    """
     if picture.colour != "grey" or picture.maxval != 255:
         return 0
-    return int(np.count_nonzero((picture.samples > OCCUPIED) & (picture.samples < 255)))
+    return _count((picture.samples > OCCUPIED) & (picture.samples < 255), times)
+
+
+def _count(mask: NDArray[np.bool_], times: NDArray[np.int64] | None) -> int:
+    return int(np.count_nonzero(mask) if times is None else times[mask].sum())
 
 
 def remark_on_lost(count: int) -> str:
@@ -197,19 +256,23 @@ def warn_of_nothing_known(path: Path, occupancy: Layer) -> None:
 
 def warn_of_one_cost(path: Path, costmap: Costmap) -> None:
     """Warn of costs that say nothing: one for nearly all cells that are open, or none open."""
-    figures = costmap.figures()
+    warn_of_cost_figures(path, costmap.figures())
+
+
+def warn_of_cost_figures(path: Path, figures: Figures) -> None:
+    """Warn of costs of which the figures are known, see `figures_of_costs`."""
     common = figures["most_common"]
     if common is None:
-        if figures["unknown"] == costmap.cost.size:
+        if not figures["lethal"] + figures.get("inscribed", 0):
             _warn(path, "every cell is unknown", "run.uniform-cost")
         else:
             _warn(path, "every known cell is lethal or inscribed", "run.uniform-cost")
     elif common["share"] > UNIFORM_SHARE:
         told = f"{100 * common['share']:.4g} % of the open cells cost {common['cost']}"
-        _warn(path, f"{told}: {_advice(figures)}", "run.uniform-cost")
+        _warn(path, f"{told}: {_advice_on_costs(figures)}", "run.uniform-cost")
 
 
-def _advice(figures: Figures) -> str:
+def _advice_on_costs(figures: Figures) -> str:
     """Return what to change of costs of which nobody knows how they were made."""
     if not figures["lethal"]:
         return "there is no obstacle"

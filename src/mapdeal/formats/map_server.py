@@ -57,7 +57,7 @@ def read_cells(
         if metadata.cost_scale is not None:
             cost = np.empty(strips.shape, dtype=np.uint8)
             for rows, picture in strips.placed():
-                cost[rows] = _costs_of(picture, image_path)[::-1]
+                cost[rows] = costs_of(picture, image_path)[::-1]
             return Costmap(cost, metadata.resolution, metadata.origin)
         occupancy = np.empty(strips.shape, dtype=np.int8)
         remarks = PixelRemarks(metadata, dialect)
@@ -183,7 +183,14 @@ def _nearest_name(path: Path) -> str | None:
     return f"the folder has {', '.join(unique)}" if unique else None
 
 
-def _costs_of(picture: Picture, path: Path) -> NDArray[np.uint8]:
+def costs_of(picture: Picture, path: Path) -> NDArray[np.uint8]:
+    """Return the costs in a picture, row 0 in the north.
+
+    Raises
+    ------
+    MalformedInputError
+        If it is not an 8-bit grey one.
+    """
     if picture.colour != "grey" or picture.maxval != 255 or picture.alpha is not None:
         rule = "an image of costs must have one 8-bit grey channel"
         raise MalformedInputError(rule, source=path, got=picture.colour)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -55,6 +56,15 @@ class Picture:
         """Return the picture with row 0 in the south, as grids have it."""
         alpha = None if self.alpha is None else self.alpha[::-1]
         return replace(self, samples=self.samples[::-1], alpha=alpha)
+
+    def bands(self, most: int) -> Iterator[Picture]:
+        """Yield the picture in bands of rows, views of it: so many pixels at most, or a row."""
+        height, width = self.shape
+        step = max(1, most // width)
+        for first in range(0, height, step):
+            rows = slice(first, first + step)
+            alpha = None if self.alpha is None else self.alpha[rows]
+            yield replace(self, samples=self.samples[rows], alpha=alpha)
 
     @property
     def shape(self) -> tuple[int, int]:

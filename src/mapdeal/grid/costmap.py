@@ -83,19 +83,9 @@ class Costmap(ValueGrid):
             raise ParameterError(rule, got=(int(cost.min()), int(cost.max())))
 
     def _own_figures(self) -> Figures:
-        counts = counts_of(self.cost)
-        figures: Figures = {"cost_scale": self.scale, "free": int(counts[0])}
+        figures = figures_of_costs(counts_of(self.cost), self.scale)
         if self.scale == "costmap2d":
-            figures["lethal"] = int(counts[LETHAL_OBSTACLE])
-            figures["inscribed"] = int(counts[INSCRIBED_INFLATED_OBSTACLE])
-            figures["unknown"] = int(counts[NO_INFORMATION])
             figures["circumscribed_cost"] = self.circumscribed_cost
-        else:
-            figures["lethal"] = int(counts[OCCUPIED])
-            figures["unknown"] = int(counts[UNKNOWN])
-        named = sum(figures.get(name, 0) for name in ("free", "lethal", "inscribed", "unknown"))
-        figures["graded"] = int(counts.sum()) - named
-        figures["most_common"] = self._most_common(counts)
         return figures
 
     def _told_of_parameters(self) -> Iterator[str]:
@@ -107,24 +97,6 @@ class Costmap(ValueGrid):
         figures = self._own_figures()
         names = ("lethal", "inscribed", "graded", "free", "unknown")
         yield from (f"{figures[name]} {name}" for name in names if name in figures)
-
-    def _most_common(self, counts: NDArray[np.int64]) -> Figures | None:
-        """Return the cost that most open cells have, and which share of them; None without any.
-
-        Open are cells that are neither lethal, inscribed nor unknown. On scale ``occupancy`` 99
-        is what ROS publishes for inscribed, but to some models just the highest cost: where it is
-        nearly everywhere, 99 is the answer, with its share of all cells but obstacles.
-        """
-        closed_from = INSCRIBED_INFLATED_OBSTACLE
-        if self.scale == "occupancy":
-            closed_from = INSCRIBED_PUBLISHED
-            besides, highest = int(counts[:OCCUPIED].sum()), int(counts[closed_from])
-            if highest > UNIFORM_SHARE * besides:
-                return {"cost": closed_from, "share": highest / besides}
-        open_ = counts[:closed_from]
-        if not open_.any():
-            return None
-        return {"cost": int(open_.argmax()), "share": int(open_.max()) / int(open_.sum())}
 
     def entries(self) -> dict[str, Any]:
         """Return the costs, their scale, and the circumscribed cost if it is known."""
@@ -223,3 +195,53 @@ class Costmap(ValueGrid):
             inscribed_value=inscribed_value,
         )
         return cls(look_up(grid.occupancy, table), grid.resolution, grid.origin)
+
+
+def figures_of_costs(counts: NDArray[np.int64], scale: CostScale) -> Figures:
+    """Return how many costs are of each kind, and which is the most common.
+
+    Parameters
+    ----------
+    counts : numpy.ndarray of int64, shape (256,)
+        How often each byte occurs.
+    scale : {'costmap2d', 'occupancy'}
+        What they mean.
+
+    Returns
+    -------
+    dict
+        ``cost_scale``; the numbers of ``free``, ``lethal``, ``inscribed`` (of costmap2d),
+        ``unknown`` and ``graded``, which are all others; ``most_common``, the cost that most open
+        cells have and which share of them, None if no cell is open.
+    """
+    figures: Figures = {"cost_scale": scale, "free": int(counts[0])}
+    if scale == "costmap2d":
+        figures["lethal"] = int(counts[LETHAL_OBSTACLE])
+        figures["inscribed"] = int(counts[INSCRIBED_INFLATED_OBSTACLE])
+        figures["unknown"] = int(counts[NO_INFORMATION])
+    else:
+        figures["lethal"] = int(counts[OCCUPIED])
+        figures["unknown"] = int(counts[UNKNOWN])
+    named = sum(figures.get(name, 0) for name in ("free", "lethal", "inscribed", "unknown"))
+    figures["graded"] = int(counts.sum()) - named
+    figures["most_common"] = _most_common(counts, scale)
+    return figures
+
+
+def _most_common(counts: NDArray[np.int64], scale: CostScale) -> Figures | None:
+    """Return the cost that most open cells have, and which share of them; None without any.
+
+    Open are cells that are neither lethal, inscribed nor unknown. On scale ``occupancy`` 99
+    is what ROS publishes for inscribed, but to some models just the highest cost: where it is
+    nearly everywhere, 99 is the answer, with its share of all cells but obstacles.
+    """
+    closed_from = INSCRIBED_INFLATED_OBSTACLE
+    if scale == "occupancy":
+        closed_from = INSCRIBED_PUBLISHED
+        besides, highest = int(counts[:OCCUPIED].sum()), int(counts[closed_from])
+        if highest > UNIFORM_SHARE * besides:
+            return {"cost": closed_from, "share": highest / besides}
+    open_ = counts[:closed_from]
+    if not open_.any():
+        return None
+    return {"cost": int(open_.argmax()), "share": int(open_.max()) / int(open_.sum())}

@@ -35,7 +35,7 @@ def repair_file(path: Path, output: Path, options: Settings) -> list[str]:
     inputs = [path, *([pair.path, pair.image_path] if pair is not None else [])]
     with outputs_of(outputs, inputs, options) as transaction:
         with errors_named(path):
-            grid, done = repaired(pair, cells)
+            grid, done = repaired(path, pair, max_cells=options.max_cells)
         write_grid(transaction, output, grid)
     if pair is not None:
         done += [found.message for found in findings if found.check == "yaml.nan-yaw"]

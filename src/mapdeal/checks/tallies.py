@@ -1,0 +1,184 @@
+"""What checks want to know of a map's pixels and cells, counted while rows go by."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.formats.dialects import DIALECTS, cells_of
+from mapdeal.formats.distinct_pixels import Counts, DistinctPixels
+from mapdeal.formats.map_remarks import FreedCells, count_of_lost
+from mapdeal.formats.map_yaml import Dialect, MapMetadata
+from mapdeal.formats.picture import Picture
+from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.kernels.blocks import Layer, blocks_of
+from mapdeal.kernels.components import Cells, Components
+from mapdeal.kernels.lookup import histogram
+
+_CELLS_TOGETHER = 1 << 18
+
+
+class CellTallies:
+    """Counts of the cells of a map, of which some rows come at a time, from whichever side.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of the map.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        height, width = shape
+        self.shape = shape
+        self.size = height * width
+        self.free_on_border = 0
+        """Cells on the border of the map that are free."""
+        self._rows = 0
+        self._of_values = np.zeros(256, dtype=np.int64)
+        self._known_rows = np.zeros(height, dtype=np.bool_)
+        self._known_cols = np.zeros(width, dtype=np.bool_)
+        self._free = Components()
+
+    def add(self, occupancy: NDArray[np.int8]) -> None:
+        """Count the cells of the next rows, shape (rows, W)."""
+        height, width = occupancy.shape
+        step = max(1, _CELLS_TOGETHER // width)
+        for first in range(0, height, step):
+            self._add_band(occupancy[first : first + step])
+
+    def _add_band(self, band: NDArray[np.int8]) -> None:
+        first, stop = self._rows, self._rows + len(band)
+        self._rows = stop
+        self._of_values += histogram(band)
+        self._known_rows[first:stop] = band.max(axis=1) >= 0
+        self._known_cols |= band.max(axis=0) >= 0
+        free = band == FREE
+        self._free.add(free)
+        last = self.shape[0] - 1
+        inner = free[max(1 - first, 0) : max(last - first, 0)]
+        sides = [0] if self.shape[1] == 1 else [0, -1]
+        self.free_on_border += sum(int(np.count_nonzero(inner[:, side])) for side in sides)
+        for row in {0, last}:
+            if first <= row < stop:
+                self.free_on_border += int(np.count_nonzero(free[row - first]))
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """How many cells are occupied, free, unknown and between, when all have come."""
+        return states_of(self._of_values)
+
+    @property
+    def border(self) -> int:
+        """How many cells lie on the border of the map."""
+        height, width = self.shape
+        return self.size - max(height - 2, 0) * max(width - 2, 0)
+
+    @property
+    def known_box(self) -> tuple[int, int]:
+        """Rows and columns of the smallest box around all known cells, 0 and 0 without any."""
+        rows, cols = np.flatnonzero(self._known_rows), np.flatnonzero(self._known_cols)
+        if not rows.size:
+            return 0, 0
+        return int(np.ptp(rows)) + 1, int(np.ptp(cols)) + 1
+
+    @cached_property
+    def free_components(self) -> tuple[Cells, Cells]:
+        """The sizes of the 8-connected components of free cells, and how many there are of each."""
+        return self._free.sizes()
+
+
+def tallies_of(occupancy: Layer) -> CellTallies:
+    """Return the counts of all cells of a layer, row 0 in the south."""
+    tallies = CellTallies(occupancy.shape)
+    for block in blocks_of(occupancy):
+        tallies.add(occupancy[block])
+    return tallies
+
+
+class PixelTallies:
+    """Counts of the pixels of a map's image, and of what each reader makes of them.
+
+    Parameters
+    ----------
+    metadata : MapMetadata
+        What the YAML file says; with ``cost_scale`` there are no readings.
+    """
+
+    def __init__(self, metadata: MapMetadata) -> None:
+        readers: tuple[Dialect, ...] = () if metadata.cost_scale is not None else tuple(DIALECTS)
+        self.size = 0
+        """Pixels."""
+        self.coloured = 0
+        """Pixels that are no grey."""
+        self.not_opaque = 0
+        self.lost = 0
+        """Pixels of mode raw that hold no value of a map."""
+        self.freed = {name: FreedCells(metadata, name) for name in readers}
+        """Map_saver's unknown cells that are free, for each reader; none in mode raw."""
+        self._metadata = metadata
+        self.of_greys = np.zeros(256, dtype=np.int64)
+        """How many pixels there are of each grey, of 8-bit grey images."""
+        self._of_values = {name: np.zeros(256, dtype=np.int64) for name in readers}
+        self._differing = dict.fromkeys(readers, 0)
+        self._pixels = DistinctPixels(self._tally)
+
+    def add(self, picture: Picture) -> None:
+        """Count the pixels of some rows."""
+        self._pixels.add(picture)
+
+    def finish(self) -> None:
+        """Be done with all rows: the counts are complete from now on."""
+        self._pixels.finish()
+
+    @cached_property
+    def greys(self) -> dict[int, int]:
+        """The same, of those that there are; empty for other images."""
+        return {grey: int(self.of_greys[grey]) for grey in np.flatnonzero(self.of_greys).tolist()}
+
+    @cached_property
+    def counts(self) -> dict[Dialect, dict[str, int]]:
+        """How many cells are occupied, free, unknown and between, for each reader."""
+        return {name: states_of(values) for name, values in self._of_values.items()}
+
+    @property
+    def differing(self) -> dict[Dialect, int]:
+        """How many cells nav2 and each of the other readers have differently."""
+        return {name: count for name, count in self._differing.items() if name != "nav2"}
+
+    def _tally(self, pixels: Picture, counts: Counts) -> None:
+        """Count pixels that differ from each other, a row of them."""
+        self.size += int(counts.sum())
+        if pixels.colour == "grey" and pixels.maxval == 255:
+            np.add.at(self.of_greys, pixels.samples[0], counts)
+        elif pixels.colour == "rgb":
+            is_coloured = (pixels.samples[0] != pixels.samples[0, :, :1]).any(axis=1)
+            self.coloured += int(counts[is_coloured].sum())
+        if pixels.alpha is not None:
+            opaque = 255 if pixels.palette is not None else pixels.maxval
+            self.not_opaque += int(counts[pixels.alpha[0] < opaque].sum())
+        is_raw = self._metadata.mode == "raw"
+        if is_raw and self.freed:
+            self.lost += count_of_lost(pixels, counts[np.newaxis])
+        readings = {name: cells_of(pixels, self._metadata, name) for name in self.freed}
+        for name, cells in readings.items():
+            np.add.at(self._of_values[name], cells[0].view(np.uint8), counts)
+            self._differing[name] += int(counts[cells[0] != readings["nav2"][0]].sum())
+            if not is_raw:
+                self.freed[name].add(pixels, cells, counts[np.newaxis])
+
+
+def states_of(values: NDArray[np.int64]) -> dict[str, int]:
+    """Return how many cells are occupied, free, unknown and between, given how many of each byte.
+
+    Examples
+    --------
+    >>> values = np.zeros(256, dtype=np.int64)
+    >>> values[[100, 0, 255, 50]] = [4, 3, 2, 1]  # 255 is the byte of -1
+    >>> states_of(values)
+    {'occupied': 4, 'free': 3, 'unknown': 2, 'between': 1}
+    """
+    occupied, free, unknown = int(values[OCCUPIED]), int(values[FREE]), int(values[128:].sum())
+    between = int(values.sum()) - occupied - free - unknown
+    return {"occupied": occupied, "free": free, "unknown": unknown, "between": between}

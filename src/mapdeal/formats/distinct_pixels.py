@@ -1,0 +1,121 @@
+"""How often each different pixel of a picture occurs: maps have few of them.
+
+What a reader of ROS makes of a pixel depends on its samples alone. So to count what readers make
+of a picture, it is enough to ask them of each different pixel once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.formats.picture import Picture, Samples
+from mapdeal.kernels.lookup import histogram
+
+Codes = NDArray[np.uint64]
+Counts = NDArray[np.int64]
+
+_PIXELS_TOGETHER = 1 << 17
+_MOST_KEPT = 1 << 16
+_BITS = 16
+
+
+class DistinctPixels:
+    """Counts the different pixels of pictures that are of one kind, such as strips of a picture.
+
+    Parameters
+    ----------
+    tell : callable
+        ``tell(pixels, counts)`` is told of a row of different pixels, a picture of the same kind,
+        and how often each occurs, shape (N,). It is called in the end, and before where there are
+        more different pixels than should be kept; a pixel may come up again then.
+    """
+
+    def __init__(self, tell: Callable[[Picture, Counts], None]) -> None:
+        self._tell = tell
+        self._kind: Picture | None = None
+        self._greys = np.zeros(0, dtype=np.int64)
+        self._others: list[tuple[Codes, Counts]] = []
+
+    def add(self, picture: Picture) -> None:
+        """Count the pixels of some rows."""
+        self._kind = picture
+        for band in picture.bands(_PIXELS_TOGETHER):
+            self._add_band(band.samples, band.alpha, _opaque(picture))
+
+    def finish(self) -> None:
+        """Tell of what was counted and has not been told."""
+        kind = self._kind
+        if kind is None:
+            return
+        greys = np.flatnonzero(self._greys)
+        if greys.size:
+            channels = [greys] * (3 if kind.samples.ndim == 3 else 1)
+            if kind.alpha is not None:
+                channels.append(np.full_like(greys, _opaque(kind)))
+            self._tell(_row(channels, kind), self._greys[greys])
+        self._greys = self._greys[:0]
+        self._tell_of_others(kind)
+
+    def _add_band(self, samples: Samples, alpha: Samples | None, opaque: int) -> None:
+        """Count some pixels: grey and opaque ones, which are most, without sorting."""
+        channels = [samples] if samples.ndim == 2 else [samples[..., k] for k in range(3)]
+        grey = channels[0]
+        others = np.zeros(grey.shape, dtype=np.bool_)
+        for channel in channels[1:]:
+            others |= channel != grey
+        if alpha is not None:
+            others |= alpha != opaque
+            channels.append(alpha)
+        if others.any():
+            self._add_others([channel[others] for channel in channels])
+            grey = grey[~others][np.newaxis]
+        if grey.dtype == np.uint8:
+            counts = histogram(grey)
+        else:
+            counts = np.bincount(grey.reshape(-1), minlength=256)
+        if len(counts) > len(self._greys):
+            counts, self._greys = self._greys, counts
+        self._greys[: len(counts)] += counts
+
+    def _add_others(self, channels: list[Samples]) -> None:
+        code = np.zeros(len(channels[0]), dtype=np.uint64)
+        for channel in channels:
+            code <<= np.uint64(_BITS)
+            code |= channel
+        self._others.append(np.unique(code, return_counts=True))
+        if sum(len(codes) for codes, _ in self._others) > _MOST_KEPT and self._kind is not None:
+            self._tell_of_others(self._kind)
+
+    def _tell_of_others(self, kind: Picture) -> None:
+        if not self._others:
+            return
+        listed, times = (np.concatenate(parts) for parts in zip(*self._others, strict=True))
+        self._others.clear()
+        codes, places = np.unique(listed, return_inverse=True)
+        counts = np.zeros(len(codes), dtype=np.int64)
+        np.add.at(counts, places, times)
+        count = (3 if kind.samples.ndim == 3 else 1) + (kind.alpha is not None)
+        shifts = [np.uint64(_BITS * k) for k in reversed(range(count))]
+        channels = [(codes >> shift) & np.uint64(0xFFFF) for shift in shifts]
+        self._tell(_row(channels, kind), counts)
+
+
+def _opaque(picture: Picture) -> int:
+    return 255 if picture.palette is not None else picture.maxval
+
+
+def _row(channels: Sequence[NDArray[np.integer[Any]]], kind: Picture) -> Picture:
+    """Return a picture of one row; the opacity, if the kind has one, is the last channel."""
+    alpha = None
+    if kind.alpha is not None:
+        alpha = channels[-1].astype(kind.alpha.dtype)[np.newaxis]
+        channels = channels[:-1]
+    samples = np.stack(channels, axis=-1).astype(kind.samples.dtype)[np.newaxis]
+    return replace(
+        kind, samples=samples if kind.samples.ndim == 3 else samples[..., 0], alpha=alpha
+    )

@@ -1,0 +1,206 @@
+"""What is counted while rows go by is what the whole map has."""
+
+import itertools
+import tracemalloc
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import oracles
+from mapdeal.checks import facts, tallies
+from mapdeal.checks.facts import gather
+from mapdeal.checks.tallies import CellTallies, PixelTallies, tallies_of
+from mapdeal.formats.dialects import DIALECTS, cells_of
+from mapdeal.formats.map_yaml import MapMetadata
+from mapdeal.formats.picture import Picture
+from mapdeal.formats.strips import Strips
+
+RNG = np.random.default_rng(11)
+SHAPE = (11, 13)
+METADATA = MapMetadata(
+    "m.png", 0.25, (1.5, -2.0, 0.4), occupied_thresh=0.65, free_thresh=0.25, negate=False,
+    mode="trinary",
+)  # fmt: skip
+
+
+def greys(dtype=np.uint8, factor=1):
+    some = np.array([0, 90, 100, 101, 128, 200, 205, 206, 254, 255])
+    return (RNG.choice(some, SHAPE) * factor).astype(dtype)
+
+
+def rgb(samples):
+    """Three channels of it, some pixels no grey."""
+    colours = np.repeat(samples[..., np.newaxis], 3, axis=2)
+    colours[2:4, 1:7, 2] //= 3
+    return colours
+
+
+def opacity(full=255):
+    return RNG.choice(np.array([0, full // 3, full, full, full]), SHAPE).astype(
+        np.uint8 if full < 256 else np.uint16
+    )
+
+
+PALETTE = np.array([[k, k, k, 255] for k in range(256)], np.uint8)
+PALETTE[100:103] = [[205, 205, 205, 255], [205, 204, 205, 255], [0, 9, 0, 9]]
+PICTURES = {
+    "grey": Picture("PNM", "grey", greys()),
+    "16 bit": Picture("PNG", "grey", greys(np.uint16, 257), maxval=65535),
+    "16 bit beside the grey": Picture("PNG", "grey", greys(np.uint16, 256), maxval=65535),
+    "low maxval": Picture("PNM", "grey", greys() // 5, maxval=51),
+    "grey, opacity": Picture("PNG", "grey", greys(), alpha=opacity()),
+    "rgb": Picture("PNG", "rgb", rgb(greys())),
+    "rgba": Picture("PNG", "rgb", rgb(greys()), alpha=opacity()),
+    "rgb, key": Picture("PNG", "rgb", rgb(greys()), alpha=opacity(), alpha_from="key"),
+    "wide rgba": Picture("PNG", "rgb", rgb(greys(np.uint16, 257)), 65535, alpha=opacity(65535)),
+    "palette": Picture("PNG", "palette", greys(), palette=PALETTE),
+    "tiff": Picture("TIFF", "grey", greys()),
+    "bmp": Picture("BMP", "rgb", rgb(greys())),
+}
+
+
+def pixels_one_by_one(picture):
+    """Pictures of one pixel each, from the first to the last."""
+    height, width = picture.shape
+    for row, col in itertools.product(range(height), range(width)):
+        place = slice(row, row + 1), slice(col, col + 1)
+        alpha = None if picture.alpha is None else picture.alpha[place]
+        yield replace(picture, samples=picture.samples[place], alpha=alpha)
+
+
+def is_map_saver_unknown(pixel):
+    if pixel.palette is not None:
+        return pixel.palette[pixel.samples[0, 0], :3].tolist() == [205] * 3
+    return {int(sample) * 255 for sample in pixel.samples.reshape(-1)} == {205 * pixel.maxval}
+
+
+@pytest.mark.parametrize(
+    ("mode", "negate"), [("trinary", False), ("trinary", True), ("scale", False), ("raw", False)]
+)
+@pytest.mark.parametrize("name", PICTURES)
+def test_pixels_are_counted_as_if_taken_one_by_one(name, mode, negate):
+    picture = PICTURES[name]
+    metadata = replace(METADATA, mode=mode, negate=negate)
+    states = {
+        name: dict.fromkeys(["occupied", "free", "unknown", "between"], 0) for name in DIALECTS
+    }
+    differing = {"humble": 0, "ros1": 0}
+    freed = dict.fromkeys(DIALECTS, 0)
+    coloured = see_through = lost = 0
+    seen, readings = {}, {}
+    for pixel in pixels_one_by_one(picture):
+        key = pixel.samples.tobytes(), None if pixel.alpha is None else pixel.alpha.tobytes()
+        if key not in readings:  # takes a millisecond
+            readings[key] = {n: int(cells_of(pixel, metadata, n)[0, 0]) for n in DIALECTS}
+        values = readings[key]
+        for name, value in values.items():
+            state = {0: "free", 100: "occupied", -1: "unknown"}.get(value, "between")
+            states[name][state] += 1
+            freed[name] += mode != "raw" and value == 0 and is_map_saver_unknown(pixel)
+        for name in differing:
+            differing[name] += values[name] != values["nav2"]
+        sample = pixel.samples[0, 0]
+        coloured += pixel.colour == "rgb" and len(set(sample.tolist())) > 1
+        see_through += pixel.alpha is not None and pixel.alpha[0, 0] < picture.maxval
+        if pixel.colour == "grey" and pixel.maxval == 255:
+            seen[int(sample)] = seen.get(int(sample), 0) + 1
+            lost += mode == "raw" and 100 < sample < 255
+    found = PixelTallies(metadata)
+    for band in picture.bands(50):
+        found.add(band)
+    found.finish()
+    assert found.size == SHAPE[0] * SHAPE[1]
+    assert found.counts == states
+    assert found.differing == differing
+    assert {name: one.count for name, one in found.freed.items()} == freed
+    assert (found.coloured, found.not_opaque, found.lost) == (coloured, see_through, lost)
+    assert found.greys == seen
+
+
+def by_hand(cells):
+    """The same facts of cells, without any cleverness."""
+    height, width = cells.shape
+    border = [
+        (r, c) for r in range(height) for c in range(width)
+        if r in (0, height - 1) or c in (0, width - 1)
+    ]  # fmt: skip
+    known = np.argwhere(cells >= 0)
+    box = tuple((known.max(axis=0) - known.min(axis=0) + 1).tolist()) if len(known) else (0, 0)
+    sizes = sorted(len(group) for group in oracles.groups(cells == 0))
+    return {
+        "border": len(border),
+        "free_on_border": sum(cells[place] == 0 for place in border),
+        "known_box": box,
+        "sizes": sizes,
+        "counts": {
+            "occupied": int((cells == 100).sum()), "free": int((cells == 0).sum()),
+            "unknown": int((cells == -1).sum()),
+            "between": int(((cells > 0) & (cells < 100)).sum()),
+        },
+    }  # fmt: skip
+
+
+def told(found):
+    sizes, counts = found.free_components
+    return {
+        "border": found.border,
+        "free_on_border": found.free_on_border,
+        "known_box": found.known_box,
+        "sizes": np.repeat(sizes, counts).tolist(),
+        "counts": found.counts,
+    }
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (2, 7), (7, 11), (12, 5)])
+@pytest.mark.parametrize("seed", range(4))
+def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(shape, seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    cells = rng.choice(np.array([-1, -1, -1, 0, 0, 50, 100], np.int8), shape)
+    if seed == 3:
+        cells[cells >= 0] = -1
+    monkeypatch.setattr(tallies, "_CELLS_TOGETHER", 2 * shape[1])
+    assert told(tallies_of(cells)) == by_hand(cells)
+    from_the_north = CellTallies(shape)
+    for first in range(0, shape[0], 3):
+        from_the_north.add(cells[::-1][first : first + 3])
+    assert told(from_the_north) == by_hand(cells)
+
+
+@pytest.mark.parametrize("kind", ["grey", "rgba"])
+def test_nothing_is_kept_of_the_cells_however_many_rows_come(kind, tmp_path, monkeypatch):
+    """Were they kept, they would be 15 MB, or 3, but then nearly all would differ."""
+    strip = np.tile(np.repeat(np.array([0, 205, 254, 254], np.uint8), 256), (1 << 8, 1))
+    picture = Picture("PNM", "grey", strip)
+    if kind == "rgba":
+        noise = np.random.default_rng(2).integers(0, 256, (*strip.shape, 3)).astype(np.uint8)
+        noise[:, :80] = strip[:, :80, np.newaxis]
+        picture = Picture("PNG", "rgb", noise, alpha=np.full_like(strip, 255))
+    count = 60 if kind == "grey" else 12
+
+    class Opened:
+        def __init__(self, *_, **__):
+            pass
+
+        def __enter__(self):
+            shape = (count * strip.shape[0], strip.shape[1])
+            return Strips(shape, lambda: itertools.repeat(picture, count))
+
+        def __exit__(self, *_):
+            pass
+
+    monkeypatch.setattr(facts, "open_strips", Opened)
+    (tmp_path / "m.pgm").write_bytes(b"P5 1 1 255\n0")
+    (tmp_path / "m.yaml").write_text(
+        "image: m.pgm\nresolution: 0.25\norigin: [1.5, -2, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    tracemalloc.start()
+    pair, cells, findings = gather(Path(tmp_path / "m.yaml"))
+    held, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert findings == []
+    assert pair.pixels.size == cells.cells.size == count * strip.size
+    assert held < 1_000_000
+    assert peak < (6_000_000 if kind == "grey" else 60_000_000)
