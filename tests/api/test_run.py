@@ -155,7 +155,7 @@ def test_a_recipe_file_is_loaded_by_its_path(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"inflate.radis": 1}, "inflate: no such parameter, got 'radis'"),
+        ({"inflate.radis": 1}, "inflate.radis: no such parameter"),
         ({"inflate.radius": -1}, "inflate.radius: must be a finite number, at least 0, got -1"),
         ({"inflate.radius": float("nan")}, "inflate.radius: must be a finite number"),
         ({"inflate.radius": True}, "inflate.radius: must be a finite number"),

@@ -314,8 +314,8 @@ def test_a_run_whose_costs_say_nothing_has_a_finding(command, folder):
 @pytest.mark.parametrize(
     ("cost", "told"),
     [
-        ([[0, 0, 0, 254], [0, 0, 0, 255]], "100 % of the open cells cost 0: make the costs again"),
-        ([[254, 253, 254]], "no cell is open: every one is lethal, inscribed or unknown"),
+        ([[0, 0, 0, 254], [0, 0, 0, 255]], "100 % of the open cells cost 0: a larger inflation_radius"),
+        ([[254, 253, 254]], "every known cell is lethal or inscribed"),
         ([[0, 1, 120], [3, 130, 254]], None),
     ],
 )

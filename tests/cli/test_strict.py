@@ -13,8 +13,8 @@ GREYS[10:20, 30:60] = 205
 HEAD = "resolution: 0.1\norigin: [1.5, -2.0, 0.4]\nnegate: 0\noccupied_thresh: 0.65\n"
 
 FREED = (
-    "m.yaml: grey 205, map_saver's unknown, is read as free in 300 cells (12.5 %):"
-    " free_thresh is 0.25; 0.196 keeps it unknown"
+    "m.yaml: 300 cells (12.5 %) of grey 205, which map_saver writes for unknown, are read as free;"
+    " lower free_thresh from 0.25 to 0.196"
 )
 
 # A command line for every command that reads a map.

@@ -17,7 +17,7 @@ from drawn import cells
 from mapdeal import FileAccessError, MalformedInputError, read_map
 from mapdeal.formats.image import read_image, read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS, IMAGE_SUFFIXES
-from mapdeal.formats.map_server import _costs_of
+from mapdeal.formats.map_server import costs_of
 
 ROOT = Path(__file__).parents[2]
 PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)
@@ -225,7 +225,7 @@ def test_an_image_of_costs_has_one_grey_channel_of_8_bits(tmp_path, mode):
     Image.fromarray(pixels).save(tmp_path / "c.png")
     picture = read_image(tmp_path / "c.png")
     if mode == "L":
-        assert _costs_of(picture, tmp_path / "c.png").tolist() == [[0, 254]]
+        assert costs_of(picture, tmp_path / "c.png").tolist() == [[0, 254]]
         return
     with pytest.raises(MalformedInputError, match="one 8-bit grey channel"):
-        _costs_of(picture, tmp_path / "c.png")
+        costs_of(picture, tmp_path / "c.png")

@@ -64,8 +64,8 @@ def _palette(greys):
 def test_grey_205_that_is_read_as_free_is_told_with_its_share(tmp_path, image, end):
     path = write_pair(tmp_path, image, end)
     expected = (
-        f"{path}: grey 205, map_saver's unknown, is read as free in 300 cells (12.5 %):"
-        " free_thresh is 0.25; 0.196 keeps it unknown"
+        f"{path}: 300 cells (12.5 %) of grey 205, which map_saver writes for unknown, are read as"
+        " free; lower free_thresh from 0.25 to 0.196"
     )
     assert freed_of(path) == [expected]
     assert freed_of(write_pair(tmp_path, image, end, free=0.196)) == []
@@ -88,11 +88,10 @@ def read_quietly(path, dialect="nav2"):
         return read_map(path, dialect=dialect)
 
 
-def test_opacity_that_ros1_averages_in_has_no_threshold_to_blame(tmp_path):
+def test_opacity_that_ros1_averages_in_is_to_blame_and_no_threshold(tmp_path):
     path = write_pair(tmp_path, Image.fromarray(GREYS).convert("RGBA"), free=0.196)
     (told,) = freed_of(path, dialect="ros1")  # (3 * 205 + 255) / 4 is a shade of 0.147
-    assert told.endswith("300 cells (12.5 %): opacity counts as brightness there, so that no "
-                         "free_thresh mends it")  # fmt: skip
+    assert told.endswith("; save the image as a PGM, since ros1 averages the opacity into the grey")
     assert freed_of(path) == []
 
 
@@ -102,7 +101,7 @@ def test_a_few_cells_are_the_blur_of_edges(tmp_path):
     assert freed_of(write_pair(tmp_path, Image.fromarray(greys))) == []
     greys[30, 9] = 205
     (told,) = freed_of(write_pair(tmp_path, Image.fromarray(greys)))
-    assert "in 3 cells (0.125 %)" in told
+    assert ": 3 cells (0.125 %) of" in told
 
 
 def test_transparent_cells_of_that_grey_are_unknown_to_nav2(tmp_path):
@@ -111,7 +110,7 @@ def test_transparent_cells_of_that_grey_are_unknown_to_nav2(tmp_path):
     alpha[10:12, 30:50] = 255  # 40 opaque ones
     image.putalpha(Image.fromarray(alpha))
     (told,) = freed_of(write_pair(tmp_path, image))
-    assert "in 40 cells (1.67 %)" in told
+    assert ": 40 cells (1.67 %) of" in told
 
 
 def test_raw_and_negated_maps_have_no_such_grey(tmp_path):
