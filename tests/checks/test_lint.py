@@ -314,7 +314,7 @@ def test_a_run_whose_costs_say_nothing_has_a_finding(command, folder):
 @pytest.mark.parametrize(
     ("cost", "told"),
     [
-        ([[0, 0, 0, 254], [0, 0, 0, 255]], "100 % of the open cells cost 0: a larger inflation_radius"),
+        ([[0, 0, 0, 254], [0, 0, 0, 255]], "100 % of the open cells cost 0: a larger"),
         ([[254, 253, 254]], "every known cell is lethal or inscribed"),
         ([[0, 1, 120], [3, 130, 254]], None),
     ],
