@@ -17,6 +17,8 @@ from mapdeal.checks.lint import lint_file
 from mapdeal.checks.selection import selection_of
 from mapdeal.cli.options import numbers, pair, size_of
 from mapdeal.errors import (
+    FileAccessError,
+    MalformedInputError,
     ParameterError,
 )
 from mapdeal.formats.bit_maps import read_bit_map
@@ -40,7 +42,7 @@ from mapdeal.grid.coordinates import FARTHEST
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.golden import differences_from_golden
-from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources
+from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources, repair_maps
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.stages.catalogue import STAGES
 from mapdeal.stages.parameters import parameters_of
@@ -197,6 +199,9 @@ def lint(path, data):
         "lint.unused-ignore"
     }
     assert report.suppressed + len(report.findings) >= len(findings)
+    repaired, problems = repair_maps([path], LintRules(is_isolated=True))
+    assert all(isinstance(one, (MalformedInputError, FileAccessError)) for one in problems)
+    assert len(repaired.findings) <= len(report.findings) or repaired.maps[0].repairs
     return report.findings
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -196,6 +195,8 @@ def _matching(text: str) -> dict[str, int]:
 
 def hint_for(text: str) -> str:
     """Return which check, or area of checks, a name may be meant to be."""
+    import difflib
+
     areas = dict.fromkeys(name.partition(".")[0] for name in CHECKS)
     near = difflib.get_close_matches(text.lower(), [*CHECKS, *areas], n=1)
     if not near:  # a check's name without its area

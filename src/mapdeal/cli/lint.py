@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from mapdeal.checks.reports.as_text import sum_of
+from mapdeal.checks.reports.as_text import repair_lines, sum_of
 from mapdeal.checks.reports.catalogue import REPORTS, ReportForm
 from mapdeal.cli import terminal
 from mapdeal.cli.many_maps import jobs_at_once, say_listing
 from mapdeal.cli.shared_options import shared_options
-from mapdeal.errors import ParameterError
-from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources
+from mapdeal.errors import MapdealError, ParameterError
+from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources, repair_maps
 from mapdeal.pipeline.repair import repair_file
 from mapdeal.pipeline.settings import Settings
 
@@ -75,12 +75,23 @@ def lint(
         ),
     ] = None,
     fix: Annotated[
-        bool, typer.Option("--fix", help="Write a map without the traps that can be taken out.")
+        bool,
+        typer.Option(
+            "--fix",
+            help="Take out the traps that can be taken out: of one map with -o, of all with "
+            "--in-place.",
+        ),
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="OUT", help="With --fix: .yaml, .pgm, .png, .npz."),
+        typer.Option(
+            "--output", "-o", metavar="OUT", help="A repaired copy: .yaml, .pgm, .png, .npz."
+        ),
     ] = None,
+    in_place: Annotated[
+        bool,
+        typer.Option("--in-place", help="Repair maps in their own files, and say what is left."),
+    ] = False,
     *,
     settings: Settings,
 ) -> None:
@@ -97,19 +108,29 @@ def lint(
     """
     listing = list_sources(sources, terminal.input_chunks)
     paths = [one.path for one in listing.maps]
-    if fix or output is not None:
-        _fix(paths, output, settings, wanted=fix)
+    _check_fix(fix=fix, has_output=output is not None, in_place=in_place)
+    if output is not None:
+        _write_copy(paths, output, settings)
         return
     say_listing(listing, "checked")
     rules = LintRules(_names(select), _names(ignore), strict, config, is_isolated)
+    at_once = jobs_at_once(jobs, len(paths))
+    problems: list[MapdealError] = []
     with terminal.progress(len(paths), what="map") as bar:
-        report = lint_maps(
-            paths, rules, settings, jobs=jobs_at_once(jobs, len(paths)), done=bar.advance
-        )
+        if in_place:
+            report, problems = repair_maps(paths, rules, settings, jobs=at_once, done=bar.advance)
+        else:
+            report = lint_maps(paths, rules, settings, jobs=at_once, done=bar.advance)
     for line in REPORTS[form](report):
         terminal.result(line)
     if form == "text":
         terminal.summary([sum_of(report)])
+    else:
+        terminal.remark(repair_lines(report))
+    for problem in problems[1:]:
+        terminal.error(problem)
+    if problems:
+        raise problems[0]
     if not report.passes:
         raise typer.Exit(1)
 
@@ -119,13 +140,18 @@ def _names(given: list[str] | None) -> tuple[str, ...]:
     return tuple(name.strip() for text in given or () for name in text.split(","))
 
 
-def _fix(
-    sources: list[Path], output: Path | None, options: Settings, *, wanted: bool
-) -> None:  # fmt: skip
-    if not wanted or output is None:
-        missing, given = ("--fix", "-o") if not wanted else ("-o OUT", "--fix")
-        raise ParameterError(f"needs {missing}", source=given)
+def _check_fix(*, fix: bool, has_output: bool, in_place: bool) -> None:
+    if has_output and in_place:
+        raise ParameterError("cannot be given together with -o", source="--in-place")
+    if fix and not (has_output or in_place):
+        raise ParameterError("needs -o OUT or --in-place", source="--fix")
+    if not fix and (has_output or in_place):
+        raise ParameterError("needs --fix", source="-o" if has_output else "--in-place")
+
+
+def _write_copy(sources: list[Path], output: Path, options: Settings) -> None:
     if len(sources) != 1:
-        raise ParameterError("is for one map", source="--fix", got=len(sources))
+        hint = "--in-place repairs any number of maps"
+        raise ParameterError("is for one map", source="-o", got=len(sources), hint=hint)
     done = repair_file(sources[0], output, options)
     terminal.summary([f"{sources[0]} -> {output}", *(f"  {line}" for line in done)])

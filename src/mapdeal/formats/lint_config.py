@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -113,6 +111,8 @@ def read_lint_config(path: Path) -> LintConfig | None:
 
 
 def _document_of(path: Path) -> dict[str, Any]:
+    import tomllib
+
     data = read_file(path, limit=_LARGEST)
     try:
         return tomllib.loads(data.decode("utf-8"))
@@ -129,6 +129,8 @@ def _check_keys(
 ) -> None:  # fmt: skip
     for key in table:
         if key not in known:
+            import difflib
+
             near = difflib.get_close_matches(key, known, n=1)
             hint = f"did you mean {near[0]}?" if near else f"keys are {', '.join(known)}"
             raise ParameterError("unknown key", source=path, place=f"{prefix}{key}", hint=hint)

@@ -111,6 +111,23 @@ def write_pair(
     transaction.write_bytes(yaml_path, yaml_of(metadata))
 
 
+def write_map_image(transaction: Transaction, image: Path, grid: OccupancyGrid) -> Mode:
+    """Write the image of a map, and return the mode that its YAML file has to name.
+
+    Parameters
+    ----------
+    transaction : Transaction
+        What writes the file.
+    image : Path
+        A .pgm or .png.
+    grid : OccupancyGrid
+        The cells.
+    """
+    mode: Mode = "raw" if _has_between(grid.occupancy) else "trinary"
+    transaction.write(image, _occupancy_writer(image, grid, mode))
+    return mode
+
+
 def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     """Return the map that is left of `grid` in mode trinary, with a warning if that is less.
 

@@ -7,7 +7,7 @@ PyYAML turns scalars into values by YAML 1.1, where ``5e-2`` is text, ``1:30`` i
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -188,6 +188,17 @@ def read_mapping(path: Path, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
         more than the limits allow.
     """
     data = read_file(path, limit=limits.bytes, inspect=lambda head: _refuse_image(path, head))
+    return parse_mapping(path, data, limits)
+
+
+def parse_mapping(path: Path, data: bytes, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
+    """Return the entries of the mapping that the contents of a YAML file hold, by key.
+
+    Raises
+    ------
+    MalformedInputError
+        As `read_mapping`.
+    """
     text = _decode(path, data)
     node = _compose(path, text, limits)
     if node is None:
@@ -338,6 +349,60 @@ def _number_hint(text: str) -> str | None:
     if text.lower().lstrip("+-.") == "nan":
         return "a fault of some map savers; write 0"
     return None
+
+
+def edited(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
+    """Return the file that entries were read from with other values, all else as it is.
+
+    Parameters
+    ----------
+    entries : mapping of str to Entry
+        All entries of the mapping at the file's top.
+    changes : mapping
+        New values by key: text, whole numbers and floats, or a sequence of them. Keys that the
+        file does not have come behind the others.
+
+    Raises
+    ------
+    MalformedInputError
+        If a sequence is to take the place of one of another length.
+
+    Notes
+    -----
+    The result is what it is meant to be only if the mapping is written in lines, as that of a map
+    is; whoever calls this reads it again.
+    """
+    first = next(iter(entries.values()))
+    text = (first.node.start_mark.buffer or "").rstrip("\0")
+    spans: list[tuple[int, int, str]] = []
+    for key in changes.keys() & entries.keys():
+        entry, value = entries[key], changes[key]
+        parts, values = [entry], [value]
+        if isinstance(value, (list, tuple)):
+            parts, values = entry.items(), list(value)
+            if len(parts) != len(values):
+                raise entry.error(f"must be a list of {len(values)}")
+        spans += [_span(part, one) for part, one in zip(parts, values, strict=True)]
+    for start, end, new in sorted(spans, reverse=True):
+        text = f"{text[:start]}{new}{text[end:]}"
+    newline = "\r\n" if "\r\n" in text else "\n"
+    missing = [f"{key}: {_flow_text(changes[key])}" for key in changes if key not in entries]
+    if missing and not text.endswith("\n"):
+        text += newline
+    return (text + "".join(f"{line}{newline}" for line in missing)).encode()
+
+
+def _span(entry: Entry, value: Any) -> tuple[int, int, str]:
+    """Return where the text of a value stands, and what takes its place."""
+    start, end = entry.node.start_mark, entry.node.end_mark
+    old = (start.buffer or "")[start.pointer : end.pointer]
+    return start.pointer, end.pointer - (len(old) - len(old.rstrip())), _flow_text(value)
+
+
+def _flow_text(value: Any) -> str:
+    """Return a value as it is written behind its key."""
+    text = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=1 << 20)
+    return text.removesuffix("\n").removesuffix("\n...")
 
 
 def yaml_document(document: dict[str, Any]) -> bytes:

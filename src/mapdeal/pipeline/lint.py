@@ -172,6 +172,51 @@ def lint_maps(
     return LintReport(tuple(reports), __version__)
 
 
+def repair_maps(
+    paths: Sequence[Path],
+    rules: LintRules,
+    settings: Settings = DEFAULT_SETTINGS,
+    *,
+    jobs: int = 1,
+    done: Callable[[int], object] = lambda _: None,
+) -> tuple[LintReport, list[MapdealError]]:
+    """Repair maps in their own files; return what is left to be said of them.
+
+    Only findings that count are mended: neither those of checks that are not wanted, nor
+    suppressed ones.
+
+    Parameters
+    ----------
+    paths, rules, settings, jobs, done
+        As of `lint_maps`.
+
+    Returns
+    -------
+    report : LintReport
+        What is wrong now, and what was repaired.
+    problems : list of MapdealError
+        Why maps could not be written, or not be edited.
+    """
+    from mapdeal.formats.image_users import ImageUsers
+    from mapdeal.pipeline.repair_in_place import repair_in_place
+
+    before = lint_maps(paths, rules, settings, jobs=jobs, done=done)
+    users, reports, problems = ImageUsers(), list(before.maps), []
+    for index, (path, one) in enumerate(zip(paths, before.maps, strict=True)):
+        wanted = {found.check for found in one.findings}
+        if one.is_folder or not wanted:
+            continue
+        try:
+            repairs = repair_in_place(path, wanted, settings, users)
+        except MapdealError as error:
+            problems.append(error)
+            continue
+        if repairs:
+            (after,) = lint_maps([path], rules, settings).maps
+            reports[index] = replace(after, repairs=tuple(repairs))
+    return replace(before, maps=tuple(reports)), problems
+
+
 def _lint_one(path: Path, settings: Settings) -> _Found:
     """Return what is found in a map, also if it cannot be checked."""
     try:

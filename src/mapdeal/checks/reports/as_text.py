@@ -9,11 +9,14 @@ from mapdeal.errors import one_line
 
 def text_lines(report: LintReport) -> list[str]:
     """Return what was repaired and what was found, as a compiler would say it."""
-    lines = []
-    for one in report.maps:
-        lines += [one_line(f"{one.file}: repaired: {told}") for told in one.repairs]
-        lines += [line_of(found) for found in one.findings]
-    return lines
+    return [*repair_lines(report), *map(line_of, report.findings)]
+
+
+def repair_lines(report: LintReport) -> list[str]:
+    """Return what was changed in the files of maps."""
+    return [
+        one_line(f"{one.file}: repaired: {told}") for one in report.maps for told in one.repairs
+    ]
 
 
 def line_of(found: Finding) -> str:

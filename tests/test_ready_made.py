@@ -1,0 +1,262 @@
+"""What is ready to be used elsewhere: the hook for pre-commit, the action, the workflows."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import mapdeal
+from mapdeal import OccupancyGrid, write_map
+
+ROOT = Path(__file__).parents[1]
+HOOKS = ROOT / ".pre-commit-hooks.yaml"
+ACTION = ROOT / ".github" / "actions" / "mapdeal-lint" / "action.yml"
+PAGE = ROOT / "docs" / "lint.md"
+
+needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+needs_git = pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+
+
+def environment(**more):
+    """Without what a hook of git, under which tests may run, sets; and with this mapdeal."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    path = [str(Path(mapdeal.__file__).parents[1]), kept.get("PYTHONPATH", "")]
+    return {**kept, "PYTHONPATH": os.pathsep.join(filter(None, path)), **more}
+
+
+@pytest.fixture
+def maps(tmp_path, monkeypatch):
+    """A good map and a turned one, each with its image."""
+    monkeypatch.chdir(tmp_path)
+    cells = np.zeros((9, 14), np.int8)
+    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+    Path("maps").mkdir()
+    write_map("maps/good.yaml", OccupancyGrid(cells, 0.25, (1.0, -2.0, 0.0)))
+    write_map("maps/turned map.yaml", OccupancyGrid(cells, 0.25, (1.0, -2.0, 0.5)))
+    return tmp_path
+
+
+# pre-commit
+
+
+def run(*words, **more):
+    return subprocess.run(
+        words, env=environment(**more), capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture
+def repository(maps):
+    """A git repository with the maps, and the hook as a user's configuration has it.
+
+    The hook is ours but for its language: to install the project, pre-commit asks the network.
+    """
+    pytest.importorskip("pre_commit")
+    (hook,) = yaml.safe_load(HOOKS.read_text())
+    assert hook["language"] == "python"
+    name = shutil.which("mapdeal") or "mapdeal"
+    assert hook["entry"].split()[0] == Path(name).name
+    local = {**hook, "language": "system", "entry": f"{sys.executable} -m {hook['entry']}"}
+    config = {"repos": [{"repo": "local", "hooks": [local]}]}
+    (maps / ".pre-commit-config.yaml").write_text(yaml.safe_dump(config))
+    (maps / "README").write_text("of maps\n")
+    who = {
+        f"GIT_{who}_{what}": "a@b" for who in ("AUTHOR", "COMMITTER") for what in ("NAME", "EMAIL")
+    }
+    more = {**who, "PRE_COMMIT_HOME": str(maps / ".cache"), "GIT_CONFIG_GLOBAL": os.devnull}
+
+    def git(*words):
+        return run("git", *words, **more)
+
+    assert git("init", "-q").returncode == 0
+    done = run(sys.executable, "-m", "pre_commit", "install", **more)
+    assert done.returncode == 0, done.stderr
+    return git
+
+
+@needs_git
+def test_a_commit_is_refused_by_the_hook_if_a_map_is_bad(repository):
+    def committed(*files):
+        assert repository("add", *files).returncode == 0
+        done = repository("commit", "-m", "of maps")
+        return done.returncode == 0, done.stdout + done.stderr
+
+    is_done, told = committed("maps", ".pre-commit-config.yaml")
+    assert is_done, told
+    assert re.search(r"mapdeal lint\.+Passed", told)
+    Path("README").write_text("of more\n")
+    is_done, told = committed("README")
+    assert is_done, told
+    assert re.search(r"mapdeal lint\.+\(no files to check\)Skipped", told)
+    image = Path("maps/good.pgm").read_bytes()
+    Path("maps/good.pgm").write_bytes(image[:-20])  # the image alone
+    is_done, told = committed("maps/good.pgm")
+    assert not is_done
+    assert re.search(r"mapdeal lint\.+Failed", told)
+    assert "maps/good.yaml: error: file.malformed: " in told
+    Path("maps/good.pgm").write_bytes(image)
+    assert repository("checkout", "-q", "HEAD", "--", "maps").returncode == 0
+    text = Path("maps/good.yaml").read_text()
+    Path("maps/good.yaml").write_text(text.replace("resolution: 0.25", "resolution: none"))
+    is_done, told = committed("maps/good.yaml")
+    assert not is_done
+    assert "resolution" in told
+
+
+@needs_git
+def test_arguments_of_a_users_configuration_are_taken(repository):
+    path = Path(".pre-commit-config.yaml")
+    config = yaml.safe_load(path.read_text())
+    (hook,) = config["repos"][0]["hooks"]
+    (example,) = yaml.safe_load(blocks("# .pre-commit-config.yaml")[0])["repos"][0]["hooks"]
+    assert example.pop("id") == hook["id"]
+    hook.update(example)
+    path.write_text(yaml.safe_dump(config))
+    repository("add", "-A")
+    done = repository("commit", "-m", "strict")
+    assert done.returncode == 1
+    assert "maps/turned map.yaml:4: warning: yaml.origin-yaw" in done.stdout + done.stderr
+
+
+def test_pre_commit_takes_our_manifest():
+    pytest.importorskip("pre_commit")
+    done = run(sys.executable, "-m", "pre_commit", "validate-manifest", str(HOOKS))
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("name", "is_looked_at"),
+    [
+        ("maps/m.yaml", True), ("m.yml", True), ("a/M.PGM", True), ("m.png", True),
+        ("m.tiff", True), ("m.jpeg", True), ("m.npz", True), ("pyproject.toml", True),
+        ("a/mapdeal.toml", True), ("m.py", False), ("yaml", False), ("m.yaml.txt", False),
+        ("x-mapdeal.toml", False), ("m.toml", False),
+    ],
+)  # fmt: skip
+def test_the_hook_looks_at_files_of_maps(name, is_looked_at):
+    (hook,) = yaml.safe_load(HOOKS.read_text())
+    assert bool(re.search(hook["files"], name)) == is_looked_at
+
+
+# The action and the workflows
+
+
+def blocks(first_line):
+    """The YAML examples of the page that begin with a line."""
+    found = re.findall(r"^```yaml\n(.*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    return [text for text in found if text.startswith(first_line)]
+
+
+def holds_to(schema, path):
+    pytest.importorskip("check_jsonschema")
+    words = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema, str(path)]
+    done = run(*words)
+    return done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_action_is_as_its_schema_says(tmp_path):
+    assert holds_to("vendor.github-actions", ACTION)[0]
+    action = yaml.safe_load(ACTION.read_text())
+    action["runs"]["steps"][1].pop("shell")
+    (tmp_path / "action.yml").write_text(yaml.safe_dump(action))
+    assert not holds_to("vendor.github-actions", tmp_path / "action.yml")[0]  # it does look
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_workflows_of_the_page_are_as_their_schema_says(number, tmp_path):
+    text = blocks("# .github/workflows/")[number]
+    path = tmp_path / "w.yml"
+    path.write_text(text)
+    fits, told = holds_to("vendor.github-workflows", path)
+    assert fits, told
+    path.write_text(text.replace("runs-on", "runs-under"))
+    assert not holds_to("vendor.github-workflows", path)[0]
+    inputs = yaml.safe_load(ACTION.read_text())["inputs"]
+    (job,) = yaml.safe_load(text)["jobs"].values()
+    (step,) = [one for one in job["steps"] if "mapdeal-lint" in one.get("uses", "")]
+    place = step["uses"].removeprefix("OWNER/mapdeal/").rpartition("@")[0]
+    assert ROOT / place == ACTION.parent
+    assert set(step["with"]) <= set(inputs)
+
+
+def test_the_page_has_every_input_of_the_action():
+    inputs = yaml.safe_load(ACTION.read_text())["inputs"]
+    text = PAGE.read_text()
+    assert [name for name in inputs if f"`{name}`" not in text] == []
+
+
+def lint_step(tmp_path, **inputs):
+    """Run the step that lints, as a runner does: inputs come by the environment alone."""
+    action = yaml.safe_load(ACTION.read_text())
+    (step,) = [one for one in action["runs"]["steps"] if one.get("name") == "Lint maps"]
+    assert "${{" not in step["run"]
+    given = {name: entry["default"] for name, entry in action["inputs"].items()} | inputs
+
+    def value(text):
+        name = re.fullmatch(r"\$\{\{ (inputs\.(.*)|steps\.python\.outputs\.python-path) \}\}", text)
+        return given[name[2]] if name[2] else sys.executable
+
+    env = {name: value(text) for name, text in step["env"].items()}
+    (tmp_path / "script").write_text(step["run"])
+    return run(
+        "bash", "--noprofile", "--norc", "-eo", "pipefail", str(tmp_path / "script"),
+        RUNNER_TEMP=str(tmp_path), **env,
+    )  # fmt: skip
+
+
+@needs_bash
+def test_the_action_annotates_and_ends_as_lint_does(maps):
+    done = lint_step(maps, paths="maps")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(
+        "::warning file=maps/turned map.yaml,line=4,title=yaml.origin-yaw"
+    )
+    assert lint_step(maps, paths="maps", strict="true").returncode == 1
+    assert lint_step(maps, paths="maps", strict="true", ignore="yaml").returncode == 0
+    assert lint_step(maps, paths="maps", strict="true", select="image,map").returncode == 0
+    assert lint_step(maps, paths="none/*.yaml").returncode == 2
+
+
+@needs_bash
+def test_paths_of_the_action_are_lines_and_never_commands(maps):
+    paths = "\nmaps/good.yaml\r\nmaps/turned map.yaml\n$(touch oops); `touch oops`\n"
+    done = lint_step(maps, paths=paths)
+    assert done.returncode == 1
+    assert "file.access" in done.stdout
+    assert "turned map.yaml,line=4" in done.stdout
+    assert not Path("oops").exists()
+
+
+@needs_bash
+def test_the_action_writes_sarif_beside_the_annotations(maps):
+    done = lint_step(maps, paths="maps", strict="true", **{"sarif-file": "maps.sarif"})
+    assert done.returncode == 1
+    assert "::warning" in done.stdout
+    (only,) = json.loads(Path("maps.sarif").read_text())["runs"][0]["results"]
+    assert only["ruleId"] == "yaml.origin-yaw"
+
+
+@needs_bash
+def test_the_action_installs_itself_unless_a_version_is_given(maps):
+    action = yaml.safe_load(ACTION.read_text())
+    (step,) = [one for one in action["runs"]["steps"] if one.get("name") == "Install mapdeal"]
+    (maps / "script").write_text(step["run"])
+    (maps / "python").write_text('#!/bin/sh\nfor word; do echo "$word"; done\n')
+    (maps / "python").chmod(0o755)
+    for version, wanted in (("", f"{ACTION.parent}/../../.."), ("1.2", "mapdeal==1.2")):
+        done = run(
+            "bash", "-eo", "pipefail", str(maps / "script"), RUNNER_TEMP=str(maps),
+            GITHUB_ACTION_PATH=str(ACTION.parent), MAPDEAL_VERSION=version,
+            MAPDEAL_PYTHON=str(maps / "python"),
+        )  # fmt: skip
+        words = done.stdout.splitlines()
+        assert words[:3] == ["-m", "pip", "install"]
+        assert words[-1] == wanted
+    assert (ACTION.parent / "../../..").resolve() == ROOT
