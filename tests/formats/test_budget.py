@@ -252,6 +252,7 @@ import sys, tokenize, warnings
 from pathlib import Path
 from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin
 from mapdeal import read_cloud, read_map
+from mapdeal.checks.lint import lint_file
 from mapdeal.formats.clouds.reader import cloud_chunks
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.scans.reader import open_log
@@ -278,13 +279,27 @@ print(peak() - before, max(claims))
 def test_readers_take_what_they_say_before(tmp_path, name):
     write, code = READERS[name]
     write(tmp_path / name)
-    done = subprocess.run(
-        [sys.executable, "-c", MEASURE, str(tmp_path / name), code],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    taken, said = map(int, done.stdout.split())
+    taken, said = taken_and_said(tmp_path / name, code)
     assert taken < 1.05 * said + 6 * MB  # for what belongs to no file, such as pieces of it
     assert said < 3 * taken + 8 * MB
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's own figures")
+@pytest.mark.parametrize("name", ["opacity.png", "colours.bmp", "p5-wide.pgm", "field.npz"])
+def test_lint_takes_no_more_than_reading_does(tmp_path, name):
+    READERS[name][0](tmp_path / name)
+    ending = ".npz" if name.endswith(".npz") else ".yaml"
+    taken, said = taken_and_said(tmp_path / name, f"lint_file(path.with_suffix('{ending}'))")
+    assert taken < 1.05 * said + 6 * MB
+
+
+def taken_and_said(path, code):
+    """Bytes at the peak of reading a file, and the most that was claimed."""
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURE, str(path), code], capture_output=True, text=True, check=True
+    )
+    taken, said = map(int, done.stdout.split())
+    return taken, said
 
 
 @pytest.mark.parametrize(

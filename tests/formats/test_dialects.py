@@ -8,7 +8,10 @@ import pytest
 from PIL import Image
 
 from mapdeal import read_map
-from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats import dialects
+from mapdeal.formats.dialects import DIALECTS, cells_of
+from mapdeal.formats.map_yaml import MapMetadata
+from mapdeal.formats.picture import Picture
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
@@ -205,3 +208,55 @@ def test_ros_1_does_not_see_the_transparent_colour_of_a_coloured_picture(tmp_pat
     Image.fromarray(pixels).save(tmp_path / "key.png", transparency=(254, 254, 254))
     path = _write_yaml(tmp_path / "map.yaml", "key.png")
     assert read_map(path, dialect="ros1").occupancy.tolist() == [[0, 100, -1]]
+
+
+RNG = np.random.default_rng(5)
+SHAPE = (9, 14)
+
+
+def opacities(full=255):
+    some = RNG.choice(np.array([0, full // 3, full - 1, full, full, full, full]), SHAPE)
+    return some.astype(np.uint8 if full < 256 else np.uint16)
+
+
+def colours(most=255, dtype=np.uint8):
+    """Grey for the most part."""
+    samples = np.repeat(RNG.integers(0, most + 1, (*SHAPE, 1)), 3, axis=2).astype(dtype)
+    samples[2:4, 3:9, 1] //= 3
+    return samples
+
+
+WIDE = np.uint16
+KINDS = {
+    "rgb": Picture("PNG", "rgb", colours()),
+    "bmp": Picture("BMP", "rgb", colours()),
+    "rgba": Picture("PNG", "rgb", colours(), alpha=opacities()),
+    "key": Picture("PNG", "rgb", colours(), alpha=opacities(), alpha_from="key"),
+    "tiff": Picture("TIFF", "rgb", colours(), alpha=opacities()),
+    "see-through": Picture("PNG", "rgb", colours(), alpha=np.zeros(SHAPE, np.uint8)),
+    "grey, opacity": Picture("PNG", "grey", colours()[..., 0], alpha=opacities()),
+    "grey, key": Picture("PNG", "grey", colours()[..., 0], alpha=opacities(), alpha_from="key"),
+    "wide grey, opacity": Picture(
+        "PNG", "grey", colours(65535, WIDE)[..., 0], 65535, alpha=opacities(65535)
+    ),
+    "wide rgb": Picture("PNM", "rgb", colours(999, WIDE), 999),
+    "low maxval": Picture("PNM", "rgb", colours(15), 15),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("name", KINDS)
+def test_greys_that_are_looked_up_are_what_the_reader_makes_of_each(
+    name, dialect, mode, monkeypatch
+):
+    picture = KINDS[name]
+    metadata = MapMetadata(
+        "m.png", 0.25, (1.5, -2.0, 0.4), mode, occupied_thresh=0.6, free_thresh=0.3
+    )
+    expected = DIALECTS[dialect](picture, metadata)[::-1]
+    assert np.array_equal(cells_of(picture, metadata, dialect), expected)
+    monkeypatch.setattr(dialects, "_PIXELS_TOGETHER", 3 * SHAPE[1])
+    into = np.full(SHAPE, 77, np.int8)
+    assert cells_of(picture, metadata, dialect, out=into) is into
+    assert np.array_equal(into, expected)

@@ -12,7 +12,7 @@ from mapdeal.checks.finding import CHECKS, Finding
 from mapdeal.checks.tallies import CellTallies, PixelTallies, tallies_of
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
-from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats.dialects import reader_of
 from mapdeal.formats.image import open_strips
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 from mapdeal.formats.kinds import MAP, recognised
@@ -177,12 +177,13 @@ def _counted(
     pixels = PixelTallies(metadata)
     cells = None if holds_costs else CellTallies(strips.shape)
     for strip in strips.pictures():
+        read = None if cells is None else reader_of(strip, metadata, "nav2")
         for part in strip.bands(_PIXELS_TOGETHER):
             pixels.add(part)
-            if cells is None:
+            if read is None or cells is None:
                 costs_of(part, image)
             else:
-                cells.add(DIALECTS["nav2"](part, metadata))
+                cells.add(read(part))
     pixels.finish()
     alpha = None if strip.alpha is None else strip.alpha[:0]
     return replace(strip, samples=strip.samples[:0], alpha=alpha), pixels, cells

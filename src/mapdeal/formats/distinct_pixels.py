@@ -45,7 +45,7 @@ class DistinctPixels:
         """Count the pixels of some rows."""
         self._kind = picture
         for band in picture.bands(_PIXELS_TOGETHER):
-            self._add_band(band.samples, band.alpha, _opaque(picture))
+            self._add_band(band)
 
     def finish(self) -> None:
         """Tell of what was counted and has not been told."""
@@ -56,23 +56,16 @@ class DistinctPixels:
         if greys.size:
             channels = [greys] * (3 if kind.samples.ndim == 3 else 1)
             if kind.alpha is not None:
-                channels.append(np.full_like(greys, _opaque(kind)))
+                channels.append(np.full_like(greys, kind.opaque))
             self._tell(_row(channels, kind), self._greys[greys])
         self._greys = self._greys[:0]
         self._tell_of_others(kind)
 
-    def _add_band(self, samples: Samples, alpha: Samples | None, opaque: int) -> None:
+    def _add_band(self, picture: Picture) -> None:
         """Count some pixels: grey and opaque ones, which are most, without sorting."""
-        channels = [samples] if samples.ndim == 2 else [samples[..., k] for k in range(3)]
-        grey = channels[0]
-        others = np.zeros(grey.shape, dtype=np.bool_)
-        for channel in channels[1:]:
-            others |= channel != grey
-        if alpha is not None:
-            others |= alpha != opaque
-            channels.append(alpha)
+        grey, others = picture.greys_and_others()
         if others.any():
-            self._add_others([channel[others] for channel in channels])
+            self._add_others(picture.only(others))
             grey = grey[~others][np.newaxis]
         if grey.dtype == np.uint8:
             counts = histogram(grey)
@@ -82,9 +75,9 @@ class DistinctPixels:
             counts, self._greys = self._greys, counts
         self._greys[: len(counts)] += counts
 
-    def _add_others(self, channels: list[Samples]) -> None:
-        code = np.zeros(len(channels[0]), dtype=np.uint64)
-        for channel in channels:
+    def _add_others(self, row: Picture) -> None:
+        code = np.zeros(row.shape[1], dtype=np.uint64)
+        for channel in _channels_of(row):
             code <<= np.uint64(_BITS)
             code |= channel
         self._others.append(np.unique(code, return_counts=True))
@@ -105,8 +98,10 @@ class DistinctPixels:
         self._tell(_row(channels, kind), counts)
 
 
-def _opaque(picture: Picture) -> int:
-    return 255 if picture.palette is not None else picture.maxval
+def _channels_of(row: Picture) -> list[Samples]:
+    samples = row.samples[0]
+    channels = [samples] if samples.ndim == 1 else list(samples.T)
+    return channels if row.alpha is None else [*channels, row.alpha[0]]
 
 
 def _row(channels: Sequence[NDArray[np.integer[Any]]], kind: Picture) -> Picture:

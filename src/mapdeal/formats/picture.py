@@ -66,6 +66,35 @@ class Picture:
             alpha = None if self.alpha is None else self.alpha[rows]
             yield replace(self, samples=self.samples[rows], alpha=alpha)
 
+    def greys_and_others(self) -> tuple[Samples, NDArray[np.bool_]]:
+        """Return the grey of each pixel, and which pixels are coloured or not opaque.
+
+        Returns
+        -------
+        grey : numpy.ndarray, shape (H, W)
+            A view of the samples; of a palette, indices. It holds for those that are not `others`.
+        others : numpy.ndarray of bool, shape (H, W)
+        """
+        others = np.zeros(self.shape, dtype=np.bool_)
+        grey = self.samples
+        if grey.ndim == 3:
+            grey = self.samples[..., 0]
+            for channel in (1, 2):
+                others |= self.samples[..., channel] != grey
+        if self.alpha is not None:
+            others |= self.alpha != self.opaque
+        return grey, others
+
+    def only(self, mask: NDArray[np.bool_]) -> Picture:
+        """Return the pixels that a mask marks, in a row."""
+        alpha = None if self.alpha is None else self.alpha[mask][np.newaxis]
+        return replace(self, samples=self.samples[mask][np.newaxis], alpha=alpha)
+
+    @property
+    def opaque(self) -> int:
+        """The opacity of a pixel that hides what is behind it."""
+        return 255 if self.palette is not None else self.maxval
+
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
@@ -80,6 +109,21 @@ def by_sample(table: NDArray[Any], samples: Samples) -> NDArray[Any]:
         whole[: len(table)] = table
         return look_up(samples, whole)
     return table[samples]
+
+
+def opaque_greys(kind: Picture) -> Picture:
+    """Return a row of all greys 0 .. maxval, opaque, as a picture like another one.
+
+    Of a palette it has all indices.
+    """
+    dtype = kind.samples.dtype
+    count = kind.maxval + 1 if kind.palette is None else len(kind.palette)
+    greys = np.arange(count)[np.newaxis]
+    alpha = None if kind.alpha is None else np.full_like(greys, kind.opaque, kind.alpha.dtype)
+    samples = greys.astype(dtype)
+    if kind.samples.ndim == 3:
+        samples = np.repeat(samples[..., np.newaxis], 3, axis=2)
+    return replace(kind, samples=samples, alpha=alpha)
 
 
 def check_size(source: object, width: int, height: int, limit: int) -> None:

@@ -12,14 +12,13 @@ humble and of Nav2 jazzy and later (``nav2_map_server/map_io.cpp`` with Graphics
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.formats.dialects import humble, nav2, ros1
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
-from mapdeal.formats.picture import Picture
+from mapdeal.formats.picture import Picture, by_sample, opaque_greys
 
 Reader = Callable[[Picture, MapMetadata], NDArray[np.int8]]
 
@@ -53,23 +52,59 @@ def cells_of(
         Where to put the result.
     """
     picture = picture.from_the_south()
-    read = DIALECTS[dialect]
     if _is_plain(picture):
-        values = read(picture, metadata)
+        values = DIALECTS[dialect](picture, metadata)
         if out is None:
             return np.ascontiguousarray(values)
         out[:] = values
         return out
     # colours and opacities become wide numbers on the way: not those of all pixels at once
-    height, width = picture.shape
-    cells = np.empty((height, width), dtype=np.int8) if out is None else out
-    step = max(1, _PIXELS_TOGETHER // width)
-    for first in range(0, height, step):
-        rows = slice(first, first + step)
-        alpha = None if picture.alpha is None else picture.alpha[rows]
-        part = replace(picture, samples=picture.samples[rows], alpha=alpha)
-        cells[rows] = read(part, metadata)
+    cells = np.empty(picture.shape, dtype=np.int8) if out is None else out
+    read = reader_of(picture, metadata, dialect)
+    first = 0
+    for band in picture.bands(_PIXELS_TOGETHER):
+        stop = first + band.shape[0]
+        cells[first:stop] = read(band)
+        first = stop
     return cells
+
+
+def reader_of(
+    kind: Picture, metadata: MapMetadata, dialect: Dialect
+) -> Callable[[Picture], NDArray[np.int8]]:
+    """Return a reader's way to read pictures of one kind, such as strips of a picture.
+
+    Parameters
+    ----------
+    kind : Picture
+        One of them.
+    metadata, dialect
+        As for `cells_of`.
+
+    Returns
+    -------
+    callable
+        Takes a picture and returns the occupancy of its pixels, row 0 where the picture has it.
+        Of colours and opacities it takes wide numbers on the way; so give it some pixels at a time.
+
+    Notes
+    -----
+    Images of maps with colours and opacities have few of them: what is grey and opaque is looked
+    up in a table that the reader has made.
+    """
+    read = DIALECTS[dialect]
+    if kind.samples.ndim == 2 and kind.alpha is None:
+        return lambda picture: read(picture, metadata)
+    by_grey = read(opaque_greys(kind), metadata)[0]
+
+    def occupancy(picture: Picture) -> NDArray[np.int8]:
+        grey, others = picture.greys_and_others()
+        values: NDArray[np.int8] = by_sample(by_grey, np.ascontiguousarray(grey))
+        if others.any():
+            values[others] = read(picture.only(others), metadata)[0]
+        return values
+
+    return occupancy
 
 
 def _is_plain(picture: Picture) -> bool:
