@@ -95,14 +95,61 @@ def test_the_budget_is_half_of_what_is_free_shared_by_jobs(monkeypatch, given, f
     assert memory.memory_budget(given, jobs) == budget
 
 
-def test_a_map_that_just_fits_is_not_cut():
-    def need(most, shape=(3, 4)):
-        settings = Settings(max_memory=most)
-        return memory.need_of(
-            Path("m.pgm"), shape, [Step], settings, image_max=None, is_by_rows=True
-        )
+class File:
+    """A map of which the headers are known."""
 
+    path = Path("m.pgm")
+    memory_by_rows = 0
+
+    def __init__(self, reading=0, *, by_rows=True, is_compressed=False):
+        self.reading, self.is_compressed = reading, is_compressed
+        self.shape_by_rows = (1, 1) if by_rows else None
+
+    def memory_to_read(self):
+        return self.reading
+
+
+def need(most, shape=(3, 4), file=None):
+    settings = Settings(max_memory=most, threads=1)
+    return memory.need_of(file or File(), shape, [Step], settings, image_max=None)
+
+
+def test_a_map_that_just_fits_is_not_cut():
     assert need(1078) == memory.Need(1078, by_blocks=False)
     large = 1000 + int(6.5 * 4000 * 4000)
     assert need(large, (4000, 4000)) == memory.Need(large, by_blocks=False)
     assert need(large - 1, (4000, 4000)) == memory.Need(large - 1, by_blocks=True)
+
+
+SHAPE = (4000, 4000)
+CELLS = 16_000_000
+WORK = 1000 + int(6.5 * CELLS)
+"""What the engine and the step take."""
+
+
+def test_what_reading_takes_is_over_when_the_steps_begin():
+    assert need(10**9, SHAPE, File(6 * CELLS)).memory == WORK
+    assert need(10**9, SHAPE, File(7 * CELLS)).memory == 1000 + 7 * CELLS
+
+
+def test_an_image_that_must_be_whole_is_read_within_the_memory_or_refused():
+    whole = File(5 * CELLS, by_rows=False)
+    assert need(WORK, SHAPE, whole) == memory.Need(WORK, by_blocks=False)
+    assert need(WORK - 1, SHAPE, whole) == memory.Need(WORK - 1, by_blocks=True)
+    assert need(1000 + 5 * CELLS, SHAPE, whole).by_blocks
+    with pytest.raises(MalformedInputError, match=r"need 80\.1 MB of memory, 80 MB may be taken"):
+        need(5 * CELLS, SHAPE, whole)
+
+
+@pytest.mark.parametrize(
+    ("budget", "file", "by_rows"),
+    [
+        (80_000_000, File(2 * CELLS), True),
+        (80_000_000, File(2 * CELLS, is_compressed=True), False),
+        (80_000_000, File(6 * CELLS, is_compressed=True), True),
+        (40_000_000, File(2 * CELLS, is_compressed=True), True),
+    ],
+)
+def test_cells_of_a_compressed_image_are_kept_if_there_is_room(budget, file, by_rows):
+    way = memory._way_of(file, SHAPE, [Step], budget, None, "crop")
+    assert way.is_by_rows is by_rows

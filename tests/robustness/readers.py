@@ -124,7 +124,7 @@ def _of_all_kinds():
     return _seeds(files, "f") + _zips(["scans.npz"], "f")
 
 
-_BY_ROWS = [data for data in seeds.pnm_files() if data[:2] in (b"P5", b"P4")]
+_BY_ROWS = [data for data in seeds.pnm_files() if data[:2] in (b"P4", b"P5", b"P6")]
 _MAP_FILES = {"m.pgm": seeds.MAP_PGM, "n.png": seeds.png(8, 0)}
 _MAP_SEEDS = [
     Seed("m.yaml", seeds.MAP_YAML, beside=_MAP_FILES),
@@ -166,7 +166,9 @@ READERS = [
     ),
     *(_file(f"{name} image", _pictures(name), reading.read_picture, IMAGE_WORDS,
             share=_SHARES.get(name, 1.0)) for name in IMAGE_FORMATS),
-    _file("P5 and P4 by rows", _seeds(_BY_ROWS, "m.pgm"), reading.read_by_rows, IMAGE_WORDS),
+    _file("PNM by rows", _seeds(_BY_ROWS, "m.pgm"), reading.read_by_rows, IMAGE_WORDS, share=0.4),
+    *(_file(f"{name} by rows", _pictures(name), reading.read_by_rows, IMAGE_WORDS,
+            share=share) for name, share in (("PNG", 0.3), ("BMP", 0.3), ("TIFF", 0.02))),
     _file("bits", _BIT_IMAGES, reading.decode_bits, IMAGE_WORDS),
     Reader("bit map", _BIT_SEEDS, reading.read_bits, _PAIR, YAML_WORDS, share=0.2),
     _file("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS, share=0.7),

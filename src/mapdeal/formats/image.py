@@ -12,15 +12,15 @@ from pathlib import Path
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS, recognised
 from mapdeal.formats.images.image_format import ImageFormat, OtherContentsError
+from mapdeal.formats.open_file import HEAD, OpenFile, opened
 from mapdeal.formats.picture import Picture
-from mapdeal.formats.source import head_of, read_file
-from mapdeal.formats.strips import Strips, strips_of
-
-_HEAD = 1 << 16
+from mapdeal.formats.source import head_of, note_sum
+from mapdeal.formats.strips import PixelRows, Strips
 
 
-def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
-    """Return the decoded picture of an image file.
+@contextmanager
+def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]:
+    """Open an image file to go through its picture some rows at a time.
 
     Parameters
     ----------
@@ -33,43 +33,68 @@ def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
     Raises
     ------
     FileAccessError
-        If the file cannot be read.
+        If the file cannot be read: on opening, or while the strips are gone through.
     MalformedInputError
-        If it is no image, damaged, too large, or of a kind that maps are not made of.
+        If it is no image, damaged, too large, or of a kind that maps are not made of: on
+        opening, or while the strips are gone through.
     """
+    with opened(path) as file:
+        image_format, _ = _format_of(file)
+        try:
+            strips = image_format.read(file, _limit(image_format, max_cells))
+        except OtherContentsError:
+            raise _unknown_format(path) from None
+        yield strips
+        note_sum(path, file.sha256)
 
-    def inspect(head: bytes) -> None:
-        image_format = recognised(head)
-        if image_format is None:
-            _refuse_other_contents(head, path)
-        elif image_format.size_is_in_head:
-            image_format.size(head, path, _limit(image_format, max_cells))
 
-    data = read_file(path, inspect=inspect)
-    image_format = recognised(data)
-    if image_format is None:
-        raise _unknown_format(path)
-    try:
-        return image_format.read(data, path, _limit(image_format, max_cells))
-    except OtherContentsError:
-        raise _unknown_format(path) from None
+def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
+    """Return the decoded picture of an image file; takes and raises what `open_strips` does."""
+    with open_strips(path, max_cells=max_cells) as strips:
+        return strips.whole()
 
 
 @contextmanager
-def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]:
-    """Open an image file to go through its picture some rows at a time.
+def open_pixel_rows(path: Path) -> Iterator[PixelRows | None]:
+    """Open an image file of which any rows can be had; give None for every other.
 
-    Parameters
-    ----------
-    path, max_cells
-        As for `read_image`.
+    `strips_of_rows` must be gone through before rows are asked for if the image is compressed.
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If its header is malformed.
+    """
+    with opened(path) as file:
+        head = file.read(0, HEAD)
+        image_format = recognised(head)
+        yield None if image_format is None else image_format.rows(file, head)
+
+
+def strips_of_rows(pixels: PixelRows) -> Strips:
+    """Return all rows of an image, see `PixelRows.strips`; raises what `open_strips` does."""
+    try:
+        return pixels.strips()
+    except OtherContentsError:
+        raise _unknown_format(pixels.image) from None
+
+
+def memory_to_read(path: Path) -> int:
+    """Return the bytes that reading an image and making cells of it takes, from its header.
 
     Raises
     ------
     FileAccessError, MalformedInputError
-        As `read_image`: on opening, or while the strips are gone through.
+        As `open_strips`, as far as the header tells.
     """
-    yield strips_of(read_image(path, max_cells=max_cells))
+    with opened(path) as file:
+        image_format, head = _format_of(file)
+        try:
+            return image_format.memory(file, head)
+        except OtherContentsError:
+            raise _unknown_format(path) from None
 
 
 def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:
@@ -78,17 +103,28 @@ def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, i
     Raises
     ------
     FileAccessError, MalformedInputError
-        As `read_image`, as far as the header tells.
+        As `open_strips`, as far as the header tells.
     """
-    head = head_of(path, _HEAD)
-    image_format = recognised(head)
-    if image_format is None:
-        _refuse_other_contents(head, path)
-        raise _unknown_format(path)
+    head = head_of(path, HEAD)
+    image_format = _recognised(head, path)
     try:
         return image_format.size(head, path, _limit(image_format, max_cells))
     except OtherContentsError:
         raise _unknown_format(path) from None
+
+
+def _format_of(file: OpenFile) -> tuple[ImageFormat, bytes]:
+    """Return the format of an open file, and its first bytes."""
+    head = file.read(0, HEAD)
+    return _recognised(head, file.path), head
+
+
+def _recognised(head: bytes, path: Path) -> ImageFormat:
+    image_format = recognised(head)
+    if image_format is None:
+        _refuse_other_contents(head, path)
+        raise _unknown_format(path)
+    return image_format
 
 
 def _limit(image_format: ImageFormat, max_cells: int | None) -> int:

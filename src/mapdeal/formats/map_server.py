@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.dialects import cells_of
-from mapdeal.formats.image import open_strips
+from mapdeal.formats.image import open_strips, strips_of_rows
 from mapdeal.formats.map_remarks import PixelRemarks
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture
-from mapdeal.formats.pixel_rows import PixelRows
 from mapdeal.formats.source import contents_of, exists
+from mapdeal.formats.strips import PixelRows
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -44,7 +44,7 @@ def read_cells(
     dialect : {'nav2', 'humble', 'ros1'}
         Whose reading of pixels to follow.
     max_cells : int, optional
-        Cells up to which the image is read, see `read_image`.
+        Cells up to which the image is read, see `open_strips`.
 
     Raises
     ------
@@ -82,7 +82,11 @@ def lazy_cells(
     """
 
     def occupancy(rows: slice) -> NDArray[np.int8]:
-        return cells_of(pixels.picture(rows), metadata, dialect)
+        part = pixels.part(rows)
+        cells = np.empty(part.shape, dtype=np.int8)
+        for where, picture in part.placed():
+            cells_of(picture, metadata, dialect, out=cells[where])
+        return cells
 
     layer = lazy_layer(
         pixels.shape, np.int8, occupancy, block_height=block_height, budget=budget
@@ -90,21 +94,25 @@ def lazy_cells(
     return _grid_of(layer, metadata)
 
 
-def warn_of_rows(
-    yaml_path: Path,
-    metadata: MapMetadata,
-    pixels: PixelRows,
-    block_height: int,
-    dialect: Dialect = "nav2",
+def check_rows(
+    yaml_path: Path, metadata: MapMetadata, pixels: PixelRows, dialect: Dialect = "nav2"
 ) -> None:
-    """Warn of the pixels that `read_cells` warns of, where an image is read by rows."""
+    """Go through an image that is read by rows, as far as that must be done beforehand.
+
+    Compressed images are: after that, any of their rows can be had. Others are only as long as
+    there may be pixels that `read_cells` warns of.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        As `read_cells`.
+    """
     remarks = PixelRemarks(metadata, dialect)
-    height = pixels.shape[0]
-    for start in range(0, height, block_height):
-        picture = pixels.picture(slice(start, min(start + block_height, height)))
-        if not remarks.are_possible(picture):
-            return
-        remarks.add(picture, cells_of(picture, metadata, dialect))
+    for _, picture in strips_of_rows(pixels).placed():
+        if remarks.are_possible(picture):
+            remarks.add(picture, cells_of(picture, metadata, dialect))
+        elif not pixels.is_compressed:
+            break
     remarks.warn(yaml_path, pixels.image)
 
 

@@ -15,17 +15,17 @@ from mapdeal.errors import MalformedInputError, MapdealError, MapdealWarning, Pa
 from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import use_memory
 from mapdeal.formats.file_state import FileState
-from mapdeal.formats.image import read_image_size
+from mapdeal.formats.image import memory_to_read, open_pixel_rows, read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
-from mapdeal.formats.map_server import find_image, lazy_cells, read_cells, warn_of_rows
+from mapdeal.formats.map_server import check_rows, find_image, lazy_cells, read_cells
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
-from mapdeal.formats.npz import Grid, npz_frame, read_npz, write_npz
-from mapdeal.formats.picture import LARGEST_CELLS, check_size
-from mapdeal.formats.pixel_rows import PixelRows, open_pixel_rows
+from mapdeal.formats.npz import Grid, npz_frame, npz_memory, read_npz, write_npz
+from mapdeal.formats.picture import check_size
 from mapdeal.formats.source import check_state, exists, sha256_of, state_of, status_of
+from mapdeal.formats.strips import PixelRows
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -113,6 +113,28 @@ class MapFile:
         """Rows and columns, if the map can be read by rows."""
         return None if self._pixels is None else self._pixels.shape
 
+    @property
+    def is_compressed(self) -> bool:
+        """Whether a map that can be read by rows takes much longer that way."""
+        return self._pixels is not None and self._pixels.is_compressed
+
+    @property
+    def memory_by_rows(self) -> int:
+        """Bytes that reading by rows takes, besides the rows."""
+        return 0 if self._pixels is None else self._pixels.memory
+
+    def memory_to_read(self) -> int:
+        """Return the bytes that `read` takes of memory at its peak, as far as headers tell.
+
+        Raises
+        ------
+        FileAccessError, MalformedInputError
+            As `read`, as far as headers tell.
+        """
+        if self._image is None:
+            return npz_memory(self.path)
+        return memory_to_read(self._image)
+
     def shape(self) -> tuple[int, int]:
         """Return rows and columns, as far as headers tell.
 
@@ -191,7 +213,7 @@ class MapFile:
         if pixels is None or metadata is None:
             raise ValueError(f"{self.path} cannot be read by rows")
         height, width = pixels.shape
-        limit = LARGEST_CELLS if self._max_cells is None else self._max_cells
+        limit = pixels.max_cells if self._max_cells is None else self._max_cells
         check_size(pixels.image, width, height, limit)
         for remark in self._remarks:
             warnings.warn(remark, stacklevel=2)
@@ -199,7 +221,7 @@ class MapFile:
             metadata, pixels, block_height=block_height, budget=budget, dialect=self._dialect
         )
         if warns_of_values:
-            warn_of_rows(self.path, metadata, pixels, block_height, self._dialect)
+            check_rows(self.path, metadata, pixels, self._dialect)
             self._warn_of_cells(grid)
         return Source(grid, self.files, metadata)
 

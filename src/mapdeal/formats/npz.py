@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.formats.budget import PIECES
 from mapdeal.formats.deflate import Buffer, deflated, pieces
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.npy import npy_header
@@ -133,6 +134,22 @@ def npz_frame(path: Path) -> Frame:
             raise error.in_file(path) from None
 
 
+def npz_memory(path: Path) -> int:
+    """Return the bytes that reading an ``.npz`` file takes; of its layers headers are read.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        As `read_npz`, as far as headers tell.
+    """
+    with NpzReader(path, LARGEST_CELLS) as reader:
+        names = reader.names()
+        own = _own_layer(names)
+        layers = {own, "occupancy"} & names if own in _WITH_OCCUPANCY else {own}
+        taken = sum(reader.nbytes(layer) for layer in layers)
+    return taken + min(PIECES, taken)
+
+
 def _check_format(reader: NpzReader, path: Path) -> None:
     if "format" not in reader.names():
         hint = "only npz files that mapdeal wrote can be read"
@@ -206,6 +223,7 @@ _READERS: dict[str, Callable[[NpzReader, float, Any], Grid]] = {
     "repulsive": _read_potential,
     "occupancy": _read_occupancy,
 }
+_WITH_OCCUPANCY = ("distance", "repulsive")
 """By the layer that a grid is about; fields hold the occupancy that they are of, too."""
 
 

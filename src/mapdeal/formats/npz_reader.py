@@ -109,6 +109,11 @@ class NpzReader:
         with self._opened(name) as entry:
             return entry.shape
 
+    def nbytes(self, name: str) -> int:
+        """Return the bytes of an array, of which the header is read."""
+        with self._opened(name) as entry:
+            return entry.bytes
+
     def small(self, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> NDArray[Any]:
         """Return an array of that type and shape."""
         return self._read(name, np.dtype(dtype), shape, _LARGEST_SMALL_ARRAY)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, MapdealWarning
-from mapdeal.formats.budget import claim
+from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
 from mapdeal.kernels.blocks import Layer, blocks_of
 
@@ -82,15 +82,17 @@ def decode_pnm(data: bytes, source: Path, max_cells: int = LARGEST_CELLS) -> Pic
     """
     header = _read_header(data, source)
     check_size(source, header.width, header.height, max_cells)
-    _claim(data, header, source)
-    samples = _plain(data, header, source) if header.magic <= 3 else _binary(data, header, source)
-    if header.magic in (1, 4):
+    _claim(len(data), header, source)
+    if header.magic > 3:
+        return _located(header).picture(_binary_rows(data, header, source), 0, source)
+    samples = _plain(data, header, source)
+    if header.magic == 1:
         samples = np.where(samples, np.uint8(0), np.uint8(255))
     return Picture(
         "PNM",
         "rgb" if header.channels == 3 else "grey",
         samples,
-        maxval=255 if header.magic in (1, 4) else header.maxval,
+        maxval=255 if header.magic == 1 else header.maxval,
     )
 
 
@@ -120,24 +122,27 @@ def decode_pbm(
         rule = "must be a bit map, P1 or P4"
         raise MalformedInputError(rule, source=source, place="header", got=f"P{header.magic}")
     check_size(source, header.width, header.height, max_cells)
-    _claim(data, header, source, keeps_bits=True)
+    _claim(len(data), header, source, keeps_bits=True)
     if header.magic == 1:
         return np.packbits(_plain(data, header, source), axis=1), header.width
-    return _binary_rows(data, header, source).reshape(header.height, -1), header.width
+    rows = np.frombuffer(_binary_rows(data, header, source), dtype=np.uint8)
+    return rows.reshape(header.height, -1), header.width
 
 
 @dataclass(frozen=True)
-class GreyFile:
-    """Where the pixels of a P5 or P4 file lie.
+class LocatedPixels:
+    """Where the pixels of a binary netpbm file lie: of a P4, P5 or P6 file.
 
     Parameters
     ----------
     width, height : int
         Pixels.
     maxval : int
-        Largest brightness, at most 255.
+        Largest brightness.
     start : int
         Offset of the first pixel, the one in the north west.
+    channels : int
+        1, or 3 for red, green, blue.
     is_packed : bool
         Whether eight pixels are a byte, 1 black, rather than one.
     """
@@ -146,18 +151,51 @@ class GreyFile:
     height: int
     maxval: int
     start: int
+    channels: int = 1
     is_packed: bool = False
 
     @property
     def row_bytes(self) -> int:
         """Bytes of a row."""
-        return (self.width + 7) // 8 if self.is_packed else self.width
+        if self.is_packed:
+            return (self.width + 7) // 8
+        return self.width * self.channels * (2 if self.maxval > 255 else 1)
+
+    def picture(self, data: bytes | memoryview, first: int, source: Path) -> Picture:
+        """Return the picture of some rows.
+
+        Parameters
+        ----------
+        data : bytes
+            Their bytes.
+        first : int
+            The first of them, counted from the north.
+        source : Path
+            The file's name, for messages.
+
+        Raises
+        ------
+        MalformedInputError
+            If a pixel is above maxval.
+        """
+        if self.is_packed:
+            packed = np.frombuffer(data, dtype=np.uint8).reshape(-1, self.row_bytes)
+            return Picture("PNM", "grey", brightness_of_bits(packed, self.width))
+        samples: Samples = np.frombuffer(data, dtype=np.uint8)
+        if self.maxval > 255:
+            samples = np.frombuffer(data, dtype=">u2").astype(np.uint16)
+        per_row = self.width * self.channels
+        check_pixels(samples, self.maxval, first * per_row, source)
+        if self.channels == 3:
+            samples = samples.reshape(-1, self.width, 3)
+            return Picture("PNM", "rgb", samples, maxval=self.maxval)
+        return Picture("PNM", "grey", samples.reshape(-1, self.width), maxval=self.maxval)
 
 
 def locate_pixels(
     head: bytes, size: int, trailing: Callable[[int], bytes], source: Path, *, max_cells: int
-) -> GreyFile | None:
-    """Return where the pixels of a file are, if it is a P5 file of 8 bits or a P4 file.
+) -> LocatedPixels | None:
+    """Return where the pixels of a file are, if it is a binary netpbm file.
 
     Parameters
     ----------
@@ -170,19 +208,21 @@ def locate_pixels(
     source, max_cells
         As for `decode_pnm`, which raises and warns of the same.
     """
-    if not is_pnm(head):
-        return None
     header = _read_header(head, source)
-    is_packed = header.magic == 4
-    if not is_packed and (header.magic != 5 or header.maxval > 255):
+    if header.magic <= 3:
         return None
     check_size(source, header.width, header.height, max_cells)
-    maxval = 255 if is_packed else header.maxval
-    located = GreyFile(header.width, header.height, maxval, 0, is_packed)
+    located = _located(header)
     count = located.row_bytes * located.height
     start = _start_of_data(head, size, header, count, source)
     _check_length(size - start, count, trailing(start + count)[:_TRAILING], source)
     return replace(located, start=start)
+
+
+def _located(header: _Header) -> LocatedPixels:
+    is_packed = header.magic == 4
+    maxval = 255 if is_packed else header.maxval
+    return LocatedPixels(header.width, header.height, maxval, 0, header.channels, is_packed)
 
 
 def brightness_of_bits(packed: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
@@ -192,9 +232,9 @@ def brightness_of_bits(packed: NDArray[np.uint8], width: int) -> NDArray[np.uint
     return bits
 
 
-def check_pixels(samples: NDArray[np.uint8], maxval: int, first: int, source: Path) -> None:
-    """Refuse pixels above `maxval`; `first` is the number of the first of them."""
-    if maxval < 255 and samples.max() > maxval:
+def check_pixels(samples: Samples, maxval: int, first: int, source: Path) -> None:
+    """Refuse samples above `maxval`; `first` is the number of the first of them."""
+    if maxval not in (255, 65535) and samples.max() > maxval:
         flat = samples.reshape(-1)
         index = int(np.argmax(flat > maxval))
         raise _above_maxval(int(flat[index]), first + index, maxval, source)
@@ -303,8 +343,32 @@ def _end_of(pattern: re.Pattern[bytes], data: bytes, start: int, limit: int) -> 
     return start if match is None else match.end()
 
 
-def _claim(data: bytes, header: _Header, source: Path, *, keeps_bits: bool = False) -> None:
+def pnm_memory(head: bytes, size: int, source: Path) -> int:
+    """Return the bytes that the pixels of a file and their cells take, given its first bytes.
+
+    Those of a binary file are read strip by strip.
+
+    Raises
+    ------
+    MalformedInputError
+        If the header is damaged.
+    """
+    header = _read_header(head, source)
+    if header.magic <= 3:
+        return _bytes_of(size, header)
+    per_row = max(header.width, _located(header).row_bytes)
+    return header.width * header.height + min(PIECES, 8 * per_row * header.height)
+
+
+def _claim(
+    size: int, header: _Header, source: Path, *, keeps_bits: bool = False
+) -> None:  # fmt: skip
     """Refuse a picture whose samples, and the cells that they become, take too much memory."""
+    count = _bytes_of(size, header, keeps_bits=keeps_bits)
+    claim(source, count, what=f"{header.width} x {header.height} cells")
+
+
+def _bytes_of(size: int, header: _Header, *, keeps_bits: bool = False) -> int:
     wide = header.maxval > 255
     if header.magic <= 3:  # copies of the text, and the samples with a mark of each
         copies, per_cell = (5, 3) if header.magic == 1 else (2, 1 + header.channels * (1 + wide))
@@ -312,33 +376,16 @@ def _claim(data: bytes, header: _Header, source: Path, *, keeps_bits: bool = Fal
         copies, per_cell = (2, 0) if keeps_bits else (0, 4)
     else:
         copies, per_cell = 0, 1 + (3 * header.channels if wide else 0)
-    cells = header.width * header.height
-    count = (1 + copies) * len(data) + per_cell * cells
-    claim(source, count, what=f"{header.width} x {header.height} cells")
+    return (1 + copies) * size + per_cell * header.width * header.height
 
 
-def _binary(data: bytes, header: _Header, source: Path) -> Samples:
-    body = _binary_rows(data, header, source)
-    if header.magic == 4:
-        return np.unpackbits(body.reshape(header.height, -1), axis=1, count=header.width)
-    samples: Samples = body.astype(np.uint16) if header.maxval > 255 else body
-    if header.maxval not in (255, 65535) and samples.max() > header.maxval:
-        index = int(np.argmax(samples > header.maxval))
-        raise _above_maxval(int(samples[index]), index, header.maxval, source)
-    if header.channels == 3:
-        return samples.reshape(header.height, header.width, 3)
-    return samples.reshape(header.height, header.width)
-
-
-def _binary_rows(data: bytes, header: _Header, source: Path) -> Samples:
-    """Return the bytes, or pairs of bytes, behind the header, checked in number."""
-    wide = header.maxval > 255
-    row = (header.width + 7) // 8 if header.magic == 4 else header.width * header.channels
-    expected = row * header.height * (2 if wide else 1)
+def _binary_rows(data: bytes, header: _Header, source: Path) -> memoryview:
+    """Return the bytes behind the header, checked in number."""
+    located = _located(header)
+    expected = located.row_bytes * located.height
     start = _start_of_data(data, len(data), header, expected, source)
     _check_length(len(data) - start, expected, data[start + expected :][:_TRAILING], source)
-    return np.frombuffer(data, dtype=">u2" if wide else np.uint8, count=row * header.height,
-                         offset=start)  # fmt: skip
+    return memoryview(data)[start : start + expected]
 
 
 def _start_of_data(data: bytes, size: int, header: _Header, expected: int, source: Path) -> int:

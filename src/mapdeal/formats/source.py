@@ -211,11 +211,7 @@ def read_file(
     MalformedInputError
         If it is longer than `limit` bytes, or than the memory that may be taken.
     """
-    # Only a regular file is opened: a pipe or a device would block or never end.
-    before = status_of(path)
-    if not stat.S_ISREG(before.st_mode):
-        kind = "a directory" if stat.S_ISDIR(before.st_mode) else "no regular file"
-        raise FileAccessError(f"cannot be read: it is {kind}", source=path)
+    before = check_readable(path)
     try:
         with access_to(path), path.open("rb") as file:
             if inspect is not None:
@@ -235,10 +231,30 @@ def read_file(
         raise FileAccessError(rule, source=path, got=before.st_size) from None
     if FileState.of_status(after) != FileState.of_status(before):
         raise FileAccessError(CHANGED, source=path)
+    note_sum(path, lambda: hashlib.sha256(data).hexdigest())
+    return data
+
+
+def check_readable(path: Path) -> os.stat_result:
+    """Return the status of a regular file: a pipe or a device would block or never end.
+
+    Raises
+    ------
+    FileAccessError
+        If it is missing, or not a regular file.
+    """
+    status = status_of(path)
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a directory" if stat.S_ISDIR(status.st_mode) else "no regular file"
+        raise FileAccessError(f"cannot be read: it is {kind}", source=path)
+    return status
+
+
+def note_sum(path: Path, sum_of: Callable[[], str]) -> None:
+    """Keep the sha256 of a file that was read piece by piece, if `sums_of_reads` wants it."""
     sums = _sums.get()
     if sums is not None:
-        sums[path] = hashlib.sha256(data).hexdigest()
-    return data
+        sums[path] = sum_of()
 
 
 def chunks_of(path: Path) -> Iterator[bytes]:

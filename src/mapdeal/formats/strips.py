@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.formats.picture import Picture
+
+STRIP = 1 << 20
+"""Bytes of the pixels in a strip, about: they stay in the processor's cache."""
 
 _PIXELS_TOGETHER = 1 << 22
 
@@ -35,6 +43,76 @@ class Strips:
             yield slice(start, stop), picture
             stop = start
 
+    def whole(self) -> Picture:
+        """Return the whole picture."""
+        samples: NDArray[Any] | None = None
+        alpha: NDArray[Any] | None = None
+        first = 0
+        for part in self.pictures():
+            rows = slice(first, first + part.shape[0])
+            first = rows.stop
+            if part.shape == self.shape:
+                return part
+            if samples is None:
+                more = part.samples.shape[2:]
+                samples = np.empty((*self.shape, *more), dtype=part.samples.dtype)
+                alpha = None if part.alpha is None else np.empty(self.shape, part.alpha.dtype)
+            samples[rows] = part.samples
+            if alpha is not None:
+                alpha[rows] = part.alpha
+        if samples is None:
+            raise ValueError("a picture without strips")
+        return replace(part, samples=samples, alpha=alpha)
+
+
+class PixelRows(Protocol):
+    """The pixels of an open image, of which any rows can be had."""
+
+    @property
+    def image(self) -> Path:
+        """The file."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns, as the header says."""
+
+    @property
+    def max_cells(self) -> int:
+        """Cells up to which such an image is read if nobody says otherwise."""
+
+    @property
+    def memory(self) -> int:
+        """Bytes that are taken as long as rows are asked for, by each thread or by all."""
+
+    @property
+    def is_compressed(self) -> bool:
+        """Whether all strips must be gone through once before rows are asked for.
+
+        Rows then take the time of those before them, too.
+        """
+
+    def strips(self) -> Strips:
+        """Return all rows; what is wrong with the header is found here.
+
+        Raises
+        ------
+        FileAccessError
+            If the file cannot be read, or has changed since it was opened.
+        MalformedInputError
+            If it is damaged: now, or when the strips are gone through.
+        """
+
+    def part(self, rows: slice) -> Strips:
+        """Return some rows, which are counted from the south; raises as `strips` does."""
+
+    def sha256(self) -> str:
+        """Return the checksum of the whole file."""
+
+
+def rows_of_strip(width: int, row_bytes: int) -> int:
+    """Return the rows of a strip, given the pixels of a row and its bytes, which may be fewer."""
+    return max(1, STRIP // max(width, row_bytes))
+
 
 def strips_of(picture: Picture) -> Strips:
     """Return the strips of a picture that is in memory; they are views of it."""
@@ -48,3 +126,16 @@ def strips_of(picture: Picture) -> Strips:
             yield replace(picture, samples=picture.samples[rows], alpha=alpha)
 
     return Strips(picture.shape, parts)
+
+
+def strips_at_places(
+    shape: tuple[int, int], row_bytes: int, rows_at: Callable[[int, int], Picture]
+) -> Strips:
+    """Return the strips of a picture, given what reads the rows from one to another."""
+    step = rows_of_strip(shape[1], row_bytes)
+
+    def parts() -> Iterator[Picture]:
+        for first in range(0, shape[0], step):
+            yield rows_at(first, min(first + step, shape[0]))
+
+    return Strips(shape, parts)

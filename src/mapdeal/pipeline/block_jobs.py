@@ -118,7 +118,8 @@ def apply_by_workers(
     Parameters
     ----------
     path, output : Path
-        The map, a pair with a P5 image, and the field, both absolute: workers open them, too.
+        The map, a pair whose image is not compressed, and the field, both absolute: workers open
+        them, too.
     step : Step
         A stage whose rows workers can compute alone.
     settings : Settings
@@ -174,9 +175,11 @@ def apply_by_workers(
 
 
 def _by_rows(file: MapFile, block_height: int) -> Source:
-    if file.shape_by_rows is None:
-        rule = "workers read maps with a binary .pgm image of 8 bits, or a .pbm"
-        raise ParameterError(rule, source=file.path)
+    # of a compressed image each job would decode all that lies before its rows
+    if file.shape_by_rows is None or file.is_compressed:
+        rule = "workers read maps with a binary .pgm, .ppm or .pbm image, or an uncompressed .bmp"
+        hint = "mapdeal convert makes a .pgm of any map"
+        raise ParameterError(rule, source=file.path, hint=hint)
     return file.by_rows(block_height=block_height, warns_of_values=False)
 
 

@@ -68,13 +68,34 @@ def bytes_in_memory(
     image_max: int | None,
     *,
     canvas: Canvas = "crop",
+    reading: int = 0,
 ) -> int:
-    """Return about how many bytes of memory it takes to apply stages to a map in memory."""
+    """Return about how many bytes of memory it takes to apply stages to a map in memory.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of the map.
+    steps : sequence of Step
+        The stages.
+    image_max : int, optional
+        Longest side of the pictures that will be drawn, 0 for a pixel per cell; None for none.
+    canvas : {'crop', 'full'}
+        What products are put onto.
+    reading : int
+        Bytes that reading the map takes, which is over when the stages begin.
+    """
     products = sum(step.stage.memory for step in steps)
     if canvas == "full":
         products *= 1 + _ON_CANVAS
     per_cell = _DEMANDS[engine_name()].more + _READ + products
-    return _base(shape, image_max) + int(per_cell * shape[0] * shape[1])
+    working = _base(shape, image_max) + int(per_cell * shape[0] * shape[1])
+    return max(working, bytes_to_read(reading))
+
+
+def bytes_to_read(reading: int) -> int:
+    """Return about how many bytes a program takes that reads a map, given what reading takes."""
+    return _DEMANDS[engine_name()].base + reading
 
 
 def bytes_of_block(cells: int) -> int:
@@ -146,13 +167,9 @@ def _read(
     """Return the map in a file, whole or lazy, as the memory demands it."""
     limit, _ = memory_limit()
     budget = _NO_LIMIT if limit is None else limit
-    shape = file.shape_by_rows
-    if shape is not None:
-        needed = bytes_in_memory(shape, steps, image_max, canvas=canvas)
-        if needed > budget:
-            base = _base(shape, image_max)
-            block_height, cache = _cut(file.path, shape, steps, budget, base, needed=needed)
-            return file.by_rows(block_height=block_height, budget=cache)
+    way = _way_of(file, file.shape(), steps, budget, image_max, canvas)
+    if way is not None and way.is_by_rows:
+        return file.by_rows(block_height=way.block_height, budget=way.cache)
     source = file.read()
     grid = source.grid
     crop = _bytes_of_crop(grid)
@@ -165,6 +182,62 @@ def _read(
     base = _base(grid.shape, image_max) + grid.occupancy.nbytes
     block_height, cache = _cut(file.path, grid.shape, steps, budget, base, needed=needed)
     return replace(source, grid=_in_blocks(grid, block_height, cache))
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """How a map is processed of which not all layers fit the memory.
+
+    Parameters
+    ----------
+    is_by_rows : bool
+        Whether rows of the image are read when they are asked for, rather than all at once.
+    block_height : int
+        Rows that are processed together.
+    cache : CacheBudget
+        What layers may keep.
+    """
+
+    is_by_rows: bool
+    block_height: int
+    cache: CacheBudget
+
+
+def _way_of(
+    file: MapFile,
+    shape: tuple[int, int],
+    steps: Sequence[Step],
+    budget: int,
+    image_max: int | None,
+    canvas: Canvas,
+) -> _Blocks | None:
+    """Return how a map is to be processed, as headers tell; None if it fits the memory.
+
+    Cells of a compressed image are kept if there is room for them: it takes time to get at its
+    rows once more. Of others they are read again.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If the header is damaged, or there is too little memory in any way.
+    """
+    reading = file.memory_to_read()
+    needed = bytes_in_memory(shape, steps, image_max, canvas=canvas, reading=reading)
+    if needed <= budget:
+        return None
+    base = _base(shape, image_max)
+    is_by_rows = file.shape_by_rows is not None
+    if not is_by_rows or file.is_compressed:
+        try:
+            if bytes_to_read(reading) > budget:
+                raise too_large(file.path, shape, bytes_to_read(reading), budget)
+            held = base + shape[0] * shape[1]
+            return _Blocks(False, *_cut(file.path, shape, steps, budget, held, needed=needed))
+        except MalformedInputError:
+            if not is_by_rows:
+                raise
+    base += file.memory_by_rows
+    return _Blocks(True, *_cut(file.path, shape, steps, budget, base, needed=needed))
 
 
 def check_fits(
@@ -246,29 +319,28 @@ class Need:
 
 
 def need_of(
-    path: Path,
+    file: MapFile,
     shape: tuple[int, int],
     steps: Sequence[Step],
     settings: Settings,
     *,
     image_max: int | None,
-    is_by_rows: bool,
 ) -> Need:
-    """Return the memory that `opened_map` and the stages will take, from the size alone.
+    """Return the memory that `opened_map` and the stages will take, as headers tell.
 
     Raises
     ------
-    MalformedInputError
-        If there is too little.
+    FileAccessError, MalformedInputError
+        If the header is damaged, or there is too little.
     """
     budget = memory_budget(settings.max_memory)
-    needed = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas)
-    if needed <= budget:
-        return Need(needed, by_blocks=False)
     with use_threads(settings.threads):
-        read = 0 if is_by_rows else shape[0] * shape[1]
-        _cut(path, shape, steps, budget, _base(shape, image_max) + read, needed=needed)
-    return Need(budget, by_blocks=True)  # layers are kept as long as there is room
+        way = _way_of(file, shape, steps, budget, image_max, settings.canvas)
+    if way is not None:
+        return Need(budget, by_blocks=True)  # layers are kept as long as there is room
+    reading = file.memory_to_read()
+    needed = bytes_in_memory(shape, steps, image_max, canvas=settings.canvas, reading=reading)
+    return Need(needed, by_blocks=False)
 
 
 def memory_budget(max_memory: int | None, jobs: int = 1) -> int:

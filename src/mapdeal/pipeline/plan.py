@@ -57,13 +57,9 @@ def plan_of(job: Job, run: MapRun) -> Plan:
         ):
             warnings.simplefilter("ignore", MapdealWarning)  # the run itself warns
             size, files = file.shape(), file.files
-            is_by_rows = file.shape_by_rows is not None
             named = {} if settings.force else file.sums_by_name(sums)
             cells = resolution_of(file) if run.around is not None else 0.0
-        need = need_of(
-            job.path, size, steps, settings,
-            image_max=settings.picture_size, is_by_rows=is_by_rows,
-        )  # fmt: skip
+            need = need_of(file, size, steps, settings, image_max=settings.picture_size)
         folders = [output_folder(job.folder, named, run.recipe, settings)]
         if run.around is not None:
             folders.append(run.around.folder(job.folder, named, cells, settings))

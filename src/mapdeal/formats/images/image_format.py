@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mapdeal.formats.picture import LARGEST_COMPRESSED_CELLS, Picture
+from mapdeal.formats.open_file import OpenFile
+from mapdeal.formats.picture import LARGEST_COMPRESSED_CELLS
+from mapdeal.formats.strips import PixelRows, Strips
 
 
 class OtherContentsError(Exception):
@@ -15,6 +17,10 @@ class OtherContentsError(Exception):
 
 def _no_comments(_head: bytes) -> list[str]:
     return []
+
+
+def _no_rows(_file: OpenFile, _head: bytes) -> PixelRows | None:
+    return None
 
 
 @dataclass(frozen=True)
@@ -31,16 +37,17 @@ class ImageFormat:
         ``recognises(head)`` returns whether a file with these first bytes, 64 KiB or more unless
         the file is shorter, is of this format. Formats must not overlap.
     read : callable
-        ``read(data, path, max_cells)`` returns the picture in the bytes of a whole file. It
-        raises MalformedInputError, naming `path`, if they are damaged or hold more than
-        `max_cells` cells; the latter before memory is taken. It raises OtherContentsError if the
-        file is of another format.
+        ``read(file, max_cells)`` returns the strips of the picture in an open file. It raises
+        MalformedInputError, naming the file, if it is damaged or holds more than `max_cells`
+        cells; the latter before memory is taken. So do the strips, as they are gone through. It
+        raises OtherContentsError if the file is of another format.
+    memory : callable
+        ``memory(file, head)`` returns the bytes that reading takes at its peak, with a byte for
+        each cell that is made of a pixel, as far as the header tells; it raises as `size` does.
+        This is what `read` claims.
     size : callable
         ``size(head, path, max_cells)`` returns height and width, and raises as `read` does, as
-        far as the header tells. It opens the file only if `size_is_in_head` is false.
-    size_is_in_head : bool
-        Whether the first bytes hold the size. Pictures above the limit are refused before the
-        file is read as a whole then.
+        far as the header tells. It opens the file only if its first bytes do not tell.
     max_cells : int
         The default limit: the lower one for formats in which a small file may hold a large
         picture.
@@ -49,6 +56,9 @@ class ImageFormat:
         are read but should not be used.
     comments : callable
         ``comments(head)`` returns the comments in the header.
+    rows : callable
+        ``rows(file, head)`` returns the pixels of an open file if any rows can be had, else
+        None. It looks at no more than the header, and raises as `read` does.
 
     Notes
     -----
@@ -60,9 +70,10 @@ class ImageFormat:
     name: str
     suffixes: tuple[str, ...]
     recognises: Callable[[bytes], bool]
-    read: Callable[[bytes, Path, int], Picture]
+    read: Callable[[OpenFile, int], Strips]
+    memory: Callable[[OpenFile, bytes], int]
     size: Callable[[bytes, Path, int], tuple[int, int]]
-    size_is_in_head: bool = True
     max_cells: int = LARGEST_COMPRESSED_CELLS
     suggested: tuple[str, ...] = ()
     comments: Callable[[bytes], list[str]] = _no_comments
+    rows: Callable[[OpenFile, bytes], PixelRows | None] = _no_rows

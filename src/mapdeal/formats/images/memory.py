@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mapdeal.formats.budget import BLANK_EXPANSION, check_expansion, claim
+from mapdeal.formats.budget import BLANK_EXPANSION, PIECES, check_expansion, claim
 
 _BITS = {"1": 1, "L": 8, "P": 8, "I;16": 16, "I;16B": 16, "LA": 16, "RGB": 24}
 _WIDE = 32
@@ -18,53 +18,98 @@ _KEPT_OF_OTHERS = 4
 _COPIES = 2
 """Of a file that is decoded once more, with other bytes behind its data."""
 
-_CONVERTED = 1
-"""Bytes of a cell that is made of its pixel."""
+_CELL = 1
+"""Bytes of a cell that is made of a pixel."""
 
 
-def claim_pixels(
-    image: Any,
-    data: bytes,
-    path: Path,
+def decoding_memory(
+    mode: str,
+    size: tuple[int, int],
+    length: int,
     *,
-    bits: int | None = None,
-    tile: int = 0,
+    work: int = 0,
     is_decoded_twice: bool = False,
-) -> None:
-    """Refuse an image whose pixels would take more memory than may be taken.
+) -> int:
+    """Return the bytes that decoding an image and making cells of it takes at its peak.
+
+    Parameters
+    ----------
+    mode : str
+        Pillow's mode of the image.
+    size : tuple of int
+        Columns and rows.
+    length : int
+        Bytes of the file.
+    work : int
+        Bytes that the decoder takes besides the pixels.
+    is_decoded_twice : bool
+        Whether a check decodes the picture once more, and compares the two.
+    """
+    cells = size[0] * size[1]
+    kept = _KEPT.get(mode, _KEPT_OF_OTHERS) * cells
+    first = length + kept
+    second = kept + work + _COPIES * length if is_decoded_twice else work
+    return first + max(second, _CELL * cells) + min(PIECES, 16 * cells)
+
+
+def check_pixels(image: Any, length: int, path: Path, *, bits: int = 0, tile: int = 0) -> None:
+    """Refuse so many pixels that so few bytes cannot hold them.
 
     Parameters
     ----------
     image : PIL.Image.Image
         The image, its pixels not yet decoded.
-    data : bytes
-        The file.
+    length : int
+        Bytes of the file.
     path : Path
-        Its name, for messages.
-    bits : int, optional
-        Bits of a pixel in the file, where Pillow's mode does not tell.
+        The file's name, for messages.
+    bits : int
+        Bits of a pixel in the file, 0 if Pillow's mode tells.
     tile : int
         Pixels of a tile, which may be larger than the picture.
-    is_decoded_twice : bool
-        Whether a check decodes the picture once more, and compares the two.
 
     Raises
     ------
     MalformedInputError
-        If there is too little memory, or so few bytes cannot be such a large picture.
+        If there are too many.
     """
-    width, height, mode = image.width, image.height, image.mode
-    in_file = bits or _BITS.get(mode, _WIDE)
-    expanded = max(-(-width * in_file // 8) * height, -(-tile * in_file // 8))
-    check_expansion(path, len(data), expanded, most=BLANK_EXPANSION, place="image size")
-    samples = -(-_BITS.get(mode, _WIDE) // 8)
-    # the samples leave Pillow in pieces that are joined: both are there for a moment
-    decoding = _KEPT.get(mode, _KEPT_OF_OTHERS) + 2 * samples
-    per_cell = decoding + _CONVERTED
-    length = len(data)
-    if is_decoded_twice:
-        per_cell += decoding + samples
-        length += _COPIES * len(data)
-    count = length + per_cell * width * height + -(-tile * in_file // 8)
+    expanded = max(bytes_in_file(image, bits=bits), tile_bytes(image, tile, bits=bits))
+    check_expansion(path, length, expanded, most=BLANK_EXPANSION, place="image size")
+
+
+def bytes_in_file(image: Any, *, bits: int = 0) -> int:
+    """Return the bytes of the pixels of an image before they are compressed."""
+    return int(-(-image.width * _bits_of(image, bits) // 8) * image.height)
+
+
+def tile_bytes(image: Any, pixels: int, *, bits: int = 0) -> int:
+    """Return the bytes of so many pixels of an image before they are compressed."""
+    return -(-pixels * _bits_of(image, bits) // 8)
+
+
+def claim_picture(image: Any, count: int, path: Path, *, tile: int = 0) -> None:
+    """Refuse an image that would take more memory than may be taken.
+
+    Parameters
+    ----------
+    image : PIL.Image.Image
+        The image, its pixels not yet decoded.
+    count : int
+        Bytes that it takes, see `decoding_memory`.
+    path : Path
+        Its name, for messages.
+    tile : int
+        Pixels of a tile.
+
+    Raises
+    ------
+    MalformedInputError
+        If there is too little memory.
+    """
+    width, height = image.width, image.height
     what = f"{width} x {height} cells"
     claim(path, count, what=f"{what}, in tiles of {tile}," if tile > width * height else what)
+
+
+def _bits_of(image: Any, bits: int) -> int:
+    return bits or _BITS.get(image.mode, _WIDE)

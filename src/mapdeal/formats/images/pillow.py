@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.images.image_format import OtherContentsError
 from mapdeal.formats.picture import Picture, check_size
+from mapdeal.formats.strips import Strips, rows_of_strip
 
 _EXIF_ORIENTATION = 0x0112
 _COMPARED_TOGETHER = 1 << 20  # pixels
@@ -102,6 +103,26 @@ def load(image: Any, path: Path, *, around: AbstractContextManager[None] | None 
         orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
     if orientation != 1:
         warn(path, "the EXIF orientation was not applied, as in ROS", "image.orientation")
+
+
+def strips_of_image(image: Any, to_picture: Callable[[Any], Picture]) -> Strips:
+    """Return the strips of a decoded image, which are copied out of Pillow's memory one by one.
+
+    Parameters
+    ----------
+    image : PIL.Image.Image
+        The image.
+    to_picture : callable
+        Returns the picture of a part of it.
+    """
+    width, height = image.width, image.height
+    step = rows_of_strip(width, 4 * width)
+
+    def parts() -> Iterator[Picture]:
+        for top in range(0, height, step):
+            yield to_picture(image.crop((0, top, width, min(top + step, height))))
+
+    return Strips((height, width), parts)
 
 
 def size_by_pillow(name: str) -> Callable[[bytes, Path, int], tuple[int, int]]:
@@ -198,7 +219,7 @@ def damage_refused(path: Path) -> Iterator[None]:
     FileAccessError
         If the system cannot read the file.
     """
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     # Pillow warns of odd tags and logs what it cannot decode; neither decides anything here.
     logging.getLogger("PIL").addHandler(_PILLOW_LOG)
@@ -212,6 +233,8 @@ def damage_refused(path: Path) -> Iterator[None]:
             rule = f"cannot be read: {error.strerror}"
             raise FileAccessError(rule, source=path) from None
         told = str(error) or type(error).__name__
+        if isinstance(error, UnidentifiedImageError):  # it names an address in memory
+            told = "a part of it is no image"
         raise MalformedInputError(f"the image is damaged: {told}", source=path) from None
 
 

@@ -68,6 +68,16 @@ class TiffParts:
         return [data[at : at + n] for at, n in zip(self.offsets, self.sizes, strict=True)]
 
 
+def is_fax(compression: object) -> bool:
+    """Return whether strips are compressed as faxes, which `check_decoded` decodes once more."""
+    return compression in _FAXES
+
+
+def is_jpeg(compression: object) -> bool:
+    """Return whether strips are JPEG data, which `check_decoded` decodes twice, one by one."""
+    return compression == _JPEG
+
+
 def tiff_parts(tags: Mapping[int, Any], file_size: int, path: Path) -> TiffParts:
     """Return where the strips or tiles of a TIFF file lie.
 
