@@ -1,7 +1,9 @@
 """What `import mapdeal` gives, and how it is told."""
 
+import pickle
 import pydoc
 import re
+import traceback
 
 import numpy as np
 import pytest
@@ -52,3 +54,19 @@ def test_names_of_files_may_be_text(tmp_path):
     path = tmp_path / "poses.txt"
     path.write_text("1 2 0.5\n")
     assert mapdeal.read_poses(str(path)).tolist() == [[1, 2, 0.5]]
+
+
+def test_pythons_traceback_shows_the_hint_of_an_error():
+    with pytest.raises(mapdeal.ParameterError) as caught:
+        mapdeal.load_recipe("nav")
+    error = caught.value
+    told = error.hint
+    for one in (error, pickle.loads(pickle.dumps(error))):  # noqa: S301 - as from a worker
+        *_, last, hint = "".join(traceback.format_exception(one)).splitlines()
+        assert last == "mapdeal.errors.ParameterError: no such recipe, got 'nav'"
+        assert hint == f"hint: {told}" == "hint: did you mean nav2?"
+        assert one.hint == told
+        one.hint = "other"
+        assert one.__notes__ == ["hint: other"]
+        one.hint = None
+        assert not one.__notes__

@@ -20,6 +20,7 @@ __all__ = [
 ]
 
 _MISSING = object()
+_HINT = "hint: "
 
 
 class MapdealWarning(UserWarning):
@@ -73,6 +74,17 @@ class MapdealError(Exception):
         # The text, not the value: an error crosses from process to process as it is shown.
         self._got = None if got is _MISSING else shown(got)
         super().__init__(rule)
+
+    @property
+    def hint(self) -> str | None:
+        """What to do about it; Python shows it below the error, as a note."""
+        return self._hint
+
+    @hint.setter
+    def hint(self, text: str | None) -> None:
+        notes = [note for note in getattr(self, "__notes__", ()) if not note.startswith(_HINT)]
+        self.__notes__ = [*notes, _HINT + text] if text else notes
+        self._hint = text
 
     def found_in(self, source: Path | str) -> Self:
         """Return the error with the file it belongs to, unless it names one already."""
