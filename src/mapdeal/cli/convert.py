@@ -10,6 +10,7 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
+from mapdeal.cli.streams import TO_STDOUT
 from mapdeal.errors import ParameterError
 from mapdeal.formats.map_yaml import Mode
 from mapdeal.pipeline.convert import Scale, convert_file
@@ -26,8 +27,10 @@ def convert(
     output: Annotated[
         Path,
         opt.output_argument(
-            "OUT", "The result: .yaml or .pgm (a pgm pair), .png (a png pair), or .npz."
+            "OUT",
+            f"The result: .yaml or .pgm (a pgm pair), .png (a png pair), or .npz. {opt.OR_STDOUT}",
         ),
+        TO_STDOUT,
     ],
     encoding: Annotated[
         Scale | None,

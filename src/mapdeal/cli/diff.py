@@ -13,6 +13,7 @@ from mapdeal.checks.bounds import Bound, Bounds
 from mapdeal.checks.difference import STATES, Difference, WallShift
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import one_line
 from mapdeal.pipeline.diff import DiffReport, diff_files
 from mapdeal.pipeline.settings import Settings
@@ -23,8 +24,8 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @app.command()
 @shared_options("files")
 def diff(
-    first: Annotated[Path, typer.Argument(metavar="A", help="A map: .yaml or .npz.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
+    first: Annotated[Path, typer.Argument(metavar="A", help="A map: .yaml or .npz."), FROM_STDIN],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another."), FROM_STDIN],
     tolerance: Annotated[
         float,
         typer.Option(metavar="CELLS", help="Let cells pass whose like is so near in the other."),

@@ -13,6 +13,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
+from mapdeal.cli.streams import TO_STDOUT
 from mapdeal.editing.draw import draw
 from mapdeal.editing.window import blank as blank_of
 from mapdeal.editing.window import reset_region
@@ -30,8 +31,10 @@ Output = Annotated[
     Path,
     opt.output_argument(
         "OUT",
-        "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm.",
+        "The result: .yaml or .pgm (a pgm pair), .png (a pair), .npz, or of a .pbm also .pbm. "
+        + opt.OR_STDOUT,
     ),
+    TO_STDOUT,
 ]
 Points = Annotated[
     list[str] | None,

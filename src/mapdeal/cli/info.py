@@ -12,6 +12,7 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import one_line
 from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.inspect import describe_file
@@ -27,7 +28,10 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 def info(
     sources: Annotated[
         list[Path],
-        typer.Argument(metavar="MAP...", help="Maps, costmaps, fields, or folders of runs."),
+        typer.Argument(
+            metavar="MAP...", help=f"Maps, costmaps, fields, or folders of runs. {opt.OR_STDIN}"
+        ),
+        FROM_STDIN,
     ],
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per file, each on a line.")

@@ -12,6 +12,7 @@ from mapdeal.checks.reports.catalogue import REPORTS, ReportForm
 from mapdeal.cli import terminal
 from mapdeal.cli.many_maps import jobs_at_once, say_listing
 from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources, repair_maps
 from mapdeal.pipeline.repair import repair_file
@@ -29,6 +30,7 @@ def lint(
             metavar="MAP...",
             help="Maps, folders of maps or runs, quoted patterns, or @LIST.txt.",
         ),
+        FROM_STDIN,
     ],
     select: Annotated[
         list[str] | None,

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -20,6 +21,7 @@ from typer.models import TyperPath
 
 from mapdeal.cli import terminal
 from mapdeal.cli.process import begin_work
+from mapdeal.cli.streams import DASH
 from mapdeal.cli.usage import accept_spellings, usage_error
 from mapdeal.errors import (
     FileAccessError,
@@ -97,6 +99,10 @@ class _NotEmpty:
     def __call__(self, value: Any, parameter: Any, context: Any) -> Any:
         if not os.fspath(value):
             raise typer.BadParameter("must not be empty", ctx=context, param=parameter)
+        if value != "-" and Path(value) == DASH:  # ./- is the file of that name
+            from mapdeal.formats.source import absolute_path
+
+            return self._convert(str(absolute_path(DASH)), parameter, context)
         return self._convert(value, parameter, context)
 
 
@@ -192,9 +198,9 @@ def mapdeal(
 ) -> None:
     """Process robot map files without ROS.
 
-    A MAP is a map_server .yaml with its image, a .pbm with its .yaml, or an .npz written by
-    mapdeal. Lengths are in metres, angles in radians. "mapdeal COMMAND --help" tells all options
-    of a command.
+    A MAP is a map_server .yaml with its image, a .pbm with its .yaml, an .npz written by mapdeal,
+    or - for such an .npz on standard input. Lengths are in metres, angles in radians. "mapdeal
+    COMMAND --help" tells all options of a command.
     """
 
 

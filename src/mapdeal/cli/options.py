@@ -10,15 +10,21 @@ from typing import Annotated, Any, get_args
 import typer
 
 from mapdeal.cli import terminal
+from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.stages.parameters import Parameter, is_plain, parameters_of
 
+OR_STDIN = "Or - for an .npz on stdin."
+OR_STDOUT = "Or - for an .npz on stdout."
+
 MapArgument = Annotated[
     Path,
     typer.Argument(
-        metavar="MAP", help="A map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's."
+        metavar="MAP",
+        help="A map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's. " + OR_STDIN,
     ),
+    FROM_STDIN,
 ]
 
 _COUNTS = {2: "two", 3: "three"}
@@ -43,7 +49,11 @@ def output_argument(metavar: str, help_text: str) -> Any:
 
 
 GridOutput = Annotated[
-    Path, output_argument("OUT", "The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz.")
+    Path,
+    output_argument(
+        "OUT", f"The result: .yaml or .pgm (a pgm pair), .png (a pair), or .npz. {OR_STDOUT}"
+    ),
+    TO_STDOUT,
 ]
 
 

@@ -12,6 +12,7 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import FindingError, ParameterError
 from mapdeal.formats.points import PointLines, read_points
 from mapdeal.formats.source import chunks_of
@@ -30,7 +31,10 @@ _STDIN = Path("-")
 def query(
     source: Annotated[
         Path,
-        typer.Argument(metavar="MAP", help="A distance field (.npz), or a map to make one of."),
+        typer.Argument(
+            metavar="MAP", help=f"A distance field (.npz), or a map to make one of. {opt.OR_STDIN}"
+        ),
+        FROM_STDIN,
     ],
     at: Annotated[
         list[str] | None,

@@ -11,6 +11,7 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.route import Method, Route
@@ -31,7 +32,11 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @shared_options("robot", "files")
 def route(
     source: Annotated[
-        Path, typer.Argument(metavar="MAP", help="Costs (.npz), or a map to make costs of.")
+        Path,
+        typer.Argument(
+            metavar="MAP", help=f"Costs (.npz), or a map to make costs of. {opt.OR_STDIN}"
+        ),
+        FROM_STDIN,
     ],
     start: Annotated[
         str | None, typer.Option("--from", metavar="X,Y", help="The start, metres.")

@@ -136,6 +136,10 @@ def run(
     """
     if update_golden and golden is None:
         raise ParameterError("needs --golden DIR", source="--update-golden")
+    if "-" in sources:
+        rule = "standard input has no name for a folder of outputs"
+        hint = "mapdeal convert - -o FILE.npz keeps it under a name; @- takes names of maps"
+        raise ParameterError(rule, source="-", hint=hint)
     around.refuse_in_set(changes or [])
     texts: list[str] = []
     with heard(texts):

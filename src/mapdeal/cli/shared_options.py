@@ -13,6 +13,7 @@ import typer
 
 from mapdeal.cli import terminal
 from mapdeal.cli.options import robot_shape, size_of
+from mapdeal.cli.streams import piped, streamed
 from mapdeal.errors import ParameterError
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings
@@ -245,6 +246,7 @@ def with_shared_options(
     parameters = _spliced(function.__name__, {one.name: one for one in own}, names, help_texts)
     shared = [name for name in SHARED_OPTIONS if name in expanded([*names, _ALWAYS])]
     robot = _of_robot(shared)
+    marked = streamed(parameters)
 
     @wraps(function)
     def command(**values: Any) -> None:
@@ -253,8 +255,8 @@ def with_shared_options(
         values["settings"] = _settings_of(given)
         if robot:
             values["footprint"] = robot_shape(**{name: given[name] for name in robot})
-        with values["settings"].memory(anew=True):
-            function(**values)
+        with values["settings"].memory(anew=True), piped(values, marked) as files:
+            function(**files)
 
     typed: Any = command
     typed.__signature__ = Signature(parameters, return_annotation=None)

@@ -14,6 +14,7 @@ import typer
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import with_shared_options
+from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.source import absolute_path
@@ -33,6 +34,7 @@ _FIRST_SENTENCE = re.compile(r".*?\.(?=\s+[A-Z`]|$)")
 _MASK = Annotated[
     Path | None,
     typer.Option(metavar="MASK", help="A keepout mask, a map: costs are nowhere below its values."),
+    FROM_STDIN,
 ]
 _ENCODING = Annotated[
     Encoding,
@@ -114,11 +116,13 @@ def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Par
     metavar, about = "MAP", "A map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's."
     if first.takes_field:
         metavar, about = "MAP|ESDF.npz", "A map, or the distance field of one."
-    argument = typer.Argument(metavar=metavar, help=about)
-    yield Parameter("source", Parameter.KEYWORD_ONLY, annotation=Annotated[Path, argument])
+    argument = typer.Argument(metavar=metavar, help=f"{about} {opt.OR_STDIN}")
+    taken: Any = Annotated[Path, argument, FROM_STDIN]
+    yield Parameter("source", Parameter.KEYWORD_ONLY, annotation=taken)
     written = files_of(first.makes)
-    out = opt.output_argument(written.metavar, written.about)
-    yield Parameter("output", Parameter.KEYWORD_ONLY, annotation=Annotated[Path, out])
+    out = opt.output_argument(written.metavar, f"{written.about} {opt.OR_STDOUT}")
+    made: Any = Annotated[Path, out, TO_STDOUT]
+    yield Parameter("output", Parameter.KEYWORD_ONLY, annotation=made)
     if None not in models:
         names = [str(name) for name in models]
         option = typer.Option(metavar="|".join(names), help=f"The rule of the {first.name}s.")

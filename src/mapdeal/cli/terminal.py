@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import os
 import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
 from typing import TextIO
 
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, ParameterError, one_line
@@ -29,12 +32,60 @@ _stdout_dropped = False
 _bar: Progress | None = None
 _quiet = False
 _verbose = False
+_is_for_data = False
+_called: dict[str, str] = {}
 
 
 def configure(*, quiet: bool, verbose: bool) -> None:
     """Set how much is said: quiet leaves errors and asked-for results only."""
-    global _quiet, _verbose, _stdout_dropped
-    _quiet, _verbose, _stdout_dropped = quiet, verbose, False
+    global _quiet, _verbose, _stdout_dropped, _is_for_data
+    _quiet, _verbose, _stdout_dropped, _is_for_data = quiet, verbose, False, False
+    _called.clear()
+
+
+def leave_stdout_to_data() -> None:
+    """Have all that is said go to stderr: a file goes to stdout.
+
+    Raises
+    ------
+    ParameterError
+        If stdout is a terminal.
+    """
+    global _is_for_data
+    if sys.stdout.isatty():
+        hint = "pipe it into another command, or name a file"
+        raise ParameterError("is a terminal, and an npz is no text", source="-o -", hint=hint)
+    _is_for_data = True
+
+
+def refuse_keyboard() -> None:
+    """Raise ParameterError if what comes in on stdin is typed."""
+    if sys.stdin is not None and sys.stdin.isatty():
+        hint = "mapdeal convert MAP -o - | mapdeal ... - takes a map from another command"
+        raise ParameterError("is a terminal, and an npz is no text", source="-", hint=hint)
+
+
+def call_files(names: Mapping[Path, str]) -> None:
+    """Have files, in all that is said, be called by other names."""
+    for path, name in names.items():
+        text = str(path)
+        for written in (text, one_line(text), json.dumps(text)[1:-1]):
+            _called[written] = name
+
+
+def send(path: Path) -> None:
+    """Write a file to stdout; a reader that has gone has seen enough."""
+    from mapdeal.formats.source import chunks_of
+
+    for chunk in chunks_of(path):
+        if _stdout_dropped:
+            return
+        _to_stdout(partial(_write_bytes, chunk))
+
+
+def _write_bytes(chunk: bytes) -> None:
+    sys.stdout.buffer.write(chunk)
+    sys.stdout.buffer.flush()
 
 
 def result(text: str) -> None:
@@ -251,7 +302,16 @@ def finish() -> None:
 
 
 def _print_result(text: str) -> None:
-    _to_stdout(lambda: print(text))  # noqa: T201
+    if _is_for_data:
+        _say(text)
+        return
+    _to_stdout(lambda: print(_as_called(text)))  # noqa: T201
+
+
+def _as_called(text: str) -> str:
+    for path, name in _called.items():
+        text = text.replace(path, name)
+    return text
 
 
 def _to_stdout(write: Callable[[], None]) -> None:
@@ -276,6 +336,6 @@ def _drop_stdout() -> None:
 def _say(text: str) -> None:
     # What nobody can read on stderr must not change what is done, nor the exit code.
     with contextlib.suppress(OSError):
-        print(f"{_CLEAR if _bar else ''}{text}", file=sys.stderr)  # noqa: T201
+        print(f"{_CLEAR if _bar else ''}{_as_called(text)}", file=sys.stderr)  # noqa: T201
     if _bar:
         _bar.draw()

@@ -11,6 +11,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
+from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.editing.window import window as window_of
 from mapdeal.errors import ParameterError
 from mapdeal.formats.npz import Grid
@@ -39,6 +40,7 @@ def window(
             metavar="MAP",
             help="The canvas of another map with the same cells, instead of a size and a place.",
         ),
+        FROM_STDIN,
     ] = None,
     default: Annotated[
         int | None,
