@@ -30,11 +30,11 @@ if TYPE_CHECKING:  # what only several processes need
 
 _NOT_CHECKED = "lint.not-checked"
 
-_CELLS_OF_ANY = 100_000
+_CELLS_OF_ANY = 250_000
 """Cells that are checked in the time that a file takes, however small it is."""
 
-_CELLS_WORTH_WORKERS = 60_000_000
-"""Checked in twice the time that processes take to start."""
+_CELLS_WORTH_WORKERS = 200_000_000
+"""Checked in two or three seconds, some four times what processes take to start."""
 
 
 @dataclass(frozen=True)
