@@ -54,6 +54,20 @@ def test_what_is_not_allowed_is_refused(arguments, match):
         mapdeal.build_map_from_log(LOG, **arguments)
 
 
+def test_lines_that_are_wrong_are_passed_over_up_to_a_number(tmp_path):
+    log = tmp_path / "two.log"
+    lines = [
+        f"FLASER 180 {'1.5 ' * 179}{last} {x} 2 0.3 {x} 2 0.3 {x} host {x}"
+        for x, last in ((1, "1.0"), (2, "near"), (3, "2.0"))
+    ]
+    log.write_text("\n".join(lines) + "\n")
+    with pytest.warns(mapdeal.MapdealWarning, match="line 2"):
+        built = mapdeal.build_map_from_log(log, resolution=0.5)
+    assert built.counts.scans == 2
+    with pytest.raises(mapdeal.MalformedInputError, match="line 2"):
+        mapdeal.build_map_from_log(log, resolution=0.5, max_bad=0)
+
+
 def test_a_log_that_is_not_there_is_an_error(tmp_path):
     with pytest.raises(mapdeal.FileAccessError, match=r"missing\.log"):
         mapdeal.build_map_from_log(tmp_path / "missing.log")

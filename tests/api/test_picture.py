@@ -184,6 +184,8 @@ def test_pictures_of_notebooks_have_a_longest_side():
     grid = mapdeal.OccupancyGrid(np.zeros((10, 3000), np.int8), 0.05)
     with Image.open(io.BytesIO(grid._repr_png_())) as image:
         assert 1000 <= image.width < 1400  # three cells a pixel, and what is around
+    with Image.open(io.BytesIO(mapdeal.diff(grid, grid)._repr_png_())) as image:
+        assert 1000 <= image.width < 1400
 
 
 def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):

@@ -50,9 +50,10 @@ def _sums(folder):
                 ),
             },
         ),
+        (["--recipe", "nav2", "--canvas", "full"], {"recipe": "nav2", "canvas": "full"}),
         (["--image-max", "100", "--dialect", "ros1"], {"image_max": 100, "dialect": "ros1"}),
     ],
-    ids=["default", "nav2", "changes", "full canvas", "footprint", "options"],
+    ids=["default", "nav2", "changes", "full canvas", "footprint", "no crop", "options"],
 )
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_run_writes_the_files_of_the_command(room, tmp_path, command, words, arguments):
@@ -218,6 +219,7 @@ def test_info_is_what_the_command_says(room, command):
     _, out, _ = command("info", room, "--json")
     assert mapdeal.info(room) == json.loads(out)
     assert mapdeal.info(str(room))["occupied"] == 2
+    assert mapdeal.info(room, dialect="humble")["dialect"] == "humble"
     with pytest.raises(mapdeal.FileAccessError):
         mapdeal.info(room.with_name("missing.yaml"))
     with pytest.raises(mapdeal.ParameterError, match="dialect"):

@@ -148,10 +148,12 @@ def test_layers_that_are_made_block_by_block_are_left_alone():
     def make(rows):
         raise AssertionError("a repr asked for rows")
 
-    layer = lazy_layer((30_000, 20_000), np.int8, make, block_height=100)
-    lazy = mapdeal.OccupancyGrid(layer, 0.05)
-    assert repr(lazy) == "OccupancyGrid(20000 x 30000 cells, 0.05 m, origin (0, 0, 0))"
-    assert lazy._repr_png_() is None
+    for height, width in ((30_000, 20_000), (3, 2)):
+        layer = lazy_layer((height, width), np.int8, make, block_height=100)
+        lazy = mapdeal.OccupancyGrid(layer, 0.05)
+        expected = f"OccupancyGrid({width} x {height} cells, 0.05 m, origin (0, 0, 0))"
+        assert repr(lazy) == expected
+        assert lazy._repr_png_() is None
 
 
 def test_giant_grids_are_not_counted(monkeypatch):
