@@ -1,6 +1,7 @@
 """What is counted while rows go by is what the whole map has."""
 
 import itertools
+import re
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -9,9 +10,12 @@ import numpy as np
 import pytest
 
 import oracles
+from mapdeal import read_map
 from mapdeal.checks import facts, tallies
 from mapdeal.checks.facts import gather
 from mapdeal.checks.tallies import CellTallies, PixelTallies, tallies_of
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.budget import use_memory
 from mapdeal.formats.dialects import DIALECTS, cells_of
 from mapdeal.formats.map_yaml import MapMetadata
 from mapdeal.formats.picture import Picture
@@ -204,3 +208,36 @@ def test_nothing_is_kept_of_the_cells_however_many_rows_come(kind, tmp_path, mon
     assert pair.pixels.size == cells.cells.size == count * strip.size
     assert held < 1_000_000
     assert peak < (6_000_000 if kind == "grey" else 60_000_000)
+
+
+def test_lint_asks_for_no_memory_for_cells(tmp_path):
+    side = 3000
+    (tmp_path / "m.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + bytes(side**2))
+    (tmp_path / "m.yaml").write_text(
+        "image: m.pgm\nresolution: 0.25\norigin: [1.5, -2, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+
+    def refusal_of_lint():
+        (pair, _, findings) = gather(tmp_path / "m.yaml")
+        return None if pair is not None else findings[0].message
+
+    def refusal_of_reading():
+        try:
+            read_map(tmp_path / "m.yaml")
+        except MalformedInputError as error:
+            return str(error)
+
+    reading, linting = least_memory(refusal_of_reading), least_memory(refusal_of_lint)
+    assert linting == pytest.approx(reading - side**2, abs=500_000)  # three digits are told
+
+
+def least_memory(refusal):
+    """Bytes with which something is not refused; what it needs in the end is asked for last."""
+    needed = 1_000_000
+    while True:
+        with use_memory(needed):
+            told = refusal()
+        if told is None:
+            return needed
+        needed = round(float(re.search(r"needs? ([0-9.]+) MB", told)[1]) * 1e6)

@@ -12,8 +12,9 @@ from mapdeal.checks.finding import CHECKS, Finding
 from mapdeal.checks.tallies import CellTallies, PixelTallies, tallies_of
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
+from mapdeal.formats.budget import holding
 from mapdeal.formats.dialects import reader_of
-from mapdeal.formats.image import open_strips
+from mapdeal.formats.image import open_strips, read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import remark_on_lost, warn_of_cost_figures, warn_of_one_cost
@@ -156,7 +157,9 @@ def _of_pair(
         entries = read_mapping(path)
         metadata = metadata_of(entries, path, mend=True)
     image = find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
-    with open_strips(image, max_cells=max_cells) as strips:
+    height, width = read_image_size(image, max_cells=max_cells)
+    with holding(-height * width), open_strips(image, max_cells=max_cells) as strips:
+        # readers claim a byte for each cell that is made of the pixels: none is kept here
         kind, pixels, cells = _counted(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {remark_on_lost(pixels.lost)}"

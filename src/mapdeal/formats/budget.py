@@ -122,7 +122,11 @@ def _by_default() -> _Budget:
 
 @contextmanager
 def holding(count: int) -> Iterator[None]:
-    """Count bytes that were read as taken within a ``with`` block."""
+    """Count bytes that were read as taken within a ``with`` block.
+
+    Below 0 they are bytes that readers claim, and that are not taken, since nobody keeps what is
+    made of them.
+    """
     budget = _budget_of(None)
     token = _current.set(replace(budget, held=budget.held + count))
     try:

@@ -1,7 +1,7 @@
 """How the three map_server readers in use turn pixels into occupancy, one module each.
 
-Every rule depends on a small integer only, a grey level or a sum of samples; so each module
-fills a table in exactly the precision of its reader, and indexes it.
+Every rule depends on a small integer only, a grey level or a sum of samples, and each module works
+it out in exactly the precision of its reader: in a table where there are few of them.
 
 References
 ----------

@@ -43,17 +43,17 @@ def _occupancy(
 ) -> NDArray[np.int8]:
     """Return the occupancy for sums of three 16-bit samples and, if there is one, the opacity."""
     if metadata.mode == "trinary" and opacity is not None:
-        averaged: NDArray[np.int8] = _by_sum(4, metadata)[total + opacity]
-        return averaged
-    occupancy = _by_sum(3, metadata)[total]
+        return _of_sum(total + opacity, 4, metadata)
+    occupancy = _of_sum(total, 3, metadata)
     if metadata.mode == "scale" and opacity is not None:
         occupancy[opacity != _FULL] = UNKNOWN
     return occupancy
 
 
-def _by_sum(channels: int, metadata: MapMetadata) -> NDArray[np.int8]:
-    """Return the occupancy of each possible sum of `channels` 16-bit samples."""
-    sums = np.arange(channels * _FULL + 1)
+def _of_sum(
+    sums: NDArray[np.int32], channels: int, metadata: MapMetadata
+) -> NDArray[np.int8]:  # fmt: skip
+    """Return the occupancy for sums of `channels` 16-bit samples."""
     shade = sums / channels / 65535
     if metadata.mode == "raw":
         grey = np.floor(shade * 255 + 0.5)
