@@ -70,6 +70,16 @@ def test_a_folder_stands_for_its_maps_and_runs_and_not_for_what_runs_have_writte
     assert found == {"maps/runs/r10": ["run.missing-file"]}
 
 
+def test_a_manifest_of_another_program_hides_no_map(maps):
+    for text in ('{"name": "a web page"}', "[]", "3"):
+        (maps / "manifest.json").write_text(text)
+        assert listed("maps") == ["maps/a/plain.yaml", "maps/b/broken.yaml", "maps/b/turned.yaml"]
+    (maps / "manifest.json").write_text("{damaged")
+    assert "maps" in listed("maps")
+    (report,) = lint_maps([maps], NO_RULES).maps
+    assert [one.message for one in report.findings] == ["its manifest.json is not that of a run"]
+
+
 def test_a_list_stands_for_its_lines(maps):
     lines = b"maps/b/turned.yaml\n# no\nmaps/a\n"
     assert listed("@-", stdin=[lines]) == ["maps/b/turned.yaml", "maps/a/plain.yaml"]

@@ -15,7 +15,20 @@ from mapdeal.grid.costmap import UNIFORM_SHARE
 
 MANIFEST = "manifest.json"
 LOCAL_FOLDER = "local"
-RUN_FOLDERS = WholeFolders(MANIFEST, "summary.json", parts=(LOCAL_FOLDER,))
+
+
+def is_run(folder: Path) -> bool:
+    """Return whether the manifest in a folder is, or may have been, that of a run.
+
+    Programs of other kinds have files of that name, too: such a folder may hold maps.
+    """
+    manifest = read_json(folder / MANIFEST)
+    if isinstance(manifest, dict):
+        return "outputs" in manifest or "mapdeal" in manifest
+    return manifest is None  # damaged
+
+
+RUN_FOLDERS = WholeFolders(MANIFEST, is_run, "summary.json", parts=(LOCAL_FOLDER,))
 """How the folders of runs are told from those of maps."""
 
 declare_check(

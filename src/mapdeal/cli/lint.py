@@ -97,7 +97,7 @@ def lint(
     *,
     settings: Settings,
 ) -> None:
-    """Say what is wrong with maps, by named checks.
+    """Report what is wrong with maps, by named checks.
 
     Errors make the exit code 1: they make a map wrong or unsafe for some reader. Warnings are
     traps, notes are good to know. A file that cannot be read is a finding; the others go on.

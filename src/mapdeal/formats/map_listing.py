@@ -75,6 +75,8 @@ class WholeFolders:
     ----------
     mark : str
         The file that makes a folder one of them.
+    is_one : callable
+        Returns whether a folder with such a file is one of them indeed.
     summary : str
         A file that stands for the folder it is in, as `mark` does.
     parts : tuple of str
@@ -87,6 +89,7 @@ class WholeFolders:
     """
 
     mark: str
+    is_one: Callable[[Path], bool]
     summary: str
     parts: tuple[str, ...] = ()
 
@@ -312,7 +315,7 @@ def _below_folder(folder: Path, rules: _Rules) -> tuple[list[Path], list[Path]]:
                 raise
             listed.append(one)
             return [], []
-        if whole is not None and whole.mark in files:
+        if whole is not None and whole.mark in files and whole.is_one(one):
             listed.append(one)
             return [name for name in folders if name not in whole.parts], []
         return folders, files
