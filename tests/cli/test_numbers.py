@@ -35,6 +35,7 @@ WORKING = {
     "info": ["m.yaml"],
     "lint": ["m.yaml"],
     "diff": ["m.yaml", "m.yaml"],
+    "completion": ["bash"],
 }  # fmt: skip
 ALTERNATIVES = {("window", "--corner"): "--at", ("edit reset", "--corner"): "--at"}
 WITH = {("build", "--size"): ["--origin", "0,0"], ("build", "--origin"): ["--size", "2,2"]}

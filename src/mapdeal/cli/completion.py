@@ -1,0 +1,36 @@
+"""``mapdeal completion``: a script that has a shell complete the words of mapdeal."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import typer
+
+from mapdeal.cli import terminal
+from mapdeal.cli.shells import SHELLS
+from mapdeal.cli.words import command_words
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+
+@app.command()
+def completion(
+    shell: Annotated[
+        Literal["bash", "zsh", "fish"], typer.Argument(metavar="SHELL", help="bash, zsh or fish.")
+    ],
+) -> None:
+    """Print a script that completes commands, options, choices, recipes, checks and files.
+
+    bash, in ~/.bashrc: eval "$(mapdeal completion bash)". zsh, in ~/.zshrc behind compinit: eval
+    "$(mapdeal completion zsh)". fish: mapdeal completion fish >
+    ~/.config/fish/completions/mapdeal.fish. All words stand in the script, so that completing
+    starts nothing; make it again after an upgrade.
+    """
+    terminal.result(script_for(shell))
+
+
+def script_for(shell: str) -> str:
+    """Return the script of a shell."""
+    from mapdeal.cli import main  # which imports this module
+
+    return SHELLS[shell](command_words("mapdeal", typer.main.get_command(main.app)))
