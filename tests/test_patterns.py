@@ -33,6 +33,7 @@ REASONS = {
     ("cli/main.py", r"[-+0-9.eE]+,[-+0-9.eE]+"): ("fullmatch", "the comma is in neither class"),
     ("cli/options.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
         ("fullmatch", "digits, white space and letters have nothing in common"),
+    ("cli/shells.py", r"([\[\]:\\])"): ("sub", "one character"),
     ("cli/usage.py", r"-?\d+(\.\d*)?\)?"): ("fullmatch", "a point stands between the digits"),
     ("cli/usage.py", r"no such option:? '?(?P<name>-[^ ']*)'?"):
         ("match", "the repeat ends before the blank or quote that may follow"),

@@ -7,17 +7,22 @@ from typing import Annotated, Literal
 import typer
 
 from mapdeal.cli import terminal
+from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.shells import SHELLS
 from mapdeal.cli.words import command_words
+from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
+@shared_options()
 def completion(
     shell: Annotated[
         Literal["bash", "zsh", "fish"], typer.Argument(metavar="SHELL", help="bash, zsh or fish.")
     ],
+    *,
+    settings: Settings,  # noqa: ARG001 - every command takes them
 ) -> None:
     """Print a script that completes commands, options, choices, recipes, checks and files.
 

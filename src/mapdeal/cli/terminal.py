@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
 import sys
 import threading
@@ -67,6 +66,8 @@ def refuse_keyboard() -> None:
 
 def call_files(names: Mapping[Path, str]) -> None:
     """Have files, in all that is said, be called by other names."""
+    import json  # of use to few
+
     for path, name in names.items():
         text = str(path)
         for written in (text, one_line(text), json.dumps(text)[1:-1]):
