@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -118,11 +120,14 @@ def lint(
     rules = LintRules(_names(select), _names(ignore), strict, config, is_isolated)
     at_once = jobs_at_once(jobs, len(paths))
     problems: list[MapdealError] = []
-    with terminal.progress(len(paths), what="map") as bar:
+    with ExitStack() as stack:
+        done: Callable[[int], object] = int  # one map is no progress
+        if len(paths) > 1:
+            done = stack.enter_context(terminal.progress(len(paths), what="map")).advance
         if in_place:
-            report, problems = repair_maps(paths, rules, settings, jobs=at_once, done=bar.advance)
+            report, problems = repair_maps(paths, rules, settings, jobs=at_once, done=done)
         else:
-            report = lint_maps(paths, rules, settings, jobs=at_once, done=bar.advance)
+            report = lint_maps(paths, rules, settings, jobs=at_once, done=done)
     for line in REPORTS[form](report):
         terminal.result(line)
     if form == "text":
