@@ -62,6 +62,7 @@ def fixed(command, *words):
         ({"origin": "[-1.5, 2, 1e-9]"}, {"origin": "[-1.5, 2.0, 0.0]"}),
         ({"mode": "Trinary"}, {"mode": "trinary"}),
         ({"image": "/nowhere/m.pgm"}, {"image": "m.pgm"}),
+        ({"image": ">-\n  /nowhere/m.pgm"}, {"image": "m.pgm"}),
         ({"image": "C:\\maps\\m.pgm"}, {"image": "m.pgm"}),
         ({"origin": "[-1.5000000000000009, 2, .0]", "free_thresh": "2.5e-1"},
          {"origin": "[-1.5, 2.0, 0.0]", "free_thresh": "0.196"}),
