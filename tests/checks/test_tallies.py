@@ -48,7 +48,7 @@ def opacity(full=255):
 
 
 PALETTE = np.array([[k, k, k, 255] for k in range(256)], np.uint8)
-PALETTE[100:103] = [[205, 205, 205, 255], [205, 204, 205, 255], [0, 9, 0, 9]]
+PALETTE[[100, 101, 128]] = [[205, 205, 205, 255], [205, 204, 205, 255], [0, 9, 0, 9]]
 PICTURES = {
     "grey": Picture("PNM", "grey", greys()),
     "16 bit": Picture("PNG", "grey", greys(np.uint16, 257), maxval=65535),
@@ -107,7 +107,10 @@ def test_pixels_are_counted_as_if_taken_one_by_one(name, mode, negate):
             differing[name] += values[name] != values["nav2"]
         sample = pixel.samples[0, 0]
         coloured += pixel.colour == "rgb" and len(set(sample.tolist())) > 1
-        see_through += pixel.alpha is not None and pixel.alpha[0, 0] < picture.maxval
+        if pixel.palette is not None:
+            see_through += pixel.palette[sample][3] < 255
+        else:
+            see_through += pixel.alpha is not None and pixel.alpha[0, 0] < picture.maxval
         if pixel.colour == "grey" and pixel.maxval == 255:
             seen[int(sample)] = seen.get(int(sample), 0) + 1
             lost += mode == "raw" and 100 < sample < 255

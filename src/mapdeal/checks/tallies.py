@@ -155,9 +155,11 @@ class PixelTallies:
         elif pixels.colour == "rgb":
             is_coloured = (pixels.samples[0] != pixels.samples[0, :, :1]).any(axis=1)
             self.coloured += int(counts[is_coloured].sum())
-        if pixels.alpha is not None:
-            opaque = 255 if pixels.palette is not None else pixels.maxval
-            self.not_opaque += int(counts[pixels.alpha[0] < opaque].sum())
+        opacity = pixels.alpha
+        if pixels.palette is not None:
+            opacity = pixels.palette[:, 3][pixels.samples]
+        if opacity is not None:
+            self.not_opaque += int(counts[opacity[0] < pixels.opaque].sum())
         is_raw = self._metadata.mode == "raw"
         if is_raw and self.freed:
             self.lost += count_of_lost(pixels, counts[np.newaxis])
