@@ -39,7 +39,7 @@ LINES = {
 }  # fmt: skip
 
 # lint has findings, and these read no maps.
-OTHERS = {"lint", "build", "unpack"}
+OTHERS = {"lint", "build", "unpack", "completion"}
 
 
 def write_pair(name, greys, free_thresh):
