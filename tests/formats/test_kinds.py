@@ -256,7 +256,8 @@ def test_info_of_a_run_is_for_people(command, here):
     assert command("run", "map.yaml", "-o", "out", "-q", "--no-images")[0] == 0
     code, out, _ = command("info", "out/map")
     assert code == 0
-    assert "  inflate     3 x 2 cells, occupied " in out
-    assert "  cost        3 x 2 cells, lethal " in out
+    assert "  inflate     radius 0.3, " in out
+    assert "\n              3 x 2 cells, occupied " in out
+    assert "\n              3 x 2 cells, lethal " in out
     assert "{" not in out
     assert "[" not in out

@@ -63,8 +63,8 @@ def _rows_of_run(report: dict[str, Any]) -> list[tuple[str, str]]:
         ("options", _listed(report["options"])),
     ]
     for name, parameters in _stages(report["stages"]):
-        rows.append((name, _figures(report["figures"].get(name, {}))))
-        rows.append(("", _listed(parameters)))
+        rows.append((name, _listed(parameters)))
+        rows.append(("", _figures(report["figures"].get(name, {}))))
     warned = report["warnings"]
     rows += [("warning", str(text)) for text in (warned if isinstance(warned, list) else ())]
     return rows
