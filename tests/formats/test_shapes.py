@@ -162,3 +162,16 @@ def test_bytes_that_are_no_text_and_a_file_that_is_not_there(tmp_path):
         read_shapes(path)
     with pytest.raises(FileAccessError):
         read_shapes(tmp_path / "none.yaml")
+
+
+def test_either_spelling_of_a_key_is_taken_and_none_twice(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text("shapes: [{type: circle, centre: [1.5, -2], radius: 0.5}]\n")
+    assert read_shapes(path) == [Circle((1.5, -2.0), 0.5)]
+    path.write_text("shapes:\n- type: circle\n  center: [1, 2]\n  centre: [1, 2]\n  radius: 1\n")
+    with pytest.raises(MalformedInputError, match=r"centre \(line 4\): stands twice"):
+        read_shapes(path)
+    path.write_text("shapes: [{type: circle, cetner: [1, 2], radius: 1}]\n")
+    with pytest.raises(MalformedInputError, match="no such key of a circle") as caught:
+        read_shapes(path)
+    assert caught.value.hint == "did you mean center?"

@@ -12,6 +12,7 @@ from mapdeal.formats.kinds import SHAPES, recognised
 from mapdeal.formats.yaml_text import OF_SHAPES, Entry, read_mapping
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
+from mapdeal.spelling import as_known, meant
 
 _KEYS = {
     "polygon": ("type", "points", "holes", "value"),
@@ -73,12 +74,7 @@ def _shape_of(entry: Entry) -> Shape:
     if kind not in _KEYS:
         rule = f"type must be one of {', '.join(_KEYS)}"
         raise (fields["type"] if kind else entry).error(rule)
-    for key, field in fields.items():
-        if key not in _KEYS[kind]:
-            known = ", ".join(_KEYS[kind])
-            rule = f"no such key of a {kind}"
-            raise MalformedInputError(rule, source=entry.source, place=field.place, got=key,
-                                      hint=f"known: {known}")  # fmt: skip
+    fields = _as_known(fields, kind)
 
     def required(key: str) -> Entry:
         if key not in fields:
@@ -97,6 +93,22 @@ def _shape_of(entry: Entry) -> Shape:
             return Line(points, thickness, value, source)
         holes = fields["holes"].items() if "holes" in fields else []
         return Polygon(points, [_points(hole) for hole in holes], value, source)
+
+
+def _as_known(fields: dict[str, Entry], kind: str) -> dict[str, Entry]:
+    """Return the entries of a shape by the names that its keys are known by."""
+    known = _KEYS[kind]
+    named: dict[str, Entry] = {}
+    for key, field in fields.items():
+        name = as_known(key, known)
+        if name not in known:
+            rule, hint = f"no such key of a {kind}", meant(key, known)
+            raise MalformedInputError(rule, source=field.source, place=field.place, got=key,
+                                      hint=hint or f"known: {', '.join(known)}")  # fmt: skip
+        if name in named:
+            raise field.error(f"stands twice, as {name} and as {key}")
+        named[name] = field
+    return named
 
 
 def _points(entry: Entry) -> list[Point]:
