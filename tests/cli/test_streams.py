@@ -288,3 +288,18 @@ def test_the_pipes_of_the_docs_run(here):
         codes, _, _ = pipe(" | ".join(part.removeprefix("mapdeal ") for part in line.split(" | ")))
         assert set(codes) == {0}
     assert read_map(here / "cost.npz").shape == (544, 544)
+
+
+def test_what_lint_writes_for_machines_names_standard_input(command, here, monkeypatch):
+    stdin(monkeypatch, (here / "m.npz").read_bytes())
+    out = command("lint", "-", "--format", "sarif")[1]
+    places = re.findall(r'"uri": "([^"]*)"', out)
+    assert "standard%20input" in places
+    assert not [place for place in places if "mapdeal-" in place]
+
+
+def test_standard_input_is_not_changed_in_place(command, here, monkeypatch):
+    stdin(monkeypatch, (here / "m.npz").read_bytes())
+    code, out, err = command("lint", "-", "--fix", "--in-place")
+    assert (code, out) == (2, "")
+    assert err.startswith("error: -: is standard input, which cannot be changed in place")

@@ -223,6 +223,14 @@ def test_lint_finds_what_a_file_is(command, here):
     assert "is a point cloud (PCD), not a map (mapdeal local --cloud c.pcd" in out
 
 
+def test_lint_finds_what_a_folder_is(command, here):
+    (here / "bag").mkdir()
+    (here / "metadata.yaml").rename(here / "bag" / "metadata.yaml")
+    code, out, _ = command("lint", "bag")
+    assert code == 1
+    assert "bag: error: run.no-manifest: is a folder with a ROS 2 bag, not a folder of maps" in out
+
+
 @pytest.mark.parametrize("name", [n for n in FILES if not n.endswith(".pgm")])
 def test_info_tells_of_files_that_are_no_maps(command, here, name):
     _, kind, what, figures, use = FILES[name]

@@ -9,6 +9,7 @@ from typing import Any
 from mapdeal.checks.finding import CHECKS, Finding, declare_check
 from mapdeal.errors import FileAccessError
 from mapdeal.formats.json_text import read_json
+from mapdeal.formats.kinds import kind_of
 from mapdeal.formats.map_listing import WholeFolders
 from mapdeal.formats.source import contents_of, exists, holds
 from mapdeal.grid.costmap import UNIFORM_SHARE
@@ -57,6 +58,10 @@ def lint_run(folder: Path) -> list[Finding]:
     manifest = read_json(folder / MANIFEST)
     outputs = manifest.get("outputs") if isinstance(manifest, dict) else None
     if not isinstance(outputs, dict) or not outputs:
+        kind = kind_of(folder)
+        if kind is not None:
+            text = f"is {kind.what}, not a folder of maps or of a run ({kind.use})"
+            return [_finding("run.no-manifest", folder, text)]
         text = f"has no {MANIFEST} of a run, and no map in it or below: no .yaml with the key image"
         if MANIFEST in files:
             text = f"its {MANIFEST} is not that of a run"

@@ -71,6 +71,9 @@ def piped(values: Mapping[str, Any], marked: Mapping[str, bool]) -> Iterator[dic
     if not wanted and output is None:
         yield dict(values)
         return
+    if wanted and values.get("in_place"):
+        rule = "is standard input, which cannot be changed in place"
+        raise ParameterError(rule, source="-", hint="--fix -o OUT writes a repaired map")
     if sum(_dashes(values[name]) for name in inputs) > 1 and wanted:
         rule = "can stand once for an input: standard input is one file"
         raise ParameterError(rule, source="-")

@@ -67,11 +67,15 @@ def refuse_keyboard() -> None:
 def call_files(names: Mapping[Path, str]) -> None:
     """Have files, in all that is said, be called by other names."""
     import json  # of use to few
+    from urllib.parse import quote
 
     for path, name in names.items():
         text = str(path)
+        _called[path.as_uri()] = quote(name)
         for written in (text, one_line(text), json.dumps(text)[1:-1]):
             _called[written] = name
+        with contextlib.suppress(OSError):  # reports for machines have it from the working folder
+            _called[quote(os.path.relpath(path))] = quote(name)
 
 
 def send(path: Path) -> None:
