@@ -35,7 +35,7 @@ def test_the_radius_of_a_footprint_is_told_everywhere(command, tmp_path):
     for name in (folder, folder / "manifest.json"):
         report = json.loads(command("info", name, "--json")[1])
         assert (report["kind"], report["stages"]) == ("run", manifest["stages"])
-        assert "              radius 0.5, footprint [[0.3, 0.4]," in command("info", name)[1]
+        assert "  inflate     radius 0.5, footprint [[0.3, 0.4]," in command("info", name)[1]
 
 
 def test_info_says_how_a_file_was_made_of_the_run_s_own_files_alone(command, tmp_path):

@@ -37,6 +37,7 @@ NOT_READERS = {
     "pipeline.files.read_input", "pipeline.local.read_global_map",  # call readers, with warnings
     "planning.terrain.Terrain.open_cell_of",  # a cell that is open
     "cli.lint.lint", "cli.terminal.input_chunks",  # the command line
+    "api.lint.lint", "api.recipe.load_recipe",  # call what commands call
 }  # fmt: skip
 
 TELLING = ("lint", "points", "pairs of points")
