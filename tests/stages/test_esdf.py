@@ -134,7 +134,7 @@ def test_unknown_cells_in_the_view_are_unknown_or_obstacles():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"unknown": "lethal"}, {"convention": "centre"}, {"max_distance": 0}, {"strength": -1},
+    [{"unknown": "lethal"}, {"convention": "middle"}, {"max_distance": 0}, {"strength": -1},
      {"lethal_threshold": 0}, {"lethal_threshold": 50.5}],
 )  # fmt: skip
 def test_parameters_that_are_none_are_refused_by_name(wrong):
