@@ -70,11 +70,11 @@ def test_too_little_memory_says_how_much_would_do():
 
 
 def test_a_map_in_memory_takes_what_its_steps_say_and_its_pictures():
-    # 1000 of the engine; 3 of the engine, 2 to read and 1.5 of the step for each of 12 cells
-    assert memory.bytes_in_memory((3, 4), [Step], None) == 1000 + 78
-    assert memory.bytes_in_memory((3, 4), [Step, Step], 0) == 1000 + 96 + 10 * 12
-    assert memory.bytes_in_memory((3, 4), [Step], 2) == 1000 + 78 + 10 * 2 * 2
-    assert memory.bytes_in_memory((30, 4), [], 20) == 1000 + 600 + 10 * 15 * 2
+    # 1000 of the engine; 3 of the engine, 1 of the map and 1.5 of the step for each of 12 cells
+    assert memory.bytes_in_memory((3, 4), [Step], None) == 1000 + 66
+    assert memory.bytes_in_memory((3, 4), [Step, Step], 0) == 1000 + 84 + 10 * 12
+    assert memory.bytes_in_memory((3, 4), [Step], 2) == 1000 + 66 + 10 * 2 * 2
+    assert memory.bytes_in_memory((30, 4), [], 20) == 1000 + 480 + 10 * 15 * 2
 
 
 @pytest.mark.parametrize(
@@ -115,21 +115,21 @@ def need(most, shape=(3, 4), file=None):
 
 
 def test_a_map_that_just_fits_is_not_cut():
-    assert need(1078) == memory.Need(1078, by_blocks=False)
-    large = 1000 + int(6.5 * 4000 * 4000)
+    assert need(1066) == memory.Need(1066, by_blocks=False)
+    large = 1000 + int(5.5 * 4000 * 4000)
     assert need(large, (4000, 4000)) == memory.Need(large, by_blocks=False)
     assert need(large - 1, (4000, 4000)) == memory.Need(large - 1, by_blocks=True)
 
 
 SHAPE = (4000, 4000)
 CELLS = 16_000_000
-WORK = 1000 + int(6.5 * CELLS)
+WORK = 1000 + int(5.5 * CELLS)
 """What the engine and the step take."""
 
 
 def test_what_reading_takes_is_over_when_the_steps_begin():
-    assert need(10**9, SHAPE, File(6 * CELLS)).memory == WORK
-    assert need(10**9, SHAPE, File(7 * CELLS)).memory == 1000 + 7 * CELLS
+    assert need(10**9, SHAPE, File(5 * CELLS)).memory == WORK
+    assert need(10**9, SHAPE, File(6 * CELLS)).memory == 1000 + 6 * CELLS
 
 
 def test_an_image_that_must_be_whole_is_read_within_the_memory_or_refused():

@@ -107,8 +107,11 @@ def of_map_saver_unknown(picture: Picture) -> NDArray[np.bool_]:
         of_index = (picture.palette[:, :3] == MAP_SAVER_UNKNOWN).all(axis=1)
         mask: NDArray[np.bool_] = by_sample(of_index, picture.samples)
         return mask
-    of_sample = np.arange(picture.maxval + 1) * 255 == MAP_SAVER_UNKNOWN * picture.maxval
-    mask = by_sample(of_sample, picture.samples)
+    if picture.maxval == 255:
+        mask = picture.samples == MAP_SAVER_UNKNOWN
+    else:
+        of_sample = np.arange(picture.maxval + 1) * 255 == MAP_SAVER_UNKNOWN * picture.maxval
+        mask = by_sample(of_sample, picture.samples)
     if picture.colour == "rgb":
         mask = mask[..., 0] & mask[..., 1] & mask[..., 2]
     return mask

@@ -28,8 +28,8 @@ _PER_PIXEL = 10
 _ON_CANVAS = 0.75
 """Of what a stage takes, what it takes again where its product is put onto a larger canvas."""
 
-_READ = 2.0
-"""Bytes that reading takes for each cell of a map in memory."""
+_READ = 1.0
+"""Bytes of each cell of a map in memory; what reading takes besides is over before stages begin."""
 
 
 @dataclass(frozen=True)
@@ -397,5 +397,5 @@ def too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> M
     limit, origin = memory_limit()
     amounts = f"{size_text(needed)} of memory, {size_text(budget)} may be taken"
     rule = f"{width} x {height} cells need {amounts}{origin if budget == limit else ''}"
-    hint = "raise --max-memory if there is more; .pgm maps take least"
+    hint = "raise --max-memory if there is more; .pgm and .png maps take least"
     return MalformedInputError(rule, source=path, hint=hint)

@@ -184,7 +184,7 @@ def _memory_of(facts: PngFacts | PngHeader) -> int:
 
 
 def _memory_of_strips(facts: PngFacts | PngHeader) -> int:
-    return strip_memory(facts) + min(PIECES // 2, 100 * facts.width * facts.height)
+    return strip_memory(facts) + min(3 * PIECES // 4, 100 * facts.width * facts.height)
 
 
 def _rows(file: OpenFile, head: bytes) -> PngRows | None:
