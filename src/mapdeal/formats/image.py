@@ -40,6 +40,7 @@ def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]
     """
     with opened(path) as file:
         image_format, _ = _format_of(file)
+        file.check_length()  # its checksum is of all of it
         try:
             strips = image_format.read(file, _limit(image_format, max_cells))
         except OtherContentsError:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import PIECES, check_expansion, claim
-from mapdeal.formats.source import check_regular
+from mapdeal.formats.source import check_readable
 
 LONGEST_ARRAY_HEADER = 1 << 16
 _LARGEST_SMALL_ARRAY = 4096
@@ -76,7 +76,7 @@ class NpzReader:
         self._path = path
         self._max_cells = max_cells
         self._taken = 0
-        check_regular(path)
+        check_readable(path)
         try:
             if _directory_size(path) > _LARGEST_DIRECTORY:
                 raise MalformedInputError("holds too many arrays", source=path)

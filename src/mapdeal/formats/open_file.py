@@ -60,19 +60,29 @@ class OpenFile:
             raise FileAccessError(CHANGED, source=self.path)
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
+    def check_length(self) -> None:
+        """Refuse a file of which more is to be read than any file has: sparse ones claim any size.
+
+        Raises
+        ------
+        FileAccessError
+            If it is larger than `LARGEST_FILE`.
+        """
+        if self.size > LARGEST_FILE:
+            rule = f"cannot be read: larger than {LARGEST_FILE} bytes"
+            raise FileAccessError(rule, source=self.path, got=self.size)
+
     def read_whole(self) -> bytes:
         """Return all bytes.
 
         Raises
         ------
         FileAccessError
-            As `read`, and if there are more than any file has that is read as a whole.
+            As `read` and `check_length`.
         MalformedInputError
             If they take more memory than may be taken.
         """
-        if self.size > LARGEST_FILE:  # sparse files claim any size
-            rule = f"cannot be read: larger than {LARGEST_FILE} bytes"
-            raise FileAccessError(rule, source=self.path, got=self.size)
+        self.check_length()
         claim(self.path, self.size)
         try:
             return self.read(0, self.size)

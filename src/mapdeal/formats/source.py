@@ -305,12 +305,6 @@ def joined(chunks: Iterable[bytes], *, limit: int, source: Path | str) -> bytes:
     return b"".join(parts)
 
 
-def check_regular(path: Path) -> None:
-    """Raise FileAccessError if a file is not there or no regular one: a pipe would block."""
-    if not stat.S_ISREG(status_of(path).st_mode):
-        raise FileAccessError("cannot be read: it is no regular file", source=path)
-
-
 def head_of(path: Path, length: int) -> bytes:
     """Return the first bytes of a regular file.
 
@@ -319,7 +313,7 @@ def head_of(path: Path, length: int) -> bytes:
     FileAccessError
         If it cannot be read.
     """
-    check_regular(path)
+    check_readable(path)
     with access_to(path), path.open("rb") as file:
         return file.read(length)
 
@@ -350,6 +344,6 @@ def sha256_of(path: Path) -> str:
     FileAccessError
         If it cannot be read, or is no regular file.
     """
-    check_regular(path)
+    check_readable(path)
     with access_to(path), path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

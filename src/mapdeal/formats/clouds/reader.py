@@ -16,7 +16,7 @@ from mapdeal.formats.clouds.pcd import pcd_points
 from mapdeal.formats.clouds.ply import ply_points
 from mapdeal.formats.clouds.text import text_points
 from mapdeal.formats.kinds import CLOUD, NUMBERS, recognised
-from mapdeal.formats.source import check_regular
+from mapdeal.formats.source import check_readable
 
 Points = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def cloud_chunks(path: Path) -> Iterator[Points]:
         If it is malformed, or of another kind.
     """
     with recognised(path, "a point cloud", CLOUD, NUMBERS):
-        check_regular(path)
+        check_readable(path)
         suffix = path.suffix.lower()
         if suffix not in CLOUD_SUFFIXES:
             rule = f"a cloud must end in {', '.join(CLOUD_SUFFIXES)}"

@@ -21,7 +21,7 @@ import numpy as np
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.scans.source import FARTHEST_POSE, BadLines, ScanArrays, ScanSource
-from mapdeal.formats.source import check_regular, status_of
+from mapdeal.formats.source import check_readable, status_of
 from mapdeal.formats.text_rows import LONGEST_LINE
 
 _SCANS_TOGETHER = 512
@@ -89,7 +89,7 @@ class CarmenLog(ScanSource):
     """
 
     def __init__(self, path: Path, *, max_bad: int) -> None:
-        check_regular(path)
+        check_readable(path)
         self.files = (path,)
         self._path = path
         self._bad = BadLines(path, max_bad)

@@ -17,7 +17,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.scans.source import ScanArrays, ScanSource
-from mapdeal.formats.source import check_regular
+from mapdeal.formats.source import check_readable
 from mapdeal.formats.text_rows import delimiter_of, first_line, read_rows
 from mapdeal.grid.coordinates import FARTHEST
 
@@ -51,7 +51,7 @@ class ScanTexts(ScanSource):
     def __init__(self, poses: Path, angles: Path, ranges: Path, *, flip_y: bool = False) -> None:
         self.files = (poses, angles, ranges)
         for path in self.files:
-            check_regular(path)
+            check_readable(path)
         self._poses = read_poses(poses)
         if flip_y:
             self._poses[:, 1] *= -1.0
