@@ -6,6 +6,12 @@ other place has to decide it. Anything else that escapes is a bug (exit 70).
 
 from __future__ import annotations
 
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Self
 
@@ -37,6 +43,65 @@ class MapdealWarning(UserWarning):
     def __init__(self, text: str, check: str | None = None) -> None:
         super().__init__(text)
         self.check = check
+
+
+@dataclass(frozen=True)
+class KeptWarning:
+    """A warning that has not been given yet.
+
+    Parameters
+    ----------
+    message : MapdealWarning
+        The warning.
+    filename : str
+        The file of the code that it is about, as Python's filters know it.
+    line : int
+        The line in it.
+    """
+
+    message: MapdealWarning
+    filename: str
+    line: int
+
+    def emit(self) -> None:
+        """Give it, to whoever keeps warnings, else to Python's filters."""
+        kept = _KEPT.get()
+        if kept is None:
+            warnings.warn_explicit(self.message, MapdealWarning, self.filename, self.line)
+        else:
+            kept.append(self)
+
+
+_KEPT: ContextVar[list[KeptWarning] | None] = ContextVar("mapdeal_kept_warnings", default=None)
+
+
+def emit_warning(message: str | MapdealWarning, *, stacklevel: int = 1) -> None:
+    """Warn of something, as `warnings.warn` does, unless `kept_warnings` is to hear of it."""
+    kept = _KEPT.get()
+    warning = MapdealWarning(message) if isinstance(message, str) else message
+    if kept is None:
+        warnings.warn(warning, stacklevel=stacklevel + 1)
+        return
+    try:
+        code = sys._getframe(stacklevel)  # noqa: SLF001 - as `warnings` itself does
+        kept.append(KeptWarning(warning, code.f_code.co_filename, code.f_lineno))
+    except ValueError:  # the stack is not as deep
+        kept.append(KeptWarning(warning, "sys", 1))
+
+
+@contextmanager
+def kept_warnings() -> Iterator[list[KeptWarning]]:
+    """Keep the warnings of the block, and of the threads that share its work, in a list.
+
+    Python's own means change the filters of the whole process: of two threads that read maps at
+    once, one would hear what the other one is told, and both would leave wrong filters behind.
+    """
+    kept: list[KeptWarning] = []
+    before = _KEPT.set(kept)
+    try:
+        yield kept
+    finally:
+        _KEPT.reset(before)
 
 
 class MapdealError(Exception):

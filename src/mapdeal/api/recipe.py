@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from os import PathLike
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline import recipe as recipes
@@ -133,5 +132,5 @@ def apply_recipe(
         made[product.step.name] = product.grid
         remark = product.step.remark_on(product.grid.figures())
         if remark is not None:
-            warnings.warn(remark, MapdealWarning, stacklevel=2)
+            emit_warning(remark, stacklevel=2)
     return made

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -10,7 +9,13 @@ from pathlib import Path
 
 from mapdeal.checks.finding import CHECKS, Finding
 from mapdeal.checks.tallies import CellTallies, PixelTallies, tallies_of
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.errors import (
+    FileAccessError,
+    MalformedInputError,
+    MapdealWarning,
+    emit_warning,
+    kept_warnings,
+)
 from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import holding
 from mapdeal.formats.dialects import reader_of
@@ -163,7 +168,7 @@ def _of_pair(
         kind, pixels, cells = _counted(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {remark_on_lost(pixels.lost)}"
-        warnings.warn(MapdealWarning(text, "image.raw-values"), stacklevel=2)
+        emit_warning(MapdealWarning(text, "image.raw-values"), stacklevel=2)
     comments = IMAGE_FORMATS[kind.file_format].comments(head_of(image, _HEAD))
     pair = PairFacts(path, entries, metadata, image, kind, pixels, comments)
     if cells is None:
@@ -195,13 +200,12 @@ def _counted(
 @contextmanager
 def _warnings_as_findings(findings: list[Finding], path: Path) -> Iterator[None]:
     """Turn mapdeal's warnings in the block into findings."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", MapdealWarning)
+    with kept_warnings() as kept:
         try:
             yield
         finally:
-            for one in caught:
-                name = getattr(one.message, "check", None)
+            for one in kept:
+                name = one.message.check
                 if name is None:
                     raise TypeError(f"a warning of the readers has no check: {one.message}")
                 findings.append(_finding(name, path, str(one.message).removeprefix(f"{path}: ")))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from mapdeal.checks.facts import PairFacts
 from mapdeal.checks.rounding import without_rounding_noise
-from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.errors import MalformedInputError, kept_warnings
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.dialects import cells_of
 from mapdeal.formats.image import open_strips
@@ -62,8 +61,7 @@ def repaired(
         If the map cannot be read again.
     """
     done: list[str] = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MapdealWarning)  # all was told when it was read first
+    with kept_warnings():  # all was told when it was read first
         grid = _read_again(path, pair, max_cells, done)
     claim(path, _PER_CELL * grid.occupancy.size)
     resolution = without_rounding_noise(grid.resolution) or grid.resolution

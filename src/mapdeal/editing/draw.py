@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol, Self, TypeVar
 
-from mapdeal.errors import FindingError, MapdealWarning, ParameterError
+from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.shapes import Shape
 from mapdeal.grid.values import OverlayType
@@ -109,7 +108,7 @@ def draw(
                 source = shape.source or None
                 raise FindingError(f"{text}; nothing was drawn", source=source, place=name)
             where = ": ".join(part for part in (shape.source, name) if part)
-            warnings.warn(f"{where}: {text}; {consequence}", MapdealWarning, stacklevel=2)
+            emit_warning(f"{where}: {text}; {consequence}", stacklevel=2)
     return grid.painted(((spans, number) for parts, number in strokes for spans in parts), overlay)
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FindingError, MapdealWarning, ParameterError
+from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.canvas import FieldGrid, cut_out, on_canvas, replaced
 from mapdeal.grid.coordinates import Point, check_point
@@ -199,7 +198,7 @@ def reset_region(
             raise FindingError(rule, place="region")
         outside = rows.start == rows.stop or cols.start == cols.stop
         text = "lies outside of the map" if outside else "reaches beyond the map, it is clipped"
-        warnings.warn(f"region: {text}", MapdealWarning, stacklevel=2)
+        emit_warning(f"region: {text}", stacklevel=2)
     if isinstance(grid, BitMap):
         numbers = np.arange(rows.start, rows.stop)
         edges = (np.full_like(numbers, edge) for edge in (cols.start, cols.stop))
@@ -261,7 +260,7 @@ def _beside(grid: G, frame: Frame, *, fill: int | None, what: str) -> G:
     if not isinstance(grid, ValueGrid):
         raise ParameterError("no cell of it has a distance", place=what)
     text = "lies outside of the map, no cell is kept"
-    warnings.warn(f"{what}: {text}", MapdealWarning, stacklevel=4)
+    emit_warning(f"{what}: {text}", stacklevel=4)
     value = grid.unknown_value if fill is None else fill
     values: NDArray[np.generic] = np.full(frame.shape, value, dtype=grid.values.dtype)
     return grid.with_values(values, frame.origin)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.formats.budget import OF_JSON, claim
 from mapdeal.formats.source import read_file
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
@@ -104,7 +103,7 @@ class _Reader:
             raise self.error("properties must be an object", place)
         if feature.get("geometry") is None:
             text = f"{self._path}: {place}: has no geometry, it was left out"
-            warnings.warn(text, MapdealWarning, stacklevel=2)
+            emit_warning(text, stacklevel=2)
             return
         yield from self._geometry(feature["geometry"], properties, place)
 

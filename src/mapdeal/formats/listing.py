@@ -6,12 +6,11 @@ import fnmatch
 import heapq
 import os
 import re
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from glob import has_magic
 from pathlib import Path
 
-from mapdeal.errors import FileAccessError, MapdealWarning, ParameterError
+from mapdeal.errors import FileAccessError, MapdealWarning, ParameterError, emit_warning
 from mapdeal.formats.source import (
     contents_of,
     exists,
@@ -145,7 +144,7 @@ def _seen_in(folder: Path) -> Contents:
     try:
         return contents_of(folder)
     except FileAccessError as error:
-        warnings.warn(MapdealWarning(f"{error}; left out"), stacklevel=2)
+        emit_warning(MapdealWarning(f"{error}; left out"), stacklevel=2)
         return [], []
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MapdealWarning
+from mapdeal.errors import MapdealWarning, emit_warning
 from mapdeal.formats.dialects import cells_of
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture, by_sample
@@ -285,4 +284,4 @@ def _advice_on_costs(figures: Figures) -> str:
 
 
 def _warn(path: Path, text: str, check: str) -> None:
-    warnings.warn(MapdealWarning(f"{path}: {text}", check), stacklevel=4)
+    emit_warning(MapdealWarning(f"{path}: {text}", check), stacklevel=4)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import warnings
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.dialects import cells_of
 from mapdeal.formats.image import open_strips, strips_of_rows
 from mapdeal.formats.map_remarks import PixelRemarks
@@ -170,7 +169,7 @@ def _expanded(image: str) -> str:
 
 def _warn_path(yaml_path: Path, text: str) -> None:
     warning = MapdealWarning(f"{yaml_path}: image: {text}", "image.foreign-path")
-    warnings.warn(warning, stacklevel=3)
+    emit_warning(warning, stacklevel=3)
 
 
 def _nearest_name(path: Path) -> str | None:

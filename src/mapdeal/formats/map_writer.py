@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -10,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.map_yaml import MapMetadata, Mode, yaml_of
 from mapdeal.formats.png import write_grey_png, write_rgba_png
 from mapdeal.formats.pnm import write_pgm
@@ -85,7 +84,7 @@ def write_pair(
                 raise ParameterError(rule, place="encoding", got=encoding)
             cost_scale = "costmap2d"
             text = f"{yaml_path}: holds costmap_2d's bytes, which map_server would misread"
-            warnings.warn(text, MapdealWarning, stacklevel=2)
+            emit_warning(text, stacklevel=2)
             write_image = _pixel_writer(image, grid.cost, grid)
         else:
             write_image = _pixel_writer(image, _published_pixels(grid), grid)
@@ -137,7 +136,7 @@ def in_trinary(grid: OccupancyGrid) -> OccupancyGrid:
     if not lost:
         return grid
     text = f"{lost} values between 1 and 99 are lost in mode trinary"
-    warnings.warn(text, MapdealWarning, stacklevel=3)
+    emit_warning(text, stacklevel=3)
     table = np.full(256, UNKNOWN, dtype=np.int8)
     table[FREE : _TRINARY_FREE + 1] = FREE
     table[_TRINARY_OCCUPIED : OCCUPIED + 1] = OCCUPIED

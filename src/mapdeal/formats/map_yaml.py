@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError, emit_warning
 from mapdeal.formats.yaml_text import Entry, read_mapping, yaml_document
 from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.field_view import ESDF_VIEW, View, ViewScale
@@ -143,7 +142,7 @@ def yaml_of(metadata: MapMetadata) -> bytes:
 
 
 def _warn(path: Path, place: str, text: str, check: str) -> None:
-    warnings.warn(MapdealWarning(f"{path}: {place}: {text}", check), stacklevel=3)
+    emit_warning(MapdealWarning(f"{path}: {place}: {text}", check), stacklevel=3)
 
 
 def _typo_hint(missing: list[str], entries: dict[str, Entry]) -> str | None:

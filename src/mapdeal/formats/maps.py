@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -11,7 +10,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealError, MapdealWarning, ParameterError
+from mapdeal.errors import (
+    MalformedInputError,
+    MapdealError,
+    MapdealWarning,
+    ParameterError,
+    emit_warning,
+    kept_warnings,
+)
 from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import use_memory
 from mapdeal.formats.file_state import FileState
@@ -91,7 +97,7 @@ class MapFile:
         metadata: MapMetadata | None = None,
         image: Path | None = None,
         pixels: PixelRows | None = None,
-        remarks: Sequence[Warning] = (),
+        remarks: Sequence[MapdealWarning] = (),
         states: Mapping[Path, FileState] | None = None,
     ) -> None:
         self.path = path
@@ -216,7 +222,7 @@ class MapFile:
         limit = pixels.max_cells if self._max_cells is None else self._max_cells
         check_size(pixels.image, width, height, limit)
         for remark in self._remarks:
-            warnings.warn(remark, stacklevel=2)
+            emit_warning(remark, stacklevel=2)
         grid = lazy_cells(
             metadata, pixels, block_height=block_height, budget=budget, dialect=self._dialect
         )
@@ -302,13 +308,12 @@ def open_map(
     states[image] = state_of(image)
     with ExitStack() as stack:
         pixels: PixelRows | None = None
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", MapdealWarning)
+        with kept_warnings() as kept:
             # What is wrong with the header is the business of who reads the map.
             if metadata.cost_scale is None:
                 with suppress(MapdealError):
                     pixels = stack.enter_context(open_pixel_rows(image))
-        remarks = [one.message for one in caught if isinstance(one.message, Warning)]
+        remarks = [one.message for one in kept]
         yield MapFile(
             path, dialect=dialect, max_cells=max_cells, metadata=metadata, image=image,
             pixels=pixels, remarks=remarks, states=states,
@@ -345,11 +350,11 @@ def as_occupancy(grid: Grid, what: str = "the input") -> OccupancyGrid:
         return grid.grid
     if isinstance(grid, Costmap):
         text = f"{what} holds costs; taken as the occupancy that ROS would publish for them"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        emit_warning(text, stacklevel=2)
         return grid.to_occupancy()
     if isinstance(grid, FieldView):
         text = f"{what} is the 0..100 view of a distance field; its values are taken as a map's"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        emit_warning(text, stacklevel=2)
         return grid.as_map()
     return grid
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import PIECES, check_expansion, claim
+from mapdeal.formats.images.pillow import one_at_a_time
 from mapdeal.formats.source import check_readable
 
 LONGEST_ARRAY_HEADER = 1 << 16
@@ -258,7 +259,7 @@ class NpzReader:
                 }.get(version)
                 if read_header is None:
                     raise self._error(name, f"array format {version} is not supported")
-                with warnings.catch_warnings():
+                with one_at_a_time(), warnings.catch_warnings():
                     warnings.simplefilter("ignore")  # of headers that Python 2 wrote
                     header = self._header(name, file, version)
                     entry = _Entry(file, info.compress_size, *read_header(header))

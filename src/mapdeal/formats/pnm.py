@@ -10,7 +10,6 @@ The netpbm pages of the formats pbm, pgm and ppm.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.errors import MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
 from mapdeal.kernels.blocks import Layer, blocks_of
@@ -412,7 +411,7 @@ def _start_of_data(data: bytes, size: int, header: _Header, expected: int, sourc
     length = size - start
     if length == expected + 1:
         text = f"{source}: header: DOS line ends; the pixels are intact and were read"
-        warnings.warn(MapdealWarning(text, "image.dos-header"), stacklevel=6)
+        emit_warning(MapdealWarning(text, "image.dos-header"), stacklevel=6)
         return start + 1
     if length == expected and b"\r\n" not in header.raw:
         return start  # a lone CR, then a first pixel of value 10
@@ -427,7 +426,7 @@ def _check_length(actual: int, expected: int, trailing: bytes, source: Path) -> 
     if actual > expected:
         _check_trailing(trailing, source)
         text = f"{source}: {actual - expected} bytes behind the picture were ignored"
-        warnings.warn(MapdealWarning(text, "image.trailing-bytes"), stacklevel=6)
+        emit_warning(MapdealWarning(text, "image.trailing-bytes"), stacklevel=6)
 
 
 def _check_trailing(trailing: bytes, source: Path) -> None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import io
 import math
-import warnings
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.errors import MalformedInputError, emit_warning
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.kinds import NUMBERS, POSES, recognised
 from mapdeal.formats.source import LARGEST_FILE, LONGEST_STREAM, chunks_of, is_regular
@@ -141,4 +140,4 @@ def _warn_of(which: NDArray[np.bool_], what: str, path: Path) -> None:
     if count:
         first = int(np.argmax(which)) + 1
         text = f"{path}: {count} of {len(which)} poses, the first of them pose {first}, have {what}"
-        warnings.warn(text, MapdealWarning, stacklevel=4)
+        emit_warning(text, stacklevel=4)

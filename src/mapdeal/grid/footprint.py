@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.display import OneLine, points_text
 from mapdeal.grid.outline import (
@@ -88,7 +87,7 @@ class Footprint(OneLine):
         check_simple(points, "footprint")
         if not contains_centre(points):
             text = "footprint: the robot's centre (0, 0) lies outside; its radii mean little"
-            warnings.warn(text, MapdealWarning, stacklevel=2)
+            emit_warning(text, stacklevel=2)
         return cls(vertices=points)
 
     @classmethod

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.coordinates import FARTHEST
 
 Pose = tuple[float, float, float]
@@ -53,7 +52,7 @@ def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
         raise ParameterError(rule, place=name, got=(x, y, yaw))
     if abs(yaw) > _TURN:
         text = f"{name}: a yaw of {yaw:.6g} rad is more than a turn; is it in degrees?"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        emit_warning(text, stacklevel=2)
     return x, y, wrapped(yaw)
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.bit_maps import (
     bit_map_paths,
@@ -109,7 +108,7 @@ def pack_file(
         lost = int(histogram(values)[UNKNOWN])
         if lost:
             text = f"{path}: {lost} unknown cells are free in a bit map"
-            warnings.warn(text, MapdealWarning, stacklevel=2)
+            emit_warning(text, stacklevel=2)
         write_bit_map_pair(transaction, output, bits)
         if options.image is not None:
             add_picture(transaction, options, bits.to_occupancy(), f"{path.stem}: bit map")

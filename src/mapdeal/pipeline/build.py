@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.formats.budget import claim
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import write_npz
@@ -244,7 +243,7 @@ def _scans(source: ScanSource, advance: Advance, *, is_told: bool = False) -> It
             is_told = True
             largest = np.abs(arrays.angles).max()
             text = f"{source.named}: angles of up to {largest:.6g} rad: are they in degrees?"
-            warnings.warn(text, MapdealWarning, stacklevel=2)
+            emit_warning(text, stacklevel=2)
         yield Scans(*arrays)
         advance(len(arrays.poses))
 
@@ -253,7 +252,7 @@ def warn_of_nothing(grid: OccupancyGrid, path: Path) -> None:
     """Warn if a map is unknown everywhere."""
     if not np.any(grid.occupancy >= 0):
         text = f"{path}: no beam reaches the grid: the map is unknown everywhere"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        emit_warning(text, stacklevel=2)
 
 
 def _warn_of_vanished(vanished: HitGroups, frame: Frame, builder: MapBuilder, path: Path) -> None:
@@ -264,4 +263,4 @@ def _warn_of_vanished(vanished: HitGroups, frame: Frame, builder: MapBuilder, pa
     told += "it has" if is_one else "the largest has"
     told += f" {vanished.sizes[0]} cells, around {x:.2f}, {y:.2f}; {builder.advice(vanished)}"
     hint = "--compare shows what each method loses"
-    warnings.warn(f"{path}: {told}; {hint}", MapdealWarning, stacklevel=2)
+    emit_warning(f"{path}: {told}; {hint}", stacklevel=2)

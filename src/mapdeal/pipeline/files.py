@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from mapdeal.errors import MapdealError, MapdealWarning, ParameterError, one_line
+from mapdeal.errors import MapdealError, ParameterError, emit_warning, one_line
 from mapdeal.formats.maps import Source, open_map, read_source
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.transaction import Transaction
@@ -65,7 +64,7 @@ def warn_of_potential(grid: Grid, path: Path) -> None:
     """Warn that of a potential field only the map is used, if it is one."""
     if isinstance(grid, PotentialField):
         text = f"{path}: is a potential field; its map is used, its goal and gains are not"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        emit_warning(text, stacklevel=2)
 
 
 @contextmanager

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import FileAccessError, MapdealWarning
+from mapdeal.errors import FileAccessError, emit_warning
 from mapdeal.formats.json_text import json_of, read_json
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import exists, holds, is_same_file, real_path
@@ -117,7 +116,7 @@ class OutputFolder:
         texts = [str(remark) for remark in remarks] if isinstance(remarks, list) else []
         for text in located(texts, filling.named):
             if text not in filling.heard:
-                warnings.warn(text, MapdealWarning, stacklevel=2)
+                emit_warning(text, stacklevel=2)
         return texts
 
     def passes(self) -> int:
@@ -149,7 +148,7 @@ class OutputFolder:
             remark = step.remark_on(figures[step.name])
             if remark is not None:
                 texts.append(f"{filling.subject}: {remark}")
-                warnings.warn(texts[-1], MapdealWarning, stacklevel=2)
+                emit_warning(texts[-1], stacklevel=2)
             write_products(
                 transaction,
                 step,

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from mapdeal.errors import FindingError, MapdealWarning, one_line
+from mapdeal.errors import FindingError, KeptWarning, kept_warnings, one_line
 
 Item = TypeVar("Item")
 
@@ -17,17 +16,17 @@ Item = TypeVar("Item")
 def heard(texts: list[str]) -> Iterator[None]:
     """Add the texts of mapdeal's warnings in the block to a list; they are given in its end.
 
-    What becomes of them then is up to the filters of whoever called.
+    Also if it ends with an error. What becomes of them then is up to the filters of whoever
+    called.
     """
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", MapdealWarning)
-        try:
+    kept: list[KeptWarning] = []
+    try:
+        with kept_warnings() as kept:
             yield
-        finally:
-            kept = list(caught)
-    texts += [str(one.message) for one in kept if issubclass(one.category, MapdealWarning)]
-    for one in kept:
-        warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+    finally:
+        texts += [str(one.message) for one in kept]
+        for one in kept:
+            one.emit()
 
 
 def heard_from(items: Iterable[Item], texts: list[str]) -> Iterator[Item]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -12,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from mapdeal.errors import (
     MalformedInputError,
     MapdealError,
-    MapdealWarning,
     ParameterError,
+    kept_warnings,
     one_line,
 )
 from mapdeal.formats.map_listing import ListedMap
@@ -153,20 +152,13 @@ def internal_error(job: Job, problem: BaseException) -> MapdealError:
 
 @contextmanager
 def _recorded_warnings() -> Iterator[list[str]]:
-    """Fill a list with the texts of mapdeal's warnings in the block; others go on as they are."""
+    """Fill a list with the texts of mapdeal's warnings in the block, when it ends."""
     texts: list[str] = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", MapdealWarning)
-        show = warnings.showwarning
-
-        def record(message: Warning | str, category: type[Warning], *rest: Any) -> None:
-            if issubclass(category, MapdealWarning):
-                texts.append(one_line(str(message)))
-            else:
-                show(message, category, *rest)
-
-        warnings.showwarning = record  # type: ignore[assignment]
-        yield texts
+    with kept_warnings() as kept:
+        try:
+            yield texts
+        finally:
+            texts += [one_line(str(one.message)) for one in kept]
 
 
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:

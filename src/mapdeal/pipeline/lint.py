@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,7 +13,7 @@ from mapdeal.checks.lint import lint_file
 from mapdeal.checks.reports.report import LintReport, MapReport
 from mapdeal.checks.run_checks import RUN_FOLDERS
 from mapdeal.checks.selection import Selection, selection_of
-from mapdeal.errors import MapdealError, MapdealWarning, ParameterError
+from mapdeal.errors import MapdealError, ParameterError, kept_warnings
 from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.budget import SHARE_OF_JOB
 from mapdeal.formats.lint_config import LintConfig, find_lint_config, read_lint_config
@@ -254,8 +253,7 @@ def _cells_of(path: Path, settings: Settings) -> int:
     """Return how many cells the header of a map tells of; 0 if there is none."""
     if is_folder(path):
         return 0
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MapdealWarning)
+    with kept_warnings():  # reading itself warns
         try:
             with open_map(path, max_cells=settings.max_cells) as file:
                 height, width = file.shape()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -12,7 +11,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.errors import (
+    FileAccessError,
+    MalformedInputError,
+    ParameterError,
+    emit_warning,
+)
 from mapdeal.formats.budget import holding
 from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES, cloud_chunks
 from mapdeal.formats.file_state import FileState
@@ -305,7 +309,7 @@ def _products(
     if known is not None and not frames_overlap(made.grid.frame, known.grid.frame):
         x, y = made.pose[:2]
         text = f"{known.files[0]}: the map does not reach into the window around {x:.10g}, {y:.10g}"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        emit_warning(text, stacklevel=2)
     yield Product(first, made.grid, _figures_of(made, job, common))
     for product in products_of(common.recipe, made.grid, source):
         if product.step.stage.robot is not None and isinstance(product.grid, OccupancyGrid):
@@ -328,7 +332,7 @@ def _check_points(made: LocalMap, cloud: Path, *, required: bool) -> None:
     why = f"of {counts.points} points {', '.join(parts)}" if parts else "it holds no points"
     if required:
         raise MalformedInputError(f"no point marks a cell: {why}", source=cloud)
-    warnings.warn(f"{cloud}: no point marks a cell: {why}", MapdealWarning, stacklevel=2)
+    emit_warning(f"{cloud}: no point marks a cell: {why}", stacklevel=2)
 
 
 def _check_robot(inflated: OccupancyGrid, made: LocalMap, cloud: Path) -> None:
@@ -339,7 +343,7 @@ def _check_robot(inflated: OccupancyGrid, made: LocalMap, cloud: Path) -> None:
     text = "the robot's own cell is an obstacle once inflated"
     if made.counts.marking:
         text += "; a larger min_range drops points of the robot itself"
-    warnings.warn(f"{cloud}: {text}", MapdealWarning, stacklevel=2)
+    emit_warning(f"{cloud}: {text}", stacklevel=2)
 
 
 def _figures_of(made: LocalMap, job: LocalJob, common: LocalCommon) -> Figures:

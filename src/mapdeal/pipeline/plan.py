@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning
+from mapdeal.errors import FileAccessError, MapdealError, kept_warnings
 from mapdeal.formats.maps import MapFile, open_map
 from mapdeal.formats.source import is_same_file, sums_of_reads
 from mapdeal.pipeline.jobs import Job, MapRun
@@ -51,11 +50,10 @@ def plan_of(job: Job, run: MapRun) -> Plan:
     size = (0, 0)
     try:
         with (
-            warnings.catch_warnings(),
+            kept_warnings(),  # the run itself warns
             sums_of_reads() as sums,
             open_map(job.path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
         ):
-            warnings.simplefilter("ignore", MapdealWarning)  # the run itself warns
             size, files = file.shape(), file.files
             named = {} if settings.force else file.sums_by_name(sums)
             cells = resolution_of(file) if run.around is not None else 0.0

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.source import exists
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
@@ -201,5 +200,5 @@ def _warn_of_double_radius(steps: Sequence[Step]) -> None:
                 f"{one.name}: {robot.replaces} {radius:g} m comes on top of stage {before.name} "
                 "before it, so the robot's radius counts twice"
             )
-            warnings.warn(text, MapdealWarning, stacklevel=3)
+            emit_warning(text, stacklevel=3)
         before = before or one

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import warnings
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 from mapdeal.checks.facts import PairFacts, gather
 from mapdeal.checks.repair import repaired
 from mapdeal.checks.yaml_repair import yaml_repair
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.errors import FileAccessError, MalformedInputError, kept_warnings
 from mapdeal.formats.image_users import ImageUsers
 from mapdeal.formats.map_writer import write_map_image
 from mapdeal.formats.map_yaml import MapMetadata, metadata_of
@@ -130,8 +129,8 @@ def _write_cells(
 def _check(pair: PairFacts, data: bytes, values: Mapping[str, Any]) -> None:
     """Raise MalformedInputError if an edited YAML file does not say what it is meant to."""
     found: MapMetadata | None = None
-    with warnings.catch_warnings(), contextlib.suppress(MalformedInputError):
-        warnings.simplefilter("ignore", MapdealWarning)  # those that stay are found again
+    # warnings that stay are found again
+    with kept_warnings(), contextlib.suppress(MalformedInputError):
         found = metadata_of(parse_mapping(pair.path, data), pair.path)
     if found is None or not _says(found, pair.metadata, values):
         rule = "its YAML is written in a way that cannot be edited"

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 
-from mapdeal.errors import MapdealError, MapdealWarning, ParameterError
+from mapdeal.errors import MapdealError, ParameterError, emit_warning
 from mapdeal.formats.budget import claim
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.json_text import json_of
@@ -120,7 +119,7 @@ class RollingRun:
         self._add(index)
         if missing:
             text = f"{missing} of the clouds before it could not be read: the map is without them"
-            warnings.warn(f"{self._cloud(index)}: {text}", MapdealWarning, stacklevel=2)
+            emit_warning(f"{self._cloud(index)}: {text}", stacklevel=2)
         return self._mapper.result()
 
     def _catch_up(self, index: int) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from mapdeal.errors import FindingError, MapdealWarning, ParameterError
+from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.formats.maps import Source
 from mapdeal.formats.routes import route_json
 from mapdeal.grid.costmap import Costmap
@@ -150,7 +149,7 @@ def costs_of(source: Source, path: Path, footprint: Footprint | None) -> Costmap
         between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
         if source.metadata is not None and source.metadata.mode == "raw" and between:
             text = f"{path}: {between} cells of 1..99 are no obstacles; costs are read from an npz"
-            warnings.warn(text, MapdealWarning, stacklevel=2)
+            emit_warning(text, stacklevel=2)
     warn_of_potential(grid, path)
     for step in _recipe_for(footprint).steps:
         if not (step.stage.makes is DistanceField and isinstance(grid, DistanceField)):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mapdeal.errors import MapdealWarning
+from mapdeal.errors import emit_warning
 from mapdeal.formats.json_text import read_json
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.applied import RunReport, around_in, products_of
@@ -116,7 +115,7 @@ def _warn_of_another(folder: Path) -> None:
     stages = manifest.get("stages") if isinstance(manifest, dict) else None
     if isinstance(stages, list) and stages and isinstance(stages[0], dict) and "local" in stages[0]:
         text = f"{folder}: holds the local map of an earlier run, which is left as it is"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        emit_warning(text, stacklevel=2)
 
 
 def output_folder(

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.budget import holding
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.maps import as_occupancy, read_source
@@ -65,7 +64,7 @@ def apply_to_file(
             figures = grid.figures()
             remark = step.remark_on(figures)
             if remark is not None:
-                warnings.warn(f"{path}: {remark}", MapdealWarning, stacklevel=2)
+                emit_warning(f"{path}: {remark}", stacklevel=2)
             return figures
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
@@ -12,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -257,7 +256,7 @@ class CostProfile:
                 f"cost: inscribed_radius {inscribed_radius:g} m is larger than inflation_radius "
                 f"{inflation_radius:g} m, which cuts it off"
             )
-            warnings.warn(text, MapdealWarning, stacklevel=3)
+            emit_warning(text, stacklevel=3)
         reach = _reach(inflation_radius, resolution, shape)
         table = cost_table(
             min(reach, _last_cost_above_0(inscribed_radius, cost_scaling_factor, resolution)),
@@ -394,7 +393,7 @@ def _circumscribed_cost(
             f"circumscribed radius {circumscribed_radius:g} m: cost 0 does not mean that "
             "every heading is free"
         )
-        warnings.warn(text, MapdealWarning, stacklevel=3)
+        emit_warning(text, stacklevel=3)
         return 0
     if circumscribed_radius <= inscribed_radius:
         return INSCRIBED_INFLATED_OBSTACLE

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MapdealWarning
+from mapdeal.errors import emit_warning
 from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -150,12 +149,12 @@ class Inflation:
         """Warn if a disc holds no cell but its own."""
         if self.kernel == "disc" and 0 < self.radius < resolution - _RADIUS_TOLERANCE:
             text = f"inflate: radius {self.radius:g} m is below a cell of {resolution:g} m and has"
-            warnings.warn(f"{text} no effect", MapdealWarning, stacklevel=3)
+            emit_warning(f"{text} no effect", stacklevel=3)
 
     def warn_of_nothing_free(self) -> None:
         """Warn that obstacles have grown over the whole map."""
         text = f"inflate: radius {self.radius:g} m leaves no cell of the map free"
-        warnings.warn(text, MapdealWarning, stacklevel=3)
+        emit_warning(text, stacklevel=3)
 
 
 def largest_square_within(radius: float, resolution: float) -> int:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MapdealWarning
+from mapdeal.errors import emit_warning
 from mapdeal.grid.coordinates import cells_at
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame
@@ -97,10 +96,10 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
 def _warn(covered: int, freed: int) -> None:
     if not covered:
         text = "the mask covers no cell of the costs: nothing of it is known there"
-        warnings.warn(text, MapdealWarning, stacklevel=3)
+        emit_warning(text, stacklevel=3)
     if freed:
         text = f"{freed} unknown cells became free where the mask is 0, as in Nav2"
-        warnings.warn(text, MapdealWarning, stacklevel=3)
+        emit_warning(text, stacklevel=3)
 
 
 def _cells_at_centres(

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -41,7 +39,7 @@ def warn_of_strength(source: ObstacleSource, model: str) -> None:
     if isinstance(source, DistanceField) and source.strength != 1:
         text = f"cost: model {model} takes no account of the field's strength"
         text += f", {source.strength:g}; views and model threshold do"
-        warnings.warn(text, MapdealWarning, stacklevel=4)
+        emit_warning(text, stacklevel=4)
 
 
 def obstacles_of(source: ObstacleSource, lethal_threshold: int) -> NDArray[np.bool_]:

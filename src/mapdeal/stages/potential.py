@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Annotated
 
 import numpy as np
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.coordinates import check_point
 from mapdeal.grid.potential import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
 from mapdeal.kernels.inverse_distance import sum_of_inverse_distances
@@ -127,6 +126,6 @@ def _check_goal(
     cells, inside = source.frame.bounded_rowcol_from_xy([check_point(goal, "goal")])
     if not inside[0]:
         text = f"potential: the goal {goal[0]:.10g}, {goal[1]:.10g} lies outside of the map"
-        warnings.warn(text, MapdealWarning, stacklevel=4)
+        emit_warning(text, stacklevel=4)
     elif obstacles[tuple(cells[0])]:
         raise ParameterError("lies in an obstacle", place="goal", got=goal)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import functools
-import warnings
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MapdealWarning, ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView, View, ViewScale
@@ -206,7 +205,7 @@ def _check_view(
         text = (
             f"cost: the input is a view already, {source.scale.described()}; it is taken as it is"
         )
-        warnings.warn(text, MapdealWarning, stacklevel=4)
+        emit_warning(text, stacklevel=4)
 
 
 def _check_order(down_distance: float | None, up_distance: float | None) -> None:

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
 from mapdeal.formats.clouds.header import LONGEST_RECORD
+from mapdeal.formats.images.pillow import one_at_a_time
 from mapdeal.formats.npz_reader import NpzReader
 from mapdeal.formats.source import access_to
 
@@ -118,7 +119,7 @@ def _table_of(file: BinaryIO, path: Path) -> _Table:
         raise MalformedInputError(rule, source=path, got=found)
     if dtype.names is None and shape[0] in (2, 3) and width > _MOST_LIKELY:
         text = f"{path}: {shape[0]} points of {width} numbers each; is the array transposed?"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        emit_warning(text, stacklevel=2)
     return _Table(file, path, start, dtype, shape[0], width, is_fortran)
 
 
@@ -138,7 +139,7 @@ def _header_of(file: BinaryIO, path: Path) -> tuple[tuple[int, ...], bool, np.dt
             raise ValueError(f"its header has {length} bytes")
         file.seek(start)
         read = npy_format.read_array_header_1_0 if is_short else npy_format.read_array_header_2_0
-        with warnings.catch_warnings():
+        with one_at_a_time(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of headers that Python 2 wrote
             shape, is_fortran, dtype = read(file)
     # What reading a damaged header leads to, in numpy; what overflows is Python's parser.

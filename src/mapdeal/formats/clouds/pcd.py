@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 import struct
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.errors import MalformedInputError, emit_warning
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.clouds.header import (
     LONGEST_RECORD,
@@ -187,4 +186,4 @@ def _warn_of_rest(file: BinaryIO, path: Path) -> None:
     rest = file.read(1 << 16)
     if rest.strip(b"\0 \r\n\t"):
         text = f"{path}: what stands behind the points is not read"
-        warnings.warn(text, MapdealWarning, stacklevel=2)
+        emit_warning(text, stacklevel=2)

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.images.image_format import OtherContentsError
 from mapdeal.formats.picture import Picture, check_size
 from mapdeal.formats.strips import Strips, rows_of_strip
@@ -189,7 +189,7 @@ def have_same_pixels(one: Any, other: Any) -> bool:
 
 def warn(path: Path, text: str, check: str) -> None:
     """Warn of a file, in the name of a check of lint."""
-    warnings.warn(MapdealWarning(f"{path}: {text}", check), stacklevel=4)
+    emit_warning(MapdealWarning(f"{path}: {text}", check), stacklevel=4)
 
 
 def _palette(image: Any) -> NDArray[np.uint8]:

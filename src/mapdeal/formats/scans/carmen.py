@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gzip
 import math
-import warnings
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -19,7 +18,7 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning
+from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
 from mapdeal.formats.scans.source import FARTHEST_POSE, BadLines, ScanArrays, ScanSource
 from mapdeal.formats.source import check_readable, status_of
 from mapdeal.formats.text_rows import LONGEST_LINE
@@ -153,7 +152,7 @@ class CarmenLog(ScanSource):
             self._say(f"{text}, kept in this order")
 
     def _say(self, text: str) -> None:
-        warnings.warn(f"{self._path}: {text}", MapdealWarning, stacklevel=3)
+        emit_warning(f"{self._path}: {text}", stacklevel=3)
 
     def _parsed(self) -> Iterator[_Scan]:
         odometry: tuple[float, float, float] | None = None

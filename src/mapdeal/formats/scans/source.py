@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -12,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealWarning
+from mapdeal.errors import MalformedInputError, emit_warning
 
 Floats = NDArray[np.float64]
 
@@ -114,7 +113,7 @@ class BadLines:
         if self.count and not self.is_told:
             more = f" (and {self.count - len(self.first)} more)" if self.count > _NAMED else ""
             text = f"{self.path}: {self.count} bad lines passed over: {'; '.join(self.first)}{more}"
-            warnings.warn(text, MapdealWarning, stacklevel=2)
+            emit_warning(text, stacklevel=2)
 
 
 _NAMED = 3

@@ -1,0 +1,97 @@
+"""Warnings on their way: whoever runs maps hears of all of them, and of no others."""
+
+import json
+import threading
+import warnings
+from pathlib import Path
+
+import pytest
+
+import mapdeal
+from mapdeal.errors import MalformedInputError, MapdealWarning, emit_warning, kept_warnings
+from mapdeal.pipeline.heard import heard
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.run import run_map
+from mapdeal.pipeline.settings import Settings
+
+KEYS = "resolution: 0.25\norigin: [1.5, -2, 0.3]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+NO_NEGATE = "missing: took negate 0, though ROS requires the keys"
+
+
+def _map(folder, name, more=""):
+    pixels = bytes([254] * 9 + [0] + [205] * 2)
+    (folder / f"{name}.pgm").write_bytes(b"P5\n4 3\n255\n" + pixels)
+    (folder / f"{name}.yaml").write_text(f"image: {name}.pgm\n{KEYS}{more}")
+    return folder / f"{name}.yaml"
+
+
+def test_runs_in_threads_hear_their_own_warnings_and_leave_the_filters_alone(tmp_path):
+    recipe, settings = load_recipe("default"), Settings(images=False, threads=1)
+    names = [f"{kind}{index}" for index in range(3) for kind in ("odd", "good")]
+    paths = {one: _map(tmp_path, one, "" if "odd" in one else "negate: 0\n") for one in names}
+    start = threading.Barrier(len(names))
+
+    def work(name):
+        start.wait()
+        for turn in range(2):
+            run_map(paths[name], tmp_path / "out" / f"{name}-{turn}", recipe, settings)
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MapdealWarning)
+        filters, show = list(warnings.filters), warnings.showwarning
+        threads = [threading.Thread(target=work, args=(name,)) for name in names]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert (list(warnings.filters), warnings.showwarning) == (filters, show)
+        told = [str(one.message) for one in caught if NO_NEGATE in str(one.message)]
+    assert sorted(told) == sorted(
+        f"{paths[name]}: {NO_NEGATE}" for name in names if "odd" in name for _ in range(2)
+    )
+    for name in names:
+        for turn in range(2):
+            document = json.loads((tmp_path / f"out/{name}-{turn}/manifest.json").read_text())
+            mine = [text for text in document["warnings"] if NO_NEGATE in text]
+            assert mine == ([f"{name}.yaml: {NO_NEGATE}"] if "odd" in name else [])
+
+
+def test_what_was_warned_of_before_an_error_is_told(tmp_path):
+    path = _map(tmp_path, "short")
+    path.with_suffix(".pgm").write_bytes(b"P5\n4 3\n255\n123")
+    with (
+        pytest.warns(MapdealWarning, match="took negate 0"),
+        pytest.raises(MalformedInputError, match="end early"),
+    ):
+        run_map(path, tmp_path / "out", load_recipe("default"))
+
+
+@pytest.mark.parametrize("action", ["ignore", "error", "once"])
+def test_filters_of_who_calls_decide_what_becomes_of_warnings(action):
+    texts = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter(action, MapdealWarning)
+        try:
+            for _ in range(2):
+                with heard(texts):
+                    emit_warning("odd")
+        except MapdealWarning as error:
+            assert (action, str(error)) == ("error", "odd")
+    assert texts == ["odd"] * (1 if action == "error" else 2)
+    assert len(caught) == (action == "once")
+
+
+def test_warnings_that_are_heard_twice_keep_their_place():
+    with kept_warnings() as kept:
+        texts = []
+        with heard(texts):
+            emit_warning(MapdealWarning("odd", "image.lossy"))
+    assert texts == ["odd"]
+    assert [(one.message.check, one.filename) for one in kept] == [("image.lossy", __file__)]
+
+
+def test_all_warnings_pass_those_who_listen():
+    package = Path(mapdeal.__file__).parent
+    sources = {path.name: path.read_text() for path in package.rglob("*.py")}
+    assert [name for name, text in sources.items() if "warnings.warn(" in text] == ["errors.py"]
+    assert not [name for name, text in sources.items() if "catch_warnings(record" in text]
