@@ -204,6 +204,22 @@ def test_an_image_that_another_map_uses_is_left_to_it(command, folder, is_link):
     assert read_map("turned.yaml").origin[2] == 0
 
 
+@pytest.mark.parametrize("name", ["/home/robot/maps/m.pgm", "C:\\maps\\m.pgm", ".\\m.pgm"])
+def test_an_image_is_left_to_a_map_that_names_it_as_elsewhere(command, folder, name):
+    """Such a name is read as that of the image here."""
+    write(yaml_text(image=name), "user.yaml")
+    write(yaml_text(origin="[-1.5, 2.0, 0.3]"))
+    before = read_map("user.yaml")
+    code, out, _ = fixed(command)
+    assert code == 4
+    assert Path("m.pgm").read_bytes() == pgm()
+    Path("m.yaml").rename("turned.yaml")
+    code, out, _ = command("lint", "turned.yaml", "--fix", "--in-place")
+    assert code == 0
+    assert "turned.pgm written beside m.pgm, which user.yaml uses, too" in out
+    assert np.array_equal(read_map("user.yaml").occupancy, before.occupancy)
+
+
 def test_a_file_in_the_place_of_a_new_image_is_not_replaced_and_the_others_go_on(command, folder):
     write(yaml_text(origin="[-1.5, 2.0, 0.3]"), "turned.yaml")
     write(yaml_text(free_thresh="0.25"))
@@ -288,6 +304,32 @@ def test_a_map_that_changes_meanwhile_is_left(command, folder, monkeypatch):
     assert "m.yaml" in err
     assert Path("m.yaml").read_text() == yaml_text(free_thresh="0.3")
     assert sorted(path.name for path in folder.iterdir()) == ["m.pgm", "m.yaml"]
+
+
+def test_a_map_that_changes_while_it_is_checked_is_left(command, folder, monkeypatch):
+    write(yaml_text(free_thresh="0.25"))
+    from mapdeal.pipeline import repair_in_place
+
+    real = repair_in_place.gather
+
+    def meanwhile(path, **words):
+        found = real(path, **words)
+        write(yaml_text(free_thresh="0.3") + "# a change by somebody else\n")
+        return found
+
+    monkeypatch.setattr(repair_in_place, "gather", meanwhile)
+    code, _, err = fixed(command)
+    assert code == 4
+    assert "m.yaml: changed while it was read" in err
+    assert Path("m.yaml").read_text() == (
+        yaml_text(free_thresh="0.3") + "# a change by somebody else\n"
+    )
+
+
+def test_a_byte_order_mark_stays(command, folder):
+    write(b"\xef\xbb\xbf" + yaml_text(free_thresh="0.25").encode())
+    assert fixed(command)[0] == 0
+    assert Path("m.yaml").read_bytes() == b"\xef\xbb\xbf" + yaml_text().encode()
 
 
 def test_other_forms_tell_repairs_too(command, folder):

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MapdealError
+from mapdeal.formats.map_server import image_places
 from mapdeal.formats.source import contents_of, identity_of, is_same_file
 from mapdeal.formats.yaml_text import read_mapping
 
@@ -59,7 +60,9 @@ def _images_of(folder: Path) -> Iterator[tuple[Identity, Path]]:
             continue
         try:
             entries = read_mapping(path)
-            identity = identity_of(folder / entries["image"].text()) if "image" in entries else None
+            places = image_places(folder, entries["image"].text()) if "image" in entries else []
+            identities = map(identity_of, places)
+            identity = next(filter(None, identities), None)
         except MapdealError:
             continue
         if identity is not None:

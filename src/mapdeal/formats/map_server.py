@@ -134,29 +134,34 @@ def find_image(yaml_path: Path, image: str) -> Path:
     FileAccessError
         If there is no such file.
     """
-    folder = yaml_path.parent
-    name = _expanded(image)
-    if name != image:
+    if _expanded(image) != image:
         _warn_path(yaml_path, f"{image} was expanded; map_server does not")
-    path = folder / name
+    path, *others = image_places(yaml_path.parent, image)
     if exists(path):
         return path
-    candidates = []
-    if "\\" in image:
-        candidates.append(folder / image.replace("\\", "/"))
-    if path.is_absolute() and not name.startswith(str(folder)):
-        candidates.append(folder / path.name)
-    windows_path = PureWindowsPath(image)
-    if windows_path.is_absolute():
-        candidates.append(folder / windows_path.name)
-    for candidate in candidates:
-        if exists(candidate):
-            _warn_path(yaml_path, f"{image} does not exist here; took {candidate}")
-            return candidate
+    for other in others:
+        if exists(other):
+            _warn_path(yaml_path, f"{image} does not exist here; took {other}")
+            return other
     hint = _nearest_name(path)
     raise FileAccessError(
         "the image does not exist", source=yaml_path, place="image", got=image, hint=hint
     )
+
+
+def image_places(folder: Path, image: str) -> list[Path]:
+    """Return where the image may be that a YAML file in a folder names: the first there counts."""
+    name = _expanded(image)
+    path = folder / name
+    places = [path]
+    if "\\" in image:
+        places.append(folder / image.replace("\\", "/"))
+    if path.is_absolute() and not name.startswith(str(folder)):
+        places.append(folder / path.name)
+    windows_path = PureWindowsPath(image)
+    if windows_path.is_absolute():
+        places.append(folder / windows_path.name)
+    return places
 
 
 def _expanded(image: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from codecs import BOM_UTF8
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError, kept_warnings
 from mapdeal.formats.image_users import ImageUsers
 from mapdeal.formats.map_writer import write_map_image
 from mapdeal.formats.map_yaml import MapMetadata, metadata_of
-from mapdeal.formats.source import check_state, exists, real_path, state_of
+from mapdeal.formats.source import check_state, exists, head_of, real_path, state_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.formats.yaml_text import edited, parse_mapping
 from mapdeal.kernels.threads import use_threads
@@ -56,13 +57,14 @@ def repair_in_place(
     order and other keys stay. The image is written only if the map is turned. It keeps its name
     if it is a pgm or png of this map alone; else there is a new one, and the old one stays.
     """
+    states = {path: state_of(path)}  # before anything is read
     pair, cells, _ = gather(path, max_cells=settings.max_cells)
     if pair is None:
         return []
     repair = yaml_repair(pair, None if cells is None else cells.frame, wanted)
     if not repair:
         return []
-    states = {one: state_of(one) for one in (pair.path, pair.image_path)}
+    states[pair.image_path] = state_of(pair.image_path)
     values, done = dict(repair.values), list(repair.done)
     image: Path | None = None
     if repair.needs_cells:
@@ -79,7 +81,8 @@ def repair_in_place(
             more, told_of_cells = _write_cells(transaction, image, pair, settings)
             values |= more
             done = [*told_of_cells, *done]
-        data = edited(pair.entries, values)
+        mark = head_of(pair.path, len(BOM_UTF8)) == BOM_UTF8
+        data = (BOM_UTF8 if mark else b"") + edited(pair.entries, values)
         _check(pair, data, values)
         transaction.write_bytes(target, data)
         for one, state in states.items():
