@@ -3,9 +3,8 @@
 import os
 import signal
 import time
-import warnings
 
-from mapdeal import FileAccessError, MapdealWarning, ParameterError
+from mapdeal.errors import FileAccessError, ParameterError, emit_warning
 from mapdeal.pipeline.run import RunReport
 
 
@@ -31,7 +30,7 @@ def do(job):
     if name.startswith("odd"):
         return RunReport(job.folder, "done", {"f": lambda: None})  # which cannot be sent back
     if name.startswith("warn"):
-        warnings.warn(f"{job.path}: beware\nof this", MapdealWarning, stacklevel=2)
+        emit_warning(f"{job.path}: beware\nof this")
     if name.startswith("slow"):
         time.sleep(0.4)
     if name.startswith("two"):

@@ -53,7 +53,7 @@ REASONS = {
         ("search", "tried at the beginnings of lines, where one run follows what is fixed"),
     ("formats/kinds.py", r"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:"):
         ("search", "tried at the beginnings of lines, where two runs stand around what is fixed"),
-    ("formats/kinds.py", r"(?m)^size (\d+)$"): ("search", "tried at the beginnings of lines"),
+    ("formats/kinds.py", r"(?m)^size (\d{1,18})$"): ("search", "tried at the beginnings of lines"),
     ("formats/listing.py", r"([0-9]+)"): ("split", "a try cannot fail behind its first digit"),
     ("formats/map_listing.py", r"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
         ("search", "tried at the beginnings of lines, where one run follows what is fixed"),

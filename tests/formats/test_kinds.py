@@ -141,6 +141,13 @@ def test_what_is_not_known_is_nothing(here, name):
     assert kind_of(here / name) is None
 
 
+def test_a_pointer_to_a_file_of_no_size_there_is_is_still_one(here):
+    """Python refuses to convert numbers of many thousand digits."""
+    text = b"version https://git-lfs.github.com/spec/v1\nsize " + b"9" * 5000 + b"\n"
+    (here / "odd.bin").write_bytes(text)
+    assert kind_of(here / "odd.bin").what == "a Git LFS pointer"
+
+
 def test_maps_are_maps(here):
     assert kind_of(here / "map.yaml").name == kind_of(here / "map.npz").name == "map"
 

@@ -151,7 +151,7 @@ def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
         return {"bytes": status_of(path).st_size}
 
     if head.startswith(b"version https://git-lfs.github.com/spec/"):
-        found = re.search(rb"(?m)^size (\d+)$", head)
+        found = re.search(rb"(?m)^size (\d{1,18})$", head)
         what = "a Git LFS pointer" + (f" to a file of {int(found[1])} bytes" if found else "")
         return FileKind(POINTER, what, "git lfs pull fetches the file itself")
     if head.startswith(b"#ROSBAG V"):
