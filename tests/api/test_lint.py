@@ -112,3 +112,12 @@ def test_real_maps_are_looked_at(real_maps, name):
     report = mapdeal.lint(found)
     assert {one.file for one in report.maps} == {str(path) for path in found}
     assert "\n" not in repr(report)
+
+
+@pytest.mark.parametrize("odd", [b"maps/a.yaml", None, 3, ["a.yaml", None], [b"a.yaml"]])
+@pytest.mark.parametrize("name", ["paths", "select", "ignore"])
+def test_what_is_no_name_is_a_parameter_error(maps, name, odd):
+    """The bytes of a name are numbers, of which none is a file's name."""
+    values = {"paths": maps / "sound.yaml", name: odd}
+    with pytest.raises(mapdeal.ParameterError, match="lint: takes names or paths, got"):
+        mapdeal.lint(**values)

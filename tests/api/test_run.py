@@ -224,3 +224,15 @@ def test_info_is_what_the_command_says(room, command):
         mapdeal.info(room.with_name("missing.yaml"))
     with pytest.raises(mapdeal.ParameterError, match="dialect"):
         mapdeal.info(room, dialect="ros2")
+
+
+def test_changes_that_are_no_mapping_are_refused():
+    with pytest.raises(mapdeal.ParameterError, match="changes: must be values by name, got"):
+        mapdeal.load_recipe("default", [("inflate.radius", 1)])
+
+
+def test_settings_of_a_run_may_be_numpys(room, tmp_path):
+    ours, numpys = tmp_path / "ours", tmp_path / "numpys"
+    mapdeal.run(room, ours, images=True, image_max=50, threads=1)
+    mapdeal.run(room, numpys, images=np.True_, image_max=np.int64(50), threads=np.int8(1))
+    assert _sums(numpys / "room") == _sums(ours / "room")

@@ -78,7 +78,13 @@ def lint(
 
 
 def _several(given: str | PathLike[str] | Iterable[str | PathLike[str]]) -> tuple[str, ...]:
-    return tuple(map(str, [given] if isinstance(given, str | PathLike) else given))
+    names: Iterable[object] = (given,)
+    if isinstance(given, Iterable) and not isinstance(given, str | bytes):
+        names = tuple(given)
+    for one in names:
+        if not isinstance(one, str | PathLike):
+            raise ParameterError("takes names or paths", place="lint", got=one)
+    return tuple(map(str, names))
 
 
 def _no_standard_input() -> Iterable[bytes]:

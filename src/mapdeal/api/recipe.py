@@ -71,6 +71,8 @@ def load_recipe(
     if not isinstance(recipe, str | PathLike):
         rule = "must be the name of a recipe, a file, or what load_recipe returns"
         raise ParameterError(rule, place="recipe", got=recipe)
+    if changes is not None and not isinstance(changes, Mapping):
+        raise ParameterError("must be values by name", place="changes", got=changes)
     return recipes.load_recipe(
         str(recipe), sim=sim, footprint=footprint, changes=changes, prefix=""
     )

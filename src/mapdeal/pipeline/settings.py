@@ -102,7 +102,7 @@ class Settings:
     @property
     def picture_options(self) -> dict[str, Any]:
         """What shapes the pictures in a folder, as JSON can hold it."""
-        return {"images": self.images, "image_max": self.image_max}
+        return {"images": bool(self.images), "image_max": int(self.image_max)}
 
 
 DEFAULT_SETTINGS = Settings()
