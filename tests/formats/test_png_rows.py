@@ -288,3 +288,13 @@ def adam7(pixels):
     header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 1)
     chunks = [chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(rows)), chunk(b"IEND", b"")]
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize(("key", "opaque"), [((0, 0, 0), [[0, 255]]), ((7, 8, 9), [[255, 255]])])
+def test_of_transparent_colours_only_black_is_one(tmp_path, key, opaque):
+    """As OpenCV has it, which compares the key with samples of 16 bits."""
+    before = [chunk(b"tRNS", struct.pack(">HHH", *key))]
+    data = png((2, 8), 2, [bytes([0, 0, 0, 7, 8, 9])], [0], before=before)
+    (tmp_path / "m.png").write_bytes(data)
+    assert read_image(tmp_path / "m.png").alpha.tolist() == opaque
