@@ -84,6 +84,15 @@ def test_every_link_leads_somewhere(page):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_every_module_that_architecture_names_is_there():
+    known = [f"/{path.relative_to(ROOT).as_posix()}" for path in ROOT.glob("[!.]*/**/*.*")]
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    named = set(re.findall(r"`([\w/]+\.(?:py|pyi|pyx|h))`", text))
+    assert len(named) > 80
+    examples = {"drop_lone.py"}
+    assert not {n for n in named - examples if not any(path.endswith(f"/{n}") for path in known)}
+
+
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: f"{stage.name} {stage.model or ''}")
 def test_every_stage_has_its_parameters_in_the_docs(stage):
     words = " ".join(filter(None, ("parameters of", stage.name, stage.model)))
