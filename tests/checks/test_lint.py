@@ -453,11 +453,38 @@ def test_text_has_a_line_a_finding_and_a_sum(command, folder):
     code, out, err = command("lint", "bad.yaml", "turned.yaml", "good.yaml", "free.yaml")
     lines = out.splitlines()
     assert (code, err) == (1, "")
-    assert lines[0].startswith("bad.yaml: error: file.malformed: negate (line 5): must be 0 or 1")
+    assert lines[0].startswith("bad.yaml:5: error: file.malformed: negate: must be 0 or 1")
     assert lines[1].startswith("turned.yaml:4: warning: yaml.origin-yaw: yaw 1 rad")
     assert lines[2].startswith("free.yaml:7: error: thresholds.unknown-becomes-free: ")
     assert lines[-1].startswith("4 maps: 2 errors, 1 warning, ")
     assert command("lint", "good.yaml", "-q")[1] == ""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [
+        ("resolution: 0.1", "resolution: 1e-1", "2: warning: yaml.number-as-text: resolution: '1e"),
+        ("negate: 0", "negate: 7", "4: error: file.malformed: negate: must be 0 or 1"),
+        ("negate: 0", "negate: {0", "m.yaml:5: error: file.malformed: column "),
+        ("image: m.pgm", "image: gone.pgm", "1: error: file.access: image: the image does not"),
+        ("image: m.pgm", "image: /gone/m.pgm", "1: warning: image.foreign-path: image: /gone/m"),
+        ("image: m.pgm", "", "m.yaml: error: file.malformed: missing key image"),
+    ],
+)
+def test_what_readers_find_stands_at_its_line(
+    command, tmp_path, monkeypatch, before, after, expected
+):
+    monkeypatch.chdir(tmp_path)
+    Path("m.pgm").write_bytes(b"P5 3 2 255\n" + bytes([0, 254, 205, 254, 0, 254]))
+    text = (
+        "image: m.pgm\nresolution: 0.1\norigin: [1.0, -2.0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    assert before in text
+    Path("m.yaml").write_text(text.replace(before, after))
+    _, out, _ = command("lint", "m.yaml")
+    assert any(expected in line for line in out.splitlines()), out
+    assert "(line " not in out
 
 
 def test_json_is_one_document(command, folder):

@@ -124,7 +124,7 @@ def test_a_repository_of_forty_maps_is_gated_by_one_line(command, tmp_path, monk
     Path("maps/site1/floor9.yaml").write_text(text.replace("resolution: 0.25", "resolution: none"))
     code, out, _ = command("lint", "maps")
     assert code == 1
-    assert out.splitlines()[0].startswith("maps/site1/floor9.yaml: error: file.malformed: ")
+    assert out.splitlines()[0].startswith("maps/site1/floor9.yaml:3: error: file.malformed: ")
     assert out.splitlines()[1] == "40 maps: 1 error, 0 warnings, 0 notes"
 
 

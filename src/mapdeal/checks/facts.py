@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -130,18 +130,19 @@ def gather(
     findings: list[Finding] = []
     pair: PairFacts | None = None
     cells: GridFacts | None = None
+    entries: dict[str, Entry] = {}
     try:
         bits = path if path.suffix.lower() == BIT_MAP else None
         path = path if bits is None else yaml_beside(bits)
-        with _warnings_as_findings(findings, path):
+        with _warnings_as_findings(findings, path, entries):
             if path.suffix.lower() == ".npz":
                 cells = _of_npz(path, max_cells)
             else:
-                pair, cells = _of_pair(path, max_cells, bits)
+                pair, cells = _of_pair(path, max_cells, bits, entries)
     except (FileAccessError, MalformedInputError) as error:
         name = "file.access" if isinstance(error, FileAccessError) else "file.malformed"
         text = str(error) + (f" ({error.hint})" if error.hint else "")
-        findings.append(_finding(name, path, text.removeprefix(f"{path}: ")))
+        findings.append(_finding(name, path, text, entries))
     return pair, cells, findings
 
 
@@ -155,11 +156,14 @@ def _of_npz(path: Path, max_cells: int | None) -> GridFacts | None:
 
 
 def _of_pair(
-    path: Path, max_cells: int | None, bits: Path | None
+    path: Path, max_cells: int | None, bits: Path | None, entries: dict[str, Entry]
 ) -> tuple[PairFacts, GridFacts | None]:
-    """Return the facts of a YAML file, which must name the bit map that was asked for, if any."""
+    """Return the facts of a YAML file, which must name the bit map that was asked for, if any.
+
+    Its keys are put into `entries` as soon as they are known, for what is found after that.
+    """
     with recognised(path, "a map", MAP):
-        entries = read_mapping(path)
+        entries.update(read_mapping(path))
         metadata = metadata_of(entries, path, mend=True)
     image = find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
     height, width = read_image_size(image, max_cells=max_cells)
@@ -198,7 +202,9 @@ def _counted(
 
 
 @contextmanager
-def _warnings_as_findings(findings: list[Finding], path: Path) -> Iterator[None]:
+def _warnings_as_findings(
+    findings: list[Finding], path: Path, entries: Mapping[str, Entry]
+) -> Iterator[None]:
     """Turn mapdeal's warnings in the block into findings."""
     with kept_warnings() as kept:
         try:
@@ -208,8 +214,26 @@ def _warnings_as_findings(findings: list[Finding], path: Path) -> Iterator[None]
                 name = one.message.check
                 if name is None:
                     raise TypeError(f"a warning of the readers has no check: {one.message}")
-                findings.append(_finding(name, path, str(one.message).removeprefix(f"{path}: ")))
+                findings.append(_finding(name, path, str(one.message), entries))
 
 
-def _finding(name: str, path: Path, text: str) -> Finding:
-    return Finding(name, CHECKS[name].severity, str(path), text)
+def _finding(name: str, path: Path, text: str, entries: Mapping[str, Entry]) -> Finding:
+    """Return a finding of what a reader says, ``PATH: PLACE: TEXT``, with the line of the place."""
+    line = None
+    if text.startswith(f"{path}: "):
+        text = text.removeprefix(f"{path}: ")
+        place, colon, rest = text.partition(": ")
+        line, place = _line_in(place)
+        if line is None and place in entries:
+            line = entries[place].line
+        text = f"{place}{colon}{rest}" if place else rest
+    return Finding(name, CHECKS[name].severity, str(path), text, line)
+
+
+def _line_in(place: str) -> tuple[int | None, str]:
+    """Return the line that a place names, if any, and what is left of the place."""
+    if place.startswith("line "):  # line 3; line 3, column 7
+        number, _, others = place.removeprefix("line ").partition(", ")
+    else:  # origin (line 3)
+        others, _, number = place.removesuffix(")").rpartition(" (line ")
+    return (int(number), others) if number.isdecimal() else (None, place)
