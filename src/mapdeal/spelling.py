@@ -17,6 +17,9 @@ BRITISH_AND_AMERICAN = (
 )
 """Spellings of one word, in choices and in names: either is as good."""
 
+_ALIKE = 0.75
+"""From this ratio on words with different first letters are alike: nflate and inflate."""
+
 
 def _plain(word: str) -> str:
     """Return what all spellings of a word have in common."""
@@ -43,18 +46,25 @@ def as_known(word: str, known: Iterable[str]) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known word that `word` is most like; None if it is like none.
+    """Return the known word that `word` is most like, or alone begins with it; None if none is.
+
+    What begins with another letter must be more alike.
 
     Examples
     --------
     >>> nearest("rnu", ["run", "route"]), nearest("zzz", ["run", "route"])
     ('run', None)
+    >>> nearest("exp", ["exponential", "rings"]), nearest("real", ["arena", "default"])
+    ('exponential', None)
     """
     import difflib  # of use to mistakes alone
 
-    plain = {_plain(name): name for name in reversed(list(known))}
-    near = difflib.get_close_matches(_plain(word), plain, n=1)
-    return plain[near[0]] if near else None
+    plain, asked = {_plain(name): name for name in reversed(list(known))}, _plain(word)
+    for near in difflib.get_close_matches(asked, plain):
+        if near[0] == asked[0] or difflib.SequenceMatcher(None, near, asked).ratio() >= _ALIKE:
+            return plain[near]
+    begun = [name for near, name in plain.items() if len(asked) > 2 and near.startswith(asked)]
+    return begun[0] if len(begun) == 1 else None
 
 
 def meant(word: str, known: Iterable[str]) -> str | None:

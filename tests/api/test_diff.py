@@ -73,8 +73,11 @@ def test_bounds_let_small_changes_pass(files, command):
         assert by_grids.document() == report.document()
         assert ("within the bounds" if passes else "beyond the bounds") in repr(report)
     assert not mapdeal.diff(*files).passes
-    with pytest.raises(mapdeal.ParameterError, match="max_shift"):
-        mapdeal.diff(*files, max_shift=-1)
+    for wrong in (-1, "1", [1], float("nan"), float("inf")):
+        with pytest.raises(mapdeal.ParameterError, match="max_shift: must be a finite number"):
+            mapdeal.diff(*files, max_shift=wrong)
+        with pytest.raises(mapdeal.ParameterError, match="max_differing: must be 0 to 100"):
+            mapdeal.diff(*files, max_differing=wrong)
 
 
 def test_the_document_is_what_the_command_prints(files, command):

@@ -99,6 +99,18 @@ def test_standard_input_is_left_to_the_command():
         mapdeal.lint("@-")
 
 
+@pytest.mark.parametrize("nothing", [[], (), iter([])])
+def test_a_script_whose_pattern_has_found_nothing_does_not_pass(nothing):
+    with pytest.raises(mapdeal.ParameterError, match="names no map"):
+        mapdeal.lint(nothing)
+
+
+@pytest.mark.parametrize("given", [mapdeal.OccupancyGrid([[0, 100]], 0.5), 3, None, b"m.yaml"])
+def test_what_is_no_name_is_refused(given):
+    with pytest.raises(mapdeal.ParameterError, match="lint: takes names of files"):
+        mapdeal.lint(given)
+
+
 def test_numbers_that_are_not_allowed_are_refused(tmp_path):
     with pytest.raises(mapdeal.ParameterError, match="max_cells: must be a whole number"):
         mapdeal.lint(tmp_path / "a.yaml", max_cells=0)

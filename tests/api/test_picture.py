@@ -207,6 +207,8 @@ def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):
         ({"image_max": -1}, "image_max: must be a whole number, at least 0, got -1"),
         ({"image_max": 100.5}, "image_max: must be a whole number"),
         ({"pose": (1, 2)}, "pose"),
+        ({"title": 3}, "title: must be a text, got 3"),
+        ({"route": [(0, 0), (1, 1)]}, "route: must be a Route"),
         ({"pose": (1, 2, float("nan"))}, "pose"),
     ],
 )

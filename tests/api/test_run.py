@@ -160,6 +160,7 @@ def test_a_recipe_file_is_loaded_by_its_path(tmp_path):
         ({"inflate.radius": -1}, "inflate.radius: must be a finite number, at least 0, got -1"),
         ({"inflate.radius": float("nan")}, "inflate.radius: must be a finite number"),
         ({"inflate.radius": True}, "inflate.radius: must be a finite number"),
+        ({"inflation_radius": 1}, r"changes: must look like \{'stage.parameter': value\}"),
         ({"inflate": {"radius": 1}}, r"changes: must look like \{'stage.parameter': value\}"),
         ({"infalte.radius": 1}, "changes: no such stage, got 'infalte'"),
         ({"active.margin": 1}, "recipe default has no stage active, got 'active.margin'"),
@@ -205,6 +206,20 @@ def test_arguments_that_are_not_allowed_are_refused(room, tmp_path, arguments, m
     with pytest.raises(mapdeal.ParameterError, match=match):
         mapdeal.run(room, tmp_path / "out", **arguments)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("footprint", [0.3, [(0.3, 0.2), (0.3, -0.2), (-0.3, 0)], "circle"])
+def test_a_footprint_that_is_none_is_refused(room, tmp_path, footprint):
+    for call in (
+        lambda: mapdeal.load_recipe("nav2", footprint=footprint),
+        lambda: mapdeal.apply_recipe(mapdeal.read_map(room), "nav2", footprint=footprint),
+        lambda: mapdeal.run(room, tmp_path / "out", footprint=footprint),
+    ):
+        with pytest.raises(
+            mapdeal.ParameterError, match="footprint: must be a Footprint"
+        ) as caught:
+            call()
+        assert "Footprint.circle(radius)" in caught.value.hint
 
 
 def test_a_recipe_warns_of_costs_that_say_nothing():

@@ -13,6 +13,7 @@ import pytest
 from clouds import pcd, ply
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, esdf, inflate, local_map, read_map, ring_cost, write_map
+from mapdeal.cli.terminal import few_warnings
 from mapdeal.pipeline.local import sequence_of
 
 NAMES = [
@@ -261,6 +262,14 @@ def test_many_warnings_of_a_sequence_are_counted(command, sequence):
     lines = err.splitlines()
     assert len(lines) == 11
     assert lines[-1] == "warning: 2 more warnings; o/summary.json has them all"
+
+
+def test_one_warning_more_is_one(capsys):
+    with few_warnings("o/summary.json has them all") as warn:
+        for number in range(11):
+            warn(f"{number}")
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "warning: 1 more warning; o/summary.json has them all"
 
 
 def test_one_cloud_may_be_a_sequence(command, cloud):

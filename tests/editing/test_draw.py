@@ -343,3 +343,10 @@ def test_the_map_that_is_drawn_on_stays_as_it_is():
     grid = grid_from_text(EMPTY)
     draw(grid, Circle(turned(grid, [(2, 2)])[0], 0.5), value=100)
     assert not grid.occupancy.any()
+
+
+@pytest.mark.parametrize("shapes", [[(0, 0), (1, 1)], "circle", [None]])
+def test_what_is_no_shape_is_refused(shapes):
+    grid = OccupancyGrid(np.zeros((3, 5), np.int8), 0.5, (1.0, 2.0, 0.3))
+    with pytest.raises(ParameterError, match="shapes: must be Polygon, Line or Circle"):
+        draw(grid, shapes, value=100)

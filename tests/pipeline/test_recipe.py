@@ -324,3 +324,19 @@ def test_a_parameter_of_no_model_is_unknown_and_one_of_another_is_that_model_s()
     assert "is a parameter of model" not in str(caught.value)
     with pytest.raises(ParameterError, match="is a parameter of model rings, not of exponential"):
         load_recipe("default", settings=["cost.values=1"])
+
+
+@pytest.mark.parametrize(
+    ("setting", "hint"),
+    [
+        ("inflation_radius=1", "did you mean cost.inflation_radius?"),
+        ("inflation-radius = 1", "did you mean cost.inflation_radius?"),
+        ("lethal_threshold=60", "did you mean esdf.lethal_threshold or cost.lethal_threshold?"),
+        ("nothing=1", None),
+        ("inflation_radius", None),
+    ],
+)
+def test_a_parameter_without_its_stage_is_told_the_stages_that_have_it(setting, hint):
+    with pytest.raises(ParameterError, match=r"must look like stage\.parameter=value") as caught:
+        load_recipe("nav2", settings=[setting])
+    assert caught.value.hint == hint

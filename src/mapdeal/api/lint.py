@@ -51,7 +51,8 @@ def lint(
     Raises
     ------
     ParameterError
-        If a check is not known, a pattern matches no map, or a configuration says what cannot be.
+        If there are no names, a check is not known, a pattern matches no map, or a
+        configuration says what cannot be.
     FileAccessError, MalformedInputError
         If a list or a file of configuration cannot be read.
 
@@ -72,9 +73,21 @@ def lint(
         config=None if isinstance(config, bool) else Path(config),
         is_isolated=config is False,
     )
+    names = _names(paths)
     with settings.memory():
-        listing = list_sources(_several(paths), _no_standard_input)
+        listing = list_sources(names, _no_standard_input)
         return lint_maps([one.path for one in listing.maps], rules, settings)
+
+
+def _names(paths: object) -> tuple[str, ...]:
+    """Return the names of maps; none at all would be a gate that has lost its maps, and passes."""
+    if not isinstance(paths, str | PathLike | Iterable) or isinstance(paths, bytes):
+        hint = "write_map writes a grid to a file"
+        raise ParameterError("takes names of files", place="lint", got=paths, hint=hint)
+    names = _several(paths)
+    if not names:
+        raise ParameterError("names no map", place="lint", got=paths)
+    return names
 
 
 def _several(given: str | PathLike[str] | Iterable[str | PathLike[str]]) -> tuple[str, ...]:

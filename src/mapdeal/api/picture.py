@@ -140,6 +140,11 @@ def draw_picture(
     Picture(796 x 315 pixels)
     """
     image_max = Settings(image_max=image_max).image_max
+    if title is not None and not isinstance(title, str):
+        raise ParameterError("must be a text", place="title", got=title)
+    if route is not None and not isinstance(route, Route):
+        hint = "shortest_route and descend return one"
+        raise ParameterError("must be a Route", place="route", got=route, hint=hint)
     if isinstance(shown, DiffReport):
         if route is not None or pose is not None:
             raise ParameterError("nothing can be drawn over a comparison", place="route, pose")

@@ -63,6 +63,9 @@ def load_recipe(
     >>> load_recipe("nav2", {"cost.inflation_radius": 0.8})
     Recipe(esdf -> cost exponential)
     """
+    if footprint is not None and not isinstance(footprint, Footprint):
+        hint = "Footprint.circle(radius) or Footprint.polygon([(x, y), ...]) makes one"
+        raise ParameterError("must be a Footprint", place="footprint", got=footprint, hint=hint)
     if isinstance(recipe, Recipe):
         if changes or footprint is not None or sim:
             rule = "a recipe that was loaded cannot be changed"

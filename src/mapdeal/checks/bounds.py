@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -63,10 +65,10 @@ class Bounds:
     max_differing: float | None = None
 
     def __post_init__(self) -> None:
-        if self.max_shift is not None and not 0 <= self.max_shift < math.inf:
+        if self.max_shift is not None and not _lies_in(self.max_shift, 0, sys.float_info.max):
             rule = "must be a finite number of metres, 0 or more"
             raise ParameterError(rule, place="max_shift", got=self.max_shift)
-        if self.max_differing is not None and not 0 <= self.max_differing <= 100:
+        if self.max_differing is not None and not _lies_in(self.max_differing, 0, 100):
             rule = "must be 0 to 100 percent"
             raise ParameterError(rule, place="max_differing", got=self.max_differing)
 
@@ -103,3 +105,8 @@ def largest_shift(found: Difference) -> float:
         for count, shift in zip(in_common, found.walls, strict=True)
     ]
     return max(shifts)
+
+
+def _lies_in(number: object, lowest: float, highest: float) -> bool:
+    """Return whether something is a number, and within limits."""
+    return isinstance(number, Real) and lowest <= float(number) <= highest

@@ -154,7 +154,8 @@ def few_warnings(hint: str) -> Iterator[Callable[[str], None]]:
 
     yield show
     if count > _FEW:
-        warn(f"{count - _FEW} more warnings; {hint}")
+        more = count - _FEW
+        warn(f"{more} more warning{'s' if more > 1 else ''}; {hint}")
 
 
 def summary(lines: Iterable[str]) -> None:

@@ -98,6 +98,10 @@ def draw(
     if overlay not in ("seq", "max", "min"):
         raise ParameterError("must be one of seq, max, min", place="overlay", got=overlay)
     each = list(shapes) if isinstance(shapes, Iterable) else [shapes]
+    for one in each:
+        if not hasattr(one, "spans"):
+            rule = "must be Polygon, Line or Circle, or a sequence of them"
+            raise ParameterError(rule, place="shapes", got=one)
     strokes = []
     for shape, name in _named(each):
         with _about(shape, name):  # cells are made when they are painted, but refused here

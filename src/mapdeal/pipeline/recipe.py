@@ -159,7 +159,8 @@ def _apply_setting(draft: Draft, setting: str, name: str, option: str) -> None:
     target, equals, value = setting.partition("=")
     if not (equals and all(target.strip().partition("."))):
         rule = "must look like stage.parameter=value"
-        raise ParameterError(rule, source=option, got=setting)
+        hint = _hint_for(draft, target) if equals else None
+        raise ParameterError(rule, source=option, got=setting, hint=hint)
     _apply_change(draft, target.strip(), value.strip(), name, option, setting)
 
 
@@ -171,7 +172,7 @@ def _apply_change(
     stage, dot, parameter = str(target).partition(".")
     if not (dot and stage and parameter):
         rule = "must look like {'stage.parameter': value}"
-        raise ParameterError(rule, source=option, got=target)
+        raise ParameterError(rule, source=option, got=target, hint=_hint_for(draft, target))
     given = _find(draft, stage)
     if given is None:
         if not models_of(stage):
@@ -185,6 +186,13 @@ def _apply_change(
             given.pop(by, None)
             given.pop(other.parameter, None)
     given.put({parameter: value}, option)
+
+
+def _hint_for(draft: Draft, target: object) -> str | None:
+    """Return which parameters of the recipe a name without a stage may mean."""
+    asked = str(target).strip().replace("-", "_")
+    found = [f"{one[0]}.{asked}" for one in draft if asked in _stage_in(one).parameters]
+    return f"did you mean {' or '.join(found)}?" if found else None
 
 
 def _warn_of_double_radius(steps: Sequence[Step]) -> None:
