@@ -170,3 +170,23 @@ def test_costs_of_a_file_that_say_nothing(tmp_path, costs, told, end):
         write_map(path, grid, encoding="occupancy" if end == "npz" else "costmap2d")
     expected = [] if told is None else [("run.uniform-cost", f"{path}: {told}")]
     assert told_of(lambda: read_map(path)) == expected
+
+
+@pytest.mark.parametrize("end", ["pgm", "png", "bmp"])
+def test_all_strips_of_an_image_count(tmp_path, monkeypatch, end):
+    """Strips of two rows: those with the odd pixels are neither the first nor the last."""
+    monkeypatch.setattr("mapdeal.formats.strips.STRIP", 120)
+    path = write_pair(tmp_path, Image.fromarray(GREYS), end)
+    (text,) = freed_of(path)
+    assert ": 300 cells (12.5 %) of grey 205" in text
+    path = write_pair(tmp_path, Image.fromarray(GREYS), end, mode="raw")
+    assert f"{path.with_suffix('.' + end)}: 2340 pixels of mode raw hold 101..254, read as" in str(
+        told_of(lambda: read_map(path))
+    )
+
+
+@pytest.mark.parametrize(("height", "told"), [(25, True), (26, False)])
+def test_a_thousandth_of_the_cells_is_told(tmp_path, height, told):
+    greys = np.full((height, 40), 254, dtype=np.uint8)
+    greys[3, :10], greys[7, 11] = 0, 205
+    assert bool(freed_of(write_pair(tmp_path, Image.fromarray(greys)))) == told

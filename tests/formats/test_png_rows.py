@@ -1,6 +1,7 @@
 """PNG files by strips and by rows hold what Pillow makes of them as wholes."""
 
 import io
+import os
 import struct
 import warnings
 import zlib
@@ -298,3 +299,41 @@ def test_of_transparent_colours_only_black_is_one(tmp_path, key, opaque):
     data = png((2, 8), 2, [bytes([0, 0, 0, 7, 8, 9])], [0], before=before)
     (tmp_path / "m.png").write_bytes(data)
     assert read_image(tmp_path / "m.png").alpha.tolist() == opaque
+
+
+def test_a_grey_key_is_a_sample_of_the_files_own_bits(tmp_path):
+    data = png((0, 4), 4, [bytes([0x03, 0x5F])], [0], before=[chunk(b"tRNS", b"\0\x03")])
+    (tmp_path / "m.png").write_bytes(data)
+    picture = read_image(tmp_path / "m.png")
+    assert picture.samples.tolist() == [[0, 51, 85, 255]]
+    assert picture.alpha.tolist() == [[255, 0, 255, 255]]
+
+
+TWO_PARTS = png((0, 8), 4, [bytes(4)], [0], pieces=[5])
+SECOND = TWO_PARTS.index(b"IDAT", TWO_PARTS.index(b"IDAT") + 1) - 4
+
+
+@pytest.mark.parametrize(
+    ("data", "match"),
+    [
+        (TWO_PARTS[:SECOND] + chunk(b"tEXt", b"a\0b") + TWO_PARTS[SECOND:],
+         "chunk IDAT: other chunks stand between the pixels"),
+        (png((3, 8), 1, [b"\0"], [0], before=[chunk(b"PLTE", bytes(4))]),
+         "chunk PLTE: a palette of 1 to 256 colours must be there"),
+        (png((0, 8), 1, [b"\0"], [0], behind=[chunk(b"tRNS", b"\0\0")]),
+         "chunk tRNS: must stand before the pixels"),
+    ],
+)  # fmt: skip
+def test_chunks_out_of_their_place_or_size_are_refused(tmp_path, data, match):
+    (tmp_path / "m.png").write_bytes(data)
+    with pytest.raises(MalformedInputError, match=match):
+        read_image(tmp_path / "m.png")
+
+
+def test_files_may_give_fewer_bytes_than_they_are_asked_for(tmp_path, monkeypatch):
+    """As those of other machines do."""
+    data = png((0, 8), 4, [b"\1\2\3\4", b"\5\6\7\x08"], [0, 2])
+    (tmp_path / "m.png").write_bytes(data)
+    pread = os.pread
+    monkeypatch.setattr(os, "pread", lambda file, count, at: pread(file, min(count, 7), at))
+    assert read_image(tmp_path / "m.png").samples.tolist() == [[1, 2, 3, 4], [5, 6, 7, 8]]
