@@ -276,3 +276,32 @@ def test_info_of_a_run_is_for_people(command, here):
     assert "\n              3 x 2 cells, lethal " in out
     assert "{" not in out
     assert "[" not in out
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("notes.md", "# Notes\n\nnot: [a map\n"),
+        ("data.json", '{"a": [' + "1, " * 40_000 + "1]}"),
+        ("launch.xml", "<launch>\n</launch>\n"),
+        ("tool.py", "import sys\n\nprint(sys)\n"),
+    ],
+)
+def test_what_is_wrong_with_the_yaml_of_a_file_that_is_none_is_not_told(
+    command, tmp_path, name, content
+):
+    path = tmp_path / name
+    path.write_text(content)
+    for words in (["info", path], ["esdf", path, "-o", tmp_path / "o.npz"]):
+        code, _, err = command(*words)
+        assert code == 3
+        assert err.splitlines()[0] == f"error: {path}: is not a kind of file that mapdeal knows"
+        assert err.splitlines()[1].startswith("hint: a map is a map_server .yaml")
+
+
+def test_a_map_of_any_name_is_told_what_is_wrong_with_it(command, tmp_path):
+    path = tmp_path / "map.txt"
+    path.write_text("image: m.pgm\nresolution: fast\norigin: [1.0, -2.0, 0.3]\n")
+    code, _, err = command("info", path)
+    last = err.splitlines()[-1]
+    assert (code, last) == (3, f"error: {path}: resolution (line 2): must be a number, got 'fast'")

@@ -32,6 +32,7 @@ def test_a_table_is_read_as_it_is_written(tmp_path, name, table):
     [
         ("[lint]\nselct = []\n", "lint.selct: unknown key", "did you mean select?"),
         ("[lint]\nxyz = 1\n", "lint.xyz: unknown key", "keys are select, ignore, strict"),
+        ("strict = true\n", "strict: unknown key", "it belongs in the table [lint]"),
         ("[lnt]\n", "lnt: unknown key", "did you mean lint?"),
         ("lint = 3\n", "lint: must be a table, got 3", ""),
         ('[lint]\nselect = "image"\n', "lint.select: must be a list of names, got 'image'", ""),

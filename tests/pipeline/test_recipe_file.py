@@ -1,5 +1,7 @@
 """What is wrong with a recipe's file, and on which line of it."""
 
+import re
+
 import pytest
 
 from mapdeal.errors import ParameterError
@@ -125,3 +127,24 @@ def test_built_in_recipes_have_no_lines():
     with pytest.raises(ParameterError) as caught:
         load_recipe("nav2", settings=["cost.inscribed_radius=-1"])
     assert str(caught.value).startswith("--set: cost.inscribed_radius: must be")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "- inflate: {radius: 0.3}\n- esdf\n",  # the list without its key
+        "inflate: {radius: 0.3}\nesdf:\n",
+        "",
+        "stages:\n",
+        "stages: esdf\n",
+    ],
+)
+def test_a_recipe_of_another_shape_is_told_how_one_looks(tmp_path, text):
+    path = tmp_path / "r.yaml"
+    path.write_text(text)
+    with pytest.raises(ParameterError) as caught:
+        load_recipe(str(path))
+    assert str(caught.value).startswith(f"{path}:")
+    example = re.search(r'"(.*)"', caught.value.hint)[1]
+    path.write_text(f"stages:\n{example}\n")
+    assert [step.name for step in load_recipe(str(path)).steps] == ["inflate"]

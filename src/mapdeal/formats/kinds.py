@@ -38,6 +38,7 @@ _TUM, _PLANAR = 8, 3
 _MOST_OF_A_POINT = 16
 
 _MAP_SUFFIXES = (".yaml", ".yml", ".npz", ".pbm")
+_UNKNOWN = "is not a kind of file that mapdeal knows"
 _MAPS_ARE = "a map is a map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's"
 
 _MAP_USE = "mapdeal info {path} describes it, mapdeal run {path} -o DIR processes it"
@@ -124,6 +125,8 @@ def recognised(path: Path, wanted: str, *kinds: str) -> Iterator[None]:
             kind = kind_of(path)
         if kind is None and MAP in kinds and path.suffix.lower() not in _MAP_SUFFIXES:
             error.hint = error.hint or _MAPS_ARE
+            if isinstance(error, MalformedInputError):  # what is wrong with its YAML helps nobody
+                raise MalformedInputError(_UNKNOWN, source=path, hint=_MAPS_ARE) from None
         if kind is None or kind.name in kinds:
             raise
         raise other_kind(path, kind, wanted) from None

@@ -133,6 +133,8 @@ def _check_keys(
 
             near = difflib.get_close_matches(key, known, n=1)
             hint = f"did you mean {near[0]}?" if near else f"keys are {', '.join(known)}"
+            if key in _KEYS:  # of the table that it stands above
+                hint = f"it belongs in the table [{prefix}lint]"
             raise ParameterError("unknown key", source=path, place=f"{prefix}{key}", hint=hint)
 
 

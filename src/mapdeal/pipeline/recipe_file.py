@@ -11,10 +11,14 @@ import yaml
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.kinds import RECIPE, kind_of, other_kind, recognised
 from mapdeal.formats.yaml_text import OF_RECIPES, Entry, read_mapping
+from mapdeal.spelling import as_known
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
 from mapdeal.stages.parameters import unknown_name
 
 _NO_STAGES = "a recipe needs stages: a list of stages"
+_LOOKS = (
+    'a recipe is the key stages: and below it a list, of items such as "- inflate: {radius: 0.3}"'
+)
 _LINE = re.compile(
     r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?"
 )  # fmt: skip
@@ -78,9 +82,11 @@ def read_recipe_file(path: Path, name: str) -> Draft:
         entries = _entries_in(path)
         for key, entry in entries.items():
             if key != "stages":
-                raise _at(entry, unknown_name("key", key, ["stages"]), name)
+                error = unknown_name("key", key, ["stages"])
+                error.hint = _LOOKS if models_of(as_known(key, STAGE_NAMES)) else error.hint
+                raise _at(entry, error, name)
         if not entries:
-            raise ParameterError(_NO_STAGES, source=name)
+            raise ParameterError(_NO_STAGES, source=name, hint=_LOOKS)
         items = _items_of(entries["stages"], name)
         draft: Draft = []
         for item in items:
@@ -94,16 +100,25 @@ def read_recipe_file(path: Path, name: str) -> Draft:
 
 def _entries_in(path: Path) -> dict[str, Entry]:
     with recognised(path, "a recipe", RECIPE):
-        entries = read_mapping(path, OF_RECIPES)
+        entries = _mapping_in(path)
     kind = None if "stages" in entries else kind_of(path)
     if kind is not None:
         raise other_kind(path, kind, "a recipe")
     return entries
 
 
+def _mapping_in(path: Path) -> dict[str, Entry]:
+    try:
+        return read_mapping(path, OF_RECIPES)
+    except MalformedInputError as error:
+        if error.place is None:  # no mapping: an empty file, or stages without their key
+            error.hint = error.hint or _LOOKS
+        raise
+
+
 def _items_of(entry: Entry, name: str) -> list[Entry]:
     if not isinstance(entry.node, yaml.SequenceNode) or not entry.node.value:
-        raise _at(entry, ParameterError(_NO_STAGES), name)
+        raise _at(entry, ParameterError(_NO_STAGES, hint=_LOOKS), name)
     return entry.items()
 
 
