@@ -150,3 +150,10 @@ def test_what_a_bound_does_not_see_is_warned_of(command, maps):
         "warning: part.yaml: does not cover 15 known cells of a.yaml, which are not compared\n"
     )
     assert command("diff", "part.yaml", "a.yaml", "--max-shift", "0.1")[2] == ""
+
+
+@pytest.mark.parametrize("words", [("--max-shift", "-1"), ("--max-differing", "120")])
+def test_a_bound_that_is_refused_is_called_as_it_was_given(command, words):
+    code, _, err = command("diff", "a.yaml", "b.yaml", *words)
+    assert code == 2
+    assert err.startswith(f"error: invalid value for '{words[0]}': {float(words[1])}")

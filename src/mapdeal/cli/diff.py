@@ -12,6 +12,7 @@ import typer
 from mapdeal.checks.bounds import Bound, Bounds
 from mapdeal.checks.difference import STATES, Difference, WallShift
 from mapdeal.cli import terminal
+from mapdeal.cli.options import OR_STDIN
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import one_line
@@ -24,16 +25,28 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @app.command()
 @shared_options("files")
 def diff(
-    first: Annotated[Path, typer.Argument(metavar="A", help="A map: .yaml or .npz."), FROM_STDIN],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another."), FROM_STDIN],
+    first: Annotated[
+        Path,
+        typer.Argument(metavar="A", help=f"A map: .yaml, .pbm or .npz. {OR_STDIN}"),
+        FROM_STDIN,
+    ],
+    second: Annotated[
+        Path,
+        typer.Argument(metavar="B", help="Another map; one of the two can be -."),
+        FROM_STDIN,
+    ],
     tolerance: Annotated[
         float,
-        typer.Option(metavar="CELLS", help="Let cells pass whose like is so near in the other."),
+        typer.Option(
+            metavar="CELLS",
+            help="Ignore differences with a matching cell in the other map within so many cells.",
+        ),
     ] = 0.0,
     max_shift: Annotated[
         float | None,
         typer.Option(
             metavar="M",
+            min=0,
             help="Pass if no obstacle of either map is farther than this from those of the "
             "other, metres.",
         ),
@@ -41,7 +54,10 @@ def diff(
     max_differing: Annotated[
         float | None,
         typer.Option(
-            metavar="PERCENT", help="Pass if no more than this part of the common cells differs."
+            metavar="PERCENT",
+            min=0,
+            max=100,
+            help="Pass if no more than this part of the common cells differs.",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,

@@ -13,6 +13,7 @@ from mapdeal.checks.reports.as_text import repair_lines, sum_of
 from mapdeal.checks.reports.catalogue import REPORTS, ReportForm
 from mapdeal.cli import terminal
 from mapdeal.cli.many_maps import jobs_at_once, say_listing
+from mapdeal.cli.options import OR_STDIN
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import MapdealError, ParameterError
@@ -30,7 +31,7 @@ def lint(
         list[str],
         typer.Argument(
             metavar="MAP...",
-            help="Maps, folders of maps or runs, quoted patterns, or @LIST.txt.",
+            help=f"Maps, folders of maps or runs, quoted patterns, or @LIST.txt. {OR_STDIN}",
         ),
         FROM_STDIN,
     ],
