@@ -70,7 +70,7 @@ REASONS = {
     ("formats/yaml_text.py", r"[-+]?\d+,\d+"): ("fullmatch", "a comma stands between the digits"),
     ("formats/yaml_text.py", r"[-+]?[\d.]+\s*[a-zA-Z]"):
         ("match", "the two runs have nothing in common, and it is tried at one place"),
-    ("formats/yaml_comments.py", r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-])"):
+    ("formats/yaml_comments.py", r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?"):
         ("search", "every repeat is bounded, so a try is, too"),
     ("formats/yaml_comments.py", r"[ \t]*([\w.-]+)[ \t]*(,?)"):
         ("match", "white space and names have nothing in common; each goes on behind the last"),

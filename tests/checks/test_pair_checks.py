@@ -232,7 +232,7 @@ def test_a_repair_raises_no_threshold(pair):
     facts, _ = pair([[0, 205, 215, 254]], free_thresh="0.25")
     grid, done = repaired(facts.path, facts)
     assert grid.occupancy.tolist() == [[100, -1, 0, 0]]
-    assert done == ["1 cells of unknown grey are not free any more"]
+    assert done == ["1 cell is now unknown instead of free: map_saver's grey for unknown"]
 
 
 def test_a_repair_that_turns_a_map_leaves_what_lies_outside_of_it_unknown(pair):

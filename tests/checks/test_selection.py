@@ -67,7 +67,7 @@ def test_an_empty_select_in_a_file_selects_nothing():
 def test_an_unknown_name_is_an_error_with_a_hint(text, hint):
     with pytest.raises(ParameterError) as caught:
         selection_of([text])
-    assert str(caught.value).startswith("--select: is no check of lint, got ")
+    assert str(caught.value).startswith("--select: unknown check, got ")
     assert caught.value.hint.startswith(hint)
     for values, place in [
         ({"select": (text,)}, "lint.select"), ({"ignore": (text,)}, "lint.ignore"),
@@ -76,7 +76,7 @@ def test_an_unknown_name_is_an_error_with_a_hint(text, hint):
     ]:  # fmt: skip
         with pytest.raises(ParameterError) as caught:
             selection_of(config=config(**values))
-        assert str(caught.value).startswith(f"/p/mapdeal.toml: {place}: is no check of lint")
+        assert str(caught.value).startswith(f"/p/mapdeal.toml: {place}: unknown check")
 
 
 def found(*names):
@@ -105,10 +105,10 @@ def test_a_comment_suppresses_checks_and_areas():
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        ((), "names no check, and ignores nothing"),
+        ((), "names no check: write # mapdeal: ignore AREA.NAME"),
         ((ALPHA,), "image.alpha ignores nothing here"),
         (("map",), "map ignores nothing here"),
-        (("yaml.orign-yaw",), "yaml.orign-yaw is no check; did you mean yaml.origin-yaw?"),
+        (("yaml.orign-yaw",), "unknown check yaml.orign-yaw; did you mean yaml.origin-yaw?"),
         (("lint.unused-ignore",), "lint.unused-ignore ignores nothing here"),
     ],
 )

@@ -13,7 +13,7 @@ from mapdeal.formats.yaml_comments import IgnoreComment, read_ignore_comments
         ("#mapdeal:ignore image.,map the dock is old, and turned", ["image.", "map"]),
         ("\t#\tmapdeal:\tignore\timage ,\tmap", ["image", "map"]),
         ("# mapdeal: ignore", []),
-        ("# mapdeal: ignore: image", []),
+        ("# mapdeal: ignore: image", ["image"]),
         ("# mapdeal: ignore image,", ["image"]),
         ("# see below  # mapdeal: ignore image", ["image"]),
     ],

@@ -154,7 +154,7 @@ def test_one_file_can_hold_for_all(maps):
 @pytest.mark.parametrize(
     ("rules", "told"),
     [
-        (LintRules(select=("imag",)), "--select: is no check of lint, got 'imag'"),
+        (LintRules(select=("imag",)), "--select: unknown check, got 'imag'"),
         (LintRules(config=Path("none.toml")), "none.toml: cannot be read"),
         (LintRules(config=Path("pyproject.toml")), r"has no table \[tool.mapdeal.lint\]"),
         (LintRules(config=Path("empty.toml")), r"has no table \[lint\]"),

@@ -105,7 +105,8 @@ def _map_of_pair(pair: PairFacts, max_cells: int | None, done: list[str]) -> Occ
                 before = cells_of(picture, given, "nav2")
                 changed += int(np.count_nonzero(before != occupancy[rows]))
     if changed:
-        done.append(f"{changed} cells of unknown grey are not free any more")
+        cells = "1 cell is" if changed == 1 else f"{changed} cells are"
+        done.append(f"{cells} now unknown instead of free: map_saver's grey for unknown")
     return OccupancyGrid(occupancy, given.resolution, given.origin)
 
 

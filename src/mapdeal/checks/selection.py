@@ -176,7 +176,7 @@ def _ranked(names: Iterable[str], source: Path | str, place: str | None = None) 
         matching = _matching(text)
         if not matching:
             raise ParameterError(
-                "is no check of lint", source=source, place=place, got=text, hint=hint_for(text)
+                "unknown check", source=source, place=place, got=text, hint=hint_for(text)
             )
         for name, rank in matching.items():
             ranks[name] = max(rank, ranks.get(name, 0))
@@ -207,11 +207,11 @@ def hint_for(text: str) -> str:
 def _unused(file: Path, comments: Iterable[IgnoreComment], found: set[str]) -> Iterator[Finding]:
     """Yield what is wrong with comments, given the checks that have found something."""
     for comment in comments:
-        messages = [] if comment.names else ["names no check, and ignores nothing"]
+        messages = [] if comment.names else ["names no check: write # mapdeal: ignore AREA.NAME"]
         for text in comment.names:
             matching = _matching(text)
             if not matching:
-                messages.append(f"{text} is no check; {hint_for(text)}")
+                messages.append(f"unknown check {text}; {hint_for(text)}")
             elif found.isdisjoint(matching) or text == UNUSED:
                 messages.append(f"{text} ignores nothing here")
         for message in messages:

@@ -23,8 +23,8 @@ def unknown_key(facts: PairFacts) -> Iterator[Remark]:
     """Name the known key that it may be meant to be."""
     for key in facts.metadata.extra:
         near = difflib.get_close_matches(key, _KNOWN, n=1)
-        meant = f"; is {near[0]} meant?" if near else ""
-        yield Remark(f"{key} is no key of map_server{meant}", key)
+        meant = f"; did you mean {near[0]}?" if near else ""
+        yield Remark(f"unknown key '{key}', which map_server ignores{meant}", key)
 
 
 @check("yaml.mode-case", "warning", "a mode in capitals, which ROS 1 refuses")

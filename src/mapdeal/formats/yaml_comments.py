@@ -10,7 +10,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.source import read_file
 from mapdeal.formats.yaml_text import OF_MAPS
 
-_IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-])")
+_IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
 _NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*(,?)")
 
 
