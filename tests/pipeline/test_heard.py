@@ -95,3 +95,14 @@ def test_all_warnings_pass_those_who_listen():
     sources = {path.name: path.read_text() for path in package.rglob("*.py")}
     assert [name for name, text in sources.items() if "warnings.warn(" in text] == ["errors.py"]
     assert not [name for name, text in sources.items() if "catch_warnings(record" in text]
+
+
+def test_a_warning_is_about_the_code_that_its_level_tells(recwarn):
+    def work():
+        emit_warning("odd", stacklevel=2)
+
+    work()
+    with heard([]):
+        work()
+    lines = Path(__file__).read_text().splitlines()
+    assert [lines[one.lineno - 1].strip() for one in recwarn] == ["work()"] * 2
