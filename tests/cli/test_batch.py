@@ -261,6 +261,7 @@ def wait_for_end_of(group):
     assert not list(members(group))
 
 
+@pytest.mark.thorough
 @needs_proc
 def test_ctrl_c_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(large_maps):
     one = (large_maps / "maps" / "0.yaml").read_text()
@@ -314,6 +315,7 @@ def worker_that_writes(run):
         time.sleep(0.002)
 
 
+@pytest.mark.thorough
 @needs_proc
 def test_a_worker_that_is_killed_once_costs_no_map_f10(large_maps):
     process = start(large_maps)

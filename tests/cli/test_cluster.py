@@ -129,6 +129,7 @@ def kill_one_that_writes(dask, process):
             return worker
 
 
+@pytest.mark.thorough
 @needs_proc
 def test_a_worker_that_is_killed_costs_no_map_and_the_summary_is_that_of_this_machine(dask, maps):
     words = [*RUN, "maps", "--no-images", "-o"]
@@ -154,6 +155,7 @@ def test_a_worker_that_is_killed_costs_no_map_and_the_summary_is_that_of_this_ma
     assert not (maps / "one" / "summary.json").exists()
 
 
+@pytest.mark.thorough
 def test_a_job_that_kills_its_worker_is_done_by_another_which_may_replace_what_it_left(
     dask, tmp_path
 ):
@@ -233,6 +235,7 @@ def test_a_worker_that_comes_later_with_another_version_does_no_job(tmp_path):
 
 
 @needs_proc
+@pytest.mark.thorough
 def test_a_field_is_computed_by_workers_block_by_block_and_one_may_be_killed(dask, tmp_path):
     rng = np.random.default_rng(5)
     cells = np.where(rng.random((2903, 3011)) < 0.0005, 100, 0).astype(np.int8)

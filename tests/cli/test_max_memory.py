@@ -272,6 +272,7 @@ sys.exit(os.waitstatus_to_exitcode(status))
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not IS_COMPILED, reason="takes minutes without compiled kernels")
 @pytest.mark.parametrize(
     ("words", "most"), [(["cost", "-o", "cost.yaml"], 120), (["run", "-o", "out"], 150)]

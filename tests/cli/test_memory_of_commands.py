@@ -27,6 +27,8 @@ from mapdeal import (
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.kernels.engine import engine_name
 
+pytestmark = pytest.mark.thorough
+
 IS_COMPILED = engine_name() == "compiled"
 MOST = 100  # MB that bombs may take, the program's own included
 SLACK = 1.05

@@ -277,6 +277,7 @@ for code in sys.argv[2:]:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's own figures")
 @pytest.mark.parametrize("name", READERS)
 def test_readers_and_lint_take_what_they_say_before(tmp_path, name):
@@ -288,6 +289,7 @@ def test_readers_and_lint_take_what_they_say_before(tmp_path, name):
         check_claims(told)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's own figures")
 def test_lint_of_an_npz_takes_what_its_reader_says_before(tmp_path):
     READERS["map.npz"][0](tmp_path / "map.npz")

@@ -137,6 +137,7 @@ def test_a_far_line_passes_where_its_equation_says():
     assert np.argwhere(misses).tolist() == [[row, 6] for row in range(4)]
 
 
+@pytest.mark.thorough
 @needs_compiled
 def test_many_rays_give_the_same_bytes_on_both_engines_and_any_threads(monkeypatch):
     """More cells than the twin takes together."""

@@ -87,6 +87,7 @@ def test_a_full_disk_leaves_the_old_outputs_f4(folder):
     assert sums(folder / "out" / "m") == before
 
 
+@pytest.mark.thorough
 def test_two_runs_into_one_folder_do_not_mix_f6(folder):
     radii = ("0.1", "0.2")
     known = []
@@ -148,6 +149,7 @@ def test_a_replaced_file_keeps_its_permissions_f20(folder):
     assert target.stat().st_mode & 0o777 == 0o640
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGKILL, signal.SIGINT])
 def test_a_run_that_is_stopped_leaves_the_old_set_and_the_next_cleans_up_f5(folder, sent):
     subprocess.run(words(folder, folder / "out"), check=True, capture_output=True)

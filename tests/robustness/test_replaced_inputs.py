@@ -19,7 +19,7 @@ from mapdeal import OccupancyGrid, write_map
 from mapdeal.kernels.blocks import CacheBudget
 from mapdeal.pipeline import block_jobs, memory
 
-MOMENTS = 50
+FEW, MOMENTS = 16, 50
 _CALLS = ("open", "pread", "read", "stat", "fstat", "lstat", "scandir")
 ROWS = 7  # of a block
 
@@ -169,9 +169,10 @@ def small_blocks(monkeypatch):
     return lambda: monkeypatch.setattr(memory, "_read", by_rows)
 
 
+@pytest.mark.parametrize("count", [FEW, pytest.param(MOMENTS, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
-    pairs, command, monkeypatch, small_blocks, name
+    pairs, command, monkeypatch, small_blocks, name, count
 ):
     words = [*COMMANDS[name], "--threads", "1", "-q"]
     if "by rows" in name:
@@ -205,10 +206,10 @@ def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
         calls = moments.count
     assert calls >= MOMENTS
     seen = []
-    for index in range(MOMENTS):
+    for index in range(count):
         begin()
         action = partial(act, REPLACEMENTS[index % len(REPLACEMENTS)])
-        with moments.at(1 + index * calls // MOMENTS, action):
+        with moments.at(1 + index * calls // count, action):
             code, _, err = command(*words)
         if code == 0:
             assert contents(outputs) in known, index

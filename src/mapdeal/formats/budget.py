@@ -101,6 +101,7 @@ def use_memory(
     ...     claim("map.npz", 20_000_000)
     Traceback (most recent call last):
     mapdeal.errors.MalformedInputError: map.npz: needs 70 MB of memory, 60 MB may be taken
+    hint: --max-memory 70MB allows more, if there is so much
     """
     is_new = anew and limit is None
     token = _current.set(_by_default() if is_new else _budget_of(limit, is_chosen=is_chosen))

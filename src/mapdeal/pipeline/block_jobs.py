@@ -179,6 +179,7 @@ def _by_rows(file: MapFile, block_height: int) -> Source:
     if file.shape_by_rows is None or file.is_compressed:
         rule = "workers read maps with a binary .pgm, .ppm or .pbm image, or an uncompressed .bmp"
         hint = "mapdeal convert makes a .pgm of any map"
+        file.check_unchanged()  # an image that is being written has no rows
         raise ParameterError(rule, source=file.path, hint=hint)
     return file.by_rows(block_height=block_height, warns_of_values=False)
 
