@@ -84,6 +84,11 @@ def test_every_link_leads_somewhere(page):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_readme_leads_to_every_page():
+    linked = set(re.findall(r"\]\(docs/([a-z_]+\.md)\)", (ROOT / "README.md").read_text()))
+    assert linked == {page.name for page in PAGES[1:]}
+
+
 def test_every_module_that_architecture_names_is_there():
     known = [f"/{path.relative_to(ROOT).as_posix()}" for path in ROOT.glob("[!.]*/**/*.*")]
     text = (ROOT / "docs" / "architecture.md").read_text()
