@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import shlex
 import struct
 
 import numpy as np
@@ -305,3 +306,15 @@ def test_a_map_of_any_name_is_told_what_is_wrong_with_it(command, tmp_path):
     code, _, err = command("info", path)
     last = err.splitlines()[-1]
     assert (code, last) == (3, f"error: {path}: resolution (line 2): must be a number, got 'fast'")
+
+
+def test_commands_that_are_proposed_can_be_typed(command, tmp_path):
+    folder = tmp_path / "my $clouds; and more"
+    folder.mkdir()
+    path = folder / "it's one.pcd"
+    path.write_text(
+        "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\n"
+        "POINTS 1\nDATA ascii\n1 2 3\n"
+    )
+    use = json.loads(command("info", path, "--json")[1])["use"]
+    assert shlex.split(use)[:4] == ["mapdeal", "local", "--cloud", str(path)]

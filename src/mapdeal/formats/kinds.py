@@ -6,6 +6,7 @@ Commands that are given another kind of file than they take say so with one line
 from __future__ import annotations
 
 import re
+import shlex
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -94,7 +95,8 @@ def kind_of(path: Path) -> FileKind | None:
         kind = next(filter(None, (look(path, head) for look in _LOOKS)), None)
     if kind is None:
         return None
-    return FileKind(kind.name, kind.what, kind.use.format(path=path), kind.figures)
+    use = kind.use.format(path=shlex.quote(str(path)))  # to be typed
+    return FileKind(kind.name, kind.what, use, kind.figures)
 
 
 @contextmanager
