@@ -256,3 +256,19 @@ def test_an_absolute_path_below_the_folder_is_not_one_of_another_machine(tmp_pat
     (tmp_path / "m.yaml").write_text(text.replace("m.pgm", "/elsewhere/m.pgm"))
     with pytest.warns(MapdealWarning, match="does not exist here; took"):
         assert read_map(tmp_path / "m.yaml").occupancy.tolist() == [[100, 0]]
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("occupied_thresh: 0.65\nfree_thresh: 0.196\n", "negate (ROS requires it); assuming 0"),
+        ("negate: 1\n", "occupied_thresh, free_thresh (ROS requires them); assuming 0.65, 0.196"),
+    ],
+)
+def test_keys_that_are_missing_are_told_with_what_is_assumed(tmp_path, lines, said):
+    (tmp_path / "m.pgm").write_bytes(b"P5 3 2 255\n" + bytes([0, 254, 205, 254, 0, 254]))
+    path = tmp_path / "m.yaml"
+    path.write_text(f"image: m.pgm\nresolution: 0.1\norigin: [1.0, -2.0, 0.3]\n{lines}")
+    with pytest.warns(MapdealWarning) as caught:
+        read_map(path)
+    assert [str(one.message) for one in caught] == [f"{path}: missing: {said}"]

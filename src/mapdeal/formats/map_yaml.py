@@ -157,9 +157,10 @@ def _typo_hint(missing: list[str], entries: dict[str, Entry]) -> str | None:
 
 def _warn_of_absent(path: Path, entries: dict[str, Entry]) -> None:
     defaults = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196"}
-    absent = [f"{key} {value}" for key, value in defaults.items() if key not in entries]
+    absent = {key: value for key, value in defaults.items() if key not in entries}
     if absent:
-        text = f"took {', '.join(absent)}, though ROS requires the keys"
+        them = "them" if len(absent) > 1 else "it"
+        text = f"{', '.join(absent)} (ROS requires {them}); assuming {', '.join(absent.values())}"
         _warn(path, "missing", text, "yaml.defaults")
 
 
