@@ -84,6 +84,21 @@ def test_every_link_leads_somewhere(page):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_lint_page_shows_what_its_commands_print(project, command):
+    page = (ROOT / "docs" / "lint.md").read_text()
+    shown = 0
+    out = ""
+    for kind, block in re.findall(r"^```(sh|text)\n(.*?)^```", page, re.MULTILINE | re.DOTALL):
+        if kind == "sh":
+            lines = [shlex.split(line, comments=True) for line in block.splitlines()]
+            out = "".join(command(*words[1:])[1] for words in lines)
+        else:
+            lines = [line for line in block.splitlines() if line.strip() != "..."]
+            assert [line for line in lines if line not in out.splitlines()] == []
+            shown += 1
+    assert shown == 3
+
+
 def test_readme_leads_to_every_page():
     linked = set(re.findall(r"\]\(docs/([a-z_]+\.md)\)", (ROOT / "README.md").read_text()))
     assert linked == {page.name for page in PAGES[1:]}
