@@ -107,7 +107,7 @@ def test_a_script_whose_pattern_has_found_nothing_does_not_pass(nothing):
 
 @pytest.mark.parametrize("given", [mapdeal.OccupancyGrid([[0, 100]], 0.5), 3, None, b"m.yaml"])
 def test_what_is_no_name_is_refused(given):
-    with pytest.raises(mapdeal.ParameterError, match="lint: takes names of files"):
+    with pytest.raises(mapdeal.ParameterError, match="lint: takes names or paths"):
         mapdeal.lint(given)
 
 

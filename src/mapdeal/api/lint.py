@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mapdeal.checks.reports.report import LintReport
 from mapdeal.errors import ParameterError
+from mapdeal.grid.framed import Framed
 from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources
 from mapdeal.pipeline.settings import Settings
 
@@ -79,11 +80,11 @@ def lint(
         return lint_maps([one.path for one in listing.maps], rules, settings)
 
 
-def _names(paths: object) -> tuple[str, ...]:
+def _names(paths: str | PathLike[str] | Iterable[str | PathLike[str]] | Framed) -> tuple[str, ...]:
     """Return the names of maps; none at all would be a gate that has lost its maps, and passes."""
-    if not isinstance(paths, str | PathLike | Iterable) or isinstance(paths, bytes):
+    if isinstance(paths, Framed):
         hint = "write_map writes a grid to a file"
-        raise ParameterError("takes names of files", place="lint", got=paths, hint=hint)
+        raise ParameterError("takes names or paths", place="lint", got=paths, hint=hint)
     names = _several(paths)
     if not names:
         raise ParameterError("names no map", place="lint", got=paths)
