@@ -15,7 +15,7 @@ from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings
 
 KEYS = "resolution: 0.25\norigin: [1.5, -2, 0.3]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-NO_NEGATE = "missing: took negate 0, though ROS requires the keys"
+NO_NEGATE = "missing: negate (ROS requires it); assuming 0"
 
 
 def _map(folder, name, more=""):
@@ -60,7 +60,7 @@ def test_what_was_warned_of_before_an_error_is_told(tmp_path):
     path = _map(tmp_path, "short")
     path.with_suffix(".pgm").write_bytes(b"P5\n4 3\n255\n123")
     with (
-        pytest.warns(MapdealWarning, match="took negate 0"),
+        pytest.warns(MapdealWarning, match="assuming 0"),
         pytest.raises(MalformedInputError, match="end early"),
     ):
         run_map(path, tmp_path / "out", load_recipe("default"))
