@@ -212,6 +212,7 @@ for line in sys.stdin:
 """.replace("LENGTH", str(LENGTH))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("pattern", "uses"), FROM_USERS)
 def test_nothing_that_is_long_and_nearly_fits_takes_long(pattern, uses):
     signs = signs_of(re._parser.parse(pattern))

@@ -126,6 +126,7 @@ def test_the_map_feeds_the_main_job(command, log):
     assert command(*local, "--no-images")[0] == 0
 
 
+@pytest.mark.thorough
 def test_bytes_do_not_depend_on_threads_or_engine(log):
     found = []
     for threads, engine in ((1, "scipy"), (2, ""), (1, "")):

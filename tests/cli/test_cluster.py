@@ -174,6 +174,7 @@ def test_a_job_that_kills_its_worker_is_done_by_another_which_may_replace_what_i
     assert "scheduler" in str(outcomes[0].result)
 
 
+@pytest.mark.thorough
 def test_workers_of_another_version_are_refused(dask, maps, tmp_path):
     other = tmp_path / "other" / "mapdeal"
     other.mkdir(parents=True)

@@ -166,6 +166,7 @@ def test_the_table_is_for_people_and_json_for_programs(command, run):
     assert command(*words, "-o", "quiet", "-q")[1] == ""
 
 
+@pytest.mark.thorough
 def test_bytes_do_not_depend_on_threads_or_engine(run):
     found = []
     for threads, engine in ((1, "scipy"), (2, ""), (1, "")):

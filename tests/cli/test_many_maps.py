@@ -2,7 +2,7 @@
 
 import pytest
 
-from mapdeal.cli import many_maps
+from mapdeal.cli import many_maps, terminal
 
 
 @pytest.mark.parametrize(
@@ -21,6 +21,7 @@ from mapdeal.cli import many_maps
 def test_jobs_are_bounded_by_maps_and_processors(
     monkeypatch, capsys, wanted, maps, processors, size, most
 ):
+    terminal.configure(quiet=False, verbose=False)
     monkeypatch.setattr(many_maps, "available_threads", lambda: processors)
     assert many_maps.jobs_at_once(wanted, maps) == size
     warning = f"warning: --jobs {wanted}: took {most}, as there are {processors} processors\n"

@@ -94,6 +94,7 @@ def without(words, option):
     return kept
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", WORKING)
 def test_a_number_gives_a_result_or_one_line(command, folder, name):
     assert command(*name.split(), *WORKING[name])[0] == 0

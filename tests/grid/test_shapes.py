@@ -37,6 +37,7 @@ def test_a_polygon_that_touches_itself_does_not_cross_itself():
             (-0.011543326042795106, -0.30797471671652094)])  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("middle", [0.0, 1e3, 5e5])
 def test_turned_rectangles_with_many_points_a_side_are_simple(middle):
     rng = np.random.default_rng(4)

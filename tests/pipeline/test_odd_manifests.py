@@ -62,6 +62,7 @@ def with_part(document, path, odd=None, *, leave_out=False):
     return result
 
 
+@pytest.mark.thorough
 def test_a_run_over_an_odd_manifest_is_done_already_or_not_ours(folder):
     path = folder / "out" / "m" / "manifest.json"
     document = json.loads(path.read_text())
@@ -112,6 +113,7 @@ def test_an_odd_golden_manifest_is_refused_or_differs(folder):
     assert told == {"refused", "differs", "equal"}
 
 
+@pytest.mark.thorough
 def test_info_of_an_odd_manifest_tells_what_there_is_or_refuses(command, folder):
     path = folder / "out" / "m" / "manifest.json"
     document = json.loads(path.read_text())

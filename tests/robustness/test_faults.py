@@ -46,6 +46,7 @@ def sums(folder):
     }  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_the_bytes_of_a_run_depend_on_its_input_alone(folder):
     """Not on threads, the engine, the working directory, the input's path, or when it is run."""
     (folder / "elsewhere").mkdir()
@@ -122,6 +123,7 @@ def test_a_folder_that_cannot_be_written_f2(folder):
     assert not list((folder / "locked").iterdir())
 
 
+@pytest.mark.thorough
 def test_odd_environments_change_nothing_f14_f15(folder):
     """No HOME, another locale, a dumb terminal, a clock far away: the same bytes, and no cache."""
     subprocess.run(words(folder, folder / "usual"), check=True, capture_output=True)
