@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+import mapdeal
 from mapdeal.cli.main import command_names
 
 GREYS = np.full((40, 60), 254, dtype=np.uint8)
@@ -118,6 +119,21 @@ def test_a_strict_run_writes_nothing(command, maps, words, warnings):
     before = {path: path.read_bytes() for path in (maps / "o").rglob("*.*")}
     assert command("run", *words, "-o", "o", "--no-images", "--strict")[0] == 1
     assert {path: path.read_bytes() for path in (maps / "o").rglob("*.*")} == before
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_a_radius_that_counts_twice_stays_in_manifests_and_ends_strict_runs_from_python(
+    command, maps
+):
+    words = ["good.yaml", "-o", "o", "--no-images", "--set", "cost.inscribed_radius=0.1"]
+    command("run", *words)
+    (told,) = json.loads((maps / "o/good/manifest.json").read_text())["warnings"]
+    assert told.endswith("so the robot's radius counts twice")
+    assert command("run", *words)[2].count("counts twice") == 1  # of an unchanged run, too
+    changes = {"cost.inscribed_radius": 0.1}
+    with pytest.raises(mapdeal.FindingError, match="1 warning"):
+        mapdeal.run(maps / "good.yaml", maps / "s", changes=changes, strict=True)
+    assert not (maps / "s").exists()
 
 
 def test_a_strict_batch_goes_on_with_other_maps(command, maps):

@@ -23,7 +23,6 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.applied import LOCAL_RECIPE, around_in
 from mapdeal.pipeline.dispatch import Workers
 from mapdeal.pipeline.golden import differences_from_golden, store_golden
-from mapdeal.pipeline.heard import heard, refused
 from mapdeal.pipeline.jobs import MapRun, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import output_folder
@@ -141,14 +140,10 @@ def run(
         hint = "mapdeal convert - -o FILE.npz keeps it under a name; @- takes names of maps"
         raise ParameterError(rule, source="-", hint=hint)
     around.refuse_in_set(changes or [])
-    texts: list[str] = []
-    with heard(texts):
-        loaded = load_recipe(recipe, sim=sim, footprint=footprint, settings=changes or [])
-    if strict and texts:
-        raise refused(texts, recipe)
+    loaded = load_recipe(recipe, sim=sim, footprint=footprint, settings=changes or [])
     for one in loaded.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
-    if canvas == "full" and not any(one.is_smaller for one in loaded.steps):
+    if canvas == "full" and not loaded.is_smaller:
         terminal.warn("--canvas full: has no effect, no stage of the recipe crops the map")
         canvas = "crop"
     # progress: of a single map alone, see `run_single`

@@ -258,7 +258,7 @@ def filling_of(
     subject = job.folder if job.cloud is None else job.cloud  # not the map, which is another one's
     return Filling(
         folder, products, job.source(common).stem, files, subject, PoseOverlay(pose),
-        heard=() if known is None else known.heard,
+        heard=(*common.recipe.remarks, *(() if known is None else known.heard)),
     )  # fmt: skip
 
 

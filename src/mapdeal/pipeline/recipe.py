@@ -38,6 +38,11 @@ class Recipe(OneLine):
         """Whether a product may cover a part of the map alone."""
         return any(step.is_smaller for step in self.steps)
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What there is to warn of in its parameters: `load_recipe` does, and manifests keep it."""
+        return tuple(_remarks_on(self.steps))
+
     def _told(self) -> Iterator[str]:
         yield " -> ".join(" ".join(filter(None, (s.name, s.stage.model))) for s in self.steps)
 
@@ -97,8 +102,10 @@ def load_recipe(
     for target, given in (changes or {}).items():
         _apply_change(draft, target, given, name, "changes")
     steps = tuple(_made(stage, given) for stage, given in draft)
-    _warn_of_double_radius(steps)
-    return Recipe(steps)
+    recipe = Recipe(steps)
+    for text in recipe.remarks:
+        emit_warning(text, stacklevel=2)
+    return recipe
 
 
 def _made(stage: str, given: Given) -> Step:
@@ -195,8 +202,8 @@ def _hint_for(draft: Draft, target: object) -> str | None:
     return f"did you mean {' or '.join(found)}?" if found else None
 
 
-def _warn_of_double_radius(steps: Sequence[Step]) -> None:
-    """Warn where the robot's radius counts in a stage, and once more in one after it."""
+def _remarks_on(steps: Sequence[Step]) -> Iterator[str]:
+    """Yield a text where the robot's radius counts in a stage, and once more in one after it."""
     before: Step | None = None
     for one in steps:
         robot = one.stage.robot
@@ -204,9 +211,8 @@ def _warn_of_double_radius(steps: Sequence[Step]) -> None:
             continue
         radius = one.parameters[robot.replaces]
         if before is not None and radius > 0:
-            text = (
+            yield (
                 f"{one.name}: {robot.replaces} {radius:g} m comes on top of stage {before.name} "
                 "before it, so the robot's radius counts twice"
             )
-            emit_warning(text, stacklevel=3)
         before = before or one

@@ -61,8 +61,9 @@ def run_map(
                     path, recipe.steps, settings, image_max=settings.picture_size, with_sums=True
                 )
             )
-        if settings.strict and texts:
-            raise refused(texts, path)
+        remarks = [*recipe.remarks, *texts]
+        if settings.strict and remarks:
+            raise refused(remarks, path)
         target = output_folder(folder, source.sums, recipe, settings)
         canvas = source.grid.frame if settings.canvas == "full" else None
         products = products_of(recipe, source.grid, path, canvas=canvas)
@@ -74,7 +75,7 @@ def run_map(
                 source.files,
                 path,
                 by_blocks=source.grid.is_lazy,
-                heard=texts,
+                heard=remarks,
             )
         ]
         if around is not None:
