@@ -12,6 +12,7 @@ import mapdeal
 PACKAGE = Path(mapdeal.__file__).parent
 
 MIDDLE = {"stages", "editing", "planning", "mapping", "formats", "render"}
+UPPER = {"robot", "checks"}
 ALLOWED = {
     "errors": set(),
     "version": set(),
@@ -24,10 +25,11 @@ ALLOWED = {
     "mapping": {"errors", "spelling", "grid", "kernels"},
     "formats": {"errors", "spelling", "grid", "kernels"},
     "render": {"errors", "spelling", "grid", "kernels"},
-    "checks": {"errors", "spelling", "grid", "kernels", "formats"},
-    "pipeline": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, "checks"},
-    "api": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, "checks", "pipeline"},
-    "cli": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, "checks", "pipeline"},
+    "robot": {"errors", "spelling", "grid", "kernels", "formats"},
+    "checks": {"errors", "spelling", "grid", "kernels", "formats", "robot"},
+    "pipeline": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, *UPPER},
+    "api": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, *UPPER, "pipeline"},
+    "cli": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, *UPPER, "pipeline"},
 }
 
 

@@ -1,0 +1,1 @@
+"""Files of ROS parameters, read as ROS reads them."""
