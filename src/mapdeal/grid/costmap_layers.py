@@ -9,7 +9,7 @@ from typing import Literal
 from mapdeal.grid.display import OneLine
 
 CostLookup = Literal["exact", "nav2"]
-"""How a distance becomes a cost: as it is, or rounded to 1/100 cell as Nav2's InflationLayer does."""
+"""How a distance becomes a cost: as it is, or rounded to 1/100 cell, as Nav2 does."""
 
 
 @dataclass(frozen=True, repr=False)
