@@ -86,3 +86,44 @@ class InflationLayer(OneLine):
 
 
 CostmapLayer = StaticLayer | InflationLayer
+
+
+@dataclass(frozen=True)
+class CostmapLayers:
+    """The layers that make a costmap of a map, from the first to the last.
+
+    Parameters
+    ----------
+    layers : tuple of StaticLayer or InflationLayer
+        Those that are switched on, in the order in which they are applied.
+    default_cost : int
+        What cells cost before the first one, 0 or 255.
+    circumscribed_radius : float, optional
+        The robot cannot collide farther away, metres.
+    """
+
+    layers: tuple[CostmapLayer, ...]
+    default_cost: int = 0
+    circumscribed_radius: float | None = None
+
+    @property
+    def that_count(self) -> tuple[CostmapLayer, ...]:
+        """The layers without those below a static layer that replaces all costs."""
+        last = 0
+        for index, one in enumerate(self.layers):
+            if isinstance(one, StaticLayer) and not one.use_maximum:
+                last = index
+        return self.layers[last:]
+
+    @property
+    def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:
+        """The one static layer and the one inflation layer above it, if there are no others.
+
+        A static layer that only raises costs counts as well: there is nothing below it.
+        """
+        match self.that_count:
+            case (StaticLayer() as static,):
+                return static, None
+            case (StaticLayer() as static, InflationLayer() as inflation):
+                return static, inflation
+        return None

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
 
-from mapdeal.grid.costmap_layers import CostmapLayer, InflationLayer, StaticLayer
+from mapdeal.grid.costmap_layers import (
+    CostmapLayer,
+    CostmapLayers,
+    InflationLayer,
+    StaticLayer,
+)
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION
 
 Flavour = Literal["nav2", "ros1"]
 CostmapName = Literal["global", "local"]
@@ -44,10 +51,11 @@ class ListedLayer:
 
 @dataclass(frozen=True)
 class ParameterFile:
-    """A parameter file that was read: its name and the sha256 of its bytes."""
+    """A parameter file that was read: its name, the sha256 of its bytes, and where it lies."""
 
     name: str
     sha256: str
+    path: Path
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,6 +86,8 @@ class RobotParameters(OneLine):
         What was read.
     inscribed_radius, circumscribed_radius : float
         Of the padded footprint, as ``calculateMinAndMaxDistances`` has them, metres.
+    remarks : tuple of str
+        What reading has warned of.
     """
 
     flavour: Flavour
@@ -92,11 +102,18 @@ class RobotParameters(OneLine):
     files: tuple[ParameterFile, ...]
     inscribed_radius: float
     circumscribed_radius: float
+    remarks: tuple[str, ...] = ()
 
     @property
     def effective_layers(self) -> tuple[CostmapLayer, ...]:
         """The layers that change the costs of a map that is a file, in their order."""
         return tuple(one.layer for one in self.layers if one.layer is not None and one.is_enabled)
+
+    @property
+    def costmap_layers(self) -> CostmapLayers:
+        """The layers that change the costs, and what they start from."""
+        cost = NO_INFORMATION if self.track_unknown_space else FREE_SPACE
+        return CostmapLayers(self.effective_layers, cost, self.circumscribed_radius)
 
     @property
     def ignored(self) -> tuple[ListedLayer, ...]:
@@ -113,9 +130,61 @@ class RobotParameters(OneLine):
         """The inflation layers that are switched on."""
         return tuple(one for one in self.effective_layers if isinstance(one, InflationLayer))
 
+    def with_shape(self, footprint: Footprint) -> RobotParameters:
+        """Return the robot with another shape, taken as it is, without padding.
+
+        Inflation layers get its inscribed radius, unless the file gives them one of their own.
+        """
+        own = self.inscribed_radius
+        layers = tuple(
+            replace(one, layer=replace(one.layer, inscribed_radius=footprint.inscribed_radius))
+            if isinstance(one.layer, InflationLayer) and one.layer.inscribed_radius == own
+            else one
+            for one in self.layers
+        )
+        return replace(
+            self,
+            footprint=footprint,
+            footprint_padding=0.0,
+            robot_radius=footprint.radius or None,
+            layers=layers,
+            inscribed_radius=footprint.inscribed_radius,
+            circumscribed_radius=footprint.circumscribed_radius,
+        )
+
+    def described(self) -> dict[str, Any]:
+        """Return all that was resolved, as JSON can hold it."""
+        shape = [list(corner) for corner in self.footprint.vertices]
+        return {
+            "flavour": self.flavour,
+            "files": [{"name": file.name, "sha256": file.sha256} for file in self.files],
+            "costmap": self.costmap,
+            "node": self.node,
+            "footprint": shape or {"radius": self.footprint.radius},
+            "robot_radius": self.robot_radius,
+            "footprint_padding": self.footprint_padding,
+            "inscribed_radius": self.inscribed_radius,
+            "circumscribed_radius": self.circumscribed_radius,
+            "track_unknown_space": self.track_unknown_space,
+            "rolling_window": self.rolling_window,
+            "layers": [_described(one) for one in self.layers],
+        }
+
     def _told(self) -> Iterator[str]:
         yield self.node
         yield f"inscribed_radius {self.inscribed_radius:.6g} m"
         yield f"circumscribed_radius {self.circumscribed_radius:.6g} m"
         for one in self.layers:
             yield one.name
+
+
+def _described(one: ListedLayer) -> dict[str, Any]:
+    """Return a layer of the list as JSON can hold it: what is set, or why it has no effect."""
+    entry: dict[str, Any] = {"name": one.name, "plugin": one.plugin}
+    if one.is_filter:
+        entry["filter"] = True
+    if one.layer is None:
+        return entry | {"ignored": one.why_ignored}
+    values = asdict(one.layer)
+    values.pop("name")
+    return entry | {"enabled": one.is_enabled} | values

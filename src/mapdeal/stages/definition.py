@@ -19,6 +19,7 @@ import numpy as np
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.canvas import FieldGrid, on_canvas
+from mapdeal.grid.costmap_layers import CostmapLayers
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
@@ -148,6 +149,9 @@ class Stage:
         None if there is nothing.
     rows_alone : callable, optional
         Returns, given its parameters, how workers of a cluster compute it.
+    of_layers : callable
+        Returns the parameters with which it does its part of what a robot's costmap layers do;
+        None if it has none, or cannot.
     """
 
     function: Callable[..., Any]
@@ -169,6 +173,7 @@ class Stage:
     in_place_of: Mapping[str, InPlaceOf] = field(default_factory=dict)
     remark: Callable[[Parameters, Figures], str | None] = lambda *_: None
     rows_alone: Callable[[Parameters], RowsAlone] | None = None
+    of_layers: Callable[[CostmapLayers], dict[str, object] | None] = lambda _: None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "product", self.product or self.name)
