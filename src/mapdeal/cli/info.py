@@ -11,12 +11,15 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
+from mapdeal.cli.info_robot import text_of_robot
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import one_line
 from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.inspect import describe_file
+from mapdeal.pipeline.inspect_robot import describe_robot, robots_among
 from mapdeal.pipeline.settings import Settings
+from mapdeal.robot.parameters import CostmapName
 
 _NAMES = {"distance field": "distances", "potential field": "values"}
 
@@ -36,12 +39,47 @@ def info(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per file, each on a line.")
     ] = False,
+    of_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="MAP",
+            help="Of a robot's parameter files, all of one robot: say what they come to on a map.",
+        ),
+    ] = None,
+    costmap: Annotated[
+        CostmapName | None,
+        typer.Option(
+            help="Of a robot's parameter files: which costmap.  [default: global]",
+            show_default=False,
+        ),
+    ] = None,
+    namespace: Annotated[
+        str | None,
+        typer.Option(metavar="NS", help="Of a robot's parameter files: which robot."),
+    ] = None,
     *,
     settings: Settings,
 ) -> None:
-    """Tell size, origin, cell counts and checksum of files, and how a run has made them."""
-    for index, source in enumerate(sources):
-        report = describe_file(source, dialect=settings.dialect, max_cells=settings.max_cells)
+    """Tell size, origin, cell counts and checksum of files, and how a run has made them.
+
+    Of a robot's parameter files, shape and costmap layers as the robot resolves them. ROS 1's
+    files that are given one after the other are one robot's.
+    """
+    is_of_robot = any(one is not None for one in (costmap, namespace, of_map))
+    reports = (
+        describe_file(group[0], dialect=settings.dialect, max_cells=settings.max_cells)
+        if not is_robot
+        else describe_robot(
+            group,
+            costmap=costmap or "global",
+            namespace=namespace,
+            dialect=settings.dialect,
+            map_path=of_map,
+        )
+        for is_robot, group in robots_among(sources, is_one=is_of_robot)
+    )
+    for index, report in enumerate(reports):
         if as_json:
             terminal.result(json.dumps(report))
         else:
@@ -49,6 +87,8 @@ def info(
 
 
 def _text(report: dict[str, Any]) -> str:
+    if report["kind"] == "robot parameters":
+        return text_of_robot(report)
     rows_of = _rows_of_file if "use" in report else _rows_of_map
     rows = _rows_of_run(report) if report["kind"] == "run" else rows_of(report)
     lines = [f"  {name:<11} {value}" for name, value in rows]

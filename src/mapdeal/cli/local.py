@@ -33,6 +33,7 @@ from mapdeal.pipeline.local import (
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.rolling import RollingRun
 from mapdeal.pipeline.settings import Settings
+from mapdeal.robot.parameters import RobotParameters
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -122,6 +123,7 @@ def local(
     *,
     settings: Settings,
     footprint: Footprint | None,
+    robot: RobotParameters | None,
 ) -> None:
     """Make maps around a robot from point clouds, a global map, or both.
 
@@ -170,7 +172,7 @@ def local(
             raytrace_range,
             unknown or "keep",
         ),
-        load_recipe(recipe, footprint=footprint, settings=changes or []),
+        load_recipe(recipe, footprint=footprint, robot=robot, settings=changes or []),
         settings,
         known,
         require_points,

@@ -12,7 +12,6 @@ import typer
 from mapdeal.cli import terminal
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError
-from mapdeal.grid.footprint import Footprint
 from mapdeal.stages.parameters import Parameter, is_plain, parameters_of
 
 OR_STDIN = "Or - for an .npz on stdin."
@@ -92,30 +91,6 @@ def type_of(parameter: Parameter) -> Any:
 def given(**options: object) -> dict[str, object]:
     """Return the options that were given on the command line."""
     return {name: value for name, value in options.items() if value is not None}
-
-
-def robot_shape(
-    *,
-    footprint: str | None,
-    robot_radius: float | None,
-    footprint_padding: float,
-    robot_16_gon: bool,
-) -> Footprint | None:
-    """Return the robot's shape that the options describe, if they do."""
-    if robot_16_gon and robot_radius is None:
-        raise ParameterError("needs --robot-radius", source="--robot-16-gon")
-    if footprint is not None and robot_radius is not None:
-        rule = "cannot be given together with --robot-radius"
-        raise ParameterError(rule, source="--footprint")
-    if footprint is not None:
-        return Footprint.parse(footprint).padded(footprint_padding)
-    if robot_radius is not None:
-        make = Footprint.sixteen_gon if robot_16_gon else Footprint.circle
-        return make(robot_radius).padded(footprint_padding)
-    if footprint_padding:
-        rule = "needs --footprint or --robot-radius"
-        raise ParameterError(rule, source="--footprint-padding")
-    return None
 
 
 def pair(text: str, name: str) -> tuple[float, float]:

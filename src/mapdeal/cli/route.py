@@ -23,6 +23,7 @@ from mapdeal.pipeline.route import (
     route_file,
 )
 from mapdeal.pipeline.settings import Settings
+from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.potential import potential as potential_stage
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
@@ -120,11 +121,13 @@ def route(
     *,
     settings: Settings,
     footprint: Footprint | None,
+    robot: RobotParameters | None,
 ) -> None:  # fmt: skip
     """Find a route from point to point.
 
-    Lethal, inscribed and unknown cells are closed. A map gets the costs of the recipe nav2; the
-    shape of a robot replaces its radius of 0.22 m. Without -o the answer is printed, as JSON.
+    Lethal, inscribed and unknown cells are closed. A map gets the costs that --params-file says,
+    else those of the recipe nav2; the shape of a robot replaces its radius of 0.22 m. Without -o
+    the answer is printed, as JSON.
     With --pairs there is a line of JSON for each pair and method, and their means on stderr.
     """
     gains = opt.given(
@@ -149,6 +152,7 @@ def route(
             settings,
             methods=compare.split(",") if compare is not None else PLACES_OF_FIELD,
             footprint=footprint,
+            robot=robot,
             weights=weights,
             of_field=of_field,
         )
@@ -172,6 +176,7 @@ def route(
         goal=opt.pair(goal, "--to"),
         method=method,
         footprint=footprint,
+        robot=robot,
         weights={**weights, **of_field},
         gains=gains,
     )

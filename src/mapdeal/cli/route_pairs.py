@@ -14,6 +14,7 @@ from mapdeal.formats.source import chunks_of
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.route_pairs import PairsReport, compare_pairs
 from mapdeal.pipeline.settings import Settings
+from mapdeal.robot.parameters import RobotParameters
 
 _STDIN = Path("-")
 
@@ -34,6 +35,7 @@ def report_on_pairs(
     *,
     methods: Sequence[str],
     footprint: Footprint | None,
+    robot: RobotParameters | None,
     weights: Mapping[str, Any],
     of_field: Mapping[str, Any],
 ) -> None:
@@ -45,7 +47,7 @@ def report_on_pairs(
             raise ParameterError(rule, source=f"--{option.replace('_', '-')}")
     report = compare_pairs(
         source, _asked(pairs, name), output, settings, asked_from=name, methods=methods,
-        footprint=footprint, weights=weights, **of_field, show=_show,
+        footprint=footprint, robot=robot, weights=weights, **of_field, show=_show,
     )  # fmt: skip
     if output is not None:
         terminal.summary([f"{output}: {report.pairs} pairs by {', '.join(methods)}"])

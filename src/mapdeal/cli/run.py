@@ -27,6 +27,7 @@ from mapdeal.pipeline.jobs import MapRun, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import output_folder
 from mapdeal.pipeline.settings import Canvas, Settings
+from mapdeal.robot.parameters import RobotParameters
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -50,7 +51,7 @@ def run(
     output: Annotated[
         Path, opt.output_argument("DIR", "Where the folder of each map goes, named as the map.")
     ],
-    recipe: run_opt.Recipe = "default",
+    recipe: run_opt.RunRecipe = None,
     sim: Annotated[
         bool,
         typer.Option(
@@ -116,6 +117,7 @@ def run(
     *,
     settings: Settings,
     footprint: Footprint | None,
+    robot: RobotParameters | None,
 ) -> None:
     """Run maps through a recipe: inflate, field, costmap.
 
@@ -126,6 +128,9 @@ def run(
     .yaml files in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file
     with such names, one a line (@- reads them from stdin). Maps of folders, patterns and lists
     keep their path below DIR.
+
+    With --params-file the maps get the costs that a robot makes of them, as its own Nav2 or ROS 1
+    parameters say; options given here win over the file. A --recipe takes its shape alone.
 
     With --pose, a single map also gets the local map around a robot there, with or without a
     point cloud (--cloud): the products of both maps in one call.
@@ -140,7 +145,7 @@ def run(
         hint = "mapdeal convert - -o FILE.npz keeps it under a name; @- takes names of maps"
         raise ParameterError(rule, source="-", hint=hint)
     around.refuse_in_set(changes or [])
-    loaded = load_recipe(recipe, sim=sim, footprint=footprint, settings=changes or [])
+    loaded = load_recipe(recipe, sim=sim, footprint=footprint, robot=robot, settings=changes or [])
     for one in loaded.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
     if canvas == "full" and not loaded.is_smaller:
@@ -148,8 +153,10 @@ def run(
         canvas = "crop"
     # progress: of a single map alone, see `run_single`
     settings = replace(settings, canvas=canvas, strict=strict, progress=None)
-    robot = around.around_of(pose, cloud, frame, local_recipe, local_changes, footprint)
-    if robot is not None and scheduler is not None:
+    if footprint is None and robot is not None:
+        footprint = robot.footprint
+    standing = around.around_of(pose, cloud, frame, local_recipe, local_changes, footprint)
+    if standing is not None and scheduler is not None:
         raise ParameterError("cannot be given together with --scheduler", source="--pose")
     if scheduler is not None:
         output = absolute_path(output)
@@ -158,9 +165,9 @@ def run(
     all_jobs = jobs_of(listing.maps, output, names)
     say_listing(listing, "run")
     is_batch = listing.is_set or len(all_jobs) > 1
-    if robot is not None and len(all_jobs) > 1:
+    if standing is not None and len(all_jobs) > 1:
         raise ParameterError(f"is for one map, there are {len(all_jobs)}", source="--pose")
-    map_run = MapRun(loaded, settings, robot)
+    map_run = MapRun(loaded, settings, standing)
     if scheduler is not None:
         all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]
     size = None if scheduler is not None else jobs_at_once(jobs, len(all_jobs))
@@ -186,7 +193,7 @@ def run(
         else:
             run_single(all_jobs[0], map_run, workers)
     runs = [(job.folder, job.place) for job in all_jobs]
-    if robot is not None:
+    if standing is not None:
         runs += [(around_in(folder), f"{place}/{LOCAL_RECIPE}") for folder, place in runs]
     _compare_with_golden(runs, golden, update=update_golden)
 

@@ -12,15 +12,19 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 from mapdeal.cli import terminal
-from mapdeal.cli.options import robot_shape, size_of
+from mapdeal.cli.options import size_of
+from mapdeal.cli.robot_options import robot_parameters, robot_shape
 from mapdeal.cli.streams import piped, streamed
 from mapdeal.errors import ParameterError
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings
+from mapdeal.robot.parameters import CostmapName
 
 Command = Callable[..., None]
 
 _ROBOT, _ALWAYS = "robot", "always"
+_OF_FILES = ("params_file", "costmap", "namespace")
+"""The options of the group ``robot`` that are about a robot's own parameters."""
 
 
 class SharedOption(NamedTuple):
@@ -38,7 +42,7 @@ class SharedOption(NamedTuple):
         Name that stands for this option and the others of the group.
     field : str, optional
         Field of `Settings` that the option sets. Those of the group ``robot`` have none:
-        together they are the arguments of `robot_shape`.
+        together they are the arguments of `robot_shape` and `robot_parameters`.
     value_of : callable, optional
         Converts what was given to the value of the field.
     """
@@ -79,6 +83,26 @@ SHARED_OPTIONS = {
             show_default=False,
         ),
         default=False,
+        group="robot",
+    ),
+    "params_file": SharedOption(
+        list[Path] | None,
+        typer.Option(
+            "--params-file",
+            metavar="FILE",
+            help="Take shape and costs from a robot's own parameters: a Nav2 file, or ROS 1's "
+            "costmap files; can be repeated, later ones win.",
+        ),
+        group="robot",
+    ),
+    "costmap": SharedOption(
+        CostmapName | None,
+        typer.Option(help="Which costmap of --params-file.  [default: global]", show_default=False),
+        group="robot",
+    ),
+    "namespace": SharedOption(
+        str | None,
+        typer.Option(metavar="NS", help="Which robot of --params-file, if it holds several."),
         group="robot",
     ),
     "image": SharedOption(
@@ -174,8 +198,9 @@ def shared_options(
 ) -> Callable[[Command], Command]:
     """Return a decorator that adds shared options to those of a command.
 
-    The command takes an argument ``settings``, and ``footprint`` if the group ``robot`` is among
-    the names; all its other arguments are options and arguments of the command line.
+    The command takes an argument ``settings``, and ``footprint`` and ``robot`` if the group
+    ``robot`` is among the names; all its other arguments are options and arguments of the command
+    line.
 
     Parameters
     ----------
@@ -188,7 +213,7 @@ def shared_options(
     Raises
     ------
     ValueError
-        When the command is defined: if it lacks one of the two arguments, or as
+        When the command is defined: if it lacks one of these arguments, or as
         `with_shared_options`.
 
     Examples
@@ -201,7 +226,9 @@ def shared_options(
 
     def decorate(function: Command) -> Command:
         own = dict(signature(function, eval_str=True).parameters)
-        made = ["settings", "footprint"] if _of_robot(expanded(names)) else ["settings"]
+        made = ["settings"]
+        if _of_robot(expanded(names)):
+            made += ["footprint", "robot"]
         for name in made:
             if own.pop(name, None) is None:
                 raise ValueError(f"{function.__name__}: no argument {name!r}")
@@ -219,14 +246,14 @@ def with_shared_options(
 ) -> Command:
     """Return a command with options of its own and shared ones.
 
-    When it is called, it sets how much is said, makes `Settings` and the robot's shape, and
-    hands them to the function with the values of its own options.
+    When it is called, it sets how much is said, makes `Settings`, the robot's shape and its own
+    parameters, and hands them to the function with the values of its own options.
 
     Parameters
     ----------
     function : callable
-        Takes the values of `own` as keywords, ``settings``, and ``footprint`` if the group
-        ``robot`` is among the names. The command has its name and docstring.
+        Takes the values of `own` as keywords, ``settings``, and ``footprint`` and ``robot`` if
+        the group ``robot`` is among the names. The command has its name and docstring.
     own : iterable of inspect.Parameter
         The command's own options, annotated for typer. They need not be in the signature of the
         function, which may take any keywords.
@@ -254,9 +281,12 @@ def with_shared_options(
         _start(quiet=given["quiet"], verbose=given["verbose"])
         values["settings"] = _settings_of(given)
         if robot:
-            values["footprint"] = robot_shape(**{name: given[name] for name in robot})
-        with values["settings"].memory(anew=True), piped(values, marked) as files:
-            function(**files)
+            of_robot = {name: given[name] for name in robot}
+            files = {name: of_robot.pop(name) for name in _OF_FILES}
+            values["footprint"] = robot_shape(**of_robot)
+            values["robot"] = robot_parameters(**files, dialect=values["settings"].dialect)
+        with values["settings"].memory(anew=True), piped(values, marked) as piped_values:
+            function(**piped_values)
 
     typed: Any = command
     typed.__signature__ = Signature(parameters, return_annotation=None)

@@ -23,9 +23,11 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.products import files_of
+from mapdeal.pipeline.robot import step_for
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.single import apply_to_file
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import models_of
 from mapdeal.stages.definition import Stage
 
@@ -73,16 +75,24 @@ def stage_app(name: str) -> typer.Typer:
         output: Path,
         settings: Settings,
         footprint: Footprint | None = None,
+        robot: RobotParameters | None = None,
         scheduler: str | None = None,
         encoding: Encoding = "occupancy",
         mask: Path | None = None,
         **given: Any,
     ) -> None:
-        step = _step_of(name, models, footprint, given)
+        if robot is not None:
+            shaped = robot if footprint is None else robot.with_shape(footprint)
+            step = step_for(name, shaped, opt.given(**given))
+        else:
+            step = _step_of(name, models, footprint, given)
         terminal.detail(opt.described(name, step.described()[name]))
         started = time.perf_counter()
         if scheduler is None:
-            figures = apply_to_file(source, output, step, settings, encoding=encoding, mask=mask)
+            files = () if robot is None else robot.paths
+            figures = apply_to_file(
+                source, output, step, settings, encoding=encoding, mask=mask, also_read=files
+            )
         else:
             from mapdeal.pipeline.block_jobs import apply_by_workers  # slow to import
 

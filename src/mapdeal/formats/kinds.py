@@ -26,6 +26,7 @@ from mapdeal.formats.yaml_text import OF_RECIPES, Entry, read_mapping
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
 IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"
+PARAMETERS = "ROS parameters"
 
 _HEAD = 1 << 16
 _COUNTED = 1 << 28
@@ -35,6 +36,7 @@ _SCAN_WORDS = re.compile(rb"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]")
 _IMAGE_KEY = re.compile(rb"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""")
 _ROS_PARAMETERS = re.compile(rb"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:")
 _OF_COSTMAPS = ("local_costmap", "global_costmap", "obstacle_layer", "inflation_layer")
+_OF_ROBOTS = ("footprint", "robot_radius", "inflation_radius", "plugins", "obstacle_range")
 _TUM, _PLANAR = 8, 3
 _MOST_OF_A_POINT = 16
 
@@ -53,7 +55,7 @@ _ROS2_USE = (
     "mapdeal does not read bags; ros2 bag play with nav2_map_server's map_saver_cli writes the map "
     "of a topic"
 )
-_PARAMETERS_USE = "no command takes it; options such as --inscribed-radius take its numbers"
+_PARAMETERS_USE = "mapdeal run MAP -o DIR --params-file {path} takes it"
 
 
 @dataclass(frozen=True)
@@ -294,10 +296,10 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
     if "rosbag2_bagfile_information" in entries:
         return FileKind(BAG, "the description of a ROS 2 bag", _ROS2_USE)
     found = [key for key in _OF_COSTMAPS if key in entries]
-    if _ROS_PARAMETERS.search(head) or found:
+    if _ROS_PARAMETERS.search(head) or found or sum(key in entries for key in _OF_ROBOTS) > 1:
         what = "a file of ROS parameters"
         figures = {"nodes": ", ".join(entries)}
-        return FileKind("ROS parameters", what, _PARAMETERS_USE, lambda: figures)
+        return FileKind(PARAMETERS, what, _PARAMETERS_USE, lambda: figures)
     return None
 
 

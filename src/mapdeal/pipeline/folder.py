@@ -61,6 +61,8 @@ class OutputFolder:
         What shaped the products beside the parameters of the steps, as JSON can hold it.
     settings : Settings
         How it is written: with which pictures, and whether outputs that exist are replaced.
+    robot : mapping, optional
+        The robot's parameters, as JSON can hold them.
     """
 
     path: Path
@@ -68,6 +70,7 @@ class OutputFolder:
     inputs: Mapping[str, str]
     options: Mapping[str, Any]
     settings: Settings
+    robot: Mapping[str, Any] | None = None
 
     def existing(self) -> list[Path]:
         """Return the files that would be written and that are there already."""
@@ -95,6 +98,8 @@ class OutputFolder:
         if not isinstance(old, dict):
             return None
         if any(old.get(key) != value for key, value in self._manifest().items()):
+            return None
+        if self.robot is None and "robot" in old:
             return None
         outputs, stored = old.get("outputs"), old.get("figures")
         wanted = {path.name for path in self.outputs()} - {MANIFEST}
@@ -178,6 +183,7 @@ class OutputFolder:
             "version": __version__,
             "inputs": dict(self.inputs),
             "options": dict(self.options),
+            **({} if self.robot is None else {"robot": dict(self.robot)}),
             "stages": [step.described() for step in self.steps],
         }
 

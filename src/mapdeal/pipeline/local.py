@@ -257,7 +257,8 @@ def filling_of(
     products = _products(folder.steps[0], job, make, common)
     subject = job.folder if job.cloud is None else job.cloud  # not the map, which is another one's
     return Filling(
-        folder, products, job.source(common).stem, files, subject, PoseOverlay(pose),
+        folder, products, job.source(common).stem, (*files, *common.recipe.files), subject,
+        PoseOverlay(pose),
         heard=(*common.recipe.remarks, *(() if known is None else known.heard)),
     )  # fmt: skip
 
@@ -288,6 +289,7 @@ def local_folder(
             **(options or {}),
         },
         common.settings,
+        None if common.recipe.robot is None else common.recipe.robot.described(),
     )
 
 

@@ -13,12 +13,16 @@ from mapdeal.formats.source import exists
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.recipe_file import Draft, Given, read_recipe_file
+from mapdeal.pipeline.robot import draft_for
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.definition import Stage
 from mapdeal.stages.parameters import unknown_name
 
-BUILT_IN = ("default", "nav2", "local", "arena", "seed-real", "seed-sim", "seed-local")
+DEFAULT = "default"
+
+BUILT_IN = (DEFAULT, "nav2", "local", "arena", "seed-real", "seed-sim", "seed-local")
 
 
 @dataclass(frozen=True, repr=False)
@@ -29,9 +33,12 @@ class Recipe(OneLine):
     ----------
     steps : tuple of Step
         What the pipeline goes through; `described` says what they are.
+    robot : RobotParameters, optional
+        The robot whose parameter files it follows.
     """
 
     steps: tuple[Step, ...]
+    robot: RobotParameters | None = None
 
     @property
     def is_smaller(self) -> bool:
@@ -40,8 +47,14 @@ class Recipe(OneLine):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What there is to warn of in its parameters: `load_recipe` does, and manifests keep it."""
-        return tuple(_remarks_on(self.steps))
+        """What loading its parameters has warned of, which manifests keep."""
+        of_robot = () if self.robot is None else self.robot.remarks
+        return (*of_robot, *_remarks_on(self.steps))
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that a robot's parameters were read from."""
+        return () if self.robot is None else self.robot.paths
 
     def _told(self) -> Iterator[str]:
         yield " -> ".join(" ".join(filter(None, (s.name, s.stage.model))) for s in self.steps)
@@ -52,10 +65,11 @@ class Recipe(OneLine):
 
 
 def load_recipe(
-    name: str,
+    name: str | None,
     *,
     sim: bool = False,
     footprint: Footprint | None = None,
+    robot: RobotParameters | None = None,
     settings: Sequence[str] = (),
     changes: Mapping[str, object] | None = None,
     prefix: str = "--",
@@ -64,13 +78,16 @@ def load_recipe(
 
     Parameters
     ----------
-    name : str
-        One of `BUILT_IN`, or the path of a YAML file.
+    name : str, optional
+        One of `BUILT_IN`, or the path of a YAML file; if not given, the costmap of the robot,
+        without one ``default``.
     sim : bool
         Whether the map is of a simulated world: puts ``active`` in front if the recipe has
         none, and has the field count unknown cells as occupied.
     footprint : Footprint, optional
         The robot's shape: inflate's radius, or the radii of cost if nothing is inflated.
+    robot : RobotParameters, optional
+        A robot's own parameters. A recipe that is named takes its shape alone.
     settings : sequence of str
         ``stage.parameter=value``, stronger than all else.
     changes : mapping of str to object, optional
@@ -90,9 +107,16 @@ def load_recipe(
     MapdealWarning
         If the robot's radius would count twice.
     """
-    if not name:
+    if name == "":
         raise ParameterError("must not be empty", source=f"{prefix}recipe")
-    draft = _read_draft(name)
+    if robot is not None:
+        robot = robot if footprint is None else robot.with_shape(footprint)
+        footprint = robot.footprint
+    if robot is not None and name is None:
+        draft, name, footprint = draft_for(robot), "of the robot", None
+    else:
+        name = DEFAULT if name is None else name
+        draft = _read_draft(name)
     if sim:
         _adapt_to_sim(draft)
     if footprint is not None:
@@ -102,10 +126,9 @@ def load_recipe(
     for target, given in (changes or {}).items():
         _apply_change(draft, target, given, name, "changes")
     steps = tuple(_made(stage, given) for stage, given in draft)
-    recipe = Recipe(steps)
-    for text in recipe.remarks:
+    for text in _remarks_on(steps):
         emit_warning(text, stacklevel=2)
-    return recipe
+    return Recipe(steps, robot)
 
 
 def _made(stage: str, given: Given) -> Step:

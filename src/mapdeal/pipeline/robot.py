@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from mapdeal.pipeline.recipe_file import Draft, Given
+from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
 
@@ -35,3 +37,37 @@ def draft_for(robot: RobotParameters) -> Draft:
                 draft.append((name, Given({**given, **values})))
                 break
     return draft
+
+
+def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> Step:
+    """Return the step of one stage for a robot; what is given wins over the robot's parameters.
+
+    Parameters
+    ----------
+    name : str
+        A stage.
+    robot : RobotParameters
+        The robot. A stage, or a model of it, that has no part in its costmap gets its shape,
+        and which occupancy is lethal.
+    given : mapping of str to object
+        Parameters by name, ``model`` among them.
+
+    Raises
+    ------
+    ParameterError
+        As `make_step`.
+    """
+    draft = dict(draft_for(robot))
+    own = draft.get(name)
+    if own is not None and given.get("model", own.get("model")) == own.get("model"):
+        return make_step(name, {**own, **given})
+    models = models_of(name)
+    wanted = given.get("model", next(iter(models)))
+    stage = models.get(wanted if isinstance(wanted, str) else None)
+    values: dict[str, object] = {}
+    if stage is not None and stage.robot is not None and stage.robot.replaces not in given:
+        values |= stage.robot.parameters(robot.footprint)
+    of_field = draft.get("esdf")
+    if stage is not None and of_field is not None and "lethal_threshold" in stage.parameters:
+        values |= {key: one for key, one in of_field.items() if key == "lethal_threshold"}
+    return make_step(name, {**values, **given})

@@ -30,6 +30,7 @@ from mapdeal.pipeline.settings import Settings
 from mapdeal.planning.astar import shortest_route
 from mapdeal.planning.descent import descend
 from mapdeal.render.route import RouteOverlay
+from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.potential import potential
 
 Heuristic = Literal["octile", "field"]
@@ -66,6 +67,7 @@ def route_file(
     goal: tuple[float, float],
     method: Method = "astar",
     footprint: Footprint | None = None,
+    robot: RobotParameters | None = None,
     weights: Mapping[str, Any] | None = None,
     gains: Mapping[str, Any] | None = None,
 ) -> RouteReport:
@@ -85,6 +87,8 @@ def route_file(
         `shortest_route`, or `descend` on the `potential` of the lethal cells.
     footprint : Footprint, optional
         The robot's shape, for the costs of a map.
+    robot : RobotParameters, optional
+        The robot's own parameters, for the costs of a map, instead of the recipe's.
     weights : mapping, optional
         Parameters of `shortest_route` or `descend`.
     gains : mapping, optional
@@ -102,9 +106,10 @@ def route_file(
     with options.memory():
         claim_work(path, source.grid, _PER_CELL[method] + has_field * _OF_HEURISTIC)
     outputs = [] if output is None else [output]
-    with outputs_of(outputs, source.files, options) as transaction:
+    inputs = [*source.files, *(robot.paths if robot else ())]
+    with outputs_of(outputs, inputs, options) as transaction:
         with errors_named(path):
-            costmap = costs_of(source, path, footprint)
+            costmap = costs_of(source, path, footprint, robot)
             if method == "astar":
                 route = shortest_route(costmap, start, goal, **(weights or {}))
             else:
@@ -137,13 +142,19 @@ def check_reached(route: Route, path: Path) -> None:
     raise FindingError(rule, source=path, hint=hint)
 
 
-def costs_of(source: Source, path: Path, footprint: Footprint | None) -> Costmap:
-    """Return the costs in a file, or those that the recipe ``nav2`` makes of its map."""
+def costs_of(
+    source: Source,
+    path: Path,
+    footprint: Footprint | None,
+    robot: RobotParameters | None = None,
+) -> Costmap:
+    """Return the costs in a file, or those of its map: the robot's, or the recipe ``nav2``'s."""
     grid = source.grid
     if isinstance(grid, Costmap):
-        if footprint is not None:
+        if footprint is not None or robot is not None:
             rule = "is for maps: these costs are made already"
-            raise ParameterError(rule, source="--footprint, --robot-radius")
+            option = "--footprint, --robot-radius" if robot is None else "--params-file"
+            raise ParameterError(rule, source=option)
         return grid
     if isinstance(grid, OccupancyGrid):
         between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
@@ -151,7 +162,7 @@ def costs_of(source: Source, path: Path, footprint: Footprint | None) -> Costmap
             text = f"{path}: {between} cells of 1..99 are no obstacles; costs are read from an npz"
             emit_warning(text, stacklevel=2)
     warn_of_potential(grid, path)
-    for step in _recipe_for(footprint).steps:
+    for step in _recipe_for(footprint, robot).steps:
         if not (step.stage.makes is DistanceField and isinstance(grid, DistanceField)):
             grid = step.apply(grid, path)
     if not isinstance(grid, Costmap):
@@ -159,8 +170,10 @@ def costs_of(source: Source, path: Path, footprint: Footprint | None) -> Costmap
     return grid
 
 
-def _recipe_for(footprint: Footprint | None) -> Recipe:
+def _recipe_for(footprint: Footprint | None, robot: RobotParameters | None) -> Recipe:
     """Return the recipe, for a large robot with as much room for its costs as for its own."""
+    if robot is not None:
+        return load_recipe(None, footprint=footprint, robot=robot)
     recipe = load_recipe(_RECIPE)
     if footprint is None:
         return recipe

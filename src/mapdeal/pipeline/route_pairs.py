@@ -18,6 +18,7 @@ from mapdeal.pipeline.route import HEURISTIC_WEIGHT, PLACES_OF_FIELD, costs_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.planning.astar import route_over, surcharges_near_obstacles
 from mapdeal.planning.terrain import Terrain
+from mapdeal.robot.parameters import RobotParameters
 
 FIELD_WEIGHT = 1.0
 """Of method ``cost``, if none is given: at an obstacle a metre costs one more."""
@@ -102,6 +103,7 @@ def compare_pairs(
     asked_from: Path | str,
     methods: Sequence[str] = PLACES_OF_FIELD,
     footprint: Footprint | None = None,
+    robot: RobotParameters | None = None,
     weights: Mapping[str, Any] | None = None,
     field_weight: float = FIELD_WEIGHT,
     heuristic_weight: float = HEURISTIC_WEIGHT,
@@ -125,6 +127,8 @@ def compare_pairs(
         Which to compare.
     footprint : Footprint, optional
         The robot's shape, for the costs of a map.
+    robot : RobotParameters, optional
+        The robot's own parameters, for the costs of a map, instead of the recipe's.
     weights : mapping, optional
         Parameters of `Terrain.of`.
     field_weight, heuristic_weight : float
@@ -150,10 +154,11 @@ def compare_pairs(
     with options.memory():
         claim_work(path, source.grid, _PER_CELL)
     outputs = [] if output is None else [output]
-    inputs = [*source.files, *([asked_from] if isinstance(asked_from, Path) else [])]
+    inputs = [*source.files, *(robot.paths if robot else ())]
+    inputs += [asked_from] if isinstance(asked_from, Path) else []
     with outputs_of(outputs, inputs, options) as transaction:
         with errors_named(path):
-            terrain = Terrain.of(costs_of(source, path, footprint), **(weights or {}))
+            terrain = Terrain.of(costs_of(source, path, footprint, robot), **(weights or {}))
             searches = {
                 method: _search_of(method, terrain, field_weight, heuristic_weight)
                 for method in dict.fromkeys(methods)

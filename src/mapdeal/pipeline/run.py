@@ -72,7 +72,7 @@ def run_map(
                 target,
                 products,
                 path.stem,
-                source.files,
+                (*source.files, *recipe.files),
                 path,
                 by_blocks=source.grid.is_lazy,
                 heard=remarks,
@@ -126,4 +126,5 @@ def output_folder(
     options = {
         "dialect": settings.dialect, **settings.picture_options, "canvas": settings.canvas
     }  # fmt: skip
-    return OutputFolder(folder, recipe.steps, sums, options, settings)
+    robot = None if recipe.robot is None else recipe.robot.described()
+    return OutputFolder(folder, recipe.steps, sums, options, settings, robot)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from mapdeal.errors import ParameterError, emit_warning
@@ -30,10 +31,12 @@ def apply_to_file(
     *,
     encoding: Encoding = "occupancy",
     mask: Path | None = None,
+    also_read: Sequence[Path] = (),
 ) -> Figures:
     """Read a map or field, apply one stage, and write the result; return its figures.
 
-    A keepout mask, a map of its own, is laid over the costs that the stage makes.
+    A keepout mask, a map of its own, is laid over the costs that the stage makes. Files that were
+    read for the parameters are no more replaced than the map is.
     """
     outputs = output_of(step, output)
     endings = [output.suffix, *([PICTURE] if settings.image is not None else [])]
@@ -46,7 +49,7 @@ def apply_to_file(
         if mask is not None:
             with holding(0 if source.grid.is_lazy else bytes_of(source.grid)):
                 over = read_source(mask, dialect=settings.dialect, max_cells=settings.max_cells)
-        inputs = [*source.files, *(over.files if over else ())]
+        inputs = [*source.files, *(over.files if over else ()), *also_read]
         progress = settings.progress if source.grid.is_lazy else None
         with (
             written(progress, sum(passes_of(step, ending) for ending in endings)) as watch,

@@ -105,6 +105,11 @@ class RobotParameters(OneLine):
     remarks: tuple[str, ...] = ()
 
     @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files that were read."""
+        return tuple(file.path for file in self.files)
+
+    @property
     def effective_layers(self) -> tuple[CostmapLayer, ...]:
         """The layers that change the costs of a map that is a file, in their order."""
         return tuple(one.layer for one in self.layers if one.layer is not None and one.is_enabled)

@@ -1,0 +1,64 @@
+"""What options say of a robot: its shape, or its own parameter files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from mapdeal.cli import terminal
+from mapdeal.errors import ParameterError
+from mapdeal.formats.map_yaml import Dialect
+from mapdeal.grid.footprint import Footprint
+from mapdeal.robot.parameters import CostmapName, RobotParameters
+
+
+def robot_shape(
+    *,
+    footprint: str | None,
+    robot_radius: float | None,
+    footprint_padding: float,
+    robot_16_gon: bool,
+) -> Footprint | None:
+    """Return the robot's shape that the options describe, if they do."""
+    if robot_16_gon and robot_radius is None:
+        raise ParameterError("needs --robot-radius", source="--robot-16-gon")
+    if footprint is not None and robot_radius is not None:
+        rule = "cannot be given together with --robot-radius"
+        raise ParameterError(rule, source="--footprint")
+    if footprint is not None:
+        return Footprint.parse(footprint).padded(footprint_padding)
+    if robot_radius is not None:
+        make = Footprint.sixteen_gon if robot_16_gon else Footprint.circle
+        return make(robot_radius).padded(footprint_padding)
+    if footprint_padding:
+        rule = "needs --footprint or --robot-radius"
+        raise ParameterError(rule, source="--footprint-padding")
+    return None
+
+
+def robot_parameters(
+    *,
+    params_file: Sequence[Path] | None,
+    costmap: CostmapName | None,
+    namespace: str | None,
+    dialect: Dialect,
+) -> RobotParameters | None:
+    """Return the robot that parameter files describe, if there are any, and say what is ignored.
+
+    Readers older than today's Nav2 stand for its older costmap, too.
+    """
+    if not params_file:
+        for option, value in (("--costmap", costmap), ("--namespace", namespace)):
+            if value is not None:
+                raise ParameterError("needs --params-file", source=option)
+        return None
+    from mapdeal.robot.load import read_robot  # few commands read one
+
+    robot = read_robot(
+        params_file, costmap=costmap or "global", namespace=namespace, older=dialect != "nav2"
+    )
+    terminal.detail(f"robot: {robot!r}")
+    ignored = [f"{one.name} ({one.why_ignored})" for one in robot.ignored]
+    if ignored:
+        terminal.remark([f"{params_file[-1]}: ignored: {', '.join(ignored)}"])
+    return robot
