@@ -29,7 +29,7 @@ from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster
 from mapdeal.render.route import RouteOverlay
-from mapdeal.stages.exponential_cost import cost_table
+from mapdeal.stages.cost_profile import cost_table
 
 mpl.use("Agg")  # draws without a display
 

@@ -28,7 +28,7 @@ from mapdeal.kernels.distance import (
 )
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import use_threads
-from mapdeal.stages.exponential_cost import cost_table
+from mapdeal.stages.cost_profile import cost_table
 
 DISC_CELLS = 6
 REACH_CELLS = 35

@@ -10,7 +10,7 @@ import oracles
 from drawn import grid_from_text
 from mapdeal import MapdealWarning, OccupancyGrid, ParameterError, esdf, exponential_cost, read_map
 from mapdeal.kernels.distance import bytes_by_distance
-from mapdeal.stages.exponential_cost import cost_table, raise_costs
+from mapdeal.stages.cost_profile import cost_table, raise_costs
 from strategies import RESOLUTIONS, occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")

@@ -1,0 +1,214 @@
+"""The costs of costmap_2d's inflation layer by the distance from an obstacle."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid.coordinates import cells_to_cover
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.values import (
+    FREE_SPACE,
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
+    NO_INFORMATION,
+)
+from mapdeal.kernels.distance import bytes_by_distance
+from mapdeal.kernels.threads import for_rows
+from mapdeal.stages.esdf import reach_is_kept
+from mapdeal.stages.field_values import bytes_in
+
+
+@dataclass(frozen=True, eq=False)
+class CostProfile:
+    """The profile of costs around obstacles: the parameters of `exponential_cost`, in cells.
+
+    Parameters
+    ----------
+    inscribed_radius, inflation_radius, cost_scaling_factor : float
+        As `exponential_cost` takes them.
+    inflate_unknown, inflate_around_unknown : bool
+        Likewise.
+    reach : int
+        Cells that the costs reach.
+    metres : float
+        The same in metres.
+    table : numpy.ndarray of uint8
+        The cost of each squared distance in cells, from `cost_table`.
+    """
+
+    inscribed_radius: float
+    inflation_radius: float
+    cost_scaling_factor: float
+    inflate_unknown: bool
+    inflate_around_unknown: bool
+    reach: int
+    metres: float
+    table: NDArray[np.uint8]
+
+    @classmethod
+    def of(
+        cls,
+        inscribed_radius: float,
+        inflation_radius: float,
+        cost_scaling_factor: float,
+        *,
+        inflate_unknown: bool,
+        inflate_around_unknown: bool,
+        resolution: float,
+        shape: tuple[int, int],
+    ) -> CostProfile:
+        """Return the profile on a grid; `shape` is that of the whole grid."""
+        if inscribed_radius > inflation_radius:
+            text = (
+                f"cost: inscribed_radius {inscribed_radius:g} m is larger than inflation_radius "
+                f"{inflation_radius:g} m, which cuts it off"
+            )
+            emit_warning(text, stacklevel=3)
+        reach = _reach(inflation_radius, resolution, shape)
+        table = cost_table(
+            min(reach, _last_cost_above_0(inscribed_radius, cost_scaling_factor, resolution)),
+            resolution=resolution,
+            inscribed_radius=inscribed_radius,
+            cost_scaling_factor=cost_scaling_factor,
+        )
+        return cls(
+            inscribed_radius, inflation_radius, cost_scaling_factor, inflate_unknown,
+            inflate_around_unknown, reach, reach * resolution, table,
+        )  # fmt: skip
+
+    @property
+    def cells(self) -> int:
+        """Cells beyond which all costs are 0."""
+        return math.isqrt(len(self.table) - 2)
+
+    def cost_at(self, circumscribed_radius: float | None) -> int | None:
+        """Return the cost at the robot's circumscribed radius, if there is one."""
+        if circumscribed_radius is None:
+            return None
+        return _circumscribed_cost(
+            circumscribed_radius,
+            self.inscribed_radius,
+            self.inflation_radius,
+            self.cost_scaling_factor,
+        )
+
+    def is_in(self, field: DistanceField) -> bool:
+        """Return whether a field tells all distances apart that the costs depend on.
+
+        Raises
+        ------
+        ParameterError
+            If it was clipped below their reach.
+        """
+        if reach_is_kept(field, self.metres):
+            return True
+        if field.max_distance is not None and field.max_distance < self.metres * (1 - 1e-6):
+            rule = f"the field is clipped below the reach of the costs, {self.metres:g} m"
+            hint = "make the field with a larger max_distance, or none"
+            raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
+        # The clip falls on the reach: cells right there look like those beyond.
+        return False
+
+    def raise_from_field(
+        self, cost: NDArray[np.uint8], field: DistanceField, obstacles: NDArray[np.bool_]
+    ) -> None:
+        """Raise costs, in place, by the distances of a field."""
+        spread = bytes_in(field, obstacles, self.table)
+        raise_costs(cost, spread, inflate_unknown=self.inflate_unknown)
+
+    def raise_around_seeds(self, cost: NDArray[np.uint8], obstacles: NDArray[np.bool_]) -> None:
+        """Raise costs, in place, by the distances to obstacles, or to all that they spread from."""
+        seeds = cost >= LETHAL_OBSTACLE if self.inflate_around_unknown else obstacles
+        spread = bytes_by_distance(seeds, self.table)
+        raise_costs(cost, spread, inflate_unknown=self.inflate_unknown)
+
+
+def cost_table(
+    reach: int, *, resolution: float, inscribed_radius: float, cost_scaling_factor: float
+) -> NDArray[np.uint8]:
+    """Return the cost of each squared distance in cells, 0 .. reach^2 and one 0 beyond.
+
+    Examples
+    --------
+    >>> table = cost_table(4, resolution=1.0, inscribed_radius=2.1, cost_scaling_factor=1.0)
+    >>> table[[0, 1, 4, 5, 9, 10, 16, 17]].tolist()
+    [254, 253, 253, 219, 102, 87, 37, 0]
+    """
+    metres = np.sqrt(np.arange(reach * reach + 2, dtype=np.float64)) * resolution
+    decay = np.exp(-cost_scaling_factor * np.maximum(metres - inscribed_radius, 0.0))
+    table = ((INSCRIBED_INFLATED_OBSTACLE - 1) * decay).astype(np.uint8)
+    table[metres <= inscribed_radius] = INSCRIBED_INFLATED_OBSTACLE
+    table[0] = LETHAL_OBSTACLE
+    table[-1] = FREE_SPACE
+    return table
+
+
+def raise_costs(
+    cost: NDArray[np.uint8], spread: NDArray[np.uint8], *, inflate_unknown: bool = False
+) -> None:
+    """Raise `cost`, in place, to what the distance to the nearest seed asks for.
+
+    Parameters
+    ----------
+    cost : numpy.ndarray of uint8, shape (H, W)
+        The costs before inflation.
+    spread : numpy.ndarray of uint8, shape (H, W)
+        The costs by distance alone.
+    inflate_unknown : bool
+        Whether unknown cells take any cost above 0, or only 253 and more.
+    """
+    least = 1 if inflate_unknown else INSCRIBED_INFLATED_OBSTACLE
+
+    def raise_rows(rows: slice) -> None:
+        before, asked = cost[rows], spread[rows]
+        overwritten = before == NO_INFORMATION
+        overwritten &= asked >= least
+        np.maximum(before, asked, out=before)
+        np.copyto(before, asked, where=overwritten)
+
+    for_rows(raise_rows, cost.shape)
+
+
+def _reach(inflation_radius: float, resolution: float, shape: tuple[int, int]) -> int:
+    """Return the cells that costs reach; beyond the map's diagonal nothing is left to reach."""
+    diagonal = math.ceil(math.hypot(*shape))
+    return min(
+        cells_to_cover(min(inflation_radius, 2 * diagonal * resolution), resolution), diagonal
+    )
+
+
+def _last_cost_above_0(
+    inscribed_radius: float, cost_scaling_factor: float, resolution: float
+) -> int:  # fmt: skip
+    """Return cells from which on costs are truncated to 0, however far they reach."""
+    if cost_scaling_factor == 0:
+        return sys.maxsize
+    decay = math.log(INSCRIBED_INFLATED_OBSTACLE - 1) / cost_scaling_factor
+    cells = (inscribed_radius + decay) / resolution
+    return math.ceil(min(cells, sys.maxsize // 2)) + 1
+
+
+def _circumscribed_cost(
+    circumscribed_radius: float,
+    inscribed_radius: float,
+    inflation_radius: float,
+    cost_scaling_factor: float,
+) -> int:
+    if circumscribed_radius > inflation_radius:
+        text = (
+            f"cost: inflation_radius {inflation_radius:g} m is smaller than the robot's "
+            f"circumscribed radius {circumscribed_radius:g} m: cost 0 does not mean that "
+            "every heading is free"
+        )
+        emit_warning(text, stacklevel=3)
+        return 0
+    if circumscribed_radius <= inscribed_radius:
+        return INSCRIBED_INFLATED_OBSTACLE
+    decay = math.exp(-cost_scaling_factor * (circumscribed_radius - inscribed_radius))
+    return int((INSCRIBED_INFLATED_OBSTACLE - 1) * decay)
