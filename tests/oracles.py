@@ -111,11 +111,27 @@ def cost_of_distance(cells, resolution, inscribed_radius, factor):
     return int(252 * math.exp(-factor * (cells * resolution - inscribed_radius)))
 
 
+def static_layer_cost(value, threshold, *, trinary, track_unknown, inscribed, unknown=255):
+    """The cost of a map's value, as interpretValue of costmap_2d's static layer."""
+    byte = value % 256
+    if byte == unknown:
+        return 255 if track_unknown else 0
+    if byte == inscribed:
+        return 253
+    if byte >= threshold:
+        return 254
+    return 0 if trinary else int(byte / threshold * 254)
+
+
 def exponential_cost(
-    old, resolution, inscribed_radius, inflation_radius, factor, inflate_unknown, around_unknown
-):
-    """costmap_2d's inflation of old costs, with exact distances."""
-    reach = math.ceil(inflation_radius / resolution - 1e-9)
+    old, resolution, inscribed_radius, inflation_radius, factor, inflate_unknown, around_unknown,
+    *, lookup="exact", float32=False,
+):  # fmt: skip
+    """costmap_2d's inflation of old costs, with exact distances, or those that Nav2 looks up."""
+    tolerance = 1e-9
+    if float32:
+        resolution, tolerance = float(np.float32(resolution)), 0.0
+    reach = math.ceil(inflation_radius / resolution - tolerance)
     if reach == 0:
         return old.copy()
     seeds = (old == 254) | (around_unknown & (old == 255))
@@ -125,7 +141,10 @@ def exponential_cost(
         s = squared[index]
         if s is None or math.sqrt(s) > reach:
             continue
-        cost = cost_of_distance(math.sqrt(s), resolution, inscribed_radius, factor)
+        cells = math.sqrt(s)
+        if lookup == "nav2":
+            cells = int(np.sqrt(np.float32(s)) * np.float32(100) + np.float32(0.5)) / 100.0
+        cost = cost_of_distance(cells, resolution, inscribed_radius, factor)
         if old[index] == 255:
             if cost > 0 if inflate_unknown else cost >= 253:
                 result[index] = cost

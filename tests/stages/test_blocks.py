@@ -36,6 +36,9 @@ DRAWN = {
         "inscribed_radius": [0.2], "circumscribed_radius": [0.4],
         "inflation_radius": [0.2, 0.55, 3.0], "cost_scaling_factor": [0.0, 1.0, 10.0],
         "inflate_unknown": [True, False], "inflate_around_unknown": [True, False],
+        "trinary_costmap": [True, False], "track_unknown_space": [True, False],
+        "inscribed_obstacle_cost_value": [None, 50, 99], "lookup": ["exact", "nav2"],
+        "float32_resolution": [None, True],
     },
     ("cost", "threshold"): {
         "down": [20.0, 40.0], "up": [60.0], "down_factor": [0.5], "view": ["seed", "metric"],

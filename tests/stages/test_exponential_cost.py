@@ -3,13 +3,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles
 from drawn import grid_from_text
 from mapdeal import MapdealWarning, OccupancyGrid, ParameterError, esdf, exponential_cost, read_map
 from mapdeal.kernels.distance import bytes_by_distance
+from mapdeal.pipeline.step import make_step
 from mapdeal.stages.cost_profile import cost_table, raise_costs
 from strategies import RESOLUTIONS, occupancies
 
@@ -116,6 +117,105 @@ def test_costs_equal_brute_force(
     for convention in ("seed", "center", "border"):
         field = esdf(grid, convention=convention, strength=1.5)
         assert np.array_equal(exponential_cost(field, **parameters).cost, expected)
+
+
+@settings(max_examples=200)
+@given(
+    occupancies(),
+    st.sampled_from([0.04, 0.1, 0.25, 0.7]),
+    st.sampled_from([0.0, 0.22549849949589046, 0.5]),
+    st.sampled_from([0.4, 0.7, 1.4, 2.0]),
+    st.sampled_from([0.0, 3.0, 10.0]),
+    st.fixed_dictionaries({
+        "lethal_threshold": st.sampled_from([1, 50, 65, 100]),
+        "trinary_costmap": st.booleans(),
+        "track_unknown_space": st.booleans(),
+        "inscribed_obstacle_cost_value": st.sampled_from([None, 50, 99, 100]),
+        "inflate_unknown": st.booleans(),
+        "inflate_around_unknown": st.booleans(),
+        "lookup": st.sampled_from(["exact", "nav2"]),
+        "float32_resolution": st.sampled_from([None, True]),
+    }),
+    st.sampled_from(["free", "occupied"]),
+)  # fmt: skip
+def test_the_rules_of_the_static_layer_and_of_nav2_s_lookup_equal_brute_force(
+    occupancy, resolution, inscribed, inflation, factor, about, unknown
+):
+    radii = {
+        "inscribed_radius": inscribed, "inflation_radius": inflation, "cost_scaling_factor": factor
+    }  # fmt: skip
+
+    def expected(*, unknown_is_lethal):
+        old = np.zeros(occupancy.shape, np.uint8)
+        for index in np.ndindex(occupancy.shape):
+            old[index] = oracles.static_layer_cost(
+                int(occupancy[index]),
+                about["lethal_threshold"],
+                trinary=about["trinary_costmap"],
+                track_unknown=about["track_unknown_space"],
+                inscribed=about["inscribed_obstacle_cost_value"],
+            )
+            if unknown_is_lethal and occupancy[index] == -1:
+                old[index] = 254
+        return oracles.exponential_cost(
+            old, resolution, inscribed, inflation, factor,
+            about["inflate_unknown"], about["inflate_around_unknown"],
+            lookup=about["lookup"],
+            float32=about["float32_resolution"] or about["lookup"] == "nav2",
+        )  # fmt: skip
+
+    grid = OccupancyGrid(occupancy, resolution, (1.5, -2.0, 0.4))
+    of_map = expected(unknown_is_lethal=False)
+    assert np.array_equal(exponential_cost(grid, **radii, **about).cost, of_map)
+    threshold = about["lethal_threshold"]
+    for max_distance in (None, 2.5):
+        field = esdf(
+            grid, unknown=unknown, lethal_threshold=threshold, max_distance=max_distance
+        )  # fmt: skip
+        made = exponential_cost(field, **radii, **about).cost
+        assert np.array_equal(
+            made, expected(unknown_is_lethal=True) if unknown == "occupied" else of_map
+        )
+
+
+def test_nav2_looks_costs_up_at_hundredths_of_a_cell():
+    # sqrt(2) cells are 1.41, of the float32 resolution: 252 exp(-3 * (0.0705 - 0)) = 203.9...
+    costs = cost_table(
+        2, resolution=float(np.float32(0.05)), inscribed_radius=0.0, cost_scaling_factor=3.0,
+        lookup="nav2",
+    )  # fmt: skip
+    assert costs.tolist() == [
+        254,
+        int(252 * math.exp(-3 * 1.00 * 0.05000000074505806)),
+        int(252 * math.exp(-3 * 1.41 * 0.05000000074505806)),
+        int(252 * math.exp(-3 * 1.73 * 0.05000000074505806)),
+        int(252 * math.exp(-3 * 2.00 * 0.05000000074505806)),
+        0,
+    ]
+
+
+def test_a_float32_resolution_reaches_as_many_cells_as_in_ros():
+    # float32(0.04) is 0.03999999910593033, and 0.4 m of it are more than ten cells
+    grid = OccupancyGrid([[100] + [0] * 13], 0.04)
+    for options, cells in (
+        ({}, 10),
+        ({"float32_resolution": True}, 11),
+        ({"lookup": "nav2"}, 11),
+        ({"float32_resolution": False}, 10),
+    ):
+        cost = exponential_cost(
+            grid, inflation_radius=0.4, cost_scaling_factor=0.0, **options
+        )  # fmt: skip
+        assert np.count_nonzero(cost.cost) == 1 + cells
+
+
+def test_lookup_nav2_has_no_other_resolution_than_a_message_s():
+    with pytest.raises(ParameterError, match="float32_resolution: cannot be no with lookup nav2"):
+        exponential_cost(grid_from_text("#.."), lookup="nav2", float32_resolution=False)
+    with pytest.raises(ParameterError, match=r"cost\.float32_resolution"):
+        make_step("cost", {"lookup": "nav2", "float32_resolution": "no"})
+    for given_, told in (({}, False), ({"lookup": "nav2"}, True)):
+        assert make_step("cost", given_).parameters["float32_resolution"] is told
 
 
 @pytest.mark.parametrize("case", range(16))

@@ -74,6 +74,7 @@ def static_layer_cost_from_occupancy(
     trinary: bool = True,
     track_unknown: bool = True,
     inscribed_value: int | None = 99,
+    unknown_value: int = NO_INFORMATION,
 ) -> NDArray[np.uint8]:
     """Return the cost that costmap_2d's static layer gives each value.
 
@@ -81,12 +82,15 @@ def static_layer_cost_from_occupancy(
     ----------
     lethal_threshold, trinary, track_unknown, inscribed_value
         See `mapdeal.Costmap.from_static_layer`.
+    unknown_value : int
+        ``unknown_cost_value`` as a byte: the value that is unknown, 255 for -1.
 
     Returns
     -------
     numpy.ndarray of uint8, shape (256,)
-        In this order: -1 -> 255 (or 0); `inscribed_value` -> 253; from `lethal_threshold` on,
-        and what is no occupancy, -> 254; else 0 or trunc(254 v / lethal_threshold).
+        In this order: `unknown_value` -> 255 (or 0); `inscribed_value` -> 253; from
+        `lethal_threshold` on, and what is no occupancy, -> 254; else 0 or
+        trunc(254 v / lethal_threshold).
 
     References
     ----------
@@ -111,7 +115,7 @@ def static_layer_cost_from_occupancy(
     table[:lethal_threshold] = FREE_SPACE if trinary else shares
     if inscribed_value is not None:
         table[inscribed_value] = INSCRIBED_INFLATED_OBSTACLE
-    table[UNKNOWN] = NO_INFORMATION if track_unknown else FREE_SPACE
+    table[unknown_value] = NO_INFORMATION if track_unknown else FREE_SPACE
     return table
 
 

@@ -128,6 +128,11 @@ def _settle(parameters: dict[str, Any], stage: Stage, given: Mapping[str, object
             rule_text = f"cannot be given together with {by}{what}"
             raise ParameterError(rule_text, place=f"{stage.name}.{key}", got=old)
         parameters[key] = value
+    try:
+        parameters.update(stage.settled(parameters))
+    except ParameterError as error:
+        error.place = f"{stage.name}.{error.place}"
+        raise
 
 
 def _are_close(one: float | None, other: float | None) -> bool:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.coordinates import cells_to_cover
+from mapdeal.grid.costmap_layers import CostLookup
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import (
     FREE_SPACE,
@@ -23,10 +24,12 @@ from mapdeal.kernels.threads import for_rows
 from mapdeal.stages.esdf import reach_is_kept
 from mapdeal.stages.field_values import bytes_in
 
+_HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
+
 
 @dataclass(frozen=True, eq=False)
 class CostProfile:
-    """The profile of costs around obstacles: the parameters of `exponential_cost`, in cells.
+    """The profile of costs around obstacles: what an inflation layer is set to, in cells.
 
     Parameters
     ----------
@@ -37,7 +40,7 @@ class CostProfile:
     reach : int
         Cells that the costs reach.
     metres : float
-        The same in metres.
+        The same in metres, by the resolution of the grid.
     table : numpy.ndarray of uint8
         The cost of each squared distance in cells, from `cost_table`.
     """
@@ -60,6 +63,8 @@ class CostProfile:
         *,
         inflate_unknown: bool,
         inflate_around_unknown: bool,
+        lookup: CostLookup = "exact",
+        float32_resolution: bool = False,
         resolution: float,
         shape: tuple[int, int],
     ) -> CostProfile:
@@ -70,12 +75,14 @@ class CostProfile:
                 f"{inflation_radius:g} m, which cuts it off"
             )
             emit_warning(text, stacklevel=3)
-        reach = _reach(inflation_radius, resolution, shape)
+        side = float(np.float32(resolution)) if float32_resolution else resolution
+        reach = _reach(inflation_radius, side, shape, is_exact=not float32_resolution)
         table = cost_table(
-            min(reach, _last_cost_above_0(inscribed_radius, cost_scaling_factor, resolution)),
-            resolution=resolution,
+            min(reach, _last_cost_above_0(inscribed_radius, cost_scaling_factor, side)),
+            resolution=side,
             inscribed_radius=inscribed_radius,
             cost_scaling_factor=cost_scaling_factor,
+            lookup=lookup,
         )
         return cls(
             inscribed_radius, inflation_radius, cost_scaling_factor, inflate_unknown,
@@ -122,15 +129,24 @@ class CostProfile:
         spread = bytes_in(field, obstacles, self.table)
         raise_costs(cost, spread, inflate_unknown=self.inflate_unknown)
 
-    def raise_around_seeds(self, cost: NDArray[np.uint8], obstacles: NDArray[np.bool_]) -> None:
-        """Raise costs, in place, by the distances to obstacles, or to all that they spread from."""
-        seeds = cost >= LETHAL_OBSTACLE if self.inflate_around_unknown else obstacles
-        spread = bytes_by_distance(seeds, self.table)
-        raise_costs(cost, spread, inflate_unknown=self.inflate_unknown)
+    def raise_around_seeds(self, cost: NDArray[np.uint8]) -> None:
+        """Raise costs, in place, by the distances to the cells that costs spread from."""
+        if self.reach > 0:
+            spread = bytes_by_distance(self.seeds_in(cost), self.table)
+            raise_costs(cost, spread, inflate_unknown=self.inflate_unknown)
+
+    def seeds_in(self, cost: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Return the mask of cells that costs spread from."""
+        return cost >= LETHAL_OBSTACLE if self.inflate_around_unknown else cost == LETHAL_OBSTACLE
 
 
 def cost_table(
-    reach: int, *, resolution: float, inscribed_radius: float, cost_scaling_factor: float
+    reach: int,
+    *,
+    resolution: float,
+    inscribed_radius: float,
+    cost_scaling_factor: float,
+    lookup: CostLookup = "exact",
 ) -> NDArray[np.uint8]:
     """Return the cost of each squared distance in cells, 0 .. reach^2 and one 0 beyond.
 
@@ -140,13 +156,36 @@ def cost_table(
     >>> table[[0, 1, 4, 5, 9, 10, 16, 17]].tolist()
     [254, 253, 253, 219, 102, 87, 37, 0]
     """
-    metres = np.sqrt(np.arange(reach * reach + 2, dtype=np.float64)) * resolution
-    decay = np.exp(-cost_scaling_factor * np.maximum(metres - inscribed_radius, 0.0))
-    table = ((INSCRIBED_INFLATED_OBSTACLE - 1) * decay).astype(np.uint8)
-    table[metres <= inscribed_radius] = INSCRIBED_INFLATED_OBSTACLE
+    squares = np.arange(reach * reach + 2)
+    if lookup == "nav2":
+        hundredths = _hundredths_of(squares)
+        of_hundredths = [
+            _cost_of(index / 100.0 * resolution, inscribed_radius, cost_scaling_factor)
+            for index in range(int(hundredths[-1]) + 1)
+        ]
+        table = np.array(of_hundredths, dtype=np.uint8)[hundredths]
+    else:
+        metres = np.sqrt(squares.astype(np.float64)) * resolution
+        decay = np.exp(-cost_scaling_factor * np.maximum(metres - inscribed_radius, 0.0))
+        table = (_HIGHEST_GRADED * decay).astype(np.uint8)
+        table[metres <= inscribed_radius] = INSCRIBED_INFLATED_OBSTACLE
     table[0] = LETHAL_OBSTACLE
     table[-1] = FREE_SPACE
     return table
+
+
+def _hundredths_of(squares: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return distances in 1/100 cell, in float32 and rounded as Nav2's inflation layer does."""
+    cells = np.sqrt(squares.astype(np.float32))
+    return (cells * np.float32(100) + np.float32(0.5)).astype(np.int64)
+
+
+def _cost_of(metres: float, inscribed_radius: float, cost_scaling_factor: float) -> int:
+    """Return the cost at a distance above 0, as ``computeCost`` of costmap_2d."""
+    if metres <= inscribed_radius:
+        return INSCRIBED_INFLATED_OBSTACLE
+    decay = math.exp(-cost_scaling_factor * (metres - inscribed_radius))
+    return int(_HIGHEST_GRADED * decay)
 
 
 def raise_costs(
@@ -175,12 +214,17 @@ def raise_costs(
     for_rows(raise_rows, cost.shape)
 
 
-def _reach(inflation_radius: float, resolution: float, shape: tuple[int, int]) -> int:
-    """Return the cells that costs reach; beyond the map's diagonal nothing is left to reach."""
+def _reach(
+    inflation_radius: float, resolution: float, shape: tuple[int, int], *, is_exact: bool
+) -> int:
+    """Return the cells that costs reach; beyond the map's diagonal nothing is left to reach.
+
+    ROS has no tolerance for radii that are multiples of the resolution on paper.
+    """
     diagonal = math.ceil(math.hypot(*shape))
-    return min(
-        cells_to_cover(min(inflation_radius, 2 * diagonal * resolution), resolution), diagonal
-    )
+    radius = min(inflation_radius, 2 * diagonal * resolution)
+    cells = cells_to_cover(radius, resolution) if is_exact else math.ceil(radius / resolution)
+    return min(cells, diagonal)
 
 
 def _last_cost_above_0(
@@ -189,7 +233,7 @@ def _last_cost_above_0(
     """Return cells from which on costs are truncated to 0, however far they reach."""
     if cost_scaling_factor == 0:
         return sys.maxsize
-    decay = math.log(INSCRIBED_INFLATED_OBSTACLE - 1) / cost_scaling_factor
+    decay = math.log(_HIGHEST_GRADED) / cost_scaling_factor
     cells = (inscribed_radius + decay) / resolution
     return math.ceil(min(cells, sys.maxsize // 2)) + 1
 
@@ -208,7 +252,4 @@ def _circumscribed_cost(
         )
         emit_warning(text, stacklevel=3)
         return 0
-    if circumscribed_radius <= inscribed_radius:
-        return INSCRIBED_INFLATED_OBSTACLE
-    decay = math.exp(-cost_scaling_factor * (circumscribed_radius - inscribed_radius))
-    return int((INSCRIBED_INFLATED_OBSTACLE - 1) * decay)
+    return _cost_of(circumscribed_radius, inscribed_radius, cost_scaling_factor)

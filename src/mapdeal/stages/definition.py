@@ -144,6 +144,8 @@ class Stage:
         What ``--sim`` does to it.
     in_place_of : mapping of str to InPlaceOf
         The parameters that take the place of others where they are given.
+    settled : callable
+        Returns, given all parameters, those whose values others decide, as they take effect.
     remark : callable
         Returns what there is to warn of in the product, given all parameters and its figures;
         None if there is nothing.
@@ -171,6 +173,7 @@ class Stage:
     robot: RobotShape | None = None
     in_simulation: InSimulation | None = None
     in_place_of: Mapping[str, InPlaceOf] = field(default_factory=dict)
+    settled: Callable[[Parameters], Parameters] = lambda _: {}
     remark: Callable[[Parameters, Figures], str | None] = lambda *_: None
     rows_alone: Callable[[Parameters], RowsAlone] | None = None
     of_layers: Callable[[CostmapLayers], dict[str, object] | None] = lambda _: None

@@ -4,35 +4,41 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.costmap_layers import CostLookup
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.scales import static_layer_cost_from_occupancy
 from mapdeal.grid.values import (
     INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
     NO_INFORMATION,
+    OCCUPIED,
     UNKNOWN,
 )
-from mapdeal.kernels.blocks import blocks_of, made_by_rows, made_by_windows
-from mapdeal.kernels.lookup import set_where
+from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
+from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.stages.cost import cost_model
 from mapdeal.stages.cost_profile import CostProfile
 from mapdeal.stages.definition import Parameters, RobotShape
 from mapdeal.stages.obstacle_source import (
     ObstacleSource,
     check_lethal_threshold,
-    obstacles_of,
     warn_of_strength,
 )
 from mapdeal.stages.parameters import (
     AT_LEAST_0,
     METRES,
+    OCCUPANCY,
     PER_METRE,
+    PERCENT,
     FromRobot,
     LethalThreshold,
 )
@@ -55,6 +61,11 @@ def _radii_of(footprint: Footprint) -> dict[str, object]:
     }
 
 
+def _settled(parameters: Parameters) -> dict[str, object]:
+    lookup, asked = parameters["lookup"], parameters["float32_resolution"]
+    return {"float32_resolution": resolution_is_float32(lookup, asked)}
+
+
 def _advice(parameters: Parameters, cost: int) -> str:
     """Return what to change where nearly all open cells have one cost."""
     inscribed, inflation, factor = (
@@ -74,6 +85,7 @@ def _advice(parameters: Parameters, cost: int) -> str:
     advice=_advice,
     when_closed="lower inscribed_radius, or the radius of inflate",
     robot=RobotShape("inscribed_radius", ("inscribed_radius", "circumscribed_radius"), _radii_of),
+    settled=_settled,
 )
 def exponential_cost(
     source: ObstacleSource,
@@ -84,9 +96,14 @@ def exponential_cost(
     inflate_unknown: bool = False,
     inflate_around_unknown: bool = False,
     lethal_threshold: LethalThreshold | None = None,
+    trinary_costmap: bool = True,
+    track_unknown_space: bool = True,
+    inscribed_obstacle_cost_value: Annotated[int, PERCENT, OCCUPANCY] | None = None,
+    lookup: CostLookup = "exact",
+    float32_resolution: bool | None = None,
     circumscribed_radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] | None = None,
 ) -> Costmap:
-    """Return the costs of costmap_2d's inflation layer.
+    """Return the costs of costmap_2d's static layer and inflation layer.
 
     Parameters
     ----------
@@ -104,6 +121,20 @@ def exponential_cost(
         Unknown cells are lethal and spread costs.
     lethal_threshold : int, optional
         Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
+    trinary_costmap : bool
+        Values below an obstacle's are free. Otherwise they start out with the cost
+        trunc(254 v / `lethal_threshold`).
+    track_unknown_space : bool
+        Unknown cells are 255. Otherwise they are free, cost 0.
+    inscribed_obstacle_cost_value : int, optional
+        This value is an inscribed cell, 253. Nav2 newer than Kilted has 99; older ones and ROS 1
+        have no such rule.
+    lookup : {'exact', 'nav2'}
+        How a distance becomes a cost. ``exact``: as it is, like ROS 1 and Nav2 up to Kilted.
+        ``nav2``: rounded to 1/100 cell, like newer ones.
+    float32_resolution : bool, optional
+        Round the resolution to float32, as map messages carry it and lookup nav2 always does. The
+        reach is counted in such cells, without a tolerance.
     circumscribed_radius : float, optional
         The robot cannot collide farther away. It only sets `circumscribed_cost`, and a robot's
         shape gives it.
@@ -118,7 +149,8 @@ def exponential_cost(
     Raises
     ------
     ParameterError
-        If the field was clipped below the reach.
+        If the field was clipped below the reach, or the float32 resolution is refused to lookup
+        ``nav2``.
 
     Warns
     -----
@@ -129,12 +161,16 @@ def exponential_cost(
     Notes
     -----
     The reach is closed and counted in cells, d <= ceil(inflation_radius / resolution), so costs
-    exist up to almost one cell beyond the radius. The brushfire of costmap_2d overestimates the
-    distance of a few cells; the costs here are of the exact distance, never lower.
+    exist up to almost one cell beyond the radius. The brushfire of costmap_2d, up to Nav2 Kilted,
+    overestimates the distance of a few cells; the costs here are of the exact distance, never
+    lower. With lookup ``nav2`` they are those of newer ones byte for byte.
+
+    Unknown cells that a field counts as obstacles are lethal, whatever `track_unknown_space`.
 
     References
     ----------
-    ``inflation_layer.hpp`` of nav2_costmap_2d (``computeCost``, ``updateCosts``).
+    ``inflation_layer.hpp`` of nav2_costmap_2d (``computeCost``, ``updateCosts``);
+    ``interpretValue`` in its ``static_layer.cpp``.
 
     Examples
     --------
@@ -151,21 +187,31 @@ def exponential_cost(
         cost_scaling_factor,
         inflate_unknown=inflate_unknown,
         inflate_around_unknown=inflate_around_unknown,
+        lookup=lookup,
+        float32_resolution=resolution_is_float32(lookup, float32_resolution),
         resolution=source.resolution,
         shape=source.shape,
     )
-    circumscribed_cost = profile.cost_at(circumscribed_radius)
-    obstacles = obstacles_of(source, lethal_threshold)
+    base = BaseCosts(
+        source,
+        static_layer_cost_from_occupancy(
+            lethal_threshold=lethal_threshold,
+            trinary=trinary_costmap,
+            track_unknown=track_unknown_space,
+            inscribed_value=inscribed_obstacle_cost_value,
+        ),
+    )
 
     def around_seeds(rows: slice) -> NDArray[np.uint8]:
-        cost = costs_before(source.occupancy[rows], obstacles[rows])
-        if profile.reach > 0:
-            profile.raise_around_seeds(cost, obstacles[rows])
+        cost = base.of(rows)
+        profile.raise_around_seeds(cost)
         return cost
 
     def from_field(field: DistanceField) -> Callable[[slice], NDArray[np.uint8]]:
+        obstacles = field.obstacles()
+
         def make(rows: slice) -> NDArray[np.uint8]:
-            cost = costs_before(field.occupancy[rows], obstacles[rows])
+            cost = base.of(rows)
             profile.raise_from_field(cost, field.part(rows), obstacles[rows])
             return cost
 
@@ -174,30 +220,61 @@ def exponential_cost(
     if (
         isinstance(source, DistanceField)
         and profile.reach > 0
-        and not (inflate_around_unknown and _has_unknown_besides(source, obstacles))
+        and base.spread_from_obstacles(source, around_unknown=inflate_around_unknown)
         and profile.is_in(source)
     ):
         cost = made_by_rows(source.occupancy, np.uint8, from_field(source), is_kept=True)
     else:
         cost = made_by_windows(source.occupancy, np.uint8, around_seeds, halo=profile.cells)
+    circumscribed_cost = profile.cost_at(circumscribed_radius)
     return Costmap(
         cost, source.resolution, source.origin, circumscribed_cost=circumscribed_cost
     )  # fmt: skip
 
 
-def _has_unknown_besides(source: DistanceField, obstacles: NDArray[np.bool_]) -> bool:
-    """Return whether there are unknown cells that the field does not count as obstacles."""
-    occupancy = source.occupancy
-    return any(
-        ((occupancy[rows] == UNKNOWN) & ~obstacles[rows]).any() for rows in blocks_of(occupancy)
-    )
+@dataclass(frozen=True, eq=False)
+class BaseCosts:
+    """The costs before they spread.
+
+    Parameters
+    ----------
+    source : OccupancyGrid or DistanceField
+        What they are of.
+    table : numpy.ndarray of uint8, shape (256,)
+        The cost of each value, which the static layer gives it.
+    """
+
+    source: ObstacleSource
+    table: NDArray[np.uint8]
+
+    def of(self, rows: slice) -> NDArray[np.uint8]:
+        """Return the costs of some rows."""
+        occupancy = self.source.occupancy[rows]
+        cost: NDArray[np.uint8] = look_up(occupancy, self.table)
+        if isinstance(self.source, DistanceField) and self.source.unknown == "occupied":
+            set_where(cost, occupancy == UNKNOWN, LETHAL_OBSTACLE)
+        return cost
+
+    def spread_from_obstacles(self, field: DistanceField, *, around_unknown: bool) -> bool:
+        """Return whether the cells that costs spread from are the obstacles of a field."""
+        others = np.zeros(256, dtype=np.uint8)
+        others[: field.lethal_threshold] = self.table[: field.lethal_threshold] == LETHAL_OBSTACLE
+        lethal = slice(field.lethal_threshold, OCCUPIED + 1)
+        others[lethal] = self.table[lethal] != LETHAL_OBSTACLE
+        if field.unknown == "free":
+            others[UNKNOWN] = around_unknown and self.table[UNKNOWN] == NO_INFORMATION
+        return not others.any() or not counts_of(field.occupancy)[others.view(np.bool_)].any()
 
 
-def costs_before(
-    occupancy: NDArray[np.int8], obstacles: NDArray[np.bool_]
-) -> NDArray[np.uint8]:  # fmt: skip
-    """Return the costs before they spread: lethal obstacles, no information, and 0."""
-    cost = np.zeros(occupancy.shape, dtype=np.uint8)
-    set_where(cost, occupancy == UNKNOWN, NO_INFORMATION)
-    set_where(cost, obstacles, LETHAL_OBSTACLE)
-    return cost
+def resolution_is_float32(lookup: CostLookup, asked: bool | None) -> bool:
+    """Return whether costs are made with the float32 resolution of a map message.
+
+    Raises
+    ------
+    ParameterError
+        If it is refused to lookup ``nav2``, which has no other.
+    """
+    if lookup == "nav2" and asked is False:
+        rule = "cannot be no with lookup nav2, which takes the resolution of a map message"
+        raise ParameterError(rule, place="float32_resolution")
+    return lookup == "nav2" or bool(asked)
