@@ -39,8 +39,8 @@ def test_the_default_recipe_has_the_documented_defaults():
                   "lethal_threshold": 100, "strength": 1.0, "view": "metric", "view_range": 2.0}},
         {"cost": {"model": "exponential", "inscribed_radius": 0.0, "inflation_radius": 0.55,
                   "cost_scaling_factor": 10.0, "inflate_unknown": False,
-                  "inflate_around_unknown": False, "lethal_threshold": None, "trinary_costmap": True,
-                  "track_unknown_space": True, "inscribed_obstacle_cost_value": None,
+                  "inflate_around_unknown": False, "lethal_threshold": None,
+                  "trinary_costmap": True, "track_unknown_space": True, "inscribed_obstacle_cost_value": None,
                   "lookup": "exact", "float32_resolution": False, "circumscribed_radius": None}},
     ]  # fmt: skip
 
@@ -307,8 +307,8 @@ def test_the_numbers_of_recipe_nav2_are_those_of_nav2_bringup():
                   "lethal_threshold": 100, "strength": 1.0, "view": "metric", "view_range": 2.0}},
         {"cost": {"model": "exponential", "inscribed_radius": 0.22, "inflation_radius": 0.7,
                   "cost_scaling_factor": 3.0, "inflate_unknown": False,
-                  "inflate_around_unknown": False, "lethal_threshold": None, "trinary_costmap": True,
-                  "track_unknown_space": True, "inscribed_obstacle_cost_value": None,
+                  "inflate_around_unknown": False, "lethal_threshold": None,
+                  "trinary_costmap": True, "track_unknown_space": True, "inscribed_obstacle_cost_value": None,
                   "lookup": "exact", "float32_resolution": False, "circumscribed_radius": None}},
     ]  # fmt: skip
 

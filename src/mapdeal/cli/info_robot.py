@@ -30,11 +30,14 @@ def _rows_of(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for index, one in enumerate(report["layers"]):
         yield "" if index else "layers", f"{_name_of(one):<{width}}  {one['effect']}"
     for one in report.get("on_map", ()):
-        yield f"on the map", _on_map(one, report["map"])
+        yield "on the map", _on_map(one, report["map"])
     for text in report["warnings"]:
         yield "warning", text
     for file in report["files"]:
-        yield "sha256", f"{file['sha256']}" + (f"  {file['name']}" if len(report["files"]) > 1 else "")
+        yield (
+            "sha256",
+            f"{file['sha256']}" + (f"  {file['name']}" if len(report["files"]) > 1 else ""),
+        )
 
 
 def _shape_of(report: Mapping[str, Any]) -> str:

@@ -9,11 +9,13 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid.costmap_layers import CostmapLayers, StaticLayer
 from mapdeal.grid.field import DistanceField, obstacles_in
 from mapdeal.grid.field_view import FieldView, View, ViewScale
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
+    NO_INFORMATION,
     OCCUPIED,
     UNKNOWN,
     Convention,
@@ -143,6 +145,18 @@ class Viewer:
         return values
 
 
+def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
+    """Return the parameters of the field of what the lowest static layer that counts makes lethal.
+
+    Without one, nothing is; a threshold of 0, with which all is, has no field either.
+    """
+    for one in layers.that_count:
+        if isinstance(one, StaticLayer) and one.lethal_cost_threshold > 0:
+            unknown = "free" if one.unknown_cost_value == NO_INFORMATION else "occupied"
+            return {"lethal_threshold": one.lethal_cost_threshold, "unknown": unknown}
+    return None
+
+
 @stage(
     name="esdf",
     summary="Compute the exact signed distance field of a map.",
@@ -152,6 +166,7 @@ class Viewer:
     view_passes=lambda view: 2 if view["view"] == "seed" else 1,
     in_simulation=InSimulation({"unknown": "occupied"}),
     rows_alone=lambda parameters: FieldRule(**parameters),
+    of_layers=_of_layers,
 )
 def esdf(
     grid: OccupancyGrid,

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.costmap_layers import CostLookup
+from mapdeal.grid.costmap_layers import CostLookup, CostmapLayers
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.scales import static_layer_cost_from_occupancy
 from mapdeal.grid.values import (
+    FREE_SPACE,
     INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
     NO_INFORMATION,
@@ -61,6 +62,40 @@ def _radii_of(footprint: Footprint) -> dict[str, object]:
     }
 
 
+def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
+    """Return the parameters of one static layer and at most one inflation layer above it."""
+    found = layers.static_and_inflation
+    if found is None:
+        return None
+    static, inflation = found
+    threshold, inscribed = static.lethal_cost_threshold, static.inscribed_obstacle_cost_value
+    if static.unknown_cost_value != NO_INFORMATION or not 1 <= threshold <= OCCUPIED:
+        return None
+    # updateWithMax leaves what is unknown below, and a free costmap is all that lies below
+    keeps_free = static.use_maximum and layers.default_cost == FREE_SPACE
+    values: dict[str, object] = {
+        "lethal_threshold": threshold,
+        "trinary_costmap": static.trinary_costmap,
+        "track_unknown_space": static.track_unknown_space and not keeps_free,
+        "inscribed_obstacle_cost_value": (
+            inscribed if inscribed is not None and 0 <= inscribed <= OCCUPIED else None
+        ),
+        "float32_resolution": True,
+    }
+    if inflation is None or inflation.inflation_radius <= 0:
+        return {**values, "inscribed_radius": 0.0, "inflation_radius": 0.0}
+    return {
+        **values,
+        "inscribed_radius": inflation.inscribed_radius,
+        "inflation_radius": inflation.inflation_radius,
+        "cost_scaling_factor": inflation.cost_scaling_factor,
+        "inflate_unknown": inflation.inflate_unknown,
+        "inflate_around_unknown": inflation.inflate_around_unknown,
+        "lookup": inflation.lookup,
+        "circumscribed_radius": layers.circumscribed_radius,
+    }
+
+
 def _settled(parameters: Parameters) -> dict[str, object]:
     lookup, asked = parameters["lookup"], parameters["float32_resolution"]
     return {"float32_resolution": resolution_is_float32(lookup, asked)}
@@ -86,6 +121,7 @@ def _advice(parameters: Parameters, cost: int) -> str:
     when_closed="lower inscribed_radius, or the radius of inflate",
     robot=RobotShape("inscribed_radius", ("inscribed_radius", "circumscribed_radius"), _radii_of),
     settled=_settled,
+    of_layers=_of_layers,
 )
 def exponential_cost(
     source: ObstacleSource,
