@@ -254,13 +254,7 @@ def draw_office() -> None:
     inflated = mapdeal.inflate(office)
     field = mapdeal.esdf(inflated)
     robot = mapdeal.Footprint.parse(FOOTPRINT)
-    around_robot = mapdeal.exponential_cost(
-        mapdeal.esdf(office),
-        inscribed_radius=robot.inscribed_radius,
-        circumscribed_radius=robot.circumscribed_radius,
-        inflation_radius=0.7,
-        cost_scaling_factor=3.0,
-    )
+    around_robot = mapdeal.apply_recipe(office, "nav2", footprint=robot)["cost"]
     threshold = mapdeal.threshold_cost(mapdeal.esdf(office))
     rings = mapdeal.ring_cost(office)
     square = mapdeal.inflate(office, kernel="square")
@@ -281,8 +275,7 @@ def draw_office() -> None:
         mask,
     )
     goal = (9.0, 5.0)
-    costs = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
-    costmap = mapdeal.exponential_cost(office, **costs)
+    costmap = mapdeal.apply_recipe(office, "nav2")["cost"]
     route = mapdeal.shortest_route(costmap, (-7.5, 2.5), goal)
     _picture("office_route.png", costmap, "office: route, astar", overlay=RouteOverlay(route))
     routes = {

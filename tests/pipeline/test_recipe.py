@@ -1,3 +1,4 @@
+import hashlib
 import json
 import warnings
 from pathlib import Path
@@ -40,7 +41,8 @@ def test_the_default_recipe_has_the_documented_defaults():
         {"cost": {"model": "exponential", "inscribed_radius": 0.0, "inflation_radius": 0.55,
                   "cost_scaling_factor": 10.0, "inflate_unknown": False,
                   "inflate_around_unknown": False, "lethal_threshold": None,
-                  "trinary_costmap": True, "track_unknown_space": True, "inscribed_obstacle_cost_value": None,
+                  "trinary_costmap": True, "track_unknown_space": True,
+                  "inscribed_obstacle_cost_value": None,
                   "lookup": "exact", "float32_resolution": False, "circumscribed_radius": None}},
     ]  # fmt: skip
 
@@ -197,6 +199,23 @@ def test_the_radius_that_is_told_is_the_one_that_acts(recipe, shape):
         np.testing.assert_array_equal(made[0].layer, made[1].layer)
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_the_recipe_nav2_makes_the_costs_of_nav2_bringup_s_own_parameters(real_maps):
+    """The real code's costmaps of nav2_params.yaml, recorded; and a shape makes the same robot."""
+    recorded = json.loads((real_maps / "expected" / "params.json").read_text())["cases"]
+    own = "params/ros-navigation__navigation2/nav2_bringup/params/nav2_params.yaml"
+    cases = [case for case in recorded if case["params_files"] == [own]]
+    cases = [case for case in cases if case["costmap"] == "global_costmap"]
+    assert len(cases) == 3
+    real = Footprint.sixteen_gon(0.22).padded(0.01)
+    for case, shape in [*((case, None) for case in cases), (cases[0], real)]:
+        grid = read_map(real_maps / case["map"])
+        for step in load_recipe("nav2", footprint=shape).steps:
+            grid = step.apply(grid, Path("m"))
+        made = hashlib.sha256(np.ascontiguousarray(grid.cost).tobytes()).hexdigest()
+        assert made == case["distance_transform"]["sha256"], case["id"]
+
+
 def test_a_shape_gives_inflate_the_radius_that_is_recorded():
     # by hand: 0.3 and 0.4 are the sides of a triangle of 0.5; padded 0.33, 0.44 and 0.55
     assert described("default", footprint=SHAPE)["inflate"]["radius"] == pytest.approx(0.5)
@@ -305,11 +324,12 @@ def test_the_numbers_of_recipe_nav2_are_those_of_nav2_bringup():
     assert load_recipe("nav2").described() == [
         {"esdf": {"unknown": "free", "convention": "seed", "max_distance": None,
                   "lethal_threshold": 100, "strength": 1.0, "view": "metric", "view_range": 2.0}},
-        {"cost": {"model": "exponential", "inscribed_radius": 0.22, "inflation_radius": 0.7,
-                  "cost_scaling_factor": 3.0, "inflate_unknown": False,
+        {"cost": {"model": "exponential", "inscribed_radius": 0.22549849949589046,
+                  "inflation_radius": 0.7, "cost_scaling_factor": 3.0, "inflate_unknown": False,
                   "inflate_around_unknown": False, "lethal_threshold": None,
-                  "trinary_costmap": True, "track_unknown_space": True, "inscribed_obstacle_cost_value": None,
-                  "lookup": "exact", "float32_resolution": False, "circumscribed_radius": None}},
+                  "trinary_costmap": True, "track_unknown_space": True,
+                  "inscribed_obstacle_cost_value": 99,
+                  "lookup": "nav2", "float32_resolution": True, "circumscribed_radius": None}},
     ]  # fmt: skip
 
 

@@ -170,8 +170,8 @@ def test_the_costs_of_recipe_nav2_by_hand(tmp_path):
     grid = OccupancyGrid([[100, *[0] * 19]], 0.05, (1.5, -2.0, 0.4))
     write_map(tmp_path / "row.yaml", grid)
     run_map(tmp_path / "row.yaml", tmp_path / "out", load_recipe("nav2"), Settings(images=False))
-    # 253 to 0.22 m, then trunc(252 exp(-3 (d - 0.22))), to 0.7 m, which are 14 cells
-    expected = [254, *[253] * 4, 230, 198, 170, 146, 126, 108, 93, 80, 69, 59, *[0] * 5]
+    # 253 to 0.2255 m, then trunc(252 exp(-3 (d - 0.2255))), to 0.7 m, which are 14 cells
+    expected = [254, *[253] * 4, 234, 201, 173, 149, 128, 110, 95, 81, 70, 60, *[0] * 5]
     assert read_map(tmp_path / "out" / "cost.npz").cost.tolist() == [expected]
 
 
