@@ -45,6 +45,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.golden import differences_from_golden
 from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources, repair_maps
 from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.robot.ros1 import ros1_robot
 from mapdeal.stages.catalogue import STAGES
 from mapdeal.stages.parameters import parameters_of
 
@@ -210,6 +211,22 @@ def lint(path, data):
     assert all(isinstance(one, (MalformedInputError, FileAccessError)) for one in problems)
     assert len(repaired.findings) <= len(report.findings) or repaired.maps[0].repairs
     return report.findings
+
+
+def read_ros1_robot(path, data):
+    """Resolve a file of ROS 1 for both costmaps; what is wrong with it is no error."""
+    for costmap in ("global", "local"):
+        robot, problems = ros1_robot([path], costmap=costmap)
+        for one in problems:
+            assert one.text.isprintable() or "\n" not in one.text
+            assert one.line is None or 1 <= one.line <= data.count(b"\n") + data.count(b"\r") + 3
+        refused = [one for one in problems if one.level == "refused"]
+        assert robot is not None or refused
+        if refused:
+            raise MalformedInputError(refused[0].text, source=path)
+        assert len(robot.footprint.vertices) >= 3
+        assert robot.inscribed_radius <= robot.circumscribed_radius * (1 + 1e-9)
+    return path
 
 
 def read_config(path, data):

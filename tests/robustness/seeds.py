@@ -379,6 +379,17 @@ LINT_CONFIGS = [
     b'[lint]\nselect = ["all"]\n\n[lint.severity]\nmap = "note"\n',
 ]
 
+ROS1_PARAMETERS = [
+    (b"footprint: [[-0.2, -0.1], [-0.2, 0.1], [0.3, 0.1]]\nstatic_map: true\nmap_type: voxel\n"
+     b"inflation_radius: 0.8\nlethal_cost_threshold: 60.5\nx: deg(90)\n"),
+    (b"move_base:\n  global_costmap: &g\n    robot_radius: 0.2\n    plugins:\n"
+     b"      - {name: static_layer, type: 'costmap_2d::StaticLayer'}\n"
+     b"      - {name: inflation_layer, type: 'costmap_2d::InflationLayer'}\n"
+     b"    static_layer: {enabled: true, track_unknown_space: no, unknown_cost_value: -1}\n"
+     b"    inflation_layer: {inflation_radius: 1, cost_scaling_factor: 3.0}\n"
+     b"  local_costmap: {<<: *g, footprint: '[[1, 1], [-1, 1], [0, -1]]', width: 4}\n"),
+]  # fmt: skip
+
 MANIFEST = {
     "mapdeal": "1.0", "inputs": {"m.pgm": "00aa", "m.yaml": "11aa"}, "options": {"sim": False},
     "stages": [{"inflate": {"radius": 0.3, "kernel": "disc"}}, {"esdf": {"unknown": "free"}}],

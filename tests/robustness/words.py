@@ -8,6 +8,12 @@ YAML_WORDS = (
     b"image: m.pgm\n", b"more: {a: [1, 2]}\n", b"raw: true\n", b"%YAML 1.2\n---\n", b"~",
     b"- " * 30, b"[" * 30, b" # mapdeal: ignore image, map.\n", b"# mapdeal:ignore\n",
 )  # fmt: skip
+ROS1_WORDS = (
+    *YAML_WORDS, b"$(arg x)", b"rad(pi)", b"deg(x)", b"!radians ", b"/a/b: 1\n", b"_ns: a\n",
+    b"global_costmap: {}\n", b"local_costmap: {width: 1}\n", b"footprint: '[[1,1]'\n",
+    b"robot_radius: .nan\n", b"robot_radius: -1e300\n", b"footprint_padding: -.inf\n",
+    b"plugins: []\n", b"plugins: [a]\n", b"on: off\n", b"x:\n", b"inflation_radius: 1e-1\n",
+)  # fmt: skip
 TOML_WORDS = (
     b"[lint]\n", b"[tool.mapdeal.lint]\n", b"[[lint]]\n", b"lint.", b"= ", b"[" * 3000, b"{" * 50,
     b"]", b"}", b'"', b"'" * 3, b"\n", b"true", b"1_0", b"7" * 5000, b"0x", b"nan", b"1979-05-27",

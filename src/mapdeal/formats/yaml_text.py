@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -261,10 +262,47 @@ def _decode(path: Path, data: bytes) -> str:
     return text
 
 
+def compose_documents(
+    path: Path, data: bytes, limits: YamlLimits, tags: frozenset[str] = frozenset()
+) -> list[yaml.Node]:
+    """Return the nodes of all documents in the contents of a YAML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for errors.
+    data : bytes
+        Its contents.
+    limits : YamlLimits
+        What all documents together may hold.
+    tags : frozenset of str
+        Tags that are allowed besides those of plain YAML.
+
+    Raises
+    ------
+    MalformedInputError
+        If it is no UTF-8, no YAML, or holds more than the limits allow.
+    """
+    text = _decode(path, data)
+    with _as_malformed(path):
+        composer = _Composer(text, path, limits, tags)
+        documents: list[yaml.Node] = []
+        while composer.check_node():
+            node = composer.get_node()
+            documents += [] if node is None else [node]
+        return documents
+
+
 def _compose(path: Path, text: str, limits: YamlLimits) -> yaml.Node | None:
     """Return the tree of nodes, as far as it is harmless."""
-    try:
+    with _as_malformed(path):
         return _Composer(text, path, limits).get_single_node()
+
+
+@contextmanager
+def _as_malformed(path: Path) -> Iterator[None]:
+    try:
+        yield
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else None
@@ -275,8 +313,11 @@ def _compose(path: Path, text: str, limits: YamlLimits) -> yaml.Node | None:
 class _Composer(yaml.SafeLoader):
     """PyYAML's composer, which looks at each node before it is made."""
 
-    def __init__(self, text: str, path: Path, limits: YamlLimits) -> None:
+    def __init__(
+        self, text: str, path: Path, limits: YamlLimits, tags: frozenset[str] = frozenset()
+    ) -> None:
         super().__init__(text)
+        self._tags = _PLAIN_TAGS | tags
         self._path = path
         self._limits = limits
         self._depth = self._nodes = self._aliases = 0
@@ -291,7 +332,7 @@ class _Composer(yaml.SafeLoader):
         before = self._nodes
         self._count(1, event)
         tag = getattr(event, "tag", None)
-        if tag not in (None, "!") and tag not in _PLAIN_TAGS:
+        if tag not in (None, "!") and tag not in self._tags:
             raise self._error("tag not allowed", event, got=tag)
         is_nested = isinstance(event, (yaml.SequenceStartEvent, yaml.MappingStartEvent))
         self._depth += is_nested

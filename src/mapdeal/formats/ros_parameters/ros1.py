@@ -1,0 +1,254 @@
+"""Files of ROS 1 parameters, read as ``<rosparam file=...>`` and ``rosparam load`` read them.
+
+Values are those of PyYAML's safe loader, YAML 1.1: ``1e-1`` is text, ``010`` is eight and ``yes``
+is true. What is nested becomes namespaces, which are merged; of two values the later one stays.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.ros_parameters.fault import Fault
+from mapdeal.formats.ros_parameters.ros1_values import EXTRA_TAGS, kind_of, value_of, why_unsendable
+from mapdeal.formats.ros_parameters.value import ParameterValue
+from mapdeal.formats.source import read_file
+from mapdeal.formats.yaml_text import YamlLimits, compose_documents
+
+OF_PARAMETERS = YamlLimits(bytes=1 << 20, nodes=50_000, aliases=200)
+ROOT = ""
+"""The name, at a file's top, of what a leading slash puts below the root of all namespaces."""
+
+_NAMESPACE_KEY = "_ns"
+_MERGE = "tag:yaml.org,2002:merge"
+
+Path1 = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Ros1Namespace:
+    """Parameters and the namespaces within, by name, in the order they came in.
+
+    Parameters
+    ----------
+    line : int
+        Where it stands first, from 1; 0 if it stands nowhere.
+    source : Path, optional
+        The file of that line.
+    """
+
+    line: int = 0
+    source: Path | None = None
+    members: dict[str, ParameterValue | Ros1Namespace] = field(default_factory=dict)
+
+    def get(self, path: Path1) -> ParameterValue | Ros1Namespace | None:
+        """Return what stands at a path, if anything does."""
+        here: ParameterValue | Ros1Namespace | None = self
+        for name in path:
+            if not isinstance(here, Ros1Namespace):
+                return None
+            here = here.members.get(name)
+        return here
+
+    def values(self) -> Iterator[tuple[Path1, ParameterValue]]:
+        """Yield all parameters with their paths."""
+        for name, member in self.members.items():
+            if isinstance(member, Ros1Namespace):
+                yield from (((name, *path), value) for path, value in member.values())
+            else:
+                yield (name,), member
+
+    def namespaces(self) -> Iterator[tuple[Path1, Ros1Namespace]]:
+        """Yield all namespaces within, with their paths."""
+        for name, member in self.members.items():
+            if isinstance(member, Ros1Namespace):
+                yield (name,), member
+                yield from (((name, *path), found) for path, found in member.namespaces())
+
+
+@dataclass(frozen=True)
+class Ros1File:
+    """What a file of ROS 1 parameters holds.
+
+    Parameters
+    ----------
+    source : Path
+        The file.
+    sha256 : str
+        Of its bytes.
+    parameters : Ros1Namespace
+        Its parameters as they are nested in it; those whose names begin with a slash below `ROOT`.
+    faults : tuple of Fault
+        Why roslaunch refuses it, and what else is wrong with it.
+    """
+
+    source: Path
+    sha256: str
+    parameters: Ros1Namespace
+    faults: tuple[Fault, ...] = ()
+
+
+def read_ros1_parameters(path: Path) -> Ros1File:
+    """Return the parameters of a file.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        If it is no YAML of ROS's kind, or too large.
+    """
+    return parse_ros1_parameters(path, read_file(path, limit=OF_PARAMETERS.bytes))
+
+
+def parse_ros1_parameters(path: Path, data: bytes) -> Ros1File:
+    """Return the parameters in the contents of a file.
+
+    Raises
+    ------
+    MalformedInputError
+        As `read_ros1_parameters`.
+    """
+    reader = _Reader(path)
+    documents = compose_documents(path, data, OF_PARAMETERS, EXTRA_TAGS)
+    for node in documents:
+        reader.read(node)
+    if len(documents) > 1:
+        line = documents[1].start_mark.line + 1
+        reader.fault("params.syntax", "refused", "roslaunch reads files of one document", line,
+                     hint="remove the ---, or load the file with rosparam load")  # fmt: skip
+    return Ros1File(path, hashlib.sha256(data).hexdigest(), reader.tree, tuple(reader.faults))
+
+
+def merge(into: Ros1Namespace, at: Path1, other: Ros1Namespace) -> None:
+    """Set all parameters of a namespace below a path in another, as one after the other."""
+    for path, value in other.values():
+        put(into, (*at, *path), value)
+    for path, found in other.namespaces():  # those that are empty, too, for what lint says of them
+        _descend(into, (*at, *path), found.source, found.line)
+
+
+def put(into: Ros1Namespace, path: Path1, value: ParameterValue) -> None:
+    """Set one parameter; a value on its way becomes a namespace, as rosmaster has it."""
+    _descend(into, path[:-1], value.source, value.line).members[path[-1]] = value
+
+
+def _descend(into: Ros1Namespace, path: Path1, source: Path | None, line: int) -> Ros1Namespace:
+    here = into
+    for name in path:
+        member = here.members.get(name)
+        if not isinstance(member, Ros1Namespace):
+            member = here.members[name] = Ros1Namespace(line, source)
+        here = member
+    return here
+
+
+class _Reader:
+    """What turns the nodes of a file into parameters, and keeps its faults."""
+
+    def __init__(self, source: Path) -> None:
+        self.source = source
+        self.tree = Ros1Namespace(1, source)
+        self.faults: list[Fault] = []
+
+    def fault(self, check: str, level: Any, text: str, line: int, **more: str) -> None:
+        """Add a fault."""
+        self.faults.append(Fault(check, level, text, self.source, line, **more))
+
+    def read(self, node: yaml.Node) -> None:
+        """Add the parameters of a document."""
+        if not isinstance(node, yaml.MappingNode):
+            kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
+            rule = f"must be a mapping of parameters, is a {kind}"
+            raise MalformedInputError(rule, source=self.source)
+        self._add((), node, _own_namespace(node))
+
+    def _add(self, path: Path1, node: yaml.MappingNode, above: Path1) -> None:
+        for key, value in self._pairs(path, node):
+            where = _joined(path or above, key)
+            if not where or (path == () and key == _NAMESPACE_KEY):
+                continue
+            if isinstance(value, yaml.MappingNode) and not value.tag.startswith("!"):
+                _descend(self.tree, where, self.source, value.start_mark.line + 1)
+                self._add(where, value, above)
+            else:
+                self._set(where, value)
+
+    def _pairs(self, path: Path1, node: yaml.MappingNode) -> Iterator[tuple[str, yaml.Node]]:
+        """Yield names and nodes of a mapping; a name twice only as it stands last."""
+        seen: dict[str, tuple[int, yaml.Node]] = {}
+        own = {id(key) for key, _ in node.value}
+        for key, value in _flattened(self.source, node):
+            name, line = value_of(self.source, key), key.start_mark.line + 1
+            if not isinstance(name, str):
+                shown = "/".join((*path, str(key.value)))
+                self.fault("params.name", "refused", "names must be text", line, parameter=shown,
+                           got=f"{kind_of(name)} {key.value}", hint="put it in quotes")  # fmt: skip
+                continue
+            if name in seen and id(key) in own and seen[name][0] > 0:
+                self._twice((*path, name), *seen[name], line, value)
+            seen.pop(name, None)
+            seen[name] = (line if id(key) in own else 0, value)
+        for name, (_, value) in seen.items():
+            yield name, value
+
+    def _twice(
+        self, path: Path1, first: int, before: yaml.Node, line: int, value: yaml.Node
+    ) -> None:
+        is_same = value_of(self.source, before) == value_of(self.source, value)
+        which = "with one value" if is_same else "the later one counts"
+        text = f"stands twice, on lines {first} and {line}; {which}"
+        level = "note" if is_same else "warning"
+        self.fault("params.twice", level, text, line, parameter="/".join(path))
+
+    def _set(self, path: Path1, node: yaml.Node) -> None:
+        start, end = node.start_mark, node.end_mark
+        text = (start.buffer or "")[start.pointer : end.pointer].rstrip("\0").strip()
+        value, line, name = value_of(self.source, node), start.line + 1, "/".join(path).lstrip("/")
+        reason = why_unsendable(value)
+        if reason is not None:
+            more = {"hint": reason.hint} if reason.hint else {}
+            self.fault(reason.check, "refused", reason.text, line, parameter=name,
+                       **({"got": text} if text else {}), **more)  # fmt: skip
+        put(self.tree, path, ParameterValue(value, kind_of(value), self.source, line, text))
+
+
+def _own_namespace(node: yaml.MappingNode) -> Path1:
+    """Return what ``_ns`` in a document says."""
+    for key, value in node.value:
+        if getattr(key, "value", None) == _NAMESPACE_KEY and isinstance(value, yaml.ScalarNode):
+            return _joined((), str(value.value))
+    return ()
+
+
+def _joined(path: Path1, name: str) -> Path1:
+    """Return the path of a name below another one, as ``ns_join``; a slash leads to the root."""
+    parts = tuple(part for part in name.split("/") if part)
+    return (ROOT, *parts) if name.startswith("/") else (*path, *parts)
+
+
+def _flattened(source: Path, node: yaml.MappingNode) -> list[tuple[yaml.Node, yaml.Node]]:
+    """Return the pairs of a mapping, those of merge keys before its own."""
+    if not any(key.tag == _MERGE for key, _ in node.value):
+        return list(node.value)
+    merged = yaml.MappingNode(node.tag, list(node.value), node.start_mark, node.end_mark)
+    try:
+        yaml.SafeLoader("").flatten_mapping(merged)
+    except yaml.YAMLError:
+        place = f"line {node.start_mark.line + 1}"
+        raise MalformedInputError("<< must name mappings", source=source, place=place) from None
+    return list(merged.value)
+
+
+def as_mapping(namespace: Ros1Namespace) -> Mapping[str, Any]:
+    """Return a namespace as plain dicts and values, as ``rosparam get`` prints it."""
+    return {
+        name: as_mapping(member) if isinstance(member, Ros1Namespace) else member.value
+        for name, member in namespace.members.items()
+    }
