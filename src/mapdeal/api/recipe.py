@@ -12,9 +12,10 @@ from mapdeal.pipeline import recipe as recipes
 from mapdeal.pipeline.applied import products_of
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import Canvas, Settings
+from mapdeal.robot.parameters import RobotParameters
 
-RecipeLike = str | PathLike[str] | Recipe
-"""A built-in recipe, a file, or a recipe that was loaded."""
+RecipeLike = str | PathLike[str] | Recipe | RobotParameters
+"""A built-in recipe, a file, a recipe that was loaded, or a robot, whose costmap it is."""
 
 
 def load_recipe(
@@ -28,9 +29,10 @@ def load_recipe(
 
     Parameters
     ----------
-    recipe : str, path or Recipe
+    recipe : str, path, Recipe or RobotParameters
         ``default``, ``nav2``, another one of `mapdeal run --help`, or a YAML file. A recipe that
-        was loaded is returned as it is.
+        was loaded is returned as it is. A robot's own parameters, from `read_robot_parameters`,
+        become the costmap that they describe.
     changes : mapping of str to object, optional
         Parameters by ``stage.parameter``, such as ``{"inflate.radius": 0.3}``, as ``--set``;
         stronger than all else.
@@ -71,13 +73,19 @@ def load_recipe(
             rule = "a recipe that was loaded cannot be changed"
             raise ParameterError(rule, place="recipe", hint="give the changes to load_recipe")
         return recipe
-    if not isinstance(recipe, str | PathLike):
-        rule = "must be the name of a recipe, a file, or what load_recipe returns"
+    robot = recipe if isinstance(recipe, RobotParameters) else None
+    if robot is None and not isinstance(recipe, str | PathLike):
+        rule = "must be the name of a recipe, a file, a robot, or what load_recipe returns"
         raise ParameterError(rule, place="recipe", got=recipe)
     if changes is not None and not isinstance(changes, Mapping):
         raise ParameterError("must be values by name", place="changes", got=changes)
     return recipes.load_recipe(
-        str(recipe), sim=sim, footprint=footprint, changes=changes, prefix=""
+        str(recipe) if robot is None else None,
+        sim=sim,
+        footprint=footprint,
+        robot=robot,
+        changes=changes,
+        prefix="",
     )
 
 

@@ -11,7 +11,7 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.info_robot import text_of_robot
+from mapdeal.cli.info_robot import line_of_robot, text_of_robot
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import one_line
@@ -102,6 +102,8 @@ def _rows_of_run(report: dict[str, Any]) -> list[tuple[str, str]]:
         ("inputs", _listed(report["inputs"], with_values=False)),
         ("options", _listed(report["options"])),
     ]
+    if "robot" in report:
+        rows.append(("robot", line_of_robot(report["robot"])))
     for name, parameters in _stages(report["stages"]):
         rows.append((name, _listed(parameters)))
         rows.append(("", _figures(report["figures"].get(name, {}))))

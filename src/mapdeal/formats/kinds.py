@@ -36,7 +36,11 @@ _SCAN_WORDS = re.compile(rb"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]")
 _IMAGE_KEY = re.compile(rb"""(?m)^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""")
 _ROS_PARAMETERS = re.compile(rb"(?m)^[ \t]*[\"']?ros__parameters[\"']?[ \t]*:")
 _OF_COSTMAPS = ("local_costmap", "global_costmap", "obstacle_layer", "inflation_layer")
-_OF_ROBOTS = ("footprint", "robot_radius", "inflation_radius", "plugins", "obstacle_range")
+_OF_ROBOTS = (
+    "footprint", "footprint_padding", "robot_radius", "inflation_radius", "plugins", "map_type",
+    "obstacle_range", "raytrace_range", "rolling_window", "robot_base_frame", "transform_tolerance",
+)  # fmt: skip
+"""Keys of ROS 1's costmap files, of which two make one."""
 _TUM, _PLANAR = 8, 3
 _MOST_OF_A_POINT = 16
 

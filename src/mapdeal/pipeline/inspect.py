@@ -87,7 +87,8 @@ def _describe_run(path: Path) -> dict[str, Any]:
     status_of(folder / MANIFEST)
     manifest = manifest_in(folder)
     keys = ("version", "inputs", "options", "stages", "figures", "warnings")
-    return {"file": str(path), "kind": "run"} | {key: manifest.get(key) for key in keys}
+    report = {"file": str(path), "kind": "run"} | {key: manifest.get(key) for key in keys}
+    return report | {key: manifest[key] for key in ("robot",) if key in manifest}
 
 
 def _without_run(path: Path) -> FileAccessError:

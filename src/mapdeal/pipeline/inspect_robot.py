@@ -12,7 +12,7 @@ from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import open_map
 from mapdeal.formats.source import exists, is_folder
 from mapdeal.robot.effects import effect_of, on_map
-from mapdeal.robot.load import read_robot
+from mapdeal.robot.load import is_ros2, read_robot
 from mapdeal.robot.parameters import CostmapName
 
 
@@ -44,7 +44,7 @@ def describe_robot(
     report["warnings"] = list(robot.remarks)
     if map_path is not None:
         with open_map(map_path, dialect=dialect) as file:
-            resolution = file.frame.resolution
+            resolution = file.frame().resolution
         report["map"] = str(map_path)
         report["on_map"] = on_map(robot, resolution)
     return report
@@ -74,7 +74,7 @@ def robots_among(
     for path in paths:
         kind = kind_of(path) if exists(path) and not is_folder(path) else None
         is_parameters = kind is not None and kind.name == PARAMETERS
-        if is_parameters and not holds_ros2(path):
+        if is_parameters and not is_ros2(path):
             stack.append(path)
             continue
         if stack:

@@ -170,7 +170,7 @@ def costs_of(
     return grid
 
 
-def _recipe_for(footprint: Footprint | None, robot: RobotParameters | None) -> Recipe:
+def _recipe_for(footprint: Footprint | None, robot: RobotParameters | None = None) -> Recipe:
     """Return the recipe, for a large robot with as much room for its costs as for its own."""
     if robot is not None:
         return load_recipe(None, footprint=footprint, robot=robot)

@@ -7,7 +7,7 @@ import struct
 from typing import Any
 
 from mapdeal.grid.costmap_layers import CostmapLayer, InflationLayer, StaticLayer
-from mapdeal.robot.parameters import ListedLayer, RobotParameters
+from mapdeal.robot.parameters import INJECTED, ListedLayer, RobotParameters
 
 _UNKNOWN = 255
 
@@ -20,7 +20,8 @@ def effect_of(one: ListedLayer, robot: RobotParameters) -> str:
         return "switched off"
     if all(one.layer is not other for other in robot.costmap_layers.that_count):
         return "no effect: a static layer above it replaces all costs"
-    return _effect_of(one.layer)
+    effect = _effect_of(one.layer)
+    return f"not in the file, put in front: {effect}" if one.name == INJECTED else effect
 
 
 def _effect_of(layer: CostmapLayer) -> str:

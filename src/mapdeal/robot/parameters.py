@@ -20,6 +20,9 @@ from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION
 Flavour = Literal["nav2", "ros1"]
 CostmapName = Literal["global", "local"]
 
+INJECTED = "injected_static"
+"""The static layer that a local costmap without one is given: the map is what is asked about."""
+
 
 @dataclass(frozen=True)
 class ListedLayer:
@@ -51,11 +54,10 @@ class ListedLayer:
 
 @dataclass(frozen=True)
 class ParameterFile:
-    """A parameter file that was read: its name, the sha256 of its bytes, and where it lies."""
+    """A parameter file that was read, and the sha256 of its bytes."""
 
-    name: str
-    sha256: str
     path: Path
+    sha256: str
 
 
 @dataclass(frozen=True, repr=False)
@@ -162,7 +164,7 @@ class RobotParameters(OneLine):
         shape = [list(corner) for corner in self.footprint.vertices]
         return {
             "flavour": self.flavour,
-            "files": [{"name": file.name, "sha256": file.sha256} for file in self.files],
+            "files": [{"name": file.path.name, "sha256": file.sha256} for file in self.files],
             "costmap": self.costmap,
             "node": self.node,
             "footprint": shape or {"radius": self.footprint.radius},

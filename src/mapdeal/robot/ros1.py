@@ -13,7 +13,13 @@ from pathlib import Path
 
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.grid.costmap_layers import CostmapLayer, InflationLayer, StaticLayer
-from mapdeal.robot.parameters import CostmapName, ListedLayer, ParameterFile, RobotParameters
+from mapdeal.robot.parameters import (
+    INJECTED,
+    CostmapName,
+    ListedLayer,
+    ParameterFile,
+    RobotParameters,
+)
 from mapdeal.robot.problem import Problem
 from mapdeal.robot.ros1_footprint import ros1_shape
 from mapdeal.robot.ros1_server import Ros1Server, load_server
@@ -21,7 +27,6 @@ from mapdeal.robot.ros1_server import Ros1Server, load_server
 _STATIC, _INFLATION = "costmap_2d::StaticLayer", "costmap_2d::InflationLayer"
 _OBSTACLE, _VOXEL = "costmap_2d::ObstacleLayer", "costmap_2d::VoxelLayer"
 _OWN = (_STATIC, _INFLATION, _OBSTACLE, _VOXEL)
-_INJECTED = "injected_static"
 _PARENTS = {
     _STATIC: ("map_topic", "unknown_cost_value", "lethal_cost_threshold", "track_unknown_space"),
     _INFLATION: ("cost_scaling_factor", "inflation_radius"),
@@ -86,8 +91,8 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
     layers = tuple(_layer(server, name, kind, shape.inscribed_radius) for name, kind in plugins)
     if not any(isinstance(one.layer, StaticLayer) for one in layers):
         if server.costmap == "local":
-            injected = StaticLayer(_INJECTED)
-            layers = (ListedLayer(_INJECTED, _STATIC, injected), *layers)
+            injected = StaticLayer(INJECTED)
+            layers = (ListedLayer(INJECTED, _STATIC, injected), *layers)
         else:
             text = "no static layer: the costmap does not read the map, and all of it is "
             value = "255, unknown" if track else "0, free"
@@ -104,7 +109,7 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
         track_unknown_space=track,
         rolling_window=rolling,
         layers=layers,
-        files=tuple(ParameterFile(str(one.source), one.sha256) for one in server.files),
+        files=tuple(ParameterFile(one.source, one.sha256) for one in server.files),
         inscribed_radius=shape.inscribed_radius,
         circumscribed_radius=shape.circumscribed_radius,
     )

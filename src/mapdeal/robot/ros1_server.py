@@ -205,11 +205,26 @@ def load_server(
         server.problems.append(why_not)
         return server, False
     for one, found in zip(files, owners, strict=True):
+        if not found and len(files) > 1 and _is_the_others(one.source, costmap):
+            text = (
+                f"is left out, as a file of the other costmap by its name; {costmap} was asked for"
+            )
+            hint = "give it alone with the files of its own costmap, or another name"
+            server.problems.append(
+                Problem("params.other-costmap", "warning", text, source=one.source, hint=hint)
+            )
+            continue
         merge(server.root, _place_of(found, node, costmap), _without_root(one.parameters))
         absolute = one.parameters.members.get(ROOT)
         if isinstance(absolute, Ros1Namespace):
             merge(server.root, (), absolute)
     return server, len(files) == len(paths)
+
+
+def _is_the_others(path: Path, costmap: CostmapName) -> bool:
+    """Return whether a file is of the other costmap by its name, as nothing else tells."""
+    other = "local" if costmap == "global" else "global"
+    return other in path.stem.lower() and costmap not in path.stem.lower()
 
 
 def _without_root(namespace: Ros1Namespace) -> Ros1Namespace:

@@ -1,0 +1,118 @@
+"""A robot's parameter files: whose they are, and what they say of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.formats.source import read_file
+from mapdeal.robot.parameters import CostmapName, RobotParameters
+from mapdeal.robot.problem import Problem
+
+_KEY = b"ros__parameters"
+_LARGEST = 1 << 24
+
+
+def read_robot(
+    paths: Sequence[Path],
+    *,
+    costmap: CostmapName = "global",
+    namespace: str | None = None,
+    older: bool = False,
+) -> RobotParameters:
+    """Return what a robot's parameter files say of one of its costmaps.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Nav2 files, or ROS 1's costmap files; later ones win.
+    costmap : {'global', 'local'}
+        Which costmap.
+    namespace : str, optional
+        Which robot, where files hold several.
+    older : bool
+        Whether Nav2's costmap is that of Humble to Kilted.
+
+    Returns
+    -------
+    RobotParameters
+        `RobotParameters.remarks` has what was warned of.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read.
+    MalformedInputError
+        If the real node would not start with these files; the error names the first reason.
+    ParameterError
+        If there is no file, or files of Nav2 and ROS 1 are mixed.
+
+    Warns
+    -----
+    MapdealWarning
+        Of what makes the costmap another one than its owner may think.
+    """
+    robot, problems = found_in(paths, costmap=costmap, namespace=namespace, older=older)
+    for one in problems:
+        if one.level == "refused":
+            raise _error_of(one, paths)
+    if robot is None:
+        raise MalformedInputError("holds no robot", source=paths[-1])
+    texts = tuple(_line_of(one, paths) for one in problems if one.level == "warning")
+    for text in texts:
+        emit_warning(text, stacklevel=2)
+    return replace(robot, remarks=texts)
+
+
+def found_in(
+    paths: Sequence[Path],
+    *,
+    costmap: CostmapName = "global",
+    namespace: str | None = None,
+    older: bool = False,
+) -> tuple[RobotParameters | None, tuple[Problem, ...]]:
+    """Return a robot, as far as its files allow, and all that there is to say of them.
+
+    Takes what `read_robot` takes.
+    """
+    if not paths:
+        raise ParameterError("takes at least one file", place="params_files")
+    of_ros2 = [path for path in paths if is_ros2(path)]
+    if of_ros2 and len(of_ros2) < len(paths):
+        other = next(path for path in paths if path not in of_ros2)
+        rule = f"holds no parameters of ROS 2, but {of_ros2[0].name} does"
+        raise ParameterError(rule, source=other, hint="give files of one robot")
+    if of_ros2:
+        from mapdeal.robot.nav2 import nav2_robot
+
+        return nav2_robot(paths, costmap=costmap, namespace=namespace, older=older)
+    from mapdeal.robot.ros1 import ros1_robot
+
+    return ros1_robot(paths, costmap=costmap, namespace=namespace)
+
+
+def is_ros2(path: Path) -> bool:
+    """Return whether a file holds parameters of ROS 2."""
+    data = read_file(path, limit=_LARGEST)
+    return any(_KEY in line.partition(b"#")[0] for line in data.splitlines())
+
+
+def _error_of(one: Problem, paths: Sequence[Path]) -> MalformedInputError:
+    place = f"line {one.line}" if one.line is not None else None
+    if one.parameter:
+        place = f"{one.parameter} ({place})" if place else one.parameter
+    extra = {} if one.got is None else {"got": one.got}
+    return MalformedInputError(
+        one.text, source=one.source or paths[-1], place=place, hint=one.hint, **extra
+    )
+
+
+def _line_of(one: Problem, paths: Sequence[Path]) -> str:
+    """Return a problem as a warning says it."""
+    text = str(one.source or paths[-1])
+    if one.line is not None:
+        text += f":{one.line}"
+    text += f": {one.parameter}: {one.text}" if one.parameter else f": {one.text}"
+    return f"{text}; {one.hint}" if one.hint else text
