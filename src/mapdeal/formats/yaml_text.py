@@ -188,7 +188,7 @@ def read_mapping(path: Path, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
         If it is not one UTF-8 document with a mapping of distinct keys at its top, or holds
         more than the limits allow.
     """
-    data = read_file(path, limit=limits.bytes, inspect=lambda head: _refuse_image(path, head))
+    data = read_file(path, limit=limits.bytes, inspect=lambda head: refuse_image(path, head))
     return parse_mapping(path, data, limits)
 
 
@@ -200,7 +200,7 @@ def parse_mapping(path: Path, data: bytes, limits: YamlLimits = OF_MAPS) -> dict
     MalformedInputError
         As `read_mapping`.
     """
-    text = _decode(path, data)
+    text = decoded_text(path, data)
     node = _compose(path, text, limits)
     if node is None:
         raise MalformedInputError("no mapping in file", source=path)
@@ -245,13 +245,21 @@ def one_line_of(error: Exception) -> str:
     return str(problem).splitlines()[0]
 
 
-def _refuse_image(path: Path, data: bytes) -> None:
+def refuse_image(path: Path, data: bytes) -> None:
+    """Raise MalformedInputError if data start as those of an image do."""
     if re.match(rb"P[1-7fF]\s", data) or data.startswith((b"\x89PNG", b"BM", b"II*\0", b"MM\0*")):
         kind = f"a {data[:2].decode()} image" if data[:1] == b"P" else "an image"
         raise MalformedInputError(f"looks like {kind}", source=path, hint="pass the .yaml")
 
 
-def _decode(path: Path, data: bytes) -> str:
+def decoded_text(path: Path, data: bytes) -> str:
+    """Return what is written in a YAML file.
+
+    Raises
+    ------
+    MalformedInputError
+        If it is not UTF-8, or holds a zero byte.
+    """
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

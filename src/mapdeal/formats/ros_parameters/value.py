@@ -6,6 +6,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mapdeal.errors import MalformedInputError
+
+
+class ParameterFileError(MalformedInputError):
+    """A file of parameters that its own parser refuses as a whole.
+
+    Parameters
+    ----------
+    line : int, optional
+        Where it stops, from 1; the text of the error names it, too.
+    """
+
+    line: int | None = None
+
 
 @dataclass(frozen=True)
 class ParameterValue:
@@ -13,7 +27,8 @@ class ParameterValue:
 
     Parameters
     ----------
-    value : bool, int, float, str or tuple; of ROS 1 also None, list and dict
+    value : bool, int, float, str or tuple; of ROS 2 also bytes and None; of ROS 1 also None, \
+list and dict
         What it holds.
     kind : str
         Its type as the reader calls it: of ROS 2 ``bool``, ``integer``, ``double``, ``string``,
@@ -24,6 +39,8 @@ class ParameterValue:
         Where the value stands, from 1.
     text : str
         The value as it is written there, for messages.
+    ignored : ParameterValue, optional
+        A value of another type that is written later, and that ROS 2 ignores all the same.
     """
 
     value: Any
@@ -31,3 +48,4 @@ class ParameterValue:
     source: Path
     line: int
     text: str
+    ignored: ParameterValue | None = None

@@ -1,0 +1,157 @@
+"""Files of ROS 2 parameters, read as ``rcl_yaml_param_parser`` and rclcpp read them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import yaml
+
+from mapdeal.formats.ros_parameters.ros2_events import events_of
+from mapdeal.formats.ros_parameters.ros2_walk import NodeSlots, Walk, line_of, refusal
+from mapdeal.formats.ros_parameters.value import ParameterValue
+from mapdeal.formats.source import read_file
+from mapdeal.formats.yaml_text import YamlLimits, decoded_text, one_line_of, refuse_image
+
+OF_PARAMETERS = YamlLimits(bytes=1 << 20, nodes=50_000)
+DEEPEST = 40
+TOO_DEEP = f"nested deeper than {DEEPEST} levels"
+
+
+@dataclass(frozen=True)
+class Ros2Node:
+    """The parameters below one name of a node.
+
+    Parameters
+    ----------
+    name : str
+        Its name from the root on, ``/global_costmap/global_costmap``; ``/**`` stands for any
+        number of namespaces, ``/*`` for one.
+    source : Path
+        The file that it stands in first.
+    line : int
+        Where its ``ros__parameters`` stands there.
+    entries : tuple of (str, ParameterValue)
+        Names and values in their order; of two of one name the later one counts.
+    """
+
+    name: str
+    source: Path
+    line: int
+    entries: tuple[tuple[str, ParameterValue], ...]
+
+
+@dataclass(frozen=True)
+class Ros2Parameters:
+    """What files of ROS 2 parameters hold, together.
+
+    Parameters
+    ----------
+    nodes : tuple of Ros2Node
+        In the order of their first appearance.
+    files : tuple of (Path, str)
+        What was read, and the sha256 of its bytes.
+    """
+
+    nodes: tuple[Ros2Node, ...]
+    files: tuple[tuple[Path, str], ...]
+
+    def matching(self, node: str) -> tuple[Ros2Node, ...]:
+        """Return what is meant for a node of a full name, from the root on."""
+        return tuple(one for one in self.nodes if matches(one.name, node))
+
+    def for_node(self, node: str) -> dict[str, ParameterValue]:
+        """Return the parameters that a node of a full name gets, by their names.
+
+        As rclcpp's ``parameter_map_from`` since Humble: what comes later overrides, in the order
+        of the nodes in the files, be it ``/**`` or the very name.
+        """
+        return {name: value for one in self.matching(node) for name, value in one.entries}
+
+    def unset_for(self, node: str) -> list[tuple[str, ParameterValue]]:
+        """Return parameters without a value, ``[]`` and ``{}``: rclcpp ends a node over any."""
+        entries = (entry for one in self.matching(node) for entry in one.entries)
+        return [(name, value) for name, value in entries if value.kind == "not set"]
+
+
+def matches(pattern: str, node: str) -> bool:
+    """Return whether a name with wildcards stands for a node of a full name.
+
+    Examples
+    --------
+    >>> matches("/**", "/global_costmap/global_costmap"), matches("/*", "/a/b")
+    (True, False)
+    """
+    wanted = node.split("/")[1:]
+    reached = [True] + [False] * len(wanted)  # how much of the name the parts so far can be
+    for part in pattern.split("/")[1:]:
+        if part == "**":
+            first = reached.index(True) if True in reached else len(reached)
+            reached = [index >= first for index in range(len(reached))]
+        else:
+            reached = [False] + [
+                before and part in ("*", name)
+                for before, name in zip(reached, wanted, strict=False)
+            ]
+    return reached[-1]
+
+
+def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:
+    """Return the parameters in files, which are read into one another as ROS 2 does.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The files, in the order of ``--params-file``: what comes later overrides.
+
+    Raises
+    ------
+    FileAccessError
+        If a file cannot be read.
+    ParameterFileError
+        If ROS 2's parser refuses a file, or none of them has a parameter.
+    """
+    nodes: dict[str, NodeSlots] = {}
+    files = []
+    for path in paths:
+        data = read_file(path, limit=OF_PARAMETERS.bytes, inspect=partial(refuse_image, path))
+        files.append((path, hashlib.sha256(data).hexdigest()))
+        walk = Walk(path, nodes)
+        for event in _events(path, decoded_text(path, data)):
+            walk.take(event)
+    if not nodes:
+        raise refusal(paths[0], "no parameters in it: no node has a key ros__parameters", None)
+    return Ros2Parameters(tuple(_node(one) for one in nodes.values()), tuple(files))
+
+
+def _node(one: NodeSlots) -> Ros2Node:
+    name = one.name if one.name.startswith("/") else f"/{one.name}"
+    entries = tuple((slot.name, _frozen(slot.result())) for slot in one.slots)
+    return Ros2Node(name, one.source, one.line, entries)
+
+
+def _frozen(value: ParameterValue) -> ParameterValue:
+    """Return a value whose list, still the reader's own, has become a tuple."""
+    return replace(value, value=tuple(value.value)) if isinstance(value.value, list) else value
+
+
+def _events(path: Path, text: str) -> Iterator[yaml.Event]:
+    """Yield the events of a file, as far as it is harmless."""
+    depth = 0
+    try:
+        for count, event in enumerate(events_of(text, DEEPEST)):
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST:
+                raise refusal(path, TOO_DEEP, line_of(event))
+            if count > OF_PARAMETERS.nodes:
+                rule = f"more than {OF_PARAMETERS.nodes} keys and values"
+                raise refusal(path, rule, line_of(event))
+            yield event
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        rule = f"not valid YAML: {one_line_of(error)}"
+        raise refusal(path, rule, mark.line + 1 if mark else None) from None
