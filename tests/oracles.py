@@ -1,5 +1,6 @@
 """Naive versions of every algorithm, by loops over all pairs of cells. Slow, and plain to see."""
 
+import itertools
 import math
 from fractions import Fraction
 
@@ -232,6 +233,55 @@ def ring_fill(rings, width, height):
             if left % 2:
                 cells.add((x, y))
     return {(x, y) for x, y in cells if 0 <= x < width and 0 <= y < height}
+
+
+def corner_cells(lattice, shape, corners, pose):
+    """The cells (x, y) of a robot's corners, and None if the grid lacks one."""
+    resolution, origin_x, origin_y, grid_yaw = lattice
+    x, y, yaw = pose
+    cells = []
+    for corner_x, corner_y in corners:
+        at_x = x + (corner_x * math.cos(yaw) - corner_y * math.sin(yaw))
+        at_y = y + (corner_x * math.sin(yaw) + corner_y * math.cos(yaw))
+        if grid_yaw == 0.0:
+            east, north = at_x - origin_x, at_y - origin_y
+        else:
+            east, north = np.linalg.solve(
+                [[math.cos(grid_yaw), -math.sin(grid_yaw)],
+                 [math.sin(grid_yaw), math.cos(grid_yaw)]],
+                [at_x - origin_x, at_y - origin_y],
+            ).tolist()  # fmt: skip
+        col, row = math.floor(east / resolution), math.floor(north / resolution)
+        if not (0 <= row < shape[0] and 0 <= col < shape[1]):
+            return None
+        cells.append((col, row))
+    return cells
+
+
+def footprint_cost(costs, cells):
+    """What Nav2's checker says of corners in these cells (x, y): line by line, cell by cell."""
+
+    def line_cost(start, stop):
+        highest = 0
+        for x, y in line(start, stop):
+            if costs[y][x] == 254:
+                return 254
+            highest = max(highest, int(costs[y][x]))
+        return highest
+
+    cost = 0
+    for start, stop in itertools.pairwise(cells):
+        cost = max(line_cost(start, stop), cost)
+        if cost == 254:
+            return cost
+    return max(line_cost(cells[0], cells[-1]), cost)
+
+
+def full_footprint_cost(costs, cells):
+    """The same of all cells that a polygon has, and of Nav2's last line: 254 if any has it."""
+    covered = ring_fill([cells], len(costs[0]), len(costs)) | set(line(cells[0], cells[-1]))
+    found = {int(costs[y][x]) for x, y in covered}
+    return 254 if 254 in found else max(found)
 
 
 def distance_to_segment(point, a, b):

@@ -44,6 +44,7 @@ from mapdeal.grid.field import FieldSamples as FieldSamples
 from mapdeal.grid.field_view import FieldView as FieldView
 from mapdeal.grid.field_view import ViewScale as ViewScale
 from mapdeal.grid.footprint import Footprint as Footprint
+from mapdeal.grid.footprint_costs import footprint_costs as footprint_costs
 from mapdeal.grid.frame import Frame as Frame
 from mapdeal.grid.frame import xy_ahead as xy_ahead
 from mapdeal.grid.occupancy import OccupancyGrid as OccupancyGrid

@@ -1,4 +1,4 @@
-"""Times of queries, potentials and routes beside what scipy and scikit-image do.
+"""Times of queries, footprints, potentials and routes beside scipy, OpenCV and scikit-image.
 
 Run it as ``python tests/benchmarks/asking.py [--runs 5]``; it needs the extra ``bench``. The
 contenders take turns in one process. Prints tables in Markdown: medians, and the median of the
@@ -14,18 +14,29 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 from make_map import RESOLUTION, cells_of_map
 from scipy import ndimage
 from skimage.graph import route_through_array
 
-from mapdeal import DistanceField, OccupancyGrid, esdf, exponential_cost
+from mapdeal import (
+    Costmap,
+    DistanceField,
+    Footprint,
+    OccupancyGrid,
+    esdf,
+    exponential_cost,
+    footprint_costs,
+)
 from mapdeal.kernels.engine import VARIABLE, engine_name
 from mapdeal.kernels.inverse_distance import sum_of_inverse_distances
 from mapdeal.kernels.shortest_paths import cheapest_path
 from mapdeal.kernels.threads import use_threads
 
 POINTS = 2_000_000
+POSES = 100_000
+ROBOT = ((0.45, 0.225), (0.45, -0.225), (-0.45, -0.225), (-0.45, 0.225))
 NAV2 = {"inscribed_radius": 0.22, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
 
 Contenders = dict[str, Callable[[], Any]]
@@ -38,6 +49,7 @@ def main() -> None:
     runs = parser.parse_args().runs
     print(f"kernels: {engine_name()}\n")
     queries(runs)
+    footprints(runs)
     potentials(runs)
     routes(runs)
 
@@ -79,6 +91,52 @@ def _by_scipy(field: DistanceField, points: np.ndarray) -> Any:
             - ndimage.map_coordinates(field.distance, behind, order=1, mode="nearest")
         )
     return distance, slopes
+
+
+def footprints(runs: int) -> None:
+    """Check a robot of 0.9 m x 0.45 m at random poses, one thread."""
+    occupied = cells_of_map(2000)
+    costmap = exponential_cost(OccupancyGrid(occupied.astype(np.int8) * 100, RESOLUTION), **NAV2)
+    rng = np.random.default_rng(0)
+    poses = rng.uniform((1, 1, -3.2), (99, 99, 3.2), (POSES, 3))
+    for rule in ("outline", "full"):
+        _footprints(costmap, poses, rule, runs)
+
+
+def _footprints(costmap: Costmap, poses: np.ndarray, rule: Any, runs: int) -> None:
+    robot = Footprint(ROBOT)
+
+    def checked() -> Any:
+        with use_threads(1):
+            return footprint_costs(costmap, robot, poses, rule=rule)
+
+    def drawn() -> Any:
+        return _by_opencv(costmap.cost, poses, filled=rule == "full")
+
+    same = float((checked() == drawn()).mean())
+    print(f"footprints, {rule}, {POSES} poses, one thread; OpenCV has {100 * same:.2f} % alike")
+    _table({"mapdeal": checked, "numpy twin": _on_twin(checked), "OpenCV": drawn}, runs, unit=POSES)
+
+
+def _by_opencv(costs: np.ndarray, poses: np.ndarray, *, filled: bool) -> np.ndarray:
+    """Return the largest cost of the cells that OpenCV draws, pose by pose, without any check."""
+    corners = np.array(ROBOT)
+    cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    x = poses[:, :1] + corners[:, 0] * cos - corners[:, 1] * sin
+    y = poses[:, 1:2] + corners[:, 0] * sin + corners[:, 1] * cos
+    cells = (np.stack([x, y], axis=2) / RESOLUTION).astype(np.int32)
+    lows, highs = cells.min(axis=1), cells.max(axis=1) + 1
+    result = np.empty(len(poses), dtype=np.uint8)
+    for index, ((left, low), (right, high)) in enumerate(zip(lows, highs, strict=True)):
+        window = costs[low:high, left:right]
+        mask = np.zeros(window.shape, dtype=np.uint8)
+        outline = [cells[index] - lows[index]]
+        if filled:
+            cv2.fillPoly(mask, outline, 1)
+        else:
+            cv2.polylines(mask, outline, isClosed=True, color=1)
+        result[index] = cv2.minMaxLoc(window, mask)[1]
+    return result
 
 
 def potentials(runs: int) -> None:

@@ -44,6 +44,19 @@ def bytes_of_distances(
 def interpolate(
     values: NDArray[Any], places: NDArray[Any], between: NDArray[Any], slopes: NDArray[Any]
 ) -> None: ...
+def costs_of_footprints(
+    costs: NDArray[Any],
+    resolution: float,
+    x: float,
+    y: float,
+    cos: float,
+    sin: float,
+    corners: NDArray[Any],
+    poses: NDArray[Any],
+    filled: bool,
+    results: NDArray[Any],
+    inside: NDArray[Any],
+) -> None: ...
 def lzf_expand(data: bytes, expanded: NDArray[Any]) -> bool: ...
 def cheapest_path(
     weights: NDArray[Any],

@@ -1,10 +1,10 @@
 # cython: language_level=3, binding=False, embedsignature=False
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Compiled kernels, without the GIL: distance transforms in bands of rows, table look-ups,
-interpolation, the search for paths, and LZF.
+interpolation, footprints, the search for paths, and LZF.
 
-The modules distance.py, lookup.py, bilinear.py, shortest_paths.py and lzf.py are their face to the
-rest; the algorithms are in the headers.
+The modules distance.py, lookup.py, bilinear.py, footprints.py, shortest_paths.py and lzf.py are
+their face to the rest; the algorithms are in the headers.
 """
 
 from cpython.exc cimport PyErr_CheckSignals
@@ -55,6 +55,21 @@ cdef extern from "bilinear.h" nogil:
     void interpolate_places(
         const float *values, int64_t height, int64_t width,
         const double *places, int64_t count, double *between, double *slopes,
+    )
+
+cdef extern from "footprints.h" nogil:
+    enum:
+        MOST_CORNERS
+    ctypedef struct FootprintTask:
+        const uint8_t *costs
+        int64_t height, width
+        double resolution, x, y, cos, sin
+        const double *corners
+        int64_t count
+        int filled
+    void costs_of_footprint(
+        const FootprintTask *task, const double *poses, int64_t count, uint8_t *costs,
+        uint8_t *inside,
     )
 
 cdef extern from "lzf.h" nogil:
@@ -348,6 +363,43 @@ def interpolate(
             &values[0, 0], values.shape[0], values.shape[1], &places[0, 0], count,
             &between[0], &slopes[0, 0],
         )
+
+
+def costs_of_footprints(
+    const uint8_t[:, ::1] costs,
+    double resolution,
+    double x,
+    double y,
+    double cos,
+    double sin,
+    const double[:, ::1] corners,
+    const double[:, ::1] poses,
+    bint filled,
+    uint8_t[::1] results,
+    uint8_t[::1] inside,
+):
+    """Set `results` to the costs of a footprint at poses, and `inside` to whether the grid holds it.
+
+    The grid has its first corner at `x`, `y`, and is turned by the angle of `cos` and `sin`.
+    """
+    cdef int64_t count = poses.shape[0]
+    cdef FootprintTask task
+    if poses.shape[1] != 3 or corners.shape[1] != 2:
+        raise ValueError("poses have three columns, corners two")
+    if not 1 <= corners.shape[0] <= MOST_CORNERS:
+        raise ValueError("a footprint has corners, but not too many")
+    if results.shape[0] != count or inside.shape[0] != count:
+        raise ValueError("the results have not the number of the poses")
+    if costs.shape[0] == 0 or costs.shape[1] == 0:
+        raise ValueError("the grid has no cells")
+    if count == 0:
+        return
+    task.costs = &costs[0, 0]
+    task.height, task.width = costs.shape[0], costs.shape[1]
+    task.resolution, task.x, task.y, task.cos, task.sin = resolution, x, y, cos, sin
+    task.corners, task.count, task.filled = &corners[0, 0], corners.shape[0], filled
+    with nogil:
+        costs_of_footprint(&task, &poses[0, 0], count, &results[0], &inside[0])
 
 
 def lzf_expand(const uint8_t[::1] data, uint8_t[::1] expanded):
