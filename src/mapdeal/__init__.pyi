@@ -67,6 +67,7 @@ from mapdeal.pipeline.applied import RunReport as RunReport
 from mapdeal.pipeline.recipe import Recipe as Recipe
 from mapdeal.planning.astar import shortest_route as shortest_route
 from mapdeal.planning.descent import descend as descend
+from mapdeal.robot.parameters import RobotParameters as RobotParameters
 from mapdeal.stages.esdf import field_view as field_view
 from mapdeal.stages.keepout import apply_keepout_mask as apply_keepout_mask
 from mapdeal.stages.listed import *  # noqa: F403 - every stage is public

@@ -6,7 +6,7 @@ import pytest
 import typer
 
 from drawn import grid_from_text
-from mapdeal import Footprint, write_map
+from mapdeal import Footprint, RobotParameters, write_map
 from mapdeal.cli import terminal
 from mapdeal.cli.main import app, command_names
 from mapdeal.cli.shared_options import SHARED_OPTIONS, shared_options, with_shared_options
@@ -68,7 +68,13 @@ def test_a_group_stands_for_all_of_its_options():
 
 def test_annotations_and_signature_agree():
     @shared_options("robot", "files")
-    def draw(source: Path, *, settings: Settings, footprint: Footprint | None) -> None: ...
+    def draw(
+        source: Path,
+        *,
+        settings: Settings,
+        footprint: Footprint | None,
+        robot: RobotParameters | None,
+    ) -> None: ...
 
     hints = get_type_hints(draw, include_extras=True)
     assert hints.pop("return") is type(None)
@@ -108,7 +114,10 @@ def test_robot_options_become_a_footprint():
     seen = []
 
     @shared_options("robot")
-    def draw(*, settings: Settings, footprint: Footprint | None) -> None:
+    def draw(
+        *, settings: Settings, footprint: Footprint | None, robot: RobotParameters | None
+    ) -> None:
+        assert robot is None
         seen.append(footprint)
 
     _run(draw)
@@ -187,7 +196,7 @@ def test_own_options_can_be_made():
     _run(command, "--radius", "0.5", "--force", "--robot-radius", "1")
     expected = Settings(force=True, progress=terminal.blocks_done)
     circle = Footprint.circle(1.0)
-    assert seen == [{"radius": 0.5, "settings": expected, "footprint": circle}]
+    assert seen == [{"radius": 0.5, "settings": expected, "footprint": circle, "robot": None}]
     assert (command.__name__, command.__doc__) == ("grow", "Grow obstacles.")
 
 

@@ -11,7 +11,9 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.grid.canvas import on_canvas
+from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
 from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.robot.parameters import ListedLayer
 
 DRAWING = """
     ?..#.
@@ -31,6 +33,18 @@ def shapes():
         mapdeal.Line([(0, 0), (2, 0.5)], thickness=0.2),
         mapdeal.Circle((0.5, 1), 2.0),
     ]
+
+
+def robot():
+    layers = (
+        ListedLayer("static", "costmap_2d::StaticLayer", StaticLayer("static")),
+        ListedLayer("inflation", "costmap_2d::InflationLayer", InflationLayer("inflation", 0.2)),
+    )
+    shape = mapdeal.Footprint.circle(0.2)
+    return mapdeal.RobotParameters(
+        "ros1", "global", "/move_base/global_costmap", shape, 0.0, 0.2, True, False, layers, (),
+        0.2, 0.2,
+    )  # fmt: skip
 
 
 def samples():
@@ -58,6 +72,7 @@ def samples():
             mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.Bound("max-shift", "m", 0.5, 0.25), checked,
             mapdeal.LintReport((checked,), "1"),
             mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}),
+            robot(),
         ]
     }  # fmt: skip
 
@@ -104,6 +119,11 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
         ("Footprint", "circle, radius 0.2 m"),
         ("Scans", "1 scan, 2 beams each"),
         ("Recipe", "esdf -> cost exponential"),
+        (
+            "RobotParameters",
+            "/move_base/global_costmap, inscribed_radius 0.2 m, circumscribed_radius 0.2 m, "
+            "static, inflation",
+        ),
         ("LintReport", "1 map: 0 errors, 1 warning, 0 notes"),
         ("MapReport", "a.yaml: 0 errors, 1 warning, 0 notes"),
         ("RunReport", "out/a, done, stages esdf"),
