@@ -63,6 +63,20 @@ REASONS = {
     ("formats/pnm.py", r"#[^\n\r]*"): ("match sub", "it cannot fail behind its first sign"),
     ("formats/pnm.py", r"P[1-7fF](\s|#)"): ("match", "three characters"),
     ("formats/pnm.py", r"-?\d{1,12}"): ("fullmatch", "thirteen characters"),
+    ("formats/ros_parameters/ros2_scalar.py",
+     r"([-+]?)(?:0[xX]([0-9a-fA-F]+)|(0[0-7]*)|([1-9][0-9]*))"):
+        ("fullmatch", "one run of digits at the end, after what tells the three apart"),
+    ("formats/ros_parameters/ros2_scalar.py",
+     r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"):
+        ("fullmatch", "a point or an e stands between runs of digits"),
+    ("formats/ros_parameters/ros2_scalar.py",
+     r"[-+]?0[xX](?:[0-9a-fA-F]+(?:\.[0-9a-fA-F]*)?|\.[0-9a-fA-F]+)(?:[pP][-+]?[0-9]+)?"):
+        ("fullmatch", "a point or a p stands between runs of digits"),
+    ("formats/ros_parameters/ros2_scalar.py",
+     r"[-+]?(?:inf(?:inity)?|nan(?:\([0-9a-z_]*\))?)"):
+        ("fullmatch", "one run, between fixed characters"),
+    ("formats/ros_parameters/ros2_scalar.py", r"[eE]"): ("split", "one character"),
+    ("formats/ros_parameters/ros2_scalar.py", r"[pP]"): ("split", "one character"),
     ("formats/yaml_text.py", r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"):
         ("fullmatch", "a point or an e stands between runs of digits"),
     ("formats/yaml_text.py", r"[-+]?0\d"): ("match", "three characters"),

@@ -20,6 +20,7 @@ DRAWING = """
     ..+#.
     .....
 """
+RADII = "inscribed_radius 0.2 m, circumscribed_radius 0.2 m"
 PLACE = "5 x 3 cells, 0.25 m, origin (1.5, -2, 0.4)"
 
 
@@ -42,7 +43,7 @@ def robot():
     )
     shape = mapdeal.Footprint.circle(0.2)
     return mapdeal.RobotParameters(
-        "ros1", "global", "/move_base/global_costmap", shape, 0.0, 0.2, True, False, layers, (),
+        "ros1", "local", "/a/local_costmap", shape, 0.0, 0.2, True, False, layers, (),
         0.2, 0.2,
     )  # fmt: skip
 
@@ -121,8 +122,7 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
         ("Recipe", "esdf -> cost exponential"),
         (
             "RobotParameters",
-            "/move_base/global_costmap, inscribed_radius 0.2 m, circumscribed_radius 0.2 m, "
-            "static, inflation",
+            f"/a/local_costmap, {RADII}, static, inflation",
         ),
         ("LintReport", "1 map: 0 errors, 1 warning, 0 notes"),
         ("MapReport", "a.yaml: 0 errors, 1 warning, 0 notes"),

@@ -36,6 +36,7 @@ from mapdeal.formats.npz import npz_frame
 from mapdeal.formats.pnm import decode_pbm, decode_pnm, pnm_comments
 from mapdeal.formats.points import read_pairs, read_points
 from mapdeal.formats.poses import read_poses
+from mapdeal.formats.ros_parameters.ros2 import read_ros2
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.formats.scans.text import ScanTexts
 from mapdeal.formats.shapes import read_shapes
@@ -227,6 +228,23 @@ def read_ros1_robot(path, data):
         assert len(robot.footprint.vertices) >= 3
         assert robot.inscribed_radius <= robot.circumscribed_radius * (1 + 1e-9)
     return path
+
+
+def read_ros2_parameters(path, data):
+    """Read a file of ROS 2; each value has a place in it, and the type that it is said to have."""
+    kinds = {"bool": bool, "integer": int, "double": float, "string": str, "byte_array": bytes}
+    parameters = read_ros2([path])
+    last = data.count(b"\n") + data.count(b"\r") + 3
+    for node in parameters.nodes:
+        assert node.name.startswith("/")
+        for _, one in node.entries:
+            assert 1 <= one.line <= last
+            if one.kind in kinds:
+                assert type(one.value) is kinds[one.kind]
+            elif one.kind != "not set":
+                kind = kinds[one.kind.removesuffix("_array")]
+                assert {type(item) for item in one.value} == {kind}
+    return parameters
 
 
 def read_config(path, data):

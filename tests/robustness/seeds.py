@@ -390,6 +390,18 @@ ROS1_PARAMETERS = [
      b"  local_costmap: {<<: *g, footprint: '[[1, 1], [-1, 1], [0, -1]]', width: 4}\n"),
 ]  # fmt: skip
 
+ROS2_PARAMETERS = [
+    (b"global_costmap:\n  global_costmap:\n    ros__parameters:\n      robot_radius: 0.22\n"
+     b"      width: 3\n      track_unknown_space: True\n"
+     b"      plugins: [\"static_layer\", \"inflation_layer\"]\n"
+     b"      static_layer: {plugin: \"nav2_costmap_2d::StaticLayer\"}\n"
+     b"      inflation_layer:\n        plugin: \"nav2_costmap_2d::InflationLayer\"\n"
+     b"        inflation_radius: 0.55\n        cost_scaling_factor: 3.0\n"),
+    (b"/**:\n  ros__parameters: {use_sim_time: yes, n: 010, e: []}\n/r/local_costmap:\n"
+     b"  local_costmap: {ros__parameters: {footprint: '[[1, 1], [-1, 1], [0, -1]]',\n"
+     b"      footprint_padding: !!float 1, filters: [k], k.plugin: x::KeepoutFilter}}\n"),
+]  # fmt: skip
+
 MANIFEST = {
     "mapdeal": "1.0", "inputs": {"m.pgm": "00aa", "m.yaml": "11aa"}, "options": {"sim": False},
     "stages": [{"inflate": {"radius": 0.3, "kernel": "disc"}}, {"esdf": {"unknown": "free"}}],

@@ -14,6 +14,12 @@ ROS1_WORDS = (
     b"robot_radius: .nan\n", b"robot_radius: -1e300\n", b"footprint_padding: -.inf\n",
     b"plugins: []\n", b"plugins: [a]\n", b"on: off\n", b"x:\n", b"inflation_radius: 1e-1\n",
 )  # fmt: skip
+ROS2_WORDS = (
+    *YAML_WORDS, b"ros__parameters:\n", b"/**:\n", b"/*/", b"$(find-pkg-share x)", b"<ns>", b"\t",
+    b": {}\n", b": []\n", b"!!float 1", b"!!binary aGk=", b"0x1p-3", b"robot_radius: 1\n",
+    b"width: 0\n", b"plugins: [a]\n", b"footprint: '[[1,1]'\n", b"footprint_padding: .nan\n",
+    b"robot_radius: 1e300\n", b"inflation_radius: -1.0\n", b"enabled: n\n",
+)  # fmt: skip
 TOML_WORDS = (
     b"[lint]\n", b"[tool.mapdeal.lint]\n", b"[[lint]]\n", b"lint.", b"= ", b"[" * 3000, b"{" * 50,
     b"]", b"}", b'"', b"'" * 3, b"\n", b"true", b"1_0", b"7" * 5000, b"0x", b"nan", b"1979-05-27",

@@ -291,7 +291,7 @@ def compose_documents(
     MalformedInputError
         If it is no UTF-8, no YAML, or holds more than the limits allow.
     """
-    text = _decode(path, data)
+    text = decoded_text(path, data)
     with _as_malformed(path):
         composer = _Composer(text, path, limits, tags)
         documents: list[yaml.Node] = []
