@@ -218,7 +218,7 @@ def test_a_footprint_nearer_to_the_costmap_hides_one_above(resolve):
         ("[[1, 1], [0, 1, 2], [1, 0]]", "point 2 is no pair of numbers; move_base ends there"),
         ("[[1, 1], [0, '1'], [1, 0]]", "point 2 is no pair of numbers; move_base ends there"),
         ("[[1, 1], [0, yes], [1, 0]]", "point 2 is no pair of numbers; move_base ends there"),
-        ("[[1, 1], [0, .inf], [1, 0]]", "point 2 is not finite; move_base ends there"),
+        ("[[1, 1], [0, .inf], [1, 0]]", "point 2 is out of range; move_base ends there"),
         ("[]", "a footprint needs three points or more, has 0; move_base ends there"),
     ],
 )
@@ -235,7 +235,7 @@ def test_a_list_that_is_no_polygon_ends_move_base(resolve, value, text):
 def test_what_else_is_no_footprint_leaves_the_radius(resolve, value):
     robot, problems = resolve(f"robot_radius: 0.3\nfootprint: {value}\n{PLUGINS}")
     assert robot.robot_radius == 0.3
-    assert told(problems) == [("params.footprint", "warning", "footprint", 2)]
+    assert told(problems) == [("params.footprint-unused", "warning", "footprint", 2)]
 
 
 def test_a_bad_string_without_a_radius_leaves_no_shape(resolve):
@@ -347,7 +347,7 @@ def test_wrong_types_are_told_of_with_the_default_that_ros_takes(resolve):
         ("inflation_layer/enabled", 9,
          "must be true or false; roscpp silently takes its default, true", "write true"),
     ]  # fmt: skip
-    assert {one.check for one in problems} == {"params.type"}
+    assert {one.check for one in problems} == {"params.silent-default"}
 
 
 @pytest.mark.parametrize(
@@ -442,4 +442,4 @@ def test_nothing_is_raised_for_what_a_file_holds(resolve):
 )
 def test_numbers_that_are_not_finite_are_refused(resolve, text):
     _, problems = resolve(text + "\n" + PLUGINS)
-    assert [one.check for one in problems if one.level == "refused"] == ["params.range"]
+    assert [one.check for one in problems if one.level == "refused"] == ["params.not-finite"]

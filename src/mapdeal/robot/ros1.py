@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from difflib import SequenceMatcher
 from pathlib import Path
 
+from mapdeal.formats.ros_parameters.ros1 import UNSENDABLE
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.grid.costmap_layers import CostmapLayer, InflationLayer, StaticLayer
 from mapdeal.robot.parameters import (
@@ -86,9 +87,10 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
     track = server.boolean(False, "track_unknown_space")
     plugins = _plugins(server) if server.has("plugins") else _old_plugins(server)
     shape = ros1_shape(server)
-    if plugins is None or shape is None:
+    inscribed = 0.0 if shape is None else shape.inscribed_radius
+    layers = tuple(_layer(server, name, kind, inscribed) for name, kind in plugins or ())
+    if plugins is None or shape is None:  # the layers' own problems are told all the same
         return None
-    layers = tuple(_layer(server, name, kind, shape.inscribed_radius) for name, kind in plugins)
     if not any(isinstance(one.layer, StaticLayer) for one in layers):
         if server.costmap == "local":
             injected = StaticLayer(INJECTED)
@@ -132,6 +134,8 @@ def _old_plugins(server: Ros1Server) -> list[tuple[str, str]]:
 def _plugins(server: Ros1Server) -> list[tuple[str, str]] | None:
     """Return names and types of the plugins; None if move_base ends over them."""
     value = server.find("plugins")
+    if value is not None and value.kind == UNSENDABLE:
+        return None
     if value is None or value.kind != "list":
         text = "must be a list of {name, type}; move_base ends there"
         server.problem("params.plugins", "refused", text, value, ("plugins",), _LIKE_THIS)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mapdeal.formats.ros_parameters.ros1 import Path1, Ros1Namespace
+from mapdeal.formats.ros_parameters.ros1 import UNSENDABLE, Path1, Ros1Namespace
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.grid.footprint import Footprint
 from mapdeal.robot.ros1_polygon import (
@@ -24,6 +24,7 @@ from mapdeal.robot.ros1_server import Ros1Server, type_hint
 _FOOTPRINT, _RADIUS = "footprint", "robot_radius"
 _DEFAULT_RADIUS, _LARGEST_RADIUS = 0.46, 10.0
 _RADIUS_OF_WRONG_TYPE = 1.234
+_LARGEST_SINGLE = 3.4e38
 _LIKE_THIS = "write [[x1, y1], [x2, y2], [x3, y3], ...], metres"
 
 Corners = tuple[tuple[float, float], ...]
@@ -64,8 +65,10 @@ def _of_parameter(
         return _of_list(server, value)
     if isinstance(value, ParameterValue) and value.kind == "string":
         return _of_string(server, value, is_own=place == server.path)
+    if isinstance(value, ParameterValue) and value.kind == UNSENDABLE:
+        return None
     text = "must be a list of points or a string; it is passed over, and robot_radius counts"
-    server.problem("params.footprint", "warning", text, value, (_FOOTPRINT,), _LIKE_THIS)
+    server.problem("params.footprint-unused", "warning", text, value, (_FOOTPRINT,), _LIKE_THIS)
     return None
 
 
@@ -83,7 +86,9 @@ def _of_string(server: Ros1Server, value: ParameterValue, *, is_own: bool) -> Co
     except FootprintStringError as error:
         if not is_own or server.search(_RADIUS) is not None:
             text = f"{error}; it is passed over, and robot_radius counts"
-            server.problem("params.footprint", "warning", text, value, (_FOOTPRINT,), _LIKE_THIS)
+            server.problem(
+                "params.footprint-unused", "warning", text, value, (_FOOTPRINT,), _LIKE_THIS
+            )
         else:
             text = f"{error}, and there is no robot_radius: the robot is left without a footprint"
             server.problem("params.footprint", "refused", text, value, (_FOOTPRINT,), _LIKE_THIS)
@@ -111,8 +116,8 @@ def _why_not(points: list[object]) -> str | None:
             return f"point {index} is no pair of numbers"
         if not all(isinstance(one, int | float) and not isinstance(one, bool) for one in point):
             return f"point {index} is no pair of numbers"
-        if not all(math.isfinite(one) for one in point):
-            return f"point {index} is not finite"
+        if not all(abs(one) <= _LARGEST_SINGLE for one in point):
+            return f"point {index} is out of range"
     return None
 
 
@@ -124,12 +129,14 @@ def _radius(server: Ros1Server) -> float:
         server.problem("params.no-shape", "warning", f"{text} m", hint="set one of them")
         return _DEFAULT_RADIUS
     value = found[1]
+    if isinstance(value, ParameterValue) and value.kind == UNSENDABLE:
+        return _DEFAULT_RADIUS
     if not isinstance(value, ParameterValue) or value.kind not in ("int", "double"):
         _wrong_radius(server, value)
         return _RADIUS_OF_WRONG_TYPE
     radius = float(value.value)
     if not math.isfinite(radius):
-        server.problem("params.range", "refused", "must be finite", value, (_RADIUS,))
+        server.problem("params.not-finite", "refused", "must be finite", value, (_RADIUS,))
         return _DEFAULT_RADIUS
     clamped = min(max(radius, 0.0), _LARGEST_RADIUS)
     if clamped != radius:
@@ -146,4 +153,4 @@ def _wrong_radius(server: Ros1Server, value: ParameterValue | Ros1Namespace) -> 
         return
     text = f"must be a number; costmap_2d silently takes {_RADIUS_OF_WRONG_TYPE} m"
     own_hint = type_hint(value, "double") if isinstance(value, ParameterValue) else None
-    server.problem("params.type", "warning", text, value, (_RADIUS,), own_hint)
+    server.problem("params.silent-default", "warning", text, value, (_RADIUS,), own_hint)

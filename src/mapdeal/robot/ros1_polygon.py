@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+_LARGEST = 3.4028234663852886e38
 Corners = tuple[tuple[float, float], ...]
 
 
@@ -38,7 +39,10 @@ def corners_of_string(text: str) -> Corners:
             while end < len(text) and text[end] not in "[], \t":
                 end += 1
             try:
-                current.append(float(np.float32(text[at:end])))
+                number = float(text[at:end])
+                if not abs(number) <= _LARGEST:
+                    raise ValueError
+                current.append(float(np.float32(number)))
             except ValueError:
                 raise FootprintStringError(f"{text[at:end]!r} is no number") from None
             at = end - 1

@@ -12,6 +12,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.formats.ros_parameters.fault import Fault
 from mapdeal.formats.ros_parameters.ros1 import (
     ROOT,
+    UNSENDABLE,
     Path1,
     Ros1File,
     Ros1Namespace,
@@ -102,7 +103,7 @@ class Ros1Server:
         whole: int = math.floor(number) if math.fmod(number, 1.0) < 0.5 else math.ceil(number)
         if whole != number:
             text = f"must be a whole number; roscpp rounds it to {whole}"
-            self.problem("params.type", "warning", text, value, below)
+            self.problem("params.silent-default", "warning", text, value, below)
         return whole
 
     def _typed(self, default: Value, kind: str, below: Path1, unit: str = "") -> Value:
@@ -110,8 +111,10 @@ class Ros1Server:
         if value is None:
             return default
         fits = ("double", "int") if kind == "double" else (kind,)
+        if value.kind == UNSENDABLE:
+            return default
         if isinstance(value.value, float) and not math.isfinite(value.value):
-            self.problem("params.range", "refused", "must be finite", value, below)
+            self.problem("params.not-finite", "refused", "must be finite", value, below)
             return default
         if value.kind in fits:
             return type(default)(value.value)
@@ -125,7 +128,7 @@ class Ros1Server:
             self.problem("params.substitution", "refused", text, value, below, hint)
             return
         text = f"must be {_KINDS[kind]}; roscpp silently takes its default, {default}"
-        self.problem("params.type", "warning", text, value, below, type_hint(value, kind))
+        self.problem("params.silent-default", "warning", text, value, below, type_hint(value, kind))
 
     def problem(
         self,

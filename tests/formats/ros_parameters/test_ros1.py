@@ -120,7 +120,7 @@ def test_faults_have_their_lines():
     assert faults("a: 1\nb:\nc: 3\n") == [("params.empty", "refused", "b", 2)]
     assert faults("a: {b: 1, c: ~}") == [("params.empty", "refused", "a/c", 1)]
     assert faults("a: 1\nb: 2\na: 3\n") == [("params.twice", "warning", "a", 3)]
-    assert faults("a: 1\nb: 2\na: 1\n") == [("params.twice", "note", "a", 3)]
+    assert faults("a: 1\nb: 2\na: 1\n") == [("params.repeated", "note", "a", 3)]
     assert faults("a: 3000000000") == [("params.type", "refused", "a", 1)]
     assert faults("a: [1, [-2147483649]]") == [("params.type", "refused", "a", 1)]
     assert faults("a: -2147483648") == []

@@ -25,6 +25,9 @@ OF_PARAMETERS = YamlLimits(bytes=1 << 20, nodes=50_000, aliases=200)
 ROOT = ""
 """The name, at a file's top, of what a leading slash puts below the root of all namespaces."""
 
+UNSENDABLE = "unsendable"
+"""The kind of what roslaunch cannot hand on; a fault says so."""
+
 _NAMESPACE_KEY = "_ns"
 _MERGE = "tag:yaml.org,2002:merge"
 
@@ -202,10 +205,10 @@ class _Reader:
         self, path: Path1, first: int, before: yaml.Node, line: int, value: yaml.Node
     ) -> None:
         is_same = value_of(self.source, before) == value_of(self.source, value)
-        which = "with one value" if is_same else "the later one counts"
-        text = f"stands twice, on lines {first} and {line}; {which}"
-        level = "note" if is_same else "warning"
-        self.fault("params.twice", level, text, line, parameter="/".join(path))
+        which = ", with one value" if is_same else "; the later one counts"
+        text = f"stands twice, on lines {first} and {line}{which}"
+        check, level = ("params.repeated", "note") if is_same else ("params.twice", "warning")
+        self.fault(check, level, text, line, parameter="/".join(path))
 
     def _set(self, path: Path1, node: yaml.Node) -> None:
         start, end = node.start_mark, node.end_mark
@@ -216,7 +219,8 @@ class _Reader:
             more = {"hint": reason.hint} if reason.hint else {}
             self.fault(reason.check, "refused", reason.text, line, parameter=name,
                        **({"got": text} if text else {}), **more)  # fmt: skip
-        put(self.tree, path, ParameterValue(value, kind_of(value), self.source, line, text))
+        kind = kind_of(value) if reason is None else UNSENDABLE
+        put(self.tree, path, ParameterValue(value, kind, self.source, line, text))
 
 
 def _own_namespace(node: yaml.MappingNode) -> Path1:
