@@ -1,0 +1,131 @@
+"""A robot's layers as stages, against costmap_2d's layers applied one after the other."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mapdeal import Footprint, OccupancyGrid, RobotParameters
+from mapdeal.api.recipe import apply_recipe, load_recipe
+from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.pipeline.robot import step_for
+from mapdeal.robot.parameters import ListedLayer
+from oracles import exponential_cost, static_layer_cost
+
+pytestmark = pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
+
+ORIGIN = (1.5, -2.0, 0.4)
+
+
+def _robot(*layers, track=True):
+    listed = tuple(ListedLayer(one.name, "a::B", one) for one in layers)
+    shape = Footprint.polygon([(0.3, 0.2), (0.3, -0.2), (-0.2, -0.2), (-0.2, 0.2)])
+    return RobotParameters(
+        "nav2", "global", "/a", shape, 0.0, None, track, False, listed, (), 0.2, 0.36
+    )
+
+
+def _master(occupancy, robot, resolution):
+    """The master grid of costmap_2d: each layer writes into what those before it have left."""
+    master = np.full(occupancy.shape, 255 if robot.track_unknown_space else 0, np.uint8)
+    for layer in robot.effective_layers:
+        if isinstance(layer, InflationLayer):
+            master = exponential_cost(
+                master, resolution, layer.inscribed_radius, layer.inflation_radius,
+                layer.cost_scaling_factor, layer.inflate_unknown, layer.inflate_around_unknown,
+                lookup=layer.lookup, float32=True,
+            )  # fmt: skip
+            continue
+        for index in np.ndindex(occupancy.shape):
+            cost = static_layer_cost(
+                int(occupancy[index]), layer.lethal_cost_threshold, trinary=layer.trinary_costmap,
+                track_unknown=layer.track_unknown_space,
+                inscribed=layer.inscribed_obstacle_cost_value, unknown=layer.unknown_cost_value,
+            )  # fmt: skip
+            old = int(master[index])
+            if not layer.use_maximum or (cost != 255 and (old == 255 or old < cost)):
+                master[index] = cost
+    return master
+
+
+STATIC = st.builds(
+    StaticLayer,
+    name=st.just("s"),
+    track_unknown_space=st.booleans(),
+    lethal_cost_threshold=st.sampled_from([0, 1, 40, 99, 100]),
+    trinary_costmap=st.booleans(),
+    unknown_cost_value=st.sampled_from([255, 0, 50, 100]),
+    inscribed_obstacle_cost_value=st.sampled_from([None, 99, 30]),
+    use_maximum=st.booleans(),
+)
+INFLATION = st.builds(
+    InflationLayer,
+    name=st.just("i"),
+    inscribed_radius=st.sampled_from([0.0, 0.2, 0.3]),
+    inflation_radius=st.sampled_from([0.0, 0.3, 0.5]),
+    cost_scaling_factor=st.sampled_from([0.5, 6.0]),
+    inflate_unknown=st.booleans(),
+    inflate_around_unknown=st.booleans(),
+    lookup=st.sampled_from(["exact", "nav2"]),
+)
+OCCUPANCY = st.lists(st.sampled_from([0, 0, 0, -1, 30, 50, 99, 100]), min_size=35, max_size=35).map(
+    lambda values: np.array(values, np.int8).reshape(5, 7)
+)
+
+
+@settings(max_examples=150)
+@given(st.lists(STATIC | INFLATION, max_size=4), st.booleans(), OCCUPANCY)
+def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):
+    robot = _robot(*layers, track=track)
+    made = apply_recipe(OccupancyGrid(occupancy, 0.1, ORIGIN), robot)
+    np.testing.assert_array_equal(made["cost"].cost, _master(occupancy, robot, 0.1))
+
+
+def test_one_static_and_one_inflation_layer_become_model_exponential():
+    inflation = InflationLayer("i", 0.2, 0.7, 3.0, lookup="nav2")
+    recipe = load_recipe(_robot(StaticLayer("s", lethal_cost_threshold=70), inflation))
+    esdf, cost = (next(iter(one.values())) for one in recipe.described())
+    assert (esdf["lethal_threshold"], cost["lethal_threshold"]) == (70, 70)
+    assert (cost["model"], cost["lookup"], cost["inflation_radius"]) == ("exponential", "nav2", 0.7)
+    assert cost["circumscribed_radius"] == 0.36
+
+
+@pytest.mark.parametrize(
+    "layers",
+    [
+        [StaticLayer(), InflationLayer(), InflationLayer("b", inflation_radius=1.0)],
+        [],
+        [StaticLayer(unknown_cost_value=0)],
+        [StaticLayer(lethal_cost_threshold=0), InflationLayer()],
+    ],
+)
+def test_other_layers_become_model_layers(layers):
+    recipe = load_recipe(_robot(*layers))
+    assert recipe.described()[-1]["cost"]["model"] == "layers"
+
+
+def test_another_shape_changes_the_radii_but_not_one_that_the_file_chose():
+    own, custom = InflationLayer("a", 0.2, 0.7), InflationLayer("b", 0.25, 0.9)
+    robot = _robot(StaticLayer(), own, custom).with_shape(Footprint.circle(0.5))
+    assert [one.inscribed_radius for one in robot.inflation_layers] == [0.5, 0.25]
+    assert (robot.inscribed_radius, robot.circumscribed_radius) == (0.5, 0.5)
+
+
+def test_parameters_that_are_given_win_over_the_robots():
+    robot = _robot(StaticLayer("s", lethal_cost_threshold=60), InflationLayer("i", 0.2, 0.7, 3.0))
+    given_ = {"inflation_radius": 0.9, "lookup": "nav2"}
+    parameters = step_for("cost", robot, given_).parameters
+    assert parameters["inflation_radius"] == 0.9
+    assert (parameters["inscribed_radius"], parameters["cost_scaling_factor"]) == (0.2, 3.0)
+    inflated = step_for("inflate", robot, {}).parameters
+    assert inflated["radius"] == pytest.approx((0.3**2 + 0.2**2) ** 0.5)
+    assert inflated["lethal_threshold"] == 60
+    rings = step_for("cost", robot, {"model": "rings"})
+    assert rings.parameters["lethal_threshold"] == 60
+
+
+def test_parameters_of_one_inflation_are_refused_to_several():
+    robot = _robot(StaticLayer(), InflationLayer("a"), InflationLayer("b"))
+    with pytest.raises(ParameterError, match="is a parameter of model exponential"):
+        step_for("cost", robot, {"inflation_radius": 0.9})
