@@ -28,12 +28,14 @@ import typer
 
 from mapdeal.cli.main import app, command_names
 from mapdeal.cli.shared_options import SHARED_OPTIONS, expanded
+from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.products import paths_of
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, stage_named
-from mapdeal.stages.definition import Stage
-from mapdeal.stages.parameters import Parameter
+from mapdeal.stages.definition import Stage, meanings_of
+from mapdeal.stages.layer_parameters import described_layer
+from mapdeal.stages.parameters import LayerList, Parameter
 
 DOCS = Path(__file__).parent
 
@@ -230,6 +232,19 @@ def parameters_of(words: str) -> str:
     )
 
 
+def layers_of_costmaps(_: str) -> str:
+    """Return the table of the layers that a costmap can have, and what can be set of each."""
+    rows = []
+    for layer in (StaticLayer(), InflationLayer()):
+        ((kind, values),) = described_layer(layer).items()
+        meanings = meanings_of(type(layer))
+        for name, default in values.items():
+            words = {None: "none", True: "yes", False: "no"}
+            told = words[default] if default is None or isinstance(default, bool) else str(default)
+            rows.append((f"`{kind}`", f"`{name}`", told, meanings[name].replace("``", "`")))
+    return markdown_table(["layer", "parameter", "default", "meaning"], rows)
+
+
 def stages(_: str) -> str:
     """Return the table of all stages: their files in a run, and the memory that they take."""
     return markdown_table(
@@ -258,6 +273,9 @@ def _default_of(parameter: Parameter) -> str:
         return "yes" if default else "no"
     if default is None:
         return "none"
+    if parameter.kind == LayerList:
+        layers: Any = default
+        return ", ".join(f"`{kind}`" for layer in layers for kind in described_layer(layer))
     if isinstance(default, tuple):
         return ", ".join(str(value) for value in default)
     others = [f"`{choice}`" for choice in parameter.choices if choice != default]
@@ -279,7 +297,11 @@ PAGES: dict[str, dict[str, MadeTable]] = {
         "shared options": shared_options,
         "stage commands": stage_commands,
     },
-    "stages.md": {"parameters of": parameters_of, "stages": stages},
+    "stages.md": {
+        "parameters of": parameters_of,
+        "layers of costmaps": layers_of_costmaps,
+        "stages": stages,
+    },
 }
 """For each page, what makes a table, by the words that its comment begins with."""
 

@@ -39,6 +39,8 @@ from mapdeal.formats.poses import read_poses as read_poses
 from mapdeal.formats.shapes import read_shapes as read_shapes
 from mapdeal.grid.bit_map import BitMap as BitMap
 from mapdeal.grid.costmap import Costmap as Costmap
+from mapdeal.grid.costmap_layers import InflationLayer as InflationLayer
+from mapdeal.grid.costmap_layers import StaticLayer as StaticLayer
 from mapdeal.grid.field import DistanceField as DistanceField
 from mapdeal.grid.field import FieldSamples as FieldSamples
 from mapdeal.grid.field_view import FieldView as FieldView

@@ -33,10 +33,8 @@ def test_static_layers_say_what_values_become():
     ]
     plain = StaticLayer(trinary_costmap=False, lethal_cost_threshold=70, track_unknown_space=False,
                         inscribed_obstacle_cost_value=99)  # fmt: skip
-    assert _effects(plain) == [
-        "occupancy 70..100 is lethal, 99 inscribed, less costs its share of 254, unknown becomes "
-        "free"
-    ]
+    parts = ["occupancy 70..100 is lethal", "99 inscribed", "less costs its share of 254"]
+    assert _effects(plain) == [", ".join([*parts, "unknown becomes free"])]
     assert "0 counts as unknown, and -1 as lethal" in _effects(StaticLayer(unknown_cost_value=0))[0]
 
 

@@ -206,6 +206,7 @@ READERS = [
            reading.list_all_maps, (ParameterError, FileAccessError), TEXT_WORDS, is_file=False,
            share=0.25),
     _text("--set", seeds.SETTINGS, reading.load_settings, share=0.15),
+    _text("--set of layers", seeds.LAYER_SETTINGS, reading.load_layers, share=0.3),
     _text("parameters of stages", seeds.PARAMETERS, reading.accept_parameters, share=0.7),
     _text("footprint", seeds.FOOTPRINTS, reading.parse_footprint),
     _text("size", seeds.SIZES, reading.parse_size),

@@ -383,6 +383,13 @@ def load_settings(path, data):
     return load_recipe("default", settings=[text_of(data)]).described()
 
 
+def load_layers(path, data):
+    settings = ["cost.model=layers", f"cost.layers={text_of(data)}"]
+    recipe = load_recipe("default", settings=settings)
+    assert recipe.steps[-1].title.isprintable()
+    return recipe.described()
+
+
 def compare_with_golden(path, data):
     lines = differences_from_golden(path.parent, path.parent / "golden", "run")
     assert all(isinstance(line, str) for line in lines)

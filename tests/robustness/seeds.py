@@ -371,6 +371,7 @@ RECIPES = [
     b"stages: [inflate: {kernel: square, radius: 0.5}, esdf: {unknown: free, view: seed}]\n",
     b"stages:\n  - active\n  - esdf: {max_distance: 2}\n  - cost: {model: rings}\n",
     b"stages: [{cost: {inscribed_radius: 0.22, inflation_radius: .7, cost_scaling_factor: 3.0}}]\n",
+    b"stages:\n- cost:\n    model: layers\n    layers: [static, inflation: {lookup: nav2}]\n",
 ]
 
 LINT_CONFIGS = [
@@ -408,6 +409,11 @@ MANIFEST = {
     "figures": {"inflate": {"occupied": 7, "free": 41}, "esdf": {"lowest": -0.5, "highest": None}},
     "outputs": {"inflated.pgm": "2222", "esdf.npz": "33aa", "esdf.png": "44aa"},
 }  # fmt: skip
+
+LAYER_SETTINGS = [
+    b"[static, {inflation: {inflation_radius: 0.7, lookup: nav2}}]",
+    b"[{static: {name: a, track_unknown_space: no, unknown_cost_value: -1}}]",
+]
 
 FOOTPRINTS = [
     b"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]",

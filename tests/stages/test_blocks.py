@@ -18,6 +18,8 @@ from strategies import occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
+SPREADS = {"inflation": {"inscribed_radius": 0.2, "inflate_around_unknown": True}}
+
 # The parameters that are drawn, for each stage and model.
 DRAWN = {
     ("active", None): {
@@ -42,6 +44,13 @@ DRAWN = {
     },
     ("cost", "threshold"): {
         "down": [20.0, 40.0], "up": [60.0], "down_factor": [0.5], "view": ["seed", "metric"],
+    },
+    ("cost", "layers"): {
+        "layers": [
+            (), ("static", "inflation"), ("static", SPREADS, SPREADS),
+            (SPREADS, {"static": {"use_maximum": True}}, SPREADS),
+        ],
+        "default_cost": [0, 255], "circumscribed_radius": [0.4],
     },
     ("cost", "rings"): {"values": [(60,), (90, 70, 50, 30, 10)]},
 }  # fmt: skip

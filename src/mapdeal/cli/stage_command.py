@@ -144,8 +144,8 @@ def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Par
         if any(other.parameters[name] != parameter for other in owners.values()):
             rule = f"models {', '.join(owners)} of {stage.name} have different parameters"
             raise ValueError(f"{rule} of one name: {name}")
-        if parameter.from_robot or parameter.kind is Footprint:
-            continue  # the robot's shape sets it
+        if parameter.from_robot or parameter.is_structured:
+            continue  # the robot's shape or a recipe sets it
         text = first_sentence(stage.meanings[name])
         if len(owners) < len(models):
             text = f"{', '.join(owners)}: {text[:1].lower()}{text[1:]}"

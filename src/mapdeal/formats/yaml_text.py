@@ -131,8 +131,10 @@ class Entry:
     def plain_value(self) -> Any:
         """Return the value, in which all numbers are decimal ones.
 
-        YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10; other readers do not.
+        YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10; other readers do not. A key
+        that stands twice is refused.
         """
+        _refuse_repeated_keys(self.source, self.node)
         for node in _scalars_of(self.node):
             text = str(node.value).lower()
             if node.tag not in _NUMBER_TAGS or text.lstrip("+-") in (".inf", ".nan"):
@@ -210,6 +212,18 @@ def parse_mapping(path: Path, data: bytes, limits: YamlLimits = OF_MAPS) -> dict
     return _entries_of(path, node)
 
 
+def parse_value(text: str, name: str, limits: YamlLimits = OF_MAPS) -> Any:
+    """Return the value of a text that is no file, with decimal numbers; errors call it `name`.
+
+    Raises
+    ------
+    MalformedInputError
+        If it is not YAML, or holds more than the limits allow.
+    """
+    node = _compose(Path(name), text, limits)
+    return None if node is None else Entry(Path(name), "value", node).plain_value()
+
+
 def _entries_of(path: Path, node: yaml.MappingNode) -> dict[str, Entry]:
     """Return the entries of a mapping by key; a key that stands twice is refused."""
     entries: dict[str, Entry] = {}
@@ -225,6 +239,15 @@ def _entries_of(path: Path, node: yaml.MappingNode) -> dict[str, Entry]:
             raise MalformedInputError(rule, source=path, place=key)
         entries[key] = Entry(path, key, value_node, key_node.start_mark.line + 1)
     return entries
+
+
+def _refuse_repeated_keys(path: Path, node: yaml.Node) -> None:
+    if isinstance(node, yaml.MappingNode):
+        for entry in _entries_of(path, node).values():
+            _refuse_repeated_keys(path, entry.node)
+    elif isinstance(node, yaml.SequenceNode):
+        for item in node.value:
+            _refuse_repeated_keys(path, item)
 
 
 def _scalars_of(node: yaml.Node) -> Iterator[yaml.ScalarNode]:

@@ -29,9 +29,10 @@ class StaticLayer(OneLine):
     unknown_cost_value : int
         The value that means unknown, as a byte 0 .. 255; 255 is -1.
     inscribed_obstacle_cost_value : int, optional
-        This value becomes 253. Nav2 newer than Kilted has it; None for all others.
+        This value becomes 253. Nav2 newer than Kilted has 99; None for all others.
     use_maximum : bool
-        The layer raises the costs of those below it, rather than to replace them.
+        The layer raises the costs of those below it, and its unknown cells change nothing.
+        Otherwise it replaces all that lies below it.
     """
 
     name: str = "static_layer"
@@ -59,7 +60,7 @@ class InflationLayer(OneLine):
     inscribed_radius : float
         Cost 253 up to here, metres.
     inflation_radius : float
-        Costs reach this far, metres, rounded up to whole cells.
+        Costs reach this far, metres, rounded up to whole cells; with 0 the layer does nothing.
     cost_scaling_factor : float
         Steepness, per metre.
     inflate_unknown : bool
@@ -67,7 +68,8 @@ class InflationLayer(OneLine):
     inflate_around_unknown : bool
         Unknown cells become lethal and spread costs.
     lookup : {'exact', 'nav2'}
-        How a distance becomes a cost.
+        How a distance becomes a cost: as it is, or rounded to 1/100 cell, as in Nav2 newer than
+        Kilted.
     """
 
     name: str = "inflation_layer"
@@ -108,12 +110,18 @@ class CostmapLayers:
 
     @property
     def that_count(self) -> tuple[CostmapLayer, ...]:
-        """The layers without those below a static layer that replaces all costs."""
-        last = 0
-        for index, one in enumerate(self.layers):
-            if isinstance(one, StaticLayer) and not one.use_maximum:
-                last = index
-        return self.layers[last:]
+        """The layers that have an effect.
+
+        Those below a static layer that replaces all costs have none, nor has an inflation that
+        does not reach the next cell.
+        """
+        replacing = [
+            index
+            for index, one in enumerate(self.layers)
+            if isinstance(one, StaticLayer) and not one.use_maximum
+        ]
+        above = self.layers[replacing[-1] if replacing else 0 :]
+        return tuple(one for one in above if isinstance(one, StaticLayer) or one.inflation_radius)
 
     @property
     def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:

@@ -8,8 +8,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.formats.source import exists
+from mapdeal.formats.yaml_text import parse_value
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.recipe_file import Draft, Given, read_recipe_file
@@ -18,7 +19,7 @@ from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.definition import Stage
-from mapdeal.stages.parameters import unknown_name
+from mapdeal.stages.parameters import LayerList, unknown_name
 
 DEFAULT = "default"
 
@@ -191,7 +192,20 @@ def _apply_setting(draft: Draft, setting: str, name: str, option: str) -> None:
         rule = "must look like stage.parameter=value"
         hint = _hint_for(draft, target) if equals else None
         raise ParameterError(rule, source=option, got=setting, hint=hint)
-    _apply_change(draft, target.strip(), value.strip(), name, option, setting)
+    _apply_change(draft, target.strip(), _value_of(target, value, option), name, option, setting)
+
+
+def _value_of(target: str, text: str, option: str) -> object:
+    """Return the value that a setting asks for: text, unless the parameter is a list of layers."""
+    stage, _, parameter = target.strip().partition(".")
+    known = [one.parameters.get(parameter.replace("-", "_")) for one in models_of(stage).values()]
+    if not any(one is not None and one.kind == LayerList for one in known):
+        return text.strip()
+    try:
+        return parse_value(text, option)
+    except MalformedInputError as error:
+        error.source = error.place = None
+        raise ParameterError(str(error), source=option, place=target.strip()) from None
 
 
 def _apply_change(

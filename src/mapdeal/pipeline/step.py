@@ -11,6 +11,7 @@ from typing import Any
 from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.formats.maps import as_occupancy
 from mapdeal.formats.npz import Grid
+from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.framed import Figures
@@ -18,6 +19,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
 from mapdeal.stages.definition import Stage
 from mapdeal.stages.esdf import field_view
+from mapdeal.stages.layer_parameters import described_layer
 from mapdeal.stages.parameters import accept_parameters, unknown_name, unknown_parameter
 
 
@@ -161,4 +163,6 @@ def _in_model(
 def _plain(value: Any) -> Any:
     if hasattr(value, "vertices"):
         return [list(vertex) for vertex in value.vertices] or {"radius": value.radius}
-    return list(value) if isinstance(value, tuple) else value
+    if isinstance(value, (StaticLayer, InflationLayer)):
+        return described_layer(value)
+    return [_plain(one) for one in value] if isinstance(value, tuple) else value

@@ -18,6 +18,8 @@ def effect_of(one: ListedLayer, robot: RobotParameters) -> str:
         return f"ignored: {one.why_ignored}"
     if not one.is_enabled:
         return "switched off"
+    if isinstance(one.layer, InflationLayer) and one.layer.inflation_radius <= 0:
+        return "no effect: inflation_radius is 0"
     if all(one.layer is not other for other in robot.costmap_layers.that_count):
         return "no effect: a static layer above it replaces all costs"
     effect = _effect_of(one.layer)
@@ -27,8 +29,6 @@ def effect_of(one: ListedLayer, robot: RobotParameters) -> str:
 def _effect_of(layer: CostmapLayer) -> str:
     if isinstance(layer, StaticLayer):
         return _effect_of_static(layer)
-    if layer.inflation_radius <= 0:
-        return "no effect: inflation_radius is 0"
     text = f"cost 253 as far as {layer.inscribed_radius:.4g} m from obstacles, then falling by "
     text += f"{layer.cost_scaling_factor:g} per metre as far as {layer.inflation_radius:g} m"
     if layer.inflate_around_unknown:

@@ -174,6 +174,19 @@ def cost_table(
     return table
 
 
+def advice_on(
+    cost: int, inscribed_radius: float, inflation_radius: float, cost_scaling_factor: float
+) -> str:
+    """Return what to change where nearly all open cells have one cost."""
+    if cost > 0:
+        return f"raise cost_scaling_factor ({cost_scaling_factor:g})"
+    if cost_scaling_factor > 0:
+        end = inscribed_radius + math.log(_HIGHEST_GRADED) / cost_scaling_factor
+        if end < inflation_radius:
+            return f"lower cost_scaling_factor ({cost_scaling_factor:g})"
+    return f"raise inflation_radius ({inflation_radius:g} m)"
+
+
 def _hundredths_of(squares: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return distances in 1/100 cell, in float32 and rounded as Nav2's inflation layer does."""
     cells = np.sqrt(squares.astype(np.float32))

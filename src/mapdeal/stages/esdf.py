@@ -152,7 +152,10 @@ def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
     """
     for one in layers.that_count:
         if isinstance(one, StaticLayer) and one.lethal_cost_threshold > 0:
-            unknown = "free" if one.unknown_cost_value == NO_INFORMATION else "occupied"
+            others = (one.unknown_cost_value, one.inscribed_obstacle_cost_value)
+            # to the layer -1 is the byte 255; that it and 100 are lethal is what the field can say
+            lethal = NO_INFORMATION not in others and OCCUPIED not in others
+            unknown = "occupied" if lethal else "free"
             return {"lethal_threshold": one.lethal_cost_threshold, "unknown": unknown}
     return None
 

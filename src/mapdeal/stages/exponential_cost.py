@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
@@ -18,7 +17,6 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.scales import static_layer_cost_from_occupancy
 from mapdeal.grid.values import (
     FREE_SPACE,
-    INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
     NO_INFORMATION,
     OCCUPIED,
@@ -27,7 +25,7 @@ from mapdeal.grid.values import (
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.stages.cost import cost_model
-from mapdeal.stages.cost_profile import CostProfile
+from mapdeal.stages.cost_profile import CostProfile, advice_on
 from mapdeal.stages.definition import Parameters, RobotShape
 from mapdeal.stages.obstacle_source import (
     ObstacleSource,
@@ -43,8 +41,6 @@ from mapdeal.stages.parameters import (
     FromRobot,
     LethalThreshold,
 )
-
-_HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
 
 
 def _title(parameters: Parameters) -> str:
@@ -102,15 +98,8 @@ def _settled(parameters: Parameters) -> dict[str, object]:
 
 
 def _advice(parameters: Parameters, cost: int) -> str:
-    """Return what to change where nearly all open cells have one cost."""
-    inscribed, inflation, factor = (
-        parameters[name] for name in ("inscribed_radius", "inflation_radius", "cost_scaling_factor")
-    )
-    if cost > 0:
-        return f"raise cost_scaling_factor ({factor:g})"
-    if factor > 0 and inscribed + math.log(_HIGHEST_GRADED) / factor < inflation:
-        return f"lower cost_scaling_factor ({factor:g})"
-    return f"raise inflation_radius ({inflation:g} m)"
+    names = ("inscribed_radius", "inflation_radius", "cost_scaling_factor")
+    return advice_on(cost, *(parameters[name] for name in names))
 
 
 @cost_model(

@@ -22,16 +22,21 @@ def check_lethal_threshold(source: ObstacleSource, lethal_threshold: int | None)
     ParameterError
         If a field was made with another one, or the source is a view of a field.
     """
-    if isinstance(source, FieldView):
-        rule = "is the 0..100 view of a distance field, not a map"
-        hint = "only costs of model threshold are made of it; take the map or the npz of the field"
-        raise ParameterError(rule, hint=hint)
+    refuse_view(source)
     if isinstance(source, DistanceField):
         if lethal_threshold not in (None, source.lethal_threshold):
             rule = f"the distance field was made with {source.lethal_threshold}"
             raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
         return source.lethal_threshold
     return DEFAULT_LETHAL_THRESHOLD if lethal_threshold is None else lethal_threshold
+
+
+def refuse_view(source: ObstacleSource) -> None:
+    """Raise a `ParameterError` if a map is the view of a field."""
+    if isinstance(source, FieldView):
+        rule = "is the 0..100 view of a distance field, not a map"
+        hint = "only costs of model threshold are made of it; take the map or the npz of the field"
+        raise ParameterError(rule, hint=hint)
 
 
 def warn_of_strength(source: ObstacleSource, model: str) -> None:

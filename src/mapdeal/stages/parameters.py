@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from typing import get_type_hints as hints_of
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap_layers import CostmapLayer
 from mapdeal.grid.footprint import Footprint
 from mapdeal.spelling import as_known, meant
 
@@ -64,6 +65,10 @@ VIEW_VALUE = Unit("view", "V")
 POINT = Unit("m", "X,Y")
 
 
+LayerList = tuple[CostmapLayer, ...]
+"""Layers of a costmap: a list of mappings in recipes, see `mapdeal.stages.layer_parameters`."""
+
+
 class FromRobot:
     """Marks a parameter that a robot's shape sets: recipes can, the command line has no option."""
 
@@ -83,6 +88,11 @@ class Parameter:
     bounds: tuple[Bound, ...]
     unit: Unit | None = None
     from_robot: bool = False
+
+    @property
+    def is_structured(self) -> bool:
+        """Whether it is more than a line of text: recipes can set it, options cannot."""
+        return self.kind is Footprint or bool(self.kind == LayerList)
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -110,6 +120,10 @@ class Parameter:
             raise error
         if self.kind is Footprint:
             return _footprint(value)
+        if self.kind == LayerList:
+            from mapdeal.stages.layer_parameters import accept_layers  # made of parameters, too
+
+            return accept_layers(self.name, value)
         if self.kind is bool:
             return self._accept_bool(value)
         if get_origin(self.kind) is tuple:
@@ -173,12 +187,9 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, Parameter]:
         if argument.kind is not inspect.Parameter.KEYWORD_ONLY:
             continue
         kind, marks = _split_annotated(hints[name])
-        optional = False
-        if get_origin(kind) in (Union, types.UnionType):
-            (kind,) = (arm for arm in get_args(kind) if arm is not type(None))
-            optional = True
-            kind, inner_marks = _split_annotated(kind)
-            marks += inner_marks
+        kind, optional = split_optional(kind)
+        kind, inner_marks = _split_annotated(kind)
+        marks += inner_marks
         if not _is_supported(kind):
             rule = f"{function.__name__}: a parameter cannot be of this type"
             raise TypeError(f"{rule}: {name}: {hints[name]}")
@@ -242,9 +253,25 @@ def unknown_name(
 
 
 def _is_supported(kind: Any) -> bool:
+    if kind == LayerList:
+        return True
     if get_origin(kind) is tuple:
         return all(one in (int, float, Ellipsis) for one in get_args(kind))
     return kind in (bool, int, float, Footprint) or get_origin(kind) is Literal
+
+
+def split_optional(hint: Any) -> tuple[Any, bool]:
+    """Return a type, and whether None is allowed besides.
+
+    Examples
+    --------
+    >>> split_optional(float | None)
+    (<class 'float'>, True)
+    """
+    if get_origin(hint) not in (Union, types.UnionType):
+        return hint, False
+    (kind,) = (arm for arm in get_args(hint) if arm is not type(None))
+    return kind, True
 
 
 def _split_annotated(hint: Any) -> tuple[Any, tuple[Any, ...]]:

@@ -1,0 +1,122 @@
+"""Layers of costmap_2d as a parameter of a stage: how recipes and manifests write them.
+
+A list of mappings, of which each has one key, the kind of the layer, and below it what is set::
+
+    - static: {track_unknown_space: no}
+    - inflation: {inflation_radius: 0.7, cost_scaling_factor: 3.0}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import Any, get_type_hints
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap_layers import CostmapLayer, InflationLayer, StaticLayer
+from mapdeal.stages.parameters import (
+    AT_LEAST_0,
+    PERCENT,
+    Bound,
+    Parameter,
+    split_optional,
+    unknown_name,
+)
+
+_KINDS: dict[str, type[StaticLayer] | type[InflationLayer]] = {
+    "static": StaticLayer,
+    "inflation": InflationLayer,
+}
+_BYTE = Bound("a byte, 0 to 255, or -1 for 255", lambda value: -1 <= value <= 255)
+_BOUNDS = {
+    "lethal_cost_threshold": PERCENT,
+    "unknown_cost_value": _BYTE,
+    "inscribed_obstacle_cost_value": _BYTE,
+    "inscribed_radius": AT_LEAST_0,
+    "inflation_radius": AT_LEAST_0,
+    "cost_scaling_factor": AT_LEAST_0,
+}
+_LOOKS = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
+
+
+def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
+    """Return the layers that a parameter is given, checked.
+
+    Parameters
+    ----------
+    name : str
+        The parameter, for errors.
+    value : object
+        A list of layers, or of their mappings; of a kind alone all is as costmap_2d has it.
+
+    Raises
+    ------
+    ParameterError
+        If it is no such list, or something in it is not known or not allowed.
+    """
+    if not isinstance(value, (list, tuple)):
+        raise ParameterError(f"must be a list of layers such as {_LOOKS}", place=name, got=value)
+    return tuple(_layer(f"{name} {number}", item) for number, item in enumerate(value, start=1))
+
+
+def described_layer(layer: CostmapLayer) -> dict[str, dict[str, Any]]:
+    """Return a layer with all that is set, as JSON or YAML can hold it.
+
+    Examples
+    --------
+    >>> described_layer(InflationLayer())["inflation"]["inflation_radius"]
+    0.55
+    """
+    (kind,) = (kind for kind, made in _KINDS.items() if isinstance(layer, made))
+    return {kind: asdict(layer)}
+
+
+def _layer(place: str, item: object) -> CostmapLayer:
+    given: Mapping[str, object] = {}
+    if isinstance(item, (StaticLayer, InflationLayer)):
+        ((item, given),) = described_layer(item).items()
+    elif isinstance(item, Mapping) and len(item) == 1:
+        ((item, below),) = item.items()
+        if not isinstance(below, Mapping) and below is not None:
+            raise ParameterError(f"must look like {_LOOKS}", place=place, got={item: below})
+        given = below or {}
+    if not isinstance(item, str):
+        raise ParameterError(f"must look like one of {_LOOKS}", place=place, got=item)
+    if item not in _KINDS:
+        raise unknown_name("kind of layer", item, _KINDS, place=place)
+    made = _KINDS[item]
+    known = _parameters_of(made)
+    values: dict[str, Any] = {}
+    for key, value in given.items():
+        if key == "name":
+            values[key] = _name(f"{place} {item}.{key}", value)
+        elif key in known:
+            try:
+                values[key] = known[key].accept(value)
+            except ParameterError as error:
+                error.place = f"{place} {item}.{error.place}"
+                raise
+        else:
+            raise unknown_name("parameter", key, known, place=f"{place} {item}")
+    for key in ("unknown_cost_value", "inscribed_obstacle_cost_value"):
+        if values.get(key) == -1:
+            values[key] = 255
+    return made(**values)
+
+
+def _parameters_of(made: type[StaticLayer] | type[InflationLayer]) -> dict[str, Parameter]:
+    """Return what can be set of a kind of layer besides its name."""
+    hints = get_type_hints(made)
+    found = {}
+    for one in fields(made):
+        if one.name != "name":
+            kind, optional = split_optional(hints[one.name])
+            bounds = (_BOUNDS[one.name],) if one.name in _BOUNDS else ()
+            found[one.name] = Parameter(one.name, one.default, kind, optional, bounds)
+    return found
+
+
+def _name(place: str, value: object) -> str:
+    if not isinstance(value, str) or not value.isprintable() or not value:
+        raise ParameterError("must be a word", place=place, got=value)
+    return value

@@ -1,0 +1,238 @@
+"""Stage ``cost``, model ``layers``: the layers of a costmap one over the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.costmap_layers import CostmapLayer, CostmapLayers, InflationLayer, StaticLayer
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.scales import static_layer_cost_from_occupancy
+from mapdeal.grid.values import (
+    FREE_SPACE,
+    INSCRIBED_INFLATED_OBSTACLE,
+    NO_INFORMATION,
+    OCCUPIED,
+    UNKNOWN,
+)
+from mapdeal.kernels.blocks import made_by_windows
+from mapdeal.kernels.lookup import look_up, set_where
+from mapdeal.kernels.threads import for_rows
+from mapdeal.stages.cost import cost_model
+from mapdeal.stages.cost_profile import CostProfile, advice_on
+from mapdeal.stages.definition import Parameters
+from mapdeal.stages.obstacle_source import ObstacleSource, refuse_view, warn_of_strength
+from mapdeal.stages.parameters import AT_LEAST_0, COST, METRES, Bound, FromRobot
+
+_OF_EMPTY_COSTMAP = Bound("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))
+
+Master = NDArray[np.uint8]
+Laid = Callable[[Master, NDArray[np.int8]], Master]
+"""Returns the master grid after a layer, which may change it in place, given the map's values."""
+
+
+def _title(parameters: Parameters) -> str:
+    return f"cost, {', '.join(layer.name for layer in parameters['layers']) or 'no layers'}"
+
+
+def _advice(parameters: Parameters, cost: int) -> str:
+    inflation = _last_inflation(parameters["layers"])
+    if inflation is None:
+        return "no inflation layer spreads costs"
+    return advice_on(
+        cost,
+        inflation.inscribed_radius,
+        inflation.inflation_radius,
+        inflation.cost_scaling_factor,
+    )
+
+
+def _of_layers(layers: CostmapLayers) -> dict[str, object]:
+    reaches = any(isinstance(one, InflationLayer) for one in layers.that_count)
+    return {
+        "layers": layers.layers,
+        "default_cost": layers.default_cost,
+        "circumscribed_radius": layers.circumscribed_radius if reaches else None,
+    }
+
+
+@cost_model(
+    "layers",
+    title=_title,
+    memory=3.0,
+    advice=_advice,
+    when_closed="lower inscribed_radius, or the radius of inflate",
+    of_layers=_of_layers,
+)
+def layered_cost(
+    source: ObstacleSource,
+    *,
+    layers: tuple[CostmapLayer, ...] = (StaticLayer(), InflationLayer()),
+    default_cost: Annotated[int, _OF_EMPTY_COSTMAP, COST] = FREE_SPACE,
+    circumscribed_radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] | None = None,
+) -> Costmap:
+    """Return the costs of a costmap's layers, laid over each other in their order.
+
+    Parameters
+    ----------
+    source : OccupancyGrid or DistanceField
+        The map that all static layers get, or a field of it.
+    layers : list of layers
+        Static and inflation layers, the lowest first.
+    default_cost : int
+        The cost of an empty costmap, 0 or 255. A robot with track_unknown_space has 255.
+    circumscribed_radius : float, optional
+        The robot cannot collide farther away. It only sets `circumscribed_cost`, and a robot's
+        shape gives it.
+
+    Returns
+    -------
+    Costmap
+        On scale ``costmap2d``. Without layers `default_cost` everywhere.
+
+    Raises
+    ------
+    ParameterError
+        If a layer is malformed.
+
+    Warns
+    -----
+    MapdealWarning
+        If an inscribed radius is larger than its layer's inflation radius, the circumscribed one
+        larger than the last one's, or the field has a strength other than 1.
+
+    Notes
+    -----
+    A static layer replaces all that lies below it; with ``use_maximum`` it raises costs, its own
+    unknown cells change nothing, and it takes the place of unknown ones. An inflation layer
+    spreads costs around the cells that are 254 after the layers below it, in place. Lengths are
+    counted in cells of the float32 resolution of a map message, without a tolerance.
+
+    Unknown cells that a field counts as obstacles are 100 to the layers; its distances do not
+    matter.
+
+    References
+    ----------
+    ``updateWithTrueOverwrite`` and ``updateWithMax`` in ``costmap_layer.cpp``, ``interpretValue``
+    in ``static_layer.cpp``, ``updateCosts`` in ``inflation_layer.cpp`` of nav2_costmap_2d.
+
+    Examples
+    --------
+    >>> from mapdeal.grid.occupancy import OccupancyGrid
+    >>> grid = OccupancyGrid([[100, 0, 0, -1]], resolution=0.5)
+    >>> inflation = {"inflation_radius": 1.0, "cost_scaling_factor": 1.0}
+    >>> layered_cost(grid, layers=["static", {"inflation": inflation}]).cost.tolist()
+    [[254, 152, 92, 255]]
+    """
+    refuse_view(source)
+    warn_of_strength(source, "layers")
+    laid: list[Laid] = []
+    profile: CostProfile | None = None
+    halo = 0
+    for layer in CostmapLayers(layers).that_count:
+        if isinstance(layer, StaticLayer):
+            laid.append(_Static.of(layer))
+            continue
+        profile = profile_of(layer, source)
+        halo += profile.cells
+        laid.append(_Inflation(profile))
+    values_of = _values_of(source)
+
+    def master(rows: slice) -> Master:
+        values = values_of(rows)
+        cost = np.full(values.shape, default_cost, dtype=np.uint8)
+        for lay in laid:
+            cost = lay(cost, values)
+        return cost
+
+    cost = made_by_windows(source.occupancy, np.uint8, master, halo=halo)
+    return Costmap(
+        cost,
+        source.resolution,
+        source.origin,
+        circumscribed_cost=None if profile is None else profile.cost_at(circumscribed_radius),
+    )
+
+
+def profile_of(layer: InflationLayer, source: ObstacleSource) -> CostProfile:
+    """Return the profile of an inflation layer on a grid."""
+    return CostProfile.of(
+        layer.inscribed_radius,
+        layer.inflation_radius,
+        layer.cost_scaling_factor,
+        inflate_unknown=layer.inflate_unknown,
+        inflate_around_unknown=layer.inflate_around_unknown,
+        lookup=layer.lookup,
+        float32_resolution=True,
+        resolution=source.resolution,
+        shape=source.shape,
+    )
+
+
+def _last_inflation(layers: Sequence[CostmapLayer]) -> InflationLayer | None:
+    return next((one for one in reversed(layers) if isinstance(one, InflationLayer)), None)
+
+
+def _values_of(source: ObstacleSource) -> Callable[[slice], NDArray[np.int8]]:
+    """Return what gives the values of some rows that static layers get."""
+
+    def values(rows: slice) -> NDArray[np.int8]:
+        occupancy = source.occupancy[rows]
+        if isinstance(source, DistanceField) and source.unknown == "occupied":
+            occupancy = occupancy.copy()
+            set_where(occupancy, occupancy == UNKNOWN, OCCUPIED)
+        return occupancy
+
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class _Static:
+    """A static layer: the cost of each value, and what it does to the costs below."""
+
+    table: NDArray[np.uint8]
+    use_maximum: bool
+
+    @classmethod
+    def of(cls, layer: StaticLayer) -> _Static:
+        inscribed, unknown = layer.inscribed_obstacle_cost_value, layer.unknown_cost_value
+        table = static_layer_cost_from_occupancy(
+            lethal_threshold=layer.lethal_cost_threshold,
+            trinary=layer.trinary_costmap,
+            track_unknown=layer.track_unknown_space,
+            inscribed_value=inscribed if inscribed is not None and inscribed <= OCCUPIED else None,
+            unknown_value=unknown,
+        )
+        if inscribed == NO_INFORMATION != unknown:  # -1 is that byte
+            table[inscribed] = INSCRIBED_INFLATED_OBSTACLE
+        return cls(table, layer.use_maximum)
+
+    def __call__(self, master: Master, values: NDArray[np.int8]) -> Master:
+        costs: Master = look_up(values, self.table)
+        if not self.use_maximum:
+            return costs
+
+        def raise_rows(rows: slice) -> None:
+            # of bytes one higher 255 is 0, the lowest: it changes nothing, and all replace it
+            master[rows] += np.uint8(1)
+            np.maximum(master[rows], costs[rows] + np.uint8(1), out=master[rows])
+            master[rows] -= np.uint8(1)
+
+        for_rows(raise_rows, master.shape)
+        return master
+
+
+@dataclass(frozen=True, eq=False)
+class _Inflation:
+    """An inflation layer on a grid."""
+
+    profile: CostProfile
+
+    def __call__(self, master: Master, values: NDArray[np.int8]) -> Master:  # noqa: ARG002
+        self.profile.raise_around_seeds(master)
+        return master

@@ -1,0 +1,74 @@
+"""The costmaps that the real code has made of robots' parameter files, and their layers."""
+
+import hashlib
+import json
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+import mapdeal
+from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A case of params.json that has costs."""
+
+    about: dict
+    default_cost: int
+    grid: mapdeal.OccupancyGrid
+
+    def layers(self, lookup):
+        """The layers that are switched on, as the real code has resolved them, in their order."""
+        about, resolved = self.about, self.about["resolved"]
+        static = resolved.get("static_layers", about.get("static_layers", {}))
+        inflation = {
+            name.rpartition("/")[2]: one for name, one in resolved["inflation_layers"].items()
+        }
+        names = resolved.get("plugins") or [one["name"] for one in about["plugins"]]
+        for name in names:
+            one = static.get(name) or inflation.get(name)
+            if one is None or not one["enabled"]:
+                continue
+            if name in static:
+                yield StaticLayer(
+                    name,
+                    track_unknown_space=one["track_unknown_space"],
+                    lethal_cost_threshold=min(max(one["lethal_cost_threshold"], 0), 100),
+                    trinary_costmap=one["trinary_costmap"],
+                    unknown_cost_value=one["unknown_cost_value"] % 256,
+                    inscribed_obstacle_cost_value=one.get("inscribed_obstacle_cost_value"),
+                    use_maximum=one["use_maximum"],
+                )
+            else:
+                # Nav2's older layer does not know custom_inscribed_radius
+                radius = one["inscribed_radius_used"]
+                yield InflationLayer(
+                    name,
+                    inscribed_radius=radius if lookup == "nav2" else resolved["inscribed_radius"],
+                    inflation_radius=one["inflation_radius"],
+                    cost_scaling_factor=one["cost_scaling_factor"],
+                    inflate_unknown=one["inflate_unknown"],
+                    inflate_around_unknown=one.get("inflate_around_unknown", False),
+                    lookup=lookup,
+                )
+
+
+def recorded_costmaps(data):
+    """Yield the cases that have costs; each map is read once."""
+    grids = {}
+    for about in json.loads((data / "expected" / "params.json").read_text())["cases"]:
+        if not (about.get("distance_transform") or about.get("ros1")):
+            continue
+        if about["map"] not in grids:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", mapdeal.MapdealWarning)
+                grids[about["map"]] = mapdeal.read_map(data / about["map"])
+        default = 255 if about["resolved"]["track_unknown_space"] else 0
+        yield Recorded(about, default, grids[about["map"]])
+
+
+def sum_of(cost):
+    """The sha256 of costs, as the cases have it."""
+    return hashlib.sha256(np.ascontiguousarray(cost).tobytes()).hexdigest()

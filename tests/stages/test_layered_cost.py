@@ -1,0 +1,289 @@
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oracles
+from drawn import grid_from_text
+from engines import ENGINES
+from mapdeal import (
+    MapdealWarning,
+    OccupancyGrid,
+    ParameterError,
+    esdf,
+    exponential_cost,
+    field_view,
+    layered_cost,
+)
+from mapdeal.grid.costmap_layers import CostmapLayers, InflationLayer, StaticLayer
+from mapdeal.kernels import engine
+from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.step import make_step
+from mapdeal.stages.catalogue import stage_named
+from recorded_costmaps import recorded_costmaps, sum_of
+from strategies import occupancies
+
+pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+
+
+def exponential_parameters(layers, default_cost=0):
+    """The parameters of model exponential that do what layers do, None if it cannot."""
+    of_layers = stage_named("cost", "exponential").of_layers
+    return of_layers(CostmapLayers(tuple(layers), default_cost))
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_costs_are_those_that_the_real_code_has_made_of_robots_files(real_maps, monkeypatch, name):
+    """Nav2's, byte for byte; those of older layers with the exact distances of the recording."""
+    monkeypatch.setenv(engine.VARIABLE, name)
+    seen = 0
+    for case in recorded_costmaps(real_maps):
+        about, grid = case.about, case.grid
+        older = about.get("legacy") or about["ros1"]
+        wanted = {"exact": older.get("exact_distances", older)}
+        if about["flavour"] == "nav2":
+            wanted["nav2"] = about["distance_transform"]
+        for lookup, costs in wanted.items():
+            if name == "scipy" and (lookup == "exact" or seen % 3):  # it is slow
+                seen += 1
+                continue
+            layers = tuple(case.layers(lookup))
+            made = layered_cost(grid, layers=layers, default_cost=case.default_cost)
+            assert sum_of(made.cost) == costs["sha256"], (about["id"], lookup)
+            parameters = exponential_parameters(layers, case.default_cost)
+            if parameters is not None:
+                made = exponential_cost(grid, **parameters)
+                assert sum_of(made.cost) == costs["sha256"], (about["id"], lookup)
+            if seen % 10 == 0:
+                lazy = lazy_layer(grid.shape, np.int8, grid.occupancy.__getitem__, block_height=97)
+                blocks = OccupancyGrid(lazy, grid.resolution, grid.origin)
+                made = layered_cost(blocks, layers=layers, default_cost=case.default_cost)
+                assert sum_of(np.asarray(made.cost)) == costs["sha256"], (about["id"], lookup)
+                if parameters is not None:
+                    field = esdf(blocks, lethal_threshold=parameters["lethal_threshold"])
+                    made = exponential_cost(field, **parameters)
+                    assert sum_of(np.asarray(made.cost)) == costs["sha256"], (about["id"], lookup)
+            seen += 1
+    assert seen >= 240
+
+
+STATIC = st.builds(
+    StaticLayer,
+    name=st.just("static_layer"),
+    track_unknown_space=st.booleans(),
+    lethal_cost_threshold=st.sampled_from([0, 1, 50, 65, 100]),
+    trinary_costmap=st.booleans(),
+    unknown_cost_value=st.sampled_from([255, 0, 50, 100]),
+    inscribed_obstacle_cost_value=st.sampled_from([None, 99, 50, 255]),
+    use_maximum=st.booleans(),
+)
+INFLATION = st.builds(
+    InflationLayer,
+    name=st.just("inflation_layer"),
+    inscribed_radius=st.sampled_from([0.0, 0.22549849949589046, 0.5]),
+    inflation_radius=st.sampled_from([0.0, 0.4, 0.7, 1.4]),
+    cost_scaling_factor=st.sampled_from([0.0, 3.0, 10.0]),
+    inflate_unknown=st.booleans(),
+    inflate_around_unknown=st.booleans(),
+    lookup=st.sampled_from(["exact", "nav2"]),
+)
+
+
+def master_grid(occupancy, resolution, layers, default_cost):
+    """costmap_2d's master grid in plain Python: the layers' updateCosts one after the other."""
+    master = np.full(occupancy.shape, default_cost, np.uint8)
+    for layer in layers:
+        if isinstance(layer, InflationLayer):
+            master = oracles.exponential_cost(
+                master, resolution, layer.inscribed_radius, layer.inflation_radius,
+                layer.cost_scaling_factor, layer.inflate_unknown, layer.inflate_around_unknown,
+                lookup=layer.lookup, float32=True,
+            )  # fmt: skip
+            continue
+        for index in np.ndindex(occupancy.shape):
+            cost = oracles.static_layer_cost(
+                int(occupancy[index]), layer.lethal_cost_threshold, trinary=layer.trinary_costmap,
+                track_unknown=layer.track_unknown_space, unknown=layer.unknown_cost_value,
+                inscribed=layer.inscribed_obstacle_cost_value,
+            )  # fmt: skip
+            old = int(master[index])
+            if not layer.use_maximum or (cost != 255 and (old == 255 or old < cost)):
+                master[index] = cost
+    return master
+
+
+@settings(max_examples=300)
+@given(
+    occupancies(),
+    st.sampled_from([0.04, 0.1, 0.25, 0.7]),
+    st.lists(st.one_of(STATIC, INFLATION), max_size=4),
+    st.sampled_from([0, 255]),
+    st.integers(1, 13),
+)
+def test_any_sequence_of_layers_equals_brute_force(
+    occupancy, resolution, layers, default_cost, block_height
+):
+    grid = OccupancyGrid(occupancy, resolution, (1.5, -2.0, 0.4))
+    expected = master_grid(occupancy, resolution, layers, default_cost)
+    made = layered_cost(grid, layers=layers, default_cost=default_cost)
+    assert np.array_equal(made.cost, expected)
+    lazy = lazy_layer(grid.shape, np.int8, occupancy.__getitem__, block_height=block_height)
+    blocks = OccupancyGrid(lazy, resolution, (1.5, -2.0, 0.4))
+    made = layered_cost(blocks, layers=layers, default_cost=default_cost)
+    assert np.array_equal(np.asarray(made.cost), expected)
+    parameters = exponential_parameters(layers, default_cost)
+    if parameters is not None:
+        assert np.array_equal(exponential_cost(grid, **parameters).cost, expected)
+        field = esdf(grid, lethal_threshold=parameters["lethal_threshold"])
+        assert np.array_equal(exponential_cost(field, **parameters).cost, expected)
+
+
+@given(STATIC, st.lists(INFLATION, max_size=2))
+def test_one_static_layer_and_one_inflation_are_the_exponential_model(static, inflations):
+    static = replace(static, unknown_cost_value=255, lethal_cost_threshold=65)
+    effective = [one for one in inflations if one.inflation_radius > 0]
+    found = exponential_parameters([*inflations, replace(static, use_maximum=False), *inflations])
+    assert (found is None) == (len(effective) > 1)
+    if found is not None:
+        radius = effective[0].inflation_radius if effective else 0.0
+        assert found["inflation_radius"] == radius
+        make_step("cost", {"model": "exponential", **found})
+
+
+def test_layers_by_hand():
+    grid = grid_from_text("#..?", resolution=0.5)
+    # 252 exp(-0.5) = 152.8, 252 exp(-1) = 92.7
+    inflation = {"inflation": {"inflation_radius": 1.0, "cost_scaling_factor": 1.0}}
+    cases = {
+        (): [0, 0, 0, 0],
+        ("static",): [254, 0, 0, 255],
+        ("static", "inflation"): [254, 152, 92, 255],
+        ("inflation", "static"): [254, 0, 0, 255],
+        ("inflation",): [0, 0, 0, 0],
+    }
+    for names, expected in cases.items():
+        layers = [inflation if name == "inflation" else name for name in names]
+        assert layered_cost(grid, layers=layers).cost.tolist() == [expected]
+    # the default shows where nothing is written; a maximum replaces it
+    raised = [{"static": {"use_maximum": True}}]
+    assert layered_cost(grid, default_cost=255, layers=[]).cost.tolist() == [[255] * 4]
+    assert layered_cost(grid, default_cost=255, layers=raised).cost.tolist() == [[254, 0, 0, 255]]
+    assert layered_cost(grid, layers=raised).cost.tolist() == [[254, 0, 0, 0]]
+
+
+def test_a_second_inflation_spreads_what_the_first_has_made_lethal():
+    grid = grid_from_text("#..?..", resolution=0.5)
+    inflation = {"inflation_radius": 0.5, "cost_scaling_factor": 0.0}
+    around = {"inflation": {**inflation, "inflate_around_unknown": True}}
+    layers = ["static", around, {"inflation": inflation}]
+    assert layered_cost(grid, layers=layers).cost.tolist() == [[254, 252, 252, 254, 252, 0]]
+
+
+def test_the_default_layers_are_costmap_2d_s():
+    grid = grid_from_text("#....?", resolution=0.25)
+    plain = exponential_cost(grid, float32_resolution=True)
+    assert np.array_equal(layered_cost(grid).cost, plain.cost)
+
+
+def test_unknown_cells_that_a_field_counts_as_obstacles_are_lethal():
+    grid = grid_from_text("?...", resolution=0.5)
+    field = esdf(grid, unknown="occupied")
+    layers = ["static", {"inflation": {"inflation_radius": 0.5, "cost_scaling_factor": 0.0}}]
+    assert layered_cost(field, layers=layers).cost.tolist() == [[254, 252, 0, 0]]
+    assert layered_cost(esdf(grid), layers=layers).cost.tolist() == [[255, 0, 0, 0]]
+    with pytest.raises(ParameterError, match="view of a distance field"):
+        layered_cost(field_view(field))
+
+
+def test_the_circumscribed_cost_is_that_of_the_last_inflation():
+    grid = OccupancyGrid([[100] + [0] * 11], 0.05)
+    radii = {"inscribed_radius": 0.2, "inflation_radius": 0.55}
+    layers = ["static", {"inflation": {"inflation_radius": 0.1}}, {"inflation": radii}]
+    made = layered_cost(grid, layers=layers, circumscribed_radius=0.35)
+    assert made.circumscribed_cost == int(252 * math.exp(-10 * (0.35 - 0.2)))
+    assert layered_cost(grid, layers=["static"]).circumscribed_cost is None
+    with pytest.warns(MapdealWarning, match="inscribed_radius 0.6 m is larger"):
+        layered_cost(grid, layers=[{"inflation": {"inscribed_radius": 0.6}}])
+
+
+LAYERS = [
+    {"static": {"name": "map", "track_unknown_space": False, "lethal_cost_threshold": 65}},
+    {"inflation": {"inflation_radius": 0.7, "cost_scaling_factor": 3.0, "lookup": "nav2"}},
+    "static",
+]
+
+
+def test_layers_in_recipes_settings_and_manifests(tmp_path):
+    step = make_step("cost", {"model": "layers", "layers": LAYERS})
+    assert step.parameters["layers"] == (
+        StaticLayer("map", track_unknown_space=False, lethal_cost_threshold=65),
+        InflationLayer(inflation_radius=0.7, cost_scaling_factor=3.0, lookup="nav2"),
+        StaticLayer(),
+    )
+    told = json.loads(json.dumps(step.described()))
+    assert told["cost"]["layers"][2] == {
+        "static": {
+            "name": "static_layer", "track_unknown_space": True, "lethal_cost_threshold": 100,
+            "trinary_costmap": True, "unknown_cost_value": 255,
+            "inscribed_obstacle_cost_value": None, "use_maximum": False,
+        }
+    }  # fmt: skip
+    path = tmp_path / "recipe.yaml"
+    path.write_text(json.dumps({"stages": [told]}))
+    assert load_recipe(str(path)).described() == [told]
+    text = (
+        "[{static: {name: map, track_unknown_space: no, lethal_cost_threshold: 65}}, "
+        "{inflation: {inflation_radius: 7e-1, cost_scaling_factor: 3, lookup: nav2}}, static]"
+    )
+    settings_ = ["cost.model=layers", f"cost.layers={text}"]
+    assert load_recipe("default", settings=settings_).described()[-1] == told
+    settings_ = [f"cost.layers={text}", "cost.model=layers", "cost.default_cost=255"]
+    made = load_recipe("default", settings=settings_).described()[-1]
+    assert made == {"cost": {**told["cost"], "default_cost": 255}}
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ("static", "cost.layers: must be a list of layers such as"),
+        ([3], r"cost.layers 1: must look like one of \[\{static"),
+        ([{"static": {}, "inflation": {}}], "cost.layers 1: must look like one of"),
+        ([{"static": 3}], "cost.layers 1: must look like"),
+        (["static", "inflate"], "cost.layers 2: no such kind of layer, got 'inflate'"),
+        ([{"static": {"trinary": True}}], "cost.layers 1 static: no such parameter, got 'trinary'"),
+        (
+            [{"inflation": {"inflation_radius": -1}}],
+            "cost.layers 1 inflation.inflation_radius: must be a finite number, at least 0, got -1",
+        ),
+        (
+            [{"static": {"lethal_cost_threshold": 101}}],
+            "cost.layers 1 static.lethal_cost_threshold: must be a whole number, between 0 and 100",
+        ),
+        ([{"static": {"unknown_cost_value": 256}}], "must be a whole number, a byte"),
+        ([{"static": {"name": ""}}], "cost.layers 1 static.name: must be a word"),
+        ([{"inflation": {"lookup": "older"}}], "must be one of exact, nav2"),
+    ],
+)
+def test_malformed_layers_are_refused_with_their_place(value, told):
+    with pytest.raises(ParameterError, match=told):
+        make_step("cost", {"model": "layers", "layers": value})
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[{static: {use_maximum: yes, use_maximum: no}}]", "key stands twice"),
+        ("[{inflation: {inflation_radius: 010}}]", "must be a decimal number"),
+        ("[" * 30, "nested deeper"),
+        ("[{static: ", "not valid YAML"),
+    ],
+)
+def test_settings_of_layers_are_read_as_recipes_are(text, told):
+    with pytest.raises(ParameterError, match=told) as caught:
+        load_recipe("nav2", settings=["cost.model=layers", f"cost.layers={text}"])
+    assert str(caught.value).startswith("--set: cost.layers: ")
