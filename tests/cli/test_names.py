@@ -25,6 +25,7 @@ INPUTS = [
     "run -j1 @list.txt -o out",
     "run -j1 m.yaml -o out --recipe X.yaml", "run -j1 m.yaml -o out --no-images --golden X",
     "cost m.yaml -o o.npz --mask X.yaml", "query m.yaml --points X",
+    "query m.yaml --robot-radius 1 --poses X", "query X.npz --robot-radius 1 --at 1.6,-1.9,0",
     "edit polygon m.yaml -o o.npz --file X.yaml", "edit polygon m.yaml -o o.npz --file X.geojson",
     *(f"local --cloud X{end} --pose 1,1,0 -o out" for end in
       (".pcd", ".xyz", ".npz", "", "/*.pcd")),

@@ -82,7 +82,7 @@ def written(metavar, value):
     if metavar == "[[X,Y],...]":
         return f"[[{value},{value}],[-1,1],[-1,-1]]"
     if metavar and "," in metavar and "..." not in metavar:
-        return ",".join([value] * len(metavar.split(",")))
+        return ",".join([value] * len(metavar.split("[,")[0].split(",")))
     return value
 
 

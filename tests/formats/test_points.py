@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError
-from mapdeal.formats.points import read_pairs, read_points
+from mapdeal.formats.points import read_pairs, read_points, read_pose_lines
 from mapdeal.formats.source import chunks_of
 
 TEXT = (
@@ -222,3 +222,79 @@ def test_files_that_cannot_be_read(tmp_path):
             list(chunks_of(path))
     (tmp_path / "p").write_bytes(TEXT * 30_000)
     assert b"".join(chunks_of(tmp_path / "p")) == TEXT * 30_000
+
+
+POSES = (
+    b'x, y, theta\n1,2,3\n# why\n\n1 2 -3e-1\r\n7;8;9\n[0.5, -1, 2]\n{"yaw": 5, "y": 4, "x": 3}\n'
+    b"1,2\nnan,1,2\n100 1 2 9 0 0 0.6 0.8\n"
+)
+POSE_ROWS = [
+    (1, 2, 3), None, (1, 2, -0.3), (7, 8, 9), (0.5, -1, 2), (3, 4, 5), None, (math.nan, 1, 2),
+    (1, 2, 2 * math.atan2(0.6, 0.8)),
+]  # fmt: skip
+
+
+def _poses(chunks):
+    rows, lines, errors = [], [], {}
+    for part in read_pose_lines(chunks, "p.csv"):
+        errors |= {len(rows) + index: text for index, text in part.errors.items()}
+        rows += part.poses.tolist()
+        lines += part.lines
+    return rows, lines, errors
+
+
+@given(st.lists(st.integers(1, 40), max_size=30))
+def test_poses_come_in_all_forms_and_may_be_cut_anywhere(sizes):
+    chunks, start = [], 0
+    for size in sizes:
+        chunks.append(POSES[start : start + size])
+        start += size
+    rows, lines, errors = _poses([*chunks, POSES[start:]])
+    assert lines == [2, 4, 5, 6, 7, 8, 9, 10, 11]
+    for row, expected in zip(rows, POSE_ROWS, strict=True):
+        assert row == pytest.approx(expected or [math.nan] * 3, abs=1e-15, nan_ok=True)
+    assert errors == {
+        1: "empty line",
+        6: "must be three numbers x,y,yaw, or TUM's t x y z qx qy qz qw, got '1,2'",
+        7: "must be finite, got 'nan,1,2'",
+    }
+
+
+@pytest.mark.parametrize("between", [",", " ", "\t", " , "])
+def test_plain_poses_are_read_exactly_whatever_is_between(between):
+    rows = [[0.1, -2e-7, 3.141592653589793], [1e9, 2.0, -0.0]]
+    text = "\n".join(between.join(map(repr, row)) for row in rows).encode()
+    assert _poses([text])[0] == rows
+
+
+@pytest.mark.parametrize(
+    ("line", "rule"),
+    [
+        ("1 2 3 4", "three numbers x,y,yaw"),
+        ("1,2,", "three numbers"),
+        ("1,,2 3", "three numbers"),
+        ("1_0,2,3", "three numbers"),
+        ("[1, 2]", 'must be {"x": x, "y": y, "yaw": yaw} or [x, y, yaw], got'),
+        ('{"x": 1, "y": 2}', "yaw"),
+        ("[1, 2, true]", "[x, y, yaw]"),
+        ("[1, 2, 3, 4, 5, 6, 7, 8]", "[x, y, yaw]"),
+        ("5 1 2 0 0 0 0 0", "the quaternion must be of length 1, got '5 1 2 0 0 0 0 0'"),
+        ("5 1 2 0 0 0 3 4", "length 1"),
+        ("5 1 2 0 0.6 0 0 0.8", "leans by more than 10 degrees; w must come last"),
+        ("5 1 2 0 1 0 0 0", "w must come last"),
+        ("5 1 2 0 nan 0 0 1", "must be finite"),
+        ("5 inf 2 0 0 0 0 1", "must be finite"),
+    ],
+)
+def test_a_line_that_is_no_pose_is_told_by_its_number(line, rule):
+    rows, lines, errors = _poses([f"5,6,0\n{line}\n7,8,0\n".encode()])
+    assert lines == [1, 2, 3]
+    assert list(errors) == [1]
+    assert rule in errors[1]
+    assert not math.isfinite(sum(rows[1]))
+    assert rows[::2] == [[5, 6, 0], [7, 8, 0]]
+
+
+def test_quaternions_of_two_decimals_will_do():
+    (row,), _, errors = _poses([b"5 1 2 0 0 0 0.71 0.71\n"])
+    assert (row, errors) == (pytest.approx([1, 2, math.pi / 2]), {})

@@ -188,6 +188,8 @@ READERS = [
     _file("poses", _seeds(seeds.pose_files(), "p.txt"), reading.read_all_poses, CLOUD_WORDS),
     Reader("points", _seeds(seeds.point_files(), "p.csv"), reading.read_point_lines,
            words=JSON_WORDS, is_file=False, share=0.7),
+    Reader("poses as lines", _seeds(seeds.pose_line_files(), "p.csv"), reading.read_poses_of_lines,
+           words=JSON_WORDS, is_file=False, share=0.5),
     Reader("pairs of points", _seeds(seeds.pair_files(), "p.csv"), reading.read_pair_lines,
            words=JSON_WORDS, is_file=False, share=0.5),
     _file("shapes yaml", _seeds(seeds.SHAPES_YAML, "s.yaml"), reading.read_all_shapes, YAML_WORDS,

@@ -34,7 +34,7 @@ from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.maps import open_map, read_map
 from mapdeal.formats.npz import npz_frame
 from mapdeal.formats.pnm import decode_pbm, decode_pnm, pnm_comments
-from mapdeal.formats.points import read_pairs, read_points
+from mapdeal.formats.points import read_pairs, read_points, read_pose_lines
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.ros_parameters.ros2 import read_ros2
 from mapdeal.formats.scans.reader import open_log
@@ -319,6 +319,14 @@ def read_point_lines(path, data):
     return whole
 
 
+def read_poses_of_lines(path, data):
+    """Read poses as `read_point_lines` points."""
+    whole = list(read_pose_lines([data], "poses"))
+    for parts in _cut(data):
+        assert _joined(read_pose_lines(parts, "poses"), 3) == _joined(whole, 3)
+    return whole
+
+
 def read_pair_lines(path, data):
     """Read pairs of points of a text that comes in one piece and cut anywhere: all agree."""
     whole = list(read_pairs([data], "pairs"))
@@ -339,11 +347,12 @@ def _cut(data):
     return lines, [data[:third], data[third : 2 * third], data[2 * third :]]
 
 
-def _joined(some):
+def _joined(some, width=2):
     found = []
     for part in some:
-        assert part.points_xy.shape == (len(part.lines), 2)
-        for index, (line, point) in enumerate(zip(part.lines, part.points_xy, strict=True)):
+        rows = part.points_xy if width == 2 else part.poses
+        assert rows.shape == (len(part.lines), width)
+        for index, (line, point) in enumerate(zip(part.lines, rows, strict=True)):
             assert np.isfinite(point).all() == (index not in part.errors)
             found.append((line, point.tobytes(), part.errors.get(index)))
     assert [line for line, *_ in found] == sorted({line for line, *_ in found})

@@ -331,6 +331,15 @@ def point_files():
     ]
 
 
+def pose_line_files():
+    return [
+        b"0.5,-1,0.1\n2,3e-1,-3\n",
+        b'x y theta\n# some\n0.5 -1 2\n[2, 3.5, 1]\n{"x": 1, "y": -2, "yaw": 0.5}\n',
+        b"0.5;-1;1\r\n5 1 2 0 0 0 0.6 0.8\r\n7,8,9",
+        b"[1, 2, 3]\n\nnan,1,2\n5 1 2 0 0 0 0 0\n5 1 2 0 0.6 0 0 0.8\n[1e400, 2, 0]\n",
+    ]
+
+
 def pair_files():
     return [
         b"0.5,-1,2,3e-1\n1,2,3,4\n",

@@ -44,7 +44,7 @@ _OTHERS = (
 _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 
 _OF_POINTS = {"query": "--at", "edit": "--point"}
-_PAIR = re.compile(r"[-+0-9.eE]+,[-+0-9.eE]+")
+_NUMBERS = re.compile(r"[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 _INTERRUPTED, _INTERNAL = 130, 70
 _EPOCH = "SOURCE_DATE_EPOCH"
@@ -304,7 +304,7 @@ def _spread_points(words: list[str]) -> list[str]:
     follows = False
     for index, word in enumerate(words):
         is_value = index > 0 and words[index - 1] == option
-        if follows and not is_value and _PAIR.fullmatch(word):
+        if follows and not is_value and _NUMBERS.fullmatch(word):
             spread.append(option or "")
         else:
             follows = is_value or (option is not None and word == option)

@@ -1,10 +1,12 @@
-"""``mapdeal query``: what a distance field says of points."""
+"""``mapdeal query``: what a distance field says of points, and costs of a robot at poses."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
@@ -14,37 +16,101 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import FindingError, ParameterError
-from mapdeal.formats.points import PointLines, read_points
+from mapdeal.formats.points import PointLines, PoseLines, read_points, read_pose_lines
 from mapdeal.formats.source import chunks_of
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint_costs import FootprintRule
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.query import answers_of, field_to_ask
+from mapdeal.pipeline.query import Answers, answers_of, field_to_ask
+from mapdeal.pipeline.query_poses import answers_at_poses, costs_to_ask
 from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.esdf import esdf as esdf_stage
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 _STDIN = Path("-")
+_TURN = 2 * math.pi
+
+
+class _Kind(NamedTuple):
+    """What is asked for: points, or poses.
+
+    Parameters
+    ----------
+    name : str
+        What many are called.
+    what : str
+        What a line holds.
+    form : str
+        How one is written after ``--at``.
+    lines : callable
+        Makes lines of numbers, of the numbers of the lines, and of what is wrong with some.
+    read : callable
+        Reads them from the chunks of a file.
+    """
+
+    name: str
+    what: str
+    form: str
+    lines: Callable[..., Any]
+    read: Callable[[Iterable[bytes], Path | str], Iterator[Any]]
+
+
+_POINTS = _Kind("points", "point", "X,Y", PointLines, read_points)
+_POSES = _Kind("poses", "pose", "X,Y,YAW", PoseLines, read_pose_lines)
 
 
 @app.command()
-@shared_options("dialect", "max_cells", "threads", "max_memory")
+@shared_options(
+    "footprint",
+    "robot_radius",
+    "footprint_padding",
+    "dialect",
+    "max_cells",
+    "threads",
+    "max_memory",
+    help_texts={
+        "footprint": "Ask for the cost of a robot at poses: its corners around its centre.",
+        "robot_radius": "The same of a round robot, a polygon of 16 corners as in costmap_2d.",
+    },
+)
 def query(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="MAP", help=f"A distance field (.npz), or a map to make one of. {opt.OR_STDIN}"
+            metavar="MAP",
+            help="A distance field (.npz), or a map to make one of; for a footprint costs (.npz), "
+            f"or a map. {opt.OR_STDIN}",
         ),
         FROM_STDIN,
     ],
     at: Annotated[
         list[str] | None,
-        typer.Option("--at", metavar="X,Y", help="A point, metres; more may follow."),
+        typer.Option(
+            "--at",
+            metavar="X,Y[,YAW]",
+            help="A point, metres, or for a footprint a pose; more may follow.",
+        ),
     ] = None,
     points: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE|-",
             help="Points in lines x,y or of JSON, from a file, or - for standard input.",
+        ),
+    ] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE|-",
+            help="For a footprint: poses in lines x,y,yaw, of TUM's form or of JSON, or -.",
+        ),
+    ] = None,
+    rule: Annotated[
+        FootprintRule | None,
+        typer.Option(
+            help="For a footprint: which cells count, outline, as in Nav2, or full, those inside, "
+            "too.  [default: outline]",
         ),
     ] = None,
     unknown: Annotated[
@@ -59,57 +125,106 @@ def query(
             esdf_stage, "lethal_threshold", "Of a map: occupancy of an obstacle, 1..100."),
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with 1 if a point lies outside of the map.")
+        bool,
+        typer.Option("--strict", help="Exit with 1 if a point or a robot lies outside of the map."),
     ] = False,
     *,
+    footprint: Footprint | None,
     settings: Settings,
 ) -> None:  # fmt: skip
-    """Tell distance, gradient and state at points, as lines of JSON.
+    """Tell distance, gradient and state at points, or the cost of a robot at poses.
 
-    Distances and gradients are interpolated between the centres of cells. The gradient points
-    away from obstacles, in the map frame. One line comes out for each point, in order.
+    One line of JSON comes out for each, in order. Distances and gradients are interpolated between
+    the centres of cells. The gradient points away from obstacles, in the map frame. The cost of a
+    robot is what Nav2's collision checker says of its footprint.
     """
-    if not at and points is None:
-        raise ParameterError("one of the two is needed", source="--at, --points")
-    asked = _of_options(at or [])
     parameters = opt.given(
         unknown=unknown, convention=convention, lethal_threshold=lethal_threshold
     )
-    field = field_to_ask(source, settings, parameters)
-    count = outside = bad = 0
+    if footprint is None:
+        _refuse({"--poses": poses, "--rule": rule}, "needs --footprint or --robot-radius")
+        kind, file = _POINTS, points
+    else:
+        _refuse({"--points": points}, "has no yaws; poses of a footprint are given by --poses")
+        _refuse({"--convention": convention}, "is for distances, not for a footprint")
+        kind, file = _POSES, poses
+    if not at and file is None:
+        raise ParameterError("one of the two is needed", source=f"--at, --{kind.name}")
+    first = _of_options(at or [], kind)
+    answer: Callable[[Any], Answers]
+    if footprint is None:
+        answer = partial(answers_of, field_to_ask(source, settings, parameters))
+    else:
+        costs = costs_to_ask(source, settings, parameters)
+        answer = partial(answers_at_poses, costs, footprint, rule=rule or "outline")
     with use_threads(settings.threads):
-        for some in _asked(asked, points):
-            answers = answers_of(field, some)
-            if answers.lines:
-                terminal.result("\n".join(answers.lines))
-            terminal.flush()
-            count += len(answers.lines)
-            outside += answers.outside
-            bad += len(some.errors)
-            if not terminal.is_read():
-                break
-    terminal.detail(f"{count} points, {outside} of them outside of the map")
+        _answer_all(_asked(first, file, kind), answer, kind, file, source, strict=strict)
+
+
+def _answer_all(
+    asked: Iterator[Any],
+    answer: Callable[[Any], Answers],
+    kind: _Kind,
+    file: Path | None,
+    source: Path,
+    *,
+    strict: bool,
+) -> None:
+    """Print the answers as they come, and say at the end what was odd."""
+    count = outside = bad = turned = 0
+    for some in asked:
+        answers = answer(some)
+        if answers.lines:
+            terminal.result("\n".join(answers.lines))
+        terminal.flush()
+        count += len(answers.lines)
+        outside += answers.outside
+        bad += len(some.errors)
+        turned += _more_than_a_turn(some) if kind is _POSES else 0
+        if not terminal.is_read():
+            break
+    terminal.detail(f"{count} {kind.name}, {outside} of them outside of the map")
     if bad:
-        terminal.warn(f"{_name_of(points)}: {bad} of {count} hold no finite point")
+        terminal.warn(f"{_name_of(file)}: {bad} of {count} hold no finite {kind.what}")
+    if turned:
+        terminal.warn(
+            f"{turned} of {count} poses have a yaw of more than a turn; is it in degrees?"
+        )
     if strict and outside:
-        rule = f"{outside} of {count} points are not inside of the map"
+        rule = f"{outside} of {count} {kind.name} are not inside of the map"
         raise FindingError(rule, source=source)
 
 
-def _of_options(at: list[str]) -> PointLines:
-    numbers = [opt.pair(text, "--at") for text in at]
-    points = np.array(numbers, dtype=np.float64).reshape(-1, 2)
-    finite = np.isfinite(points).all(axis=1)
+def _more_than_a_turn(some: PoseLines) -> int:
+    return int(np.count_nonzero(np.abs(some.poses[:, 2]) > _TURN))
+
+
+def _refuse(options: Mapping[str, object], why: str) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise ParameterError(why, source=name)
+
+
+def _of_options(at: list[str], kind: _Kind) -> Any:
+    width = kind.form.count(",") + 1
+    try:
+        numbers = [opt.numbers(text, width, kind.form, "--at") for text in at]
+    except ParameterError as error:
+        if kind is _POINTS and any(text.count(",") > 1 for text in at):
+            error.hint = "a pose X,Y,YAW is asked for a robot, by --footprint or --robot-radius"
+        raise
+    rows = np.array(numbers, dtype=np.float64).reshape(-1, width)
+    finite = np.isfinite(rows).all(axis=1)
     errors = {k: f"must be finite, got {at[k]}" for k in np.flatnonzero(~finite).tolist()}
-    return PointLines(points, [0] * len(at), errors)
+    return kind.lines(rows, [0] * len(at), errors)
 
 
-def _asked(first: PointLines, path: Path | None) -> Iterator[PointLines]:
+def _asked(first: Any, path: Path | None, kind: _Kind) -> Iterator[Any]:
     if first.lines:
         yield first
     if path is not None:
         chunks = terminal.input_chunks() if path == _STDIN else chunks_of(path)
-        yield from read_points(chunks, _name_of(path))
+        yield from kind.read(chunks, _name_of(path))
 
 
 def _name_of(path: Path | None) -> Path | str:

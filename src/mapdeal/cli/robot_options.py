@@ -17,9 +17,12 @@ def robot_shape(
     footprint: str | None,
     robot_radius: float | None,
     footprint_padding: float,
-    robot_16_gon: bool,
+    robot_16_gon: bool | None = None,
 ) -> Footprint | None:
-    """Return the robot's shape that the options describe, if they do."""
+    """Return the robot's shape that the options describe, if they do.
+
+    A command that has no option for it takes a round robot as a polygon of 16 corners, always.
+    """
     if robot_16_gon and robot_radius is None:
         raise ParameterError("needs --robot-radius", source="--robot-16-gon")
     if footprint is not None and robot_radius is not None:
@@ -28,7 +31,7 @@ def robot_shape(
     if footprint is not None:
         return Footprint.parse(footprint).padded(footprint_padding)
     if robot_radius is not None:
-        make = Footprint.sixteen_gon if robot_16_gon else Footprint.circle
+        make = Footprint.circle if robot_16_gon is False else Footprint.sixteen_gon
         return make(robot_radius).padded(footprint_padding)
     if footprint_padding:
         rule = "needs --footprint or --robot-radius"

@@ -226,9 +226,9 @@ def shared_options(
 
     def decorate(function: Command) -> Command:
         own = dict(signature(function, eval_str=True).parameters)
-        made = ["settings"]
-        if _of_robot(expanded(names)):
-            made += ["footprint", "robot"]
+        shared = expanded(names)
+        made = ["settings", *(["footprint"] if _of_robot(shared) else [])]
+        made += ["robot"] if "params_file" in shared else []
         for name in made:
             if own.pop(name, None) is None:
                 raise ValueError(f"{function.__name__}: no argument {name!r}")
@@ -281,9 +281,10 @@ def with_shared_options(
         _start(quiet=given["quiet"], verbose=given["verbose"])
         values["settings"] = _settings_of(given)
         if robot:
-            of_robot = {name: given[name] for name in robot}
-            files = {name: of_robot.pop(name) for name in _OF_FILES}
-            values["footprint"] = robot_shape(**of_robot)
+            shape = {name: given[name] for name in robot if name not in _OF_FILES}
+            values["footprint"] = robot_shape(**shape)
+        if "params_file" in shared:
+            files = {name: given[name] for name in _OF_FILES}
             values["robot"] = robot_parameters(**files, dialect=values["settings"].dialect)
         with values["settings"].memory(anew=True), piped(values, marked) as piped_values:
             function(**piped_values)

@@ -1,20 +1,22 @@
-"""Points, and pairs of them, as lines of text: CSV or JSON lines, read as they come."""
+"""Points, pairs of them, and poses as lines of text: CSV or JSON lines, read as they come."""
 
 from __future__ import annotations
 
 import io
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, shown
+from mapdeal.formats.poses import TUM, planar_pose
+from mapdeal.formats.text_rows import delimiter_of, is_number
 from mapdeal.grid.coordinates import Point
 
 _LONGEST_LINE = 1 << 16
@@ -37,6 +39,25 @@ class PointLines:
     """
 
     points_xy: NDArray[np.float64]
+    lines: list[int]
+    errors: dict[int, str]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseLines:
+    """Poses of some lines.
+
+    Parameters
+    ----------
+    poses : numpy.ndarray of float64, shape (N, 3)
+        x, y and yaw for each line; nan where the line holds none.
+    lines : list of int
+        The number of each line, from 1 on; 0 of poses that come from elsewhere.
+    errors : dict of int to str
+        By index, what is wrong with a line that holds no finite pose.
+    """
+
+    poses: NDArray[np.float64]
     lines: list[int]
     errors: dict[int, str]
 
@@ -78,7 +99,29 @@ def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[PointLi
         If a line is longer than 65,536 bytes: that is no text with points.
     """
     for lines, first in _complete_lines(chunks, source):
-        yield _parsed(lines, first)
+        yield PointLines(*_parsed(lines, first, _POINT))
+
+
+def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[PoseLines]:
+    """Yield the poses of a text, those of each chunk as soon as its lines are complete.
+
+    Parameters
+    ----------
+    chunks : iterable of bytes
+        The text, cut anywhere. Each line holds ``x,y,yaw``, ``[x, y, yaw]`` or ``{"x": x, "y": y,
+        "yaw": yaw}``, or, as the benchmark tools of TUM have it, ``t x y z qx qy qz qw``. Between
+        numbers may be white space, commas or semicolons. A first line of names and lines that begin
+        with ``#`` are skipped.
+    source : Path or str
+        What to call it in an error.
+
+    Raises
+    ------
+    MalformedInputError
+        As `read_points`.
+    """
+    for lines, first in _complete_lines(chunks, source):
+        yield PoseLines(*_parsed(lines, first, _POSE))
 
 
 def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
@@ -138,66 +181,118 @@ def _text_of(line: bytes) -> str:
     return line.decode("utf-8", errors="replace").strip()
 
 
-def _parsed(lines: list[bytes], first: int) -> PointLines:
-    numbers = _parsed_at_once(lines)
+class _Form(NamedTuple):
+    """What a line holds.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of its numbers.
+    how_many : str
+        Their number in words.
+    more : str
+        What else the line may be, in words, if it has the forms that files of poses have.
+    """
+
+    names: tuple[str, ...]
+    how_many: str
+    more: str = ""
+
+    def rule(self, text: str) -> str:
+        """Return what a line that begins as `text` must be."""
+        if text[:1] not in ("{", "["):
+            return f"{self.how_many} numbers {','.join(self.names)}{self.more}"
+        keys = ", ".join(f'"{name}": {name}' for name in self.names)
+        return f"{{{keys}}} or [{', '.join(self.names)}]"
+
+    def delimiter(self, text: str) -> str | None:
+        """Return what stands between numbers; white space is None."""
+        return delimiter_of(text) if self.more else ","
+
+    def is_header(self, text: str) -> bool:
+        """Return whether a line has the names of its columns."""
+        words = [word.strip(' "') for word in text.lower().split(self.delimiter(text))]
+        if self.more:  # as files of poses: people write theta, too
+            return len(words) in (len(self.names), len(TUM)) and not any(map(is_number, words))
+        return words == [*self.names]
+
+
+_POINT = _Form(("x", "y"), "two")
+_POSE = _Form(("x", "y", "yaw"), "three", f", or TUM's {' '.join(TUM)}")
+
+
+def _parsed(
+    lines: list[bytes], first: int, form: _Form
+) -> tuple[NDArray[np.float64], list[int], dict[int, str]]:
+    """Return the numbers of lines, which lines these are, and what is wrong with some."""
+    numbers = _parsed_at_once(lines, form)
     if numbers is not None:
-        return PointLines(numbers, list(range(first, first + len(lines))), {})
-    points: list[tuple[float, float]] = []
+        return numbers, list(range(first, first + len(lines))), {}
+    rows: list[Sequence[float]] = []
     kept: list[int] = []
     errors: dict[int, str] = {}
     for index, raw in enumerate(lines):
         text = _text_of(raw)
-        if text.startswith("#") or (first + index == 1 and _is_header(text)):
+        if text.startswith("#") or (first + index == 1 and form.is_header(text)):
             continue
         try:
-            points.append(_point_of(text))
+            rows.append(_row_of(text, form))
+        except MalformedInputError as error:
+            errors[len(rows)] = f"{error.rule}, got {shown(text)}"
         except _NO_NUMBERS:
-            form = '{"x": x, "y": y} or [x, y]' if text[:1] in ("{", "[") else "two numbers x,y"
-            errors[len(points)] = f"must be {form}, got {shown(text)}" if text else "empty line"
-            points.append((math.nan, math.nan))
+            rule = f"must be {form.rule(text)}, got {shown(text)}"
+            errors[len(rows)] = rule if text else "empty line"
         else:
-            if not all(map(math.isfinite, points[-1])):
-                errors[len(points) - 1] = f"must be finite, got {shown(text)}"
+            if not all(map(math.isfinite, rows[-1])):
+                errors[len(rows) - 1] = f"must be finite, got {shown(text)}"
+        if len(rows) == len(kept):
+            rows.append([math.nan] * len(form.names))
         kept.append(first + index)
-    return PointLines(np.array(points, dtype=np.float64).reshape(-1, 2), kept, errors)
+    return np.array(rows, dtype=np.float64).reshape(-1, len(form.names)), kept, errors
 
 
-def _parsed_at_once(lines: list[bytes]) -> NDArray[np.float64] | None:
+def _parsed_at_once(lines: list[bytes], form: _Form) -> NDArray[np.float64] | None:
     """Return the numbers of lines that all are plain CSV; None if one is anything else."""
     text = b"\n".join(lines)
     if text.translate(None, b"0123456789+-.eE, \t\r\n") or not text.strip():
         return None
+    delimiter = form.delimiter("," if b"," in text else " ")
     try:
-        numbers = np.loadtxt(io.BytesIO(text), delimiter=",", comments=None, ndmin=2)
+        numbers = np.loadtxt(io.BytesIO(text), delimiter=delimiter, comments=None, ndmin=2)
     except ValueError:
         return None
     # it passes over empty lines, and 1e999 is infinite
-    is_plain = numbers.shape == (len(lines), 2) and np.isfinite(numbers).all()
+    is_plain = numbers.shape == (len(lines), len(form.names)) and np.isfinite(numbers).all()
     return numbers if is_plain else None
 
 
-def _is_header(text: str) -> bool:
-    return text.lower().replace(" ", "").replace('"', "") == "x,y"
-
-
-def _point_of(text: str) -> tuple[float, float]:
+def _row_of(text: str, form: _Form) -> Sequence[float]:
     if text[:1] in ("{", "["):
-        return _point_of_json(json.loads(text))
-    x, y = _numbers_of(text)
-    return x, y
+        return _row_of_json(json.loads(text), form)
+    numbers = _numbers_of(text, form.delimiter(text))
+    if form.more and len(numbers) == len(TUM):
+        return planar_pose(numbers)
+    if len(numbers) != len(form.names):
+        raise ValueError
+    return numbers
+
+
+def _row_of_json(value: Any, form: _Form) -> Sequence[float]:
+    row = [value[name] for name in form.names] if isinstance(value, dict) else list(value)
+    if len(row) != len(form.names) or any(type(one) not in (int, float) for one in row):
+        raise ValueError  # bools are ints, too
+    return [float(one) for one in row]
 
 
 def _point_of_json(value: Any) -> Point:
-    x, y = (value["x"], value["y"]) if isinstance(value, dict) else value
-    if type(x) not in (int, float) or type(y) not in (int, float):  # bools are ints, too
-        raise ValueError
-    return float(x), float(y)
+    x, y = _row_of_json(value, _POINT)
+    return x, y
 
 
-def _numbers_of(text: str) -> list[float]:
+def _numbers_of(text: str, delimiter: str | None = ",") -> list[float]:
     if not text.isascii() or "_" in text:  # which Python reads as digits, too
         raise ValueError
-    return [float(part) for part in text.split(",")]
+    return [float(part) for part in text.split(delimiter)]
 
 
 def _pair_line(number: int, text: str) -> PairLine:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,15 @@ from mapdeal.formats.source import LARGEST_FILE, LONGEST_STREAM, chunks_of, is_r
 from mapdeal.formats.text_rows import delimiter_of, first_line, is_number, read_rows
 from mapdeal.grid.coordinates import FARTHEST
 
-_PLANAR, _TUM = 3, 8
+TUM = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+"""What stands in a line of TUM's benchmark tools."""
+
+_PLANAR, _TUM = 3, len(TUM)
 _UNIT = 1e-3
 """How far from 1 the length of a quaternion may be: files hold rounded numbers."""
+
+_ROUNDED = 1e-2
+"""The same where a longer or shorter one is refused: two decimals are enough."""
 
 _LEVEL = math.radians(10)
 """How far a robot may lean before its heading says too little."""
@@ -62,6 +69,27 @@ def read_poses(path: Path | str) -> Poses:
     path = Path(path)
     with recognised(path, "a file of poses", POSES, NUMBERS):
         return _poses_in(path)
+
+
+def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
+    """Return x, y and yaw of a pose as TUM's tools have it.
+
+    Raises
+    ------
+    MalformedInputError
+        If the quaternion is not of length 1 or leans by more than 10 degrees, so that the heading
+        means little.
+    """
+    _, x, y, _, *quaternion = numbers
+    length = math.hypot(*quaternion)
+    if not math.isfinite(length):
+        return x, y, math.nan
+    if abs(length - 1) > _ROUNDED:
+        raise MalformedInputError("the quaternion must be of length 1")
+    qx, qy, qz, qw = (part / length for part in quaternion)
+    if 1 - 2 * (qx * qx + qy * qy) < math.cos(_LEVEL):
+        raise MalformedInputError("the robot leans by more than 10 degrees; w must come last")
+    return x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
 
 
 def _poses_in(path: Path) -> Poses:

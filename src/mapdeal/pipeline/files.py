@@ -11,7 +11,10 @@ from mapdeal.formats.maps import Source, open_map, read_source
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.products import write_picture
 from mapdeal.pipeline.settings import Settings
@@ -65,6 +68,16 @@ def warn_of_potential(grid: Grid, path: Path) -> None:
     if isinstance(grid, PotentialField):
         text = f"{path}: is a potential field; its map is used, its goal and gains are not"
         emit_warning(text, stacklevel=2)
+
+
+def warn_of_published_costs(source: Source, path: Path) -> None:
+    """Warn that of a map whose values may be published costs only obstacles are used."""
+    grid, metadata = source.grid, source.metadata
+    if isinstance(grid, OccupancyGrid) and metadata is not None and metadata.mode == "raw":
+        between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
+        if between:
+            text = f"{path}: {between} cells of 1..99 are no obstacles; costs are read from an npz"
+            emit_warning(text, stacklevel=2)
 
 
 @contextmanager

@@ -1,10 +1,10 @@
-"""Questions to a distance field, answered as lines of JSON."""
+"""Questions to a distance field, answered as lines of JSON; of poses see `query_poses`."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,14 +30,14 @@ _NOISE = 1e-12
 
 @dataclass(frozen=True)
 class Answers:
-    """What a field says of some points.
+    """What a field says of some points, or costs of some poses.
 
     Parameters
     ----------
     lines : list of str
-        A JSON object for each point.
+        A JSON object for each.
     outside : int
-        How many points no cell of the field holds.
+        How many of them no cell holds.
     """
 
     lines: list[str]
@@ -66,8 +66,8 @@ def answers_of(field: DistanceField, asked: PointLines) -> Answers:
     cells, inside = field.frame.bounded_rowcol_from_xy(asked.points_xy)
     samples = field.query(asked.points_xy)
     columns = [
-        _exact_texts(asked.points_xy[:, 0]),
-        _exact_texts(asked.points_xy[:, 1]),
+        exact_texts(asked.points_xy[:, 0]),
+        exact_texts(asked.points_xy[:, 1]),
         _texts(samples.distance),
         _texts(samples.gradient[:, 0]),
         _texts(samples.gradient[:, 1]),
@@ -99,15 +99,19 @@ def _nothing_at(x: str, y: str, asked: PointLines, index: int) -> str:
     """Return the answer for a point outside, or for a line without a point."""
     keys = ("row", "col", "state", "distance", "gradient", "cell_distance")
     nothing = ", ".join(f'"{key}": {_NULL}' for key in keys)
-    error = ""
-    if index in asked.errors:
-        error = f', "error": {json.dumps(asked.errors[index])}'
-        if asked.lines[index]:
-            error = f', "line": {asked.lines[index]}{error}'
+    error = key_of_error(asked.errors, asked.lines, index)
     return f'{{"x": {x}, "y": {y}, "inside": false, {nothing}{error}}}'
 
 
-def _exact_texts(values: NDArray[np.float64]) -> list[str]:
+def key_of_error(errors: Mapping[int, str], lines: Sequence[int], index: int) -> str:
+    """Return the end of an answer that says what is wrong with its line, if anything is."""
+    if index not in errors:
+        return ""
+    error = f', "error": {json.dumps(errors[index])}'
+    return f', "line": {lines[index]}{error}' if lines[index] else error
+
+
+def exact_texts(values: NDArray[np.float64]) -> list[str]:
     """Return numbers as JSON, null for what is not finite."""
     return [repr(value) if math.isfinite(value) else _NULL for value in values.tolist()]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.errors import FindingError, ParameterError
 from mapdeal.formats.maps import Source
 from mapdeal.formats.routes import route_json
 from mapdeal.grid.costmap import Costmap
@@ -15,14 +15,14 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.route import Method, Route
-from mapdeal.grid.values import FREE, OCCUPIED
-from mapdeal.kernels.lookup import histogram
+from mapdeal.grid.values import OCCUPIED
 from mapdeal.pipeline.files import (
     add_picture,
     errors_named,
     outputs_of,
     read_input,
     warn_of_potential,
+    warn_of_published_costs,
 )
 from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.recipe import Recipe, load_recipe
@@ -156,11 +156,7 @@ def costs_of(
             option = "--footprint, --robot-radius" if robot is None else "--params-file"
             raise ParameterError(rule, source=option)
         return grid
-    if isinstance(grid, OccupancyGrid):
-        between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
-        if source.metadata is not None and source.metadata.mode == "raw" and between:
-            text = f"{path}: {between} cells of 1..99 are no obstacles; costs are read from an npz"
-            emit_warning(text, stacklevel=2)
+    warn_of_published_costs(source, path)
     warn_of_potential(grid, path)
     for step in _recipe_for(footprint, robot).steps:
         if not (step.stage.makes is DistanceField and isinstance(grid, DistanceField)):

@@ -1,0 +1,129 @@
+"""What costs say of a robot's shape at poses, answered as lines of JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.formats.maps import as_occupancy
+from mapdeal.formats.points import PoseLines
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint_costs import FootprintRule, PoseSamples, sample_poses
+from mapdeal.grid.scales import static_layer_cost_from_occupancy
+from mapdeal.grid.values import (
+    DEFAULT_LETHAL_THRESHOLD,
+    FREE_SPACE,
+    LETHAL_OBSTACLE,
+    NO_INFORMATION,
+    UNKNOWN,
+)
+from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.threads import use_threads
+from mapdeal.pipeline.files import (
+    errors_named,
+    read_input,
+    warn_of_potential,
+    warn_of_published_costs,
+)
+from mapdeal.pipeline.memory import claim_work
+from mapdeal.pipeline.query import Answers, exact_texts, key_of_error
+from mapdeal.pipeline.settings import Settings
+from mapdeal.stages.esdf import esdf
+from mapdeal.stages.parameters import parameters_of
+
+_PER_CELL = 1.0
+"""Bytes for each cell: the costs of a map."""
+
+
+def costs_to_ask(path: Path, options: Settings, parameters: Mapping[str, Any]) -> Costmap:
+    """Return the costs in a file, or those of obstacles and unknown cells of its map.
+
+    Parameters
+    ----------
+    path : Path
+        A costmap on scale ``costmap2d``, or a map.
+    options : Settings
+        How it is read.
+    parameters : mapping
+        Of a map, as `esdf` has them: ``lethal_threshold``, and ``unknown``; without the latter
+        unknown cells stay unknown.
+
+    Raises
+    ------
+    ParameterError
+        If the file holds neither, or a parameter is not allowed.
+    """
+    accepted = {name: parameters_of(esdf)[name].accept(one) for name, one in parameters.items()}
+    source = read_input(path, options)
+    grid = source.grid
+    if isinstance(grid, DistanceField):
+        rule = "is a distance field; a footprint is asked of costs or a map"
+        hint = f"mapdeal cost {path} -o cost.npz makes costs of it"
+        raise ParameterError(rule, source=path, hint=hint)
+    with options.memory():
+        claim_work(path, grid, _PER_CELL)
+    if isinstance(grid, Costmap):
+        for name in parameters:
+            option = f"--{name.replace('_', '-')}"
+            raise ParameterError("is for maps: these costs are made already", source=option)
+        if grid.scale != "costmap2d":
+            rule = "costs on the occupancy scale tell too little of what a footprint hits"
+            hint = "mapdeal cost --model exponential writes costmap_2d's own as .npz"
+            raise ParameterError(rule, source=path, hint=hint)
+        return grid
+    warn_of_published_costs(source, path)
+    warn_of_potential(grid, path)
+    with use_threads(options.threads), errors_named(path):
+        return _static_costs(grid, **accepted)
+
+
+def _static_costs(
+    grid: Any, *, lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD, unknown: str | None = None
+) -> Costmap:
+    """Return 254 for obstacles, 255 for unknown cells, or what these are to be, and 0."""
+    table = static_layer_cost_from_occupancy(
+        lethal_threshold=lethal_threshold, inscribed_value=None
+    )
+    of_unknown = {"free": FREE_SPACE, "occupied": LETHAL_OBSTACLE, None: NO_INFORMATION}
+    table[UNKNOWN] = of_unknown[unknown]
+    occupancy = as_occupancy(grid)
+    costs = look_up(occupancy.occupancy, table)
+    return Costmap(costs, occupancy.resolution, occupancy.origin)
+
+
+def answers_at_poses(
+    costmap: Costmap, footprint: Footprint, asked: PoseLines, rule: FootprintRule
+) -> Answers:
+    """Return what a footprint costs at poses, one JSON object for each line asked."""
+    samples = sample_poses(costmap, footprint, asked.poses, rule=rule)
+    columns = zip(
+        *(exact_texts(column) for column in asked.poses.T),
+        samples.inside.tolist(),
+        samples.cost.tolist(),
+        _states_of(samples),
+        strict=True,
+    )
+    lines = [
+        f'{{"x": {x}, "y": {y}, "yaw": {yaw}, "inside": {"true" if inside else "false"}, '
+        f'"cost": {cost}, "state": "{state}"}}'
+        for x, y, yaw, inside, cost, state in columns
+    ]
+    for index in asked.errors:
+        x, y, yaw = exact_texts(asked.poses[index])
+        nothing = '"inside": false, "cost": null, "state": null'
+        error = key_of_error(asked.errors, asked.lines, index)
+        lines[index] = f'{{"x": {x}, "y": {y}, "yaw": {yaw}, {nothing}{error}}}'
+    return Answers(lines, len(lines) - int(samples.inside.sum()))
+
+
+def _states_of(samples: PoseSamples) -> list[str]:
+    states: NDArray[Any] = np.where(samples.cost == LETHAL_OBSTACLE, "collision", "free")
+    states = np.where(samples.cost == NO_INFORMATION, "unknown", states)
+    return np.where(samples.inside, states, "outside").tolist()  # type: ignore[no-any-return]
