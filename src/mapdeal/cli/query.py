@@ -24,6 +24,7 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.query import Answers, answers_of, field_to_ask
 from mapdeal.pipeline.query_poses import answers_at_poses, costs_to_ask
 from mapdeal.pipeline.settings import Settings
+from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.esdf import esdf as esdf_stage
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
@@ -65,6 +66,9 @@ _POSES = _Kind("poses", "pose", "X,Y,YAW", PoseLines, read_pose_lines)
     "footprint",
     "robot_radius",
     "footprint_padding",
+    "params_file",
+    "costmap",
+    "namespace",
     "dialect",
     "max_cells",
     "threads",
@@ -72,6 +76,8 @@ _POSES = _Kind("poses", "pose", "X,Y,YAW", PoseLines, read_pose_lines)
     help_texts={
         "footprint": "Ask for the cost of a robot at poses: its corners around its centre.",
         "robot_radius": "The same of a round robot, a polygon of 16 corners as in costmap_2d.",
+        "params_file": "The same of a robot that its own parameters describe: a Nav2 file, or ROS "
+        "1's costmap files. A map gets its costs, too.",
     },
 )
 def query(
@@ -130,6 +136,7 @@ def query(
     ] = False,
     *,
     footprint: Footprint | None,
+    robot: RobotParameters | None,
     settings: Settings,
 ) -> None:  # fmt: skip
     """Tell distance, gradient and state at points, or the cost of a robot at poses.
@@ -141,8 +148,14 @@ def query(
     parameters = opt.given(
         unknown=unknown, convention=convention, lethal_threshold=lethal_threshold
     )
+    if robot is not None:
+        _refuse({f"--{name.replace('_', '-')}": one for name, one in parameters.items()},
+                "cannot be given together with --params-file")  # fmt: skip
+        robot = robot if footprint is None else robot.with_shape(footprint)
+        footprint = robot.footprint
     if footprint is None:
-        _refuse({"--poses": poses, "--rule": rule}, "needs --footprint or --robot-radius")
+        need = "needs --footprint, --robot-radius or --params-file"
+        _refuse({"--poses": poses, "--rule": rule}, need)
         kind, file = _POINTS, points
     else:
         _refuse({"--points": points}, "has no yaws; poses of a footprint are given by --poses")
@@ -155,7 +168,7 @@ def query(
     if footprint is None:
         answer = partial(answers_of, field_to_ask(source, settings, parameters))
     else:
-        costs = costs_to_ask(source, settings, parameters)
+        costs = costs_to_ask(source, settings, parameters, robot)
         answer = partial(answers_at_poses, costs, footprint, rule=rule or "outline")
     with use_threads(settings.threads):
         _answer_all(_asked(first, file, kind), answer, kind, file, source, strict=strict)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,16 +34,23 @@ from mapdeal.pipeline.files import (
 )
 from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.query import Answers, exact_texts, key_of_error
+from mapdeal.pipeline.robot import step_for
 from mapdeal.pipeline.settings import Settings
+from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.esdf import esdf
 from mapdeal.stages.parameters import parameters_of
 
-_PER_CELL = 1.0
-"""Bytes for each cell: the costs of a map."""
+_PER_CELL, _OF_ROBOT = 1.0, 3.0
+"""Bytes for each cell: the costs of a map, and what a robot's take to make."""
 
 
-def costs_to_ask(path: Path, options: Settings, parameters: Mapping[str, Any]) -> Costmap:
-    """Return the costs in a file, or those of obstacles and unknown cells of its map.
+def costs_to_ask(
+    path: Path,
+    options: Settings,
+    parameters: Mapping[str, Any],
+    robot: RobotParameters | None = None,
+) -> Costmap:
+    """Return the costs in a file, or those of its map: a robot's, or of obstacles alone.
 
     Parameters
     ----------
@@ -54,6 +61,8 @@ def costs_to_ask(path: Path, options: Settings, parameters: Mapping[str, Any]) -
     parameters : mapping
         Of a map, as `esdf` has them: ``lethal_threshold``, and ``unknown``; without the latter
         unknown cells stay unknown.
+    robot : RobotParameters, optional
+        Whose costmap a map becomes. Without it there is what is lethal and what is unknown.
 
     Raises
     ------
@@ -68,7 +77,7 @@ def costs_to_ask(path: Path, options: Settings, parameters: Mapping[str, Any]) -
         hint = f"mapdeal cost {path} -o cost.npz makes costs of it"
         raise ParameterError(rule, source=path, hint=hint)
     with options.memory():
-        claim_work(path, grid, _PER_CELL)
+        claim_work(path, grid, _PER_CELL if robot is None else _OF_ROBOT)
     if isinstance(grid, Costmap):
         for name in parameters:
             option = f"--{name.replace('_', '-')}"
@@ -81,7 +90,10 @@ def costs_to_ask(path: Path, options: Settings, parameters: Mapping[str, Any]) -
     warn_of_published_costs(source, path)
     warn_of_potential(grid, path)
     with use_threads(options.threads), errors_named(path):
-        return _static_costs(grid, **accepted)
+        if robot is None:
+            return _static_costs(grid, **accepted)
+        made: Any = step_for("cost", robot, {}).apply(grid, path)
+        return cast("Costmap", made)
 
 
 def _static_costs(
