@@ -1,6 +1,6 @@
 """Draw the pictures of the documentation.
 
-Run it as ``python docs/figures.py [intel-corrected.log]``. Needs matplotlib (in the extra ``dev``).
+Run it as ``python docs/figures.py [intel-corrected.log]``.
 Reads examples and writes docs/images; the pictures of the Intel lab only if its log is given.
 """
 
@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,25 +27,13 @@ from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster
 from mapdeal.render.route import RouteOverlay
-from mapdeal.stages.cost_profile import cost_table
-
-mpl.use("Agg")  # draws without a display
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
 MAPS = DOCS.parent / "examples" / "maps"
 
-INSCRIBED, CIRCUMSCRIBED = 0.2, 0.35  # metres, the example robot of the curve
-RESOLUTION = 0.05  # metres per cell
 FOOTPRINT = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
 LONG_SIDE = 900  # pixels of a picture of a map
-
-LETHAL_COLOUR = "#4d4d57"
-INSCRIBED_COLOUR = "#7fd6dc"
-POSSIBLE_COLOUR = "#f9c98b"
-FADING_COLOUR = "#fdf3cf"
-FREE_COLOUR = "#ffffff"
-CURVE_COLOUR = "#5c0c5c"
 
 
 COMPARED = ((-4.475, 2.925), (6.925, 5.025))  # start and goal of the routes that are compared
@@ -87,152 +73,23 @@ class Routes:
 def main() -> None:
     """Draw every picture."""
     IMAGES.mkdir(exist_ok=True)
-    draw_cost_curves(IMAGES / "cost_curve.png")
+    draw_cost_curve(IMAGES / "cost_curve.png")
     draw_arena()
     draw_office()
     for log in sys.argv[1:]:
         draw_intel(Path(log))
 
 
-def draw_cost_curves(path: Path) -> None:
-    """Draw the exponential model's cost against the distance, for two sets of parameters."""
-    figure, axes = plt.subplots(2, 1, figsize=(9.0, 9.4))
-    _draw_curve(axes[0], inflation_radius=0.55, cost_scaling_factor=5.0, end=0.75)
-    _draw_curve(axes[1], inflation_radius=1.75, cost_scaling_factor=2.58, end=2.05)
-    axes[1].set_xlabel("distance d from the nearest obstacle cell, centre to centre (m)")
-    figure.suptitle(
-        f"A robot with inscribed radius {INSCRIBED:g} m and circumscribed radius "
-        f"{CIRCUMSCRIBED:g} m, on a map of {RESOLUTION:g} m per cell",
-        fontsize=12,
+def draw_cost_curve(path: Path) -> None:
+    """Draw what ``mapdeal cost --curve`` does for a robot on the office's cells."""
+    curve = mapdeal.cost_curve(
+        mapdeal.read_map(MAPS / "office.yaml"),
+        footprint=mapdeal.Footprint.parse(FOOTPRINT),
+        inflation_radius=0.55,
+        cost_scaling_factor=5.0,
     )
-    figure.tight_layout(rect=(0, 0, 1, 0.985), h_pad=2.0)
-    figure.savefig(path, dpi=100, metadata={"Software": None}, pil_kwargs={"optimize": True})
-    plt.close(figure)
-
-
-def _draw_curve(
-    axes: plt.Axes, *, inflation_radius: float, cost_scaling_factor: float, end: float
-) -> None:
-    line_d, line_cost = _curve(inflation_radius, cost_scaling_factor, end)
-    dots_d, dots_cost = _dots(inflation_radius, cost_scaling_factor)
-    lethal_end = RESOLUTION / 2
-    zones = [
-        (-lethal_end, lethal_end, LETHAL_COLOUR, "lethal\n254"),
-        (lethal_end, INSCRIBED, INSCRIBED_COLOUR, "inscribed\n253"),
-        (INSCRIBED, CIRCUMSCRIBED, POSSIBLE_COLOUR, "possibly\ncircumscribed"),
-        (CIRCUMSCRIBED, inflation_radius, FADING_COLOUR, "no collision,\ncost falls off"),
-        (inflation_radius, end, FREE_COLOUR, "free\n0"),
-    ]
-    top = 254
-    heights = [306, 306, 306, 306, 306]
-    if end > 1:  # the narrow zones' names stand in two rows
-        heights = [372, 306, 372, 306, 306]
-    for (left, right, colour, name), height in zip(zones, heights, strict=True):
-        axes.axvspan(left, right, color=colour, zorder=0, lw=0)
-        middle = (max(left, -lethal_end) + right) / 2
-        axes.text(middle, height, name, ha="center", va="center", fontsize=10, zorder=5)
-        if height > 330:
-            axes.plot([middle, middle], [height - 28, 276], color="0.35", lw=0.8, zorder=4)
-    axes.axhspan(272, 420, color="white", zorder=3, lw=0)
-
-    axes.plot(line_d, line_cost, color=CURVE_COLOUR, lw=2, zorder=6)
-    axes.plot(dots_d, dots_cost, "o", color=CURVE_COLOUR, ms=3.5, zorder=7, clip_on=False)
-    axes.plot(0, top, "s", color="black", ms=6, zorder=8)
-
-    circumscribed_cost = _cost_at(CIRCUMSCRIBED, cost_scaling_factor)
-    cliff = _cost_at(inflation_radius, cost_scaling_factor)
-    span = end + lethal_end
-    axes.plot(CIRCUMSCRIBED, circumscribed_cost, "o", mfc="white", mec="black", ms=8, zorder=9)
-    axes.annotate(
-        f"circumscribed_cost = {circumscribed_cost}:\nfrom this cost on upwards\n"
-        "a collision depends on\nthe heading",
-        (CIRCUMSCRIBED, circumscribed_cost),
-        (CIRCUMSCRIBED + 0.02 * span, max(circumscribed_cost + 55, 212)),
-        fontsize=10,
-        va="center",
-        arrowprops={"arrowstyle": "-", "color": "0.2", "shrinkB": 5},
-        zorder=10,
-    )
-    axes.annotate(
-        f"last cost: {cliff}\nat inflation_radius {inflation_radius:g} m",
-        (inflation_radius, cliff),
-        (inflation_radius + (0.015 if end < 1 else -0.03) * span, cliff + 62),
-        fontsize=10,
-        va="center",
-        ha="left" if end < 1 else "right",
-        arrowprops={"arrowstyle": "-", "color": "0.2", "shrinkB": 3},
-        zorder=10,
-    )
-    for radius, name in ((INSCRIBED, "inscribed"), (CIRCUMSCRIBED, "circumscribed")):
-        axes.axvline(radius, ymax=272 / 410, color="0.25", lw=0.9, ls=(0, (4, 3)), zorder=2)
-        axes.annotate(
-            name + "\nradius",
-            (radius, 0),
-            (radius - 0.006 * span, 6),
-            rotation=90,
-            fontsize=9,
-            ha="right",
-            va="bottom",
-            linespacing=1.0,
-            color="0.2",
-            zorder=5,
-        )
-    axes.set_title(
-        f"inflation_radius {inflation_radius:g} m, cost_scaling_factor {cost_scaling_factor:g} /m",
-        fontsize=12,
-        fontweight="bold",
-        loc="left",
-    )
-    axes.set_ylabel("cost (costmap2d scale)")
-    axes.set_xlim(-lethal_end, end)
-    axes.set_ylim(0, 410 if end > 1 else 345)
-    axes.set_yticks([0, 50, 100, 150, 200, 252])
-    axes.set_xticks(np.arange(0, end + 1e-9, 0.1 if end < 1 else 0.25))
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    axes.spines["left"].set_bounds(0, 272)
-
-
-def _curve(
-    inflation_radius: float, cost_scaling_factor: float, end: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances and costs along one row of fine cells beside an obstacle."""
-    fine = 0.001
-    row = np.zeros((1, round(end / fine) + 1), dtype=np.int8)
-    row[0, 0] = 100
-    costmap = mapdeal.exponential_cost(
-        mapdeal.OccupancyGrid(row, resolution=fine),
-        inscribed_radius=INSCRIBED,
-        inflation_radius=inflation_radius,
-        cost_scaling_factor=cost_scaling_factor,
-    )
-    return np.arange(row.size)[1:] * fine, costmap.cost[0, 1:]
-
-
-def _dots(
-    inflation_radius: float, cost_scaling_factor: float
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return the distances that occur between cells of the map, and their costs."""
-    reach = round(inflation_radius / RESOLUTION)
-    table = cost_table(
-        reach,
-        resolution=RESOLUTION,
-        inscribed_radius=INSCRIBED,
-        cost_scaling_factor=cost_scaling_factor,
-    )
-    along = np.arange(1, reach + 1) ** 2  # along a row or a column
-    return np.sqrt(along) * RESOLUTION, table[along]
-
-
-def _cost_at(distance: float, cost_scaling_factor: float) -> int:
-    cells = round(distance / RESOLUTION)
-    table = cost_table(
-        cells,
-        resolution=RESOLUTION,
-        inscribed_radius=INSCRIBED,
-        cost_scaling_factor=cost_scaling_factor,
-    )
-    return int(table[cells * cells])
+    title = "office: cost, inscribed 0.2 m, inflation 0.55 m, factor 5"
+    mapdeal.write_picture(path, curve, title=title, force=True)
 
 
 def draw_arena() -> None:

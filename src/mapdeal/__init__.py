@@ -13,7 +13,7 @@ parts, which gives a `LocalMap`, or `RollingMapper` for sequences; `build_map` o
 and `build_map_from_log`, which give a `BuiltMap`, and `MapBuilder` with `BeamLimits` for `Scans`
 that come in parts.
 Questions: `DistanceField.query`, which gives `FieldSamples`; `footprint_costs` of a robot at poses;
-`shortest_route` and `descend`, which give a `Route`.
+`cost_curve`, which gives a `CostCurve`; `shortest_route` and `descend`, which give a `Route`.
 As the commands do: `run` with its `RunReport`; `load_recipe`, which gives a `Recipe`, and
 `apply_recipe` for grids in memory; `lint`, which gives a `LintReport` of `Finding`, with a
 `MapReport` for each map; `diff`, which gives a `DiffReport` with `WallShift` and `Bound`; `info`.

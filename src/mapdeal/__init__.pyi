@@ -2,6 +2,7 @@
 # `mapdeal.__init__` reads this file, so that no name stands in two places.
 
 from mapdeal.api.build import build_map_from_log as build_map_from_log
+from mapdeal.api.curve import cost_curve as cost_curve
 from mapdeal.api.diff import DiffReport as DiffReport
 from mapdeal.api.diff import diff as diff
 from mapdeal.api.info import info as info
@@ -38,6 +39,7 @@ from mapdeal.formats.npz import Grid as Grid
 from mapdeal.formats.poses import read_poses as read_poses
 from mapdeal.formats.shapes import read_shapes as read_shapes
 from mapdeal.grid.bit_map import BitMap as BitMap
+from mapdeal.grid.cost_curve import CostCurve as CostCurve
 from mapdeal.grid.costmap import Costmap as Costmap
 from mapdeal.grid.costmap_layers import InflationLayer as InflationLayer
 from mapdeal.grid.costmap_layers import StaticLayer as StaticLayer

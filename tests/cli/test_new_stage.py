@@ -105,6 +105,20 @@ def test_its_models_options_join_the_command(command, room, tmp_path):
     assert "is a parameter of model flat, not of exponential" in err
 
 
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_a_model_without_a_curve_has_none(command, room, tmp_path):
+    words = ("cost", room, "-o", tmp_path / "c.npz", "--model", "flat")
+    code, _, err = command(*words, "--curve", tmp_path / "c.png")
+    assert code == 2
+    assert "cost flat: there is no one cost for a distance" in err
+    assert {path.name for path in tmp_path.iterdir()} == {"room.pgm", "room.yaml"}
+    code, out, _ = command(*words, "--json", "-q")
+    assert code == 0
+    document = json.loads(out)
+    assert document["curve"] is None
+    assert document["parameters"] == {"model": "flat", "beyond": 1.5}
+
+
 def test_it_runs_in_recipes_whole_and_in_blocks(command, room, tmp_path, monkeypatch):
     recipe = tmp_path / "own.yaml"
     recipe.write_text("stages:\n  - drop-lone:\n  - esdf:\n  - cost: {model: flat}\n")

@@ -70,6 +70,7 @@ def samples():
             mapdeal.Scans([[0, 0, 0]], [0.0, 0.5], [[1.0, 1.2]]), mapper,
             mapdeal.MapBuilder(map_.frame), mapdeal.RollingMapper([[0, 0, 0]], options, keep=1),
             mapdeal.load_recipe("nav2"), mapdeal.draw_picture(map_), differing, finding,
+            mapdeal.cost_curve(0.25, inscribed_radius=0.1),
             mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.Bound("max-shift", "m", 0.5, 0.25), checked,
             mapdeal.LintReport((checked,), "1"), mapdeal.StaticLayer(), mapdeal.InflationLayer(),
             mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}),

@@ -7,11 +7,21 @@ import numpy as np
 import pytest
 
 from drawn import grid_from_text
-from mapdeal import Costmap, Frame, OccupancyGrid, Route, esdf, exponential_cost, potential
+from mapdeal import (
+    Costmap,
+    Frame,
+    OccupancyGrid,
+    Route,
+    cost_curve,
+    esdf,
+    exponential_cost,
+    potential,
+)
 from mapdeal.grid.canvas import on_canvas
-from mapdeal.render import canvas, colours
+from mapdeal.render import colours, pen
 from mapdeal.render.canvas import ColourBar, Swatch, _Pen, sheet
 from mapdeal.render.colours import interpolated, mixed
+from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.difference import difference_image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.pose import PoseOverlay
@@ -272,7 +282,7 @@ def test_a_pixel_s_side_in_metres(reduce, enlarge):
 
 def longest_black_run(image):
     """Return the length of the longest black run of pixels in a row."""
-    black = np.pad(image.indices == canvas.MOST_COLOURS, ((0, 0), (1, 1)))
+    black = np.pad(image.indices == pen.MOST_COLOURS, ((0, 0), (1, 1)))
     edges = np.flatnonzero(np.diff(black.ravel().astype(np.int8)))
     return int((edges[1::2] - edges[::2]).max())
 
@@ -280,9 +290,9 @@ def longest_black_run(image):
 @pytest.mark.parametrize(("side", "image_max"), [(300, 2048), (1500, 500), (1500, 0)])
 def test_the_scale_bar_is_as_long_as_it_says(monkeypatch, side, image_max):
     labels = []
-    write = _Pen._label
+    write = _Pen.label
     monkeypatch.setattr(
-        _Pen, "_label", lambda pen, x, y, text: (labels.append(text), write(pen, x, y, text))
+        _Pen, "label", lambda own, x, y, text: (labels.append(text), write(own, x, y, text))
     )
     grid = OccupancyGrid(np.zeros((side // 3, side), np.int8), 0.05, (0.0, 0.0, 0.3))
     image = occupancy_image(grid, title="", image_max=image_max)
@@ -308,21 +318,21 @@ def test_a_colour_bar_has_its_first_colour_at_the_bottom_and_ticks_beside_their_
     assert strip[rows[0]] == 99
     assert (np.diff(strip[rows].astype(int)) <= 0).all()
     beside = image.indices[:, column[-1] + 3]
-    ticks = np.flatnonzero(beside == canvas.MOST_COLOURS)
+    ticks = np.flatnonzero(beside == pen.MOST_COLOURS)
     ticks = ticks[(ticks >= rows[0]) & (ticks <= rows[-1])]
     assert ticks.tolist() == [rows[0], rows[0] + round(0.75 * (len(rows) - 1)), rows[-1]]
 
 
 def test_coordinates_stand_beside_the_pixels_that_they_name(monkeypatch):
     texts = []
-    monkeypatch.setattr(_Pen, "_write", lambda _, x, y, text, __: texts.append((text, x, y)))
+    monkeypatch.setattr(_Pen, "write", lambda _, x, y, text, __: texts.append((text, x, y)))
     pixels = np.zeros((600, 300), np.uint8)
     image = sheet(pixels, np.full((1, 3), 200, np.uint8), title="", subtitle="",
                   metres_per_pixel=0.01, corner_xy=(-1.0, 10.0))  # fmt: skip
     rows, cols = np.nonzero(image.indices == 0)
     bottom, left = rows.max() + 1, cols.min()
-    below = np.flatnonzero(image.indices[bottom + 2] == canvas.MOST_COLOURS)
-    beside = np.flatnonzero(image.indices[:, left - 3] == canvas.MOST_COLOURS)
+    below = np.flatnonzero(image.indices[bottom + 2] == pen.MOST_COLOURS)
+    beside = np.flatnonzero(image.indices[:, left - 3] == pen.MOST_COLOURS)
     named = {text: (x, y) for text, x, y in texts}
     for label in ("-1", "0", "1", "2") if "0" in named else ("-1.0", "0.0", "1.0", "2.0"):
         place = left + round((float(label) + 1.0) / 0.01)
@@ -352,7 +362,7 @@ def test_the_map_is_framed_and_the_north_is_on_top():
     image = sheet(pixels, np.full((2, 3), 9, np.uint8), title="", subtitle="", metres_per_pixel=0.1)
     top, left = np.argwhere(image.indices == 1).min(axis=0)
     assert np.array_equal(image.indices[top : top + 60, left : left + 200], pixels[::-1])
-    grey = canvas.MOST_COLOURS + 5
+    grey = pen.MOST_COLOURS + 5
     assert (image.indices[top - 1, left - 1 : left + 201] == grey).all()
     assert (image.indices[top + 60, left - 1 : left + 201] == grey).all()
     assert (image.indices[top - 1 : top + 61, left - 1] == grey).all()
@@ -394,6 +404,10 @@ def test_pictures_are_the_same_wherever_they_are_drawn():
         "field": field_image(esdf(grid), title="Field"),
         "cost": cost_image(exponential_cost(grid), title="Cost", overlay=robot),
         "route": occupancy_image(grid, title="Route", overlay=RouteOverlay(route)),
+        "curve": cost_curve_image(
+            cost_curve(0.05, inscribed_radius=0.2, circumscribed_radius=0.36), title="Curve"
+        ),
+        "rings": cost_curve_image(cost_curve(0.05, model="rings"), title="Rings"),
     }
     assert {name: digest(image) for name, image in pictures.items()} == RECORDED
 
@@ -403,6 +417,8 @@ RECORDED = {
     "field": "fad83cae4bd0a35a",
     "cost": "2b689133242f37ea",
     "route": "73b9119568bebc8e",
+    "curve": "3f3e680320848121",
+    "rings": "fb63e0603780afe0",
 }
 
 

@@ -4,7 +4,6 @@ import sys
 import numpy as np
 import pytest
 
-from mapdeal.render.canvas import _Pen
 from mapdeal.render.glyphs import (
     REPLACEMENT,
     SHADES,
@@ -16,6 +15,7 @@ from mapdeal.render.glyphs import (
     printable,
     text_width,
 )
+from mapdeal.render.pen import Pen
 
 SIZES = range(14, 51)  # of the text, and of titles
 
@@ -90,7 +90,7 @@ def test_other_scripts_lose_accents_or_become_boxes():
 
 
 def test_a_text_is_written_where_it_belongs():
-    pen = _Pen(20)
+    pen = Pen(20)
     pen.open(60, 40)
     pen.text(5, 3, "H", limit=50)
     inked = np.argwhere(pen.sheet < 255)
@@ -104,7 +104,7 @@ def test_a_text_is_written_where_it_belongs():
 
 
 def test_a_letter_at_the_edge_of_a_sheet_is_cut():
-    pen = _Pen(20)
+    pen = Pen(20)
     pen.open(12, 12)
     pen.text(5, 3, "Hg", limit=50)
     assert pen.sheet.shape == (12, 12)
@@ -116,6 +116,7 @@ def test_pictures_need_no_other_library_s_letters_or_lines():
         "from mapdeal.render.layers import cost_image\n"
         "from mapdeal.render.pose import PoseOverlay\n"
         "import mapdeal.render.potential, mapdeal.render.route, mapdeal.render.difference\n"
+        "import mapdeal.render.cost_curve\n"
         "costmap = mapdeal.Costmap(np.zeros((9, 9), np.uint8), 0.5)\n"
         "cost_image(costmap, title='t', overlay=PoseOverlay((1.0, 1.0, 0.0)))\n"
         "print([m for m in sys.modules if m.split('.')[0] in ('PIL', 'matplotlib', 'cv2')])"

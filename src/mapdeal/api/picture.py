@@ -18,6 +18,7 @@ from mapdeal.formats.npz import Grid
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.bit_map import BitMap
+from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.field import DistanceField
@@ -29,14 +30,15 @@ from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.poses import check_pose
 from mapdeal.pipeline.products import PICTURE, files_of
 from mapdeal.pipeline.settings import Settings
-from mapdeal.render.canvas import Image
+from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.difference import difference_image
 from mapdeal.render.overlay import Overlay, Overlays
+from mapdeal.render.pen import Image
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.render.route import RouteOverlay
 
-Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport
+Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | CostCurve
 """What there are pictures of."""
 
 _GRIDS = (OccupancyGrid, Costmap, DistanceField, PotentialField)
@@ -105,11 +107,11 @@ def draw_picture(
     pose: Sequence[float] | None = None,
     image_max: int = DEFAULT_IMAGE_MAX,
 ) -> Picture:
-    """Draw a grid, or what differs between two, as the commands do.
+    """Draw a grid, what differs between two, or a cost curve, as the commands do.
 
     Parameters
     ----------
-    shown : grid, BitMap, LocalMap, BuiltMap or DiffReport
+    shown : grid, BitMap, LocalMap, BuiltMap, DiffReport or CostCurve
         What to draw. Of a local map also the robot; of a map of scans the map alone.
     title : str, optional
         The first line above the map; what it is, if not given. The commands write the name of
@@ -120,7 +122,7 @@ def draw_picture(
         x, y (metres) and yaw (radians) of a robot, drawn over it.
     image_max : int
         Longest side of the map in pixels; larger maps are reduced by a whole factor, so that
-        obstacles stay. 0 for one pixel per cell.
+        obstacles stay. 0 for one pixel per cell. Curves have a size of their own.
 
     Returns
     -------
@@ -131,7 +133,7 @@ def draw_picture(
     ------
     ParameterError
         If there is no picture of it, a number is not allowed, or something is to be drawn over
-        a comparison.
+        a comparison or a curve.
 
     Examples
     --------
@@ -151,6 +153,10 @@ def draw_picture(
         title = one_line(title or shown.title)
         image = difference_image(shown.changes, shown.frame, title=title, image_max=image_max)
         return _picture(image)
+    if isinstance(shown, CostCurve):
+        if route is not None or pose is not None:
+            raise ParameterError("nothing can be drawn over a cost curve", place="route, pose")
+        return _picture(cost_curve_image(shown, title=one_line(title or "cost curve")))
     grid, name = _grid_in(shown)
     if pose is None and isinstance(shown, LocalMap):
         pose = shown.pose
@@ -172,13 +178,13 @@ def write_picture(
     image_max: int = DEFAULT_IMAGE_MAX,
     force: bool = False,
 ) -> None:
-    """Write a picture of a grid, or of what differs between two, as a PNG.
+    """Write a picture of a grid, of what differs between two, or of a cost curve, as a PNG.
 
     Parameters
     ----------
     path : path or str
         Where it goes: a ``.png``. Folders that are missing are made.
-    shown : Picture, grid, BitMap, LocalMap, BuiltMap or DiffReport
+    shown : Picture, grid, BitMap, LocalMap, BuiltMap, DiffReport or CostCurve
         The picture, or what to draw.
     title, route, pose, image_max
         As of `draw_picture`; not for a `Picture`.
@@ -209,7 +215,7 @@ def write_picture(
 
 def png_of(shown: object) -> bytes | None:
     """Return what notebooks show of something, None of what would take them long."""
-    if isinstance(shown, DiffReport):
+    if isinstance(shown, (DiffReport, CostCurve)):
         return draw_picture(shown, image_max=_IN_NOTEBOOKS).png()
     if not isinstance(shown, Drawable):
         return None
@@ -230,7 +236,7 @@ def _grid_in(shown: object) -> tuple[Grid, str]:
         return shown.to_occupancy(), shown.kind
     if isinstance(shown, _GRIDS):
         return shown, shown.kind
-    rule = "must be a grid, a bit map, a local map, a map of scans or a comparison"
+    rule = "must be a grid, a bit map, a local map, a map of scans, a comparison or a cost curve"
     raise ParameterError(rule, place="picture", got=shown)
 
 

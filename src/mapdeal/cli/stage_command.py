@@ -16,6 +16,7 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import with_shared_options
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError
+from mapdeal.formats.json_text import json_of
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.source import absolute_path
 from mapdeal.grid.costmap import Costmap
@@ -25,7 +26,7 @@ from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.products import files_of
 from mapdeal.pipeline.robot import step_for
 from mapdeal.pipeline.settings import Settings
-from mapdeal.pipeline.single import apply_to_file
+from mapdeal.pipeline.single import SingleResult, apply_to_file
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import models_of
@@ -41,6 +42,20 @@ _MASK = Annotated[
 _ENCODING = Annotated[
     Encoding,
     typer.Option(help="Pixels of a .yaml: what ROS would publish, or costmap_2d's bytes."),
+]
+_CURVE = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE.png",
+        help="Draw the cost over the distance from the nearest obstacle, too, with the robot's "
+        "radii.",
+    ),
+]
+_JSON = Annotated[
+    bool,
+    typer.Option(
+        "--json", help="Print one JSON document: parameters, figures, and the curve as a table."
+    ),
 ]
 _MEMORY = (
     "Memory to take, like 4G or 500M; maps that need more are processed in blocks of rows.  "
@@ -79,8 +94,12 @@ def stage_app(name: str) -> typer.Typer:
         scheduler: str | None = None,
         encoding: Encoding = "occupancy",
         mask: Path | None = None,
+        curve: Path | None = None,
+        as_json: bool = False,
         **given: Any,
     ) -> None:
+        if as_json:
+            terminal.need_stdout("--json")
         if robot is not None:
             shaped = robot if footprint is None else robot.with_shape(footprint)
             step = step_for(name, shaped, opt.given(**given))
@@ -89,18 +108,22 @@ def stage_app(name: str) -> typer.Typer:
         terminal.detail(opt.described(name, step.described()[name]))
         started = time.perf_counter()
         if scheduler is None:
-            files = () if robot is None else robot.paths
-            figures = apply_to_file(
-                source, output, step, settings, encoding=encoding, mask=mask, also_read=files
-            )
+            made = apply_to_file(
+                source, output, step, settings, encoding=encoding, mask=mask, curve=curve,
+                with_curve=as_json, also_read=() if robot is None else robot.paths,
+            )  # fmt: skip
         else:
             from mapdeal.pipeline.block_jobs import apply_by_workers  # slow to import
 
             figures = apply_by_workers(
                 absolute_path(source), absolute_path(output), step, settings, scheduler
             )
+            made = SingleResult(figures)
         terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
-        say_written(output, figures)
+        if as_json:
+            terminal.result(json_of(_document(step, made)).decode().removesuffix("\n"))
+        else:
+            say_written(output, made.figures)
 
     command.__name__ = name
     command.__doc__ = "\n\n".join(filter(None, [first.summary, first.details]))
@@ -112,7 +135,8 @@ def stage_app(name: str) -> typer.Typer:
     shared.append("files")
     if first.makes is Costmap:
         own += [_option("mask", _MASK, None), _option("encoding", _ENCODING, "occupancy")]
-        shared[-1:-1] = ["mask", "encoding"]
+        own += [_option("curve", _CURVE, None), _option("as_json", _JSON, False)]
+        shared[-1:] = ["mask", "encoding", *shared[-1:], "curve", "as_json"]
     if first.rows_alone is not None:
         own.append(_option("scheduler", _SCHEDULER, None))
         shared.append("scheduler")
@@ -177,6 +201,12 @@ def first_sentence(text: str) -> str:
     """
     match = _FIRST_SENTENCE.match(text)
     return (match[0] if match else text).replace("`", "")
+
+
+def _document(step: Step, made: SingleResult) -> dict[str, Any]:
+    """Return what was made as JSON can hold it: how, its figures, and the curve of costs."""
+    curve = {"curve": None} if made.curve is None else made.curve.document()
+    return {"parameters": step.described()[step.name], "figures": made.figures, **curve}
 
 
 def _step_of(

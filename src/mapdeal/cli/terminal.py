@@ -57,6 +57,13 @@ def leave_stdout_to_data() -> None:
     _is_for_data = True
 
 
+def need_stdout(option: str) -> None:
+    """Raise ParameterError if a file goes to stdout, where an option's answer belongs."""
+    if _is_for_data:
+        rule = "cannot be given together with -o -: both go to standard output"
+        raise ParameterError(rule, source=option, hint="name a file with -o")
+
+
 def refuse_keyboard() -> None:
     """Raise ParameterError if what comes in on stdin is typed."""
     if sys.stdin is not None and sys.stdin.isatty():

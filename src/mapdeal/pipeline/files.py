@@ -35,15 +35,22 @@ def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ..
 
 @contextmanager
 def outputs_of(
-    outputs: Sequence[Path], inputs: Sequence[Path], settings: Settings
+    outputs: Sequence[Path],
+    inputs: Sequence[Path],
+    settings: Settings,
+    *,
+    curve: Path | None = None,
 ) -> Iterator[Transaction]:
-    """Have `outputs` and the picture written together, or not at all."""
-    image = settings.image
-    if image is not None and image.suffix != ".png":
-        raise ParameterError("a picture must end in .png", place="--image", got=str(image))
-    if image is not None and image in outputs:
-        raise ParameterError("is an output already", place="--image", got=str(image))
-    all_outputs = [*outputs, *([image] if image is not None else [])]
+    """Have `outputs`, the picture, and that of a cost curve written together, or not at all."""
+    all_outputs = list(outputs)
+    for option, picture in (("--image", settings.image), ("--curve", curve)):
+        if picture is None:
+            continue
+        if picture.suffix != ".png":
+            raise ParameterError("a picture must end in .png", place=option, got=str(picture))
+        if picture in all_outputs:
+            raise ParameterError("is an output already", place=option, got=str(picture))
+        all_outputs.append(picture)
     with (
         use_threads(settings.threads),
         Transaction(all_outputs, inputs=inputs, force=settings.force) as transaction,

@@ -15,6 +15,7 @@ from mapdeal.formats.npz import Grid
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.transaction import Transaction
 from mapdeal.formats.yaml_text import yaml_document
+from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView
@@ -22,9 +23,10 @@ from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.pipeline.step import Step
-from mapdeal.render.canvas import Image
+from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.overlay import Overlay
+from mapdeal.render.pen import Image
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 
@@ -182,6 +184,16 @@ def write_picture(
 
     def write(file: object) -> None:
         image = draw(grid, title=title, image_max=image_max, overlay=overlay)
+        write_indexed_png(file, image.indices, image.palette)  # type: ignore[arg-type]
+
+    transaction.write(path, write)
+
+
+def write_curve(transaction: Transaction, path: Path, curve: CostCurve, title: str) -> None:
+    """Write the picture of a cost curve; it is drawn in the thread that writes it."""
+
+    def write(file: object) -> None:
+        image = cost_curve_image(curve, title=one_line(title))
         write_indexed_png(file, image.indices, image.palette)  # type: ignore[arg-type]
 
     transaction.write(path, write)

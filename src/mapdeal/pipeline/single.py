@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from mapdeal.errors import ParameterError, emit_warning
@@ -10,17 +11,34 @@ from mapdeal.formats.budget import holding
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.maps import as_occupancy, read_source
 from mapdeal.formats.npz import Grid
+from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.memory import bytes_of, opened_map
-from mapdeal.pipeline.products import PICTURE, output_of, passes_of, write_product
+from mapdeal.pipeline.products import PICTURE, output_of, passes_of, write_curve, write_product
 from mapdeal.pipeline.progress import written
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.stages.keepout import apply_keepout_mask
+
+
+@dataclass(frozen=True)
+class SingleResult:
+    """What one stage has made of a file.
+
+    Parameters
+    ----------
+    figures : dict
+        Those of the product.
+    curve : CostCurve, optional
+        The costs over the distance, if they were asked for.
+    """
+
+    figures: Figures
+    curve: CostCurve | None = None
 
 
 def apply_to_file(
@@ -31,12 +49,15 @@ def apply_to_file(
     *,
     encoding: Encoding = "occupancy",
     mask: Path | None = None,
+    curve: Path | None = None,
+    with_curve: bool = False,
     also_read: Sequence[Path] = (),
-) -> Figures:
-    """Read a map or field, apply one stage, and write the result; return its figures.
+) -> SingleResult:
+    """Read a map or field, apply one stage, and write the result.
 
-    A keepout mask, a map of its own, is laid over the costs that the stage makes. Files that were
-    read for the parameters are no more replaced than the map is.
+    A keepout mask, a map of its own, is laid over the costs that the stage makes. The picture of
+    their curve goes to `curve`, if that is given; `with_curve` asks for the curve alone, if there
+    is one. Files that were read for the parameters are no more replaced than the map is.
     """
     outputs = output_of(step, output)
     endings = [output.suffix, *([PICTURE] if settings.image is not None else [])]
@@ -53,22 +74,30 @@ def apply_to_file(
         progress = settings.progress if source.grid.is_lazy else None
         with (
             written(progress, sum(passes_of(step, ending) for ending in endings)) as watch,
-            outputs_of(outputs, inputs, settings) as transaction,
+            outputs_of(outputs, inputs, settings, curve=curve) as transaction,
             errors_named(path),
         ):
-            grid = step.apply(source.grid, path)
+            taken = step.taken(source.grid)
+            grid = step.apply(taken, path)
             title = step.title
+            costs = None
+            if curve is not None or with_curve:
+                costs = step.curve_on(taken)
+            if curve is not None and costs is None:
+                raise step.no_curve()
             if over is not None and mask is not None:
                 grid = _masked(grid, as_occupancy(over.grid, "the mask"), mask)
                 title += f", with {mask.name}"
             watched = watch.watched(grid)
             write_product(transaction, output, watched, step, encoding=encoding)
             add_picture(transaction, settings, watched, f"{path.stem}: {title}")
+            if curve is not None and costs is not None:
+                write_curve(transaction, curve, costs, f"{path.stem}: {step.title}")
             figures = grid.figures()
             remark = step.remark_on(figures)
             if remark is not None:
                 emit_warning(f"{path}: {remark}", stacklevel=2)
-            return figures
+            return SingleResult(figures, costs)
 
 
 def _masked(grid: Grid, mask: OccupancyGrid, path: Path) -> Costmap:

@@ -11,6 +11,8 @@ from typing import Any
 from mapdeal.errors import MapdealError, ParameterError
 from mapdeal.formats.maps import as_occupancy
 from mapdeal.formats.npz import Grid
+from mapdeal.grid.canvas import FieldGrid
+from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView
@@ -64,12 +66,26 @@ class Step:
     def apply(self, grid: Grid, source: Path | None) -> Grid:
         """Return what the stage makes of `grid`; errors name the file it came from, if any."""
         try:
-            takes_it = self.stage.takes_field and isinstance(grid, (DistanceField, FieldView))
-            taken = grid if takes_it else as_occupancy(grid)
-            made: Grid = self.stage.function(taken, **self.parameters)
+            made: Grid = self.stage.function(self.taken(grid), **self.parameters)
         except MapdealError as error:
             raise error if source is None else error.found_in(source) from None
         return made
+
+    def curve_on(self, grid: Grid) -> CostCurve | None:
+        """Return the costs over the distance from the nearest obstacle, None if there are none."""
+        taken = self.taken(grid)
+        box = taken.cropped if isinstance(taken, FieldGrid) else taken
+        return self.stage.curve(box, self.parameters)
+
+    def no_curve(self) -> ParameterError:
+        """Return what to raise where a curve is needed."""
+        what = " ".join(filter(None, [self.name, self.stage.model]))
+        return ParameterError("there is no one cost for a distance", source=what)
+
+    def taken(self, grid: Grid) -> Grid:
+        """Return what the stage works on: the grid, or the map in it, with a warning if need be."""
+        takes_it = self.stage.takes_field and isinstance(grid, (DistanceField, FieldView))
+        return grid if takes_it else as_occupancy(grid)
 
     def remark_on(self, figures: Figures) -> str | None:
         """Return what there is to warn of in what the step has made, None if nothing."""

@@ -12,29 +12,8 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.lookup import histogram
 from mapdeal.render.colours import Colours
-from mapdeal.render.glyphs import (
-    SHADES,
-    advance,
-    ascent,
-    capital_height,
-    glyph,
-    middle,
-    printable,
-    text_width,
-)
-
-MOST_COLOURS = 256 - SHADES
-"""Palette entries that a map may use; the rest are the greys of the text."""
-
-_BLACK, _WHITE = MOST_COLOURS, 255
-
-
-@dataclass(frozen=True, eq=False)
-class Image:
-    """A palette image: indices, shape (H, W), row 0 at the top, and colours, shape (256, 3)."""
-
-    indices: NDArray[np.uint8]
-    palette: Colours
+from mapdeal.render.glyphs import capital_height, text_width
+from mapdeal.render.pen import Image, Pen
 
 
 @dataclass(frozen=True)
@@ -70,7 +49,7 @@ def sheet(
     Parameters
     ----------
     pixels : numpy.ndarray of uint8, shape (H, W)
-        Palette indices below `MOST_COLOURS`, row 0 in the south.
+        Palette indices below `mapdeal.render.pen.MOST_COLOURS`, row 0 in the south.
     colours : numpy.ndarray of uint8, shape (N, 3)
         What the indices mean.
     title, subtitle : str
@@ -110,15 +89,12 @@ def sheet(
     boxes = pen.legend(left + map_width + pad, top, legend_height, bar, swatches)
     indices = pen.sheet
     indices[top : top + height, left : left + width] = pixels[::-1]
-    _frame(indices, top, left, height, width)
+    pen.frame(left, top, width, height)
     for (x, y, w, h), content in boxes:
         indices[y : y + h, x : x + w] = content
-        _frame(indices, y, x, h, w)
+        pen.frame(x, y, w, h)
 
-    palette = np.zeros((256, 3), dtype=np.uint8)
-    palette[: len(colours)] = colours
-    palette[MOST_COLOURS:] = np.linspace(0, 255, SHADES).astype(np.uint8)[:, np.newaxis]
-    return Image(indices, palette)
+    return pen.image(colours)
 
 
 def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[Swatch]:
@@ -171,15 +147,6 @@ def ticks_between(
     ]
 
 
-def _frame(indices: NDArray[np.uint8], y: int, x: int, height: int, width: int) -> None:
-    """Draw a thin dark line around a rectangle, outside of it."""
-    grey = MOST_COLOURS + SHADES // 3
-    indices[y - 1, x - 1 : x + width + 1] = grey
-    indices[y + height, x - 1 : x + width + 1] = grey
-    indices[y - 1 : y + height + 1, x - 1] = grey
-    indices[y - 1 : y + height + 1, x + width] = grey
-
-
 def round_length(length: float) -> float:
     """Return the largest of 1, 2, 5 times a power of ten that is at most `length`.
 
@@ -193,53 +160,12 @@ def round_length(length: float) -> float:
     return float(step * power)
 
 
-class _Pen:
-    """Text and lines, in one size, on a white sheet of palette indices."""
-
-    def __init__(self, size: int) -> None:
-        self._size = size
-        self._title_size = round(1.25 * size)
-        self.sheet = np.empty((0, 0), dtype=np.uint8)
-
-    def open(self, width: int, height: int) -> None:
-        self.sheet = np.full((height, width), _WHITE, dtype=np.uint8)
-
-    def text_width(self, title: str, subtitle: str) -> int:
-        """Return the pixels that the two lines above the map take."""
-        return 1 + max(text_width(title, self._title_size), text_width(subtitle, self._size))
-
-    def text(self, x: int, y: int, text: str, *, limit: int, large: bool = False) -> None:
-        """Write a line whose upper left corner is given; what does not fit `limit` is cut."""
-        size = self._title_size if large else self._size
-        text = printable(text)
-        if text_width(text, size) > limit:
-            limit -= text_width("...", size)
-            while text and text_width(text, size) > limit:
-                text = text[:-1]
-            text += "..."
-        self._write(x, y + ascent(size), text, size)
-
-    def _label(self, x: float, y: float, text: str) -> None:
-        """Write a line that begins at x, its middle at y."""
-        self._write(int(x), int(y) + middle(self._size), printable(text), self._size)
-
-    def _write(self, x: int, baseline: int, text: str, size: int) -> None:
-        for character in text:
-            letter = glyph(character, size)
-            left, top = max(x + letter.left, 0), max(baseline - letter.top, 0)
-            height, width = letter.shades.shape
-            under = self.sheet[top : top + height, left : left + width]
-            shades = _WHITE - letter.shades[: under.shape[0], : under.shape[1]]
-            np.minimum(under, shades, out=under)
-            x += advance(character, size)
-
-    def _fill(self, left: float, top: float, right: float, bottom: float) -> None:
-        """Fill a black box, its edges included."""
-        self.sheet[int(top) : int(bottom) + 1, int(left) : int(right) + 1] = _BLACK
+class _Pen(Pen):
+    """A pen that writes what goes with a map."""
 
     def minimum_width(self) -> int:
         """Return the width below which a scale bar makes no sense."""
-        return 8 * self._size
+        return 8 * self.size
 
     def legend_width(self, bar: ColourBar | None, swatches: Sequence[Swatch]) -> int:
         labels = [s.label for s in swatches]
@@ -247,17 +173,17 @@ class _Pen:
             labels += [label for _, label in bar.ticks] + [bar.unit]
         if not labels:
             return 0
-        return int(1.9 * self._size + max(text_width(label, self._size) for label in labels))
+        return int(1.9 * self.size + max(text_width(label, self.size) for label in labels))
 
     def legend_height(self, bar: ColourBar | None, swatches: Sequence[Swatch]) -> int:
-        return int(self._size * (1.6 * len(swatches) + (14 if bar is not None else 0)))
+        return int(self.size * (1.6 * len(swatches) + (14 if bar is not None else 0)))
 
     def legend(
         self, x: int, y: int, height: int, bar: ColourBar | None, swatches: Sequence[Swatch]
     ) -> list[tuple[tuple[int, int, int, int], NDArray[np.uint8]]]:
         """Draw the labels; return the boxes of colour with their palette indices."""
         boxes = []
-        size = self._size
+        size = self.size
         if bar is not None:
             top = y + int(1.5 * size)
             bar_height = min(height - int(size * (1.6 * len(swatches) + 3)), 30 * size)
@@ -268,13 +194,13 @@ class _Pen:
             boxes.append(((x, top, int(1.2 * size), bar_height), content))
             for position, label in bar.ticks:
                 tick_y = top + round((1 - position) * (bar_height - 1))
-                self._fill(x + 1.2 * size, tick_y, x + 1.5 * size, tick_y)
-                self._label(x + 1.8 * size, tick_y, label)
+                self.fill(x + 1.2 * size, tick_y, x + 1.5 * size, tick_y)
+                self.label(x + 1.8 * size, tick_y, label)
             y = top + bar_height + size
         for swatch in swatches:
             content = np.full((int(1.1 * size), int(1.2 * size)), swatch.index, dtype=np.uint8)
             boxes.append(((x, y, content.shape[1], content.shape[0]), content))
-            self._label(x + 1.8 * size, y + content.shape[0] / 2, swatch.label)
+            self.label(x + 1.8 * size, y + content.shape[0] / 2, swatch.label)
             y += int(1.6 * size)
         return boxes
 
@@ -282,29 +208,29 @@ class _Pen:
         """Return the room that labels left of the map take."""
         if not ticks:
             return 0
-        return int(max(text_width(label, self._size) for _, label in ticks) + 0.6 * self._size)
+        return int(max(text_width(label, self.size) for _, label in ticks) + 0.6 * self.size)
 
     def coordinates(
         self, left: int, bottom: int, across: Sequence[tuple[int, str]],
         along: Sequence[tuple[int, str]],
     ) -> None:  # fmt: skip
         """Draw round coordinates below and left of the map, whose lower left corner is given."""
-        mark = max(3, self._size // 3)
+        mark = max(3, self.size // 3)
         for pixel, label in across:
             x = left + pixel
-            self._fill(x, bottom, x, bottom + mark)
-            baseline = int(bottom + 1.3 * mark) + capital_height(self._size)
-            self._write(x - text_width(label, self._size) // 2, baseline, label, self._size)
+            self.fill(x, bottom, x, bottom + mark)
+            baseline = int(bottom + 1.3 * mark) + capital_height(self.size)
+            self.write(x - text_width(label, self.size) // 2, baseline, label, self.size)
         for pixel, label in along:
             y = bottom - pixel
-            self._fill(left - mark, y, left, y)
-            self._label(left - 1.5 * mark - text_width(label, self._size), y, label)
+            self.fill(left - mark, y, left, y)
+            self.label(left - 1.5 * mark - text_width(label, self.size), y, label)
 
     def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> None:
         length = round_length(width * metres_per_pixel * 0.4)
         pixels = round(length / metres_per_pixel)
-        thick = max(2, self._size // 6)
-        self._fill(x, y, x + pixels, y + thick)
+        thick = max(2, self.size // 6)
+        self.fill(x, y, x + pixels, y + thick)
         for end in (x, x + pixels):
-            self._fill(end, y - 2 * thick, end + thick // 2, y + thick)
-        self._label(x + pixels + self._size, y, f"{length:g} m")
+            self.fill(end, y - 2 * thick, end + thick // 2, y + thick)
+        self.label(x + pixels + self.size, y, f"{length:g} m")

@@ -14,8 +14,6 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     INSCRIBED_INFLATED_OBSTACLE,
-    LETHAL_OBSTACLE,
-    NO_INFORMATION,
     OCCUPIED,
     UNKNOWN,
 )
@@ -25,7 +23,6 @@ from mapdeal.kernels.threads import for_rows
 from mapdeal.render import colours
 from mapdeal.render.canvas import (
     ColourBar,
-    Image,
     Swatch,
     corner_of,
     frame_text,
@@ -33,10 +30,12 @@ from mapdeal.render.canvas import (
     sheet,
     swatches_in,
 )
+from mapdeal.render.cost_palette import COST_LEVELS, CostPalette
 from mapdeal.render.overlay import Overlay
+from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
 
-_FREE_LEVELS, _OBSTACLE_LEVELS, _COST_LEVELS = 70, 49, 200
+_FREE_LEVELS, _OBSTACLE_LEVELS = 70, 49
 _FIELD_LEVELS = _FREE_LEVELS + _OBSTACLE_LEVELS
 _LINE = 2 * _FIELD_LEVELS
 _NOWHERE = _LINE + 1
@@ -185,45 +184,33 @@ def cost_image(
     line bounds the cells of that cost and more. An overlay is drawn over all.
     """
     raster = Raster.fitting(costmap.shape, image_max)
-    on_byte_scale = costmap.scale == "costmap2d"
-    top = INSCRIBED_INFLATED_OBSTACLE - 1 if on_byte_scale else OCCUPIED - 1
-    free, inscribed, lethal, unknown, contour = (_COST_LEVELS + k for k in range(5))
-    by_value = np.full(256, lethal, dtype=np.uint8)
-    by_value[0] = free
-    by_value[1 : top + 1] = (np.arange(top) * _COST_LEVELS) // top
-    if on_byte_scale:
-        by_value[INSCRIBED_INFLATED_OBSTACLE] = inscribed
-    by_value[NO_INFORMATION] = unknown  # -1 on the occupancy scale
+    own = CostPalette.of(costmap.scale)
     # One more than the cost, so that unknown cells are the lowest: 255 + 1 is 0.
     one_more = (np.arange(256) + 1).astype(np.uint8)
     ranks = raster.largest(looked_up(costmap.cost, one_more))
-    pixels = look_up(ranks, np.roll(by_value, 1))
+    pixels = look_up(ranks, np.roll(own.by_value, 1))
     pixels = raster.enlarged(pixels)
-    palette = np.vstack([
-        colours.cost_scale(_COST_LEVELS),
-        [colours.RVIZ_FREE, colours.INSCRIBED, colours.LETHAL, colours.RVIZ_UNKNOWN,
-         colours.CONTOUR],
-    ])  # fmt: skip
-    swatches = [Swatch(lethal, f"lethal {LETHAL_OBSTACLE if on_byte_scale else OCCUPIED}")]
-    if on_byte_scale:
-        swatches.append(Swatch(inscribed, f"inscribed {INSCRIBED_INFLATED_OBSTACLE}"))
-    swatches += [Swatch(free, "free 0"), Swatch(unknown, "unknown")]
+    swatches = [Swatch(own.lethal, f"lethal {own.lethal_cost}")]
+    if costmap.scale == "costmap2d":
+        swatches.append(Swatch(own.inscribed, f"inscribed {INSCRIBED_INFLATED_OBSTACLE}"))
+    swatches += [Swatch(own.free, "free 0"), Swatch(own.unknown, "unknown")]
     # Between the radii of a round robot there is nothing to bound: its cost is inscribed.
     if costmap.circumscribed_cost and costmap.circumscribed_cost < INSCRIBED_INFLATED_OBSTACLE:
         above = raster.enlarged(ranks > costmap.circumscribed_cost)
         line = inner_outline(above)
         line |= inner_outline(above & ~line)
-        pixels[line] = contour
+        pixels[line] = own.contour
         label = f"circumscribed {costmap.circumscribed_cost}"
-        swatches.append(Swatch(contour, label))
+        swatches.append(Swatch(own.contour, label))
+    top = own.highest_graded
     ticks = [(value / top, f"{value:g}") for value in (1, *_round_values(top, 5), top)]
     return _on_sheet(
         pixels,
-        palette,
+        own.colours,
         costmap.frame,
         raster,
         title=title,
-        bar=ColourBar(range(_COST_LEVELS), ticks, "cost"),
+        bar=ColourBar(range(COST_LEVELS), ticks, "cost"),
         swatches=swatches_in(pixels, swatches),
         overlay=overlay,
     )

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.render import colours
-from mapdeal.render.canvas import ColourBar, Image, Swatch, corner_of, frame_text, sheet
+from mapdeal.render.canvas import ColourBar, Swatch, corner_of, frame_text, sheet
 from mapdeal.render.overlay import Brush, Overlay
+from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
 
 _LEVELS = 100

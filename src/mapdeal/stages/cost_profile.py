@@ -98,7 +98,14 @@ class CostProfile:
         """Return the cost at the robot's circumscribed radius, if there is one."""
         if circumscribed_radius is None:
             return None
-        return _circumscribed_cost(
+        if circumscribed_radius > self.inflation_radius:
+            text = (
+                f"cost: inflation_radius {self.inflation_radius:g} m is smaller than the robot's "
+                f"circumscribed radius {circumscribed_radius:g} m: cost 0 does not mean that "
+                "every heading is free"
+            )
+            emit_warning(text, stacklevel=3)
+        return circumscribed_cost_of(
             circumscribed_radius,
             self.inscribed_radius,
             self.inflation_radius,
@@ -156,20 +163,13 @@ def cost_table(
     >>> table[[0, 1, 4, 5, 9, 10, 16, 17]].tolist()
     [254, 253, 253, 219, 102, 87, 37, 0]
     """
-    squares = np.arange(reach * reach + 2)
-    if lookup == "nav2":
-        hundredths = _hundredths_of(squares)
-        of_hundredths = [
-            _cost_of(index / 100.0 * resolution, inscribed_radius, cost_scaling_factor)
-            for index in range(int(hundredths[-1]) + 1)
-        ]
-        table = np.array(of_hundredths, dtype=np.uint8)[hundredths]
-    else:
-        metres = np.sqrt(squares.astype(np.float64)) * resolution
-        decay = np.exp(-cost_scaling_factor * np.maximum(metres - inscribed_radius, 0.0))
-        table = (_HIGHEST_GRADED * decay).astype(np.uint8)
-        table[metres <= inscribed_radius] = INSCRIBED_INFLATED_OBSTACLE
-    table[0] = LETHAL_OBSTACLE
+    table = costs_of_squares(
+        np.arange(reach * reach + 2),
+        resolution=resolution,
+        inscribed_radius=inscribed_radius,
+        cost_scaling_factor=cost_scaling_factor,
+        lookup=lookup,
+    )
     table[-1] = FREE_SPACE
     return table
 
@@ -187,7 +187,42 @@ def advice_on(
     return f"raise inflation_radius ({inflation_radius:g} m)"
 
 
-def _hundredths_of(squares: NDArray[np.int64]) -> NDArray[np.int64]:
+def costs_of_squares(
+    squares: NDArray[np.int64] | NDArray[np.float64],
+    *,
+    resolution: float,
+    inscribed_radius: float,
+    cost_scaling_factor: float,
+    lookup: CostLookup = "exact",
+) -> NDArray[np.uint8]:
+    """Return the cost of squared distances in cells, however far costs reach.
+
+    Parameters
+    ----------
+    squares : numpy.ndarray of int64 or float64, shape (N,)
+        The squares, increasing.
+    resolution, inscribed_radius, cost_scaling_factor, lookup
+        As of a `CostProfile`.
+    """
+    if lookup == "nav2":
+        hundredths = _hundredths_of(squares)
+        starts = np.flatnonzero(np.diff(hundredths, prepend=-1))
+        of_hundredths = [
+            _cost_of(index / 100.0 * resolution, inscribed_radius, cost_scaling_factor)
+            for index in hundredths[starts].tolist()
+        ]
+        lengths = np.diff(starts, append=len(squares))
+        costs = np.repeat(np.array(of_hundredths, dtype=np.uint8), lengths)
+    else:
+        metres = np.sqrt(squares.astype(np.float64)) * resolution
+        decay = np.exp(-cost_scaling_factor * np.maximum(metres - inscribed_radius, 0.0))
+        costs = (_HIGHEST_GRADED * decay).astype(np.uint8)
+        costs[metres <= inscribed_radius] = INSCRIBED_INFLATED_OBSTACLE
+    costs[squares == 0] = LETHAL_OBSTACLE
+    return costs
+
+
+def _hundredths_of(squares: NDArray[np.int64] | NDArray[np.float64]) -> NDArray[np.int64]:
     """Return distances in 1/100 cell, in float32 and rounded as Nav2's inflation layer does."""
     cells = np.sqrt(squares.astype(np.float32))
     return (cells * np.float32(100) + np.float32(0.5)).astype(np.int64)
@@ -230,14 +265,20 @@ def raise_costs(
 def _reach(
     inflation_radius: float, resolution: float, shape: tuple[int, int], *, is_exact: bool
 ) -> int:
-    """Return the cells that costs reach; beyond the map's diagonal nothing is left to reach.
+    """Return the cells that costs reach; beyond the map's diagonal nothing is left to reach."""
+    diagonal = math.ceil(math.hypot(*shape))
+    radius = min(inflation_radius, 2 * diagonal * resolution)
+    return min(reach_of(radius, resolution, is_exact=is_exact), diagonal)
+
+
+def reach_of(inflation_radius: float, resolution: float, *, is_exact: bool) -> int:
+    """Return the cells that costs reach on a map without end.
 
     ROS has no tolerance for radii that are multiples of the resolution on paper.
     """
-    diagonal = math.ceil(math.hypot(*shape))
-    radius = min(inflation_radius, 2 * diagonal * resolution)
-    cells = cells_to_cover(radius, resolution) if is_exact else math.ceil(radius / resolution)
-    return min(cells, diagonal)
+    if is_exact:
+        return cells_to_cover(inflation_radius, resolution)
+    return math.ceil(inflation_radius / resolution)
 
 
 def _last_cost_above_0(
@@ -251,18 +292,13 @@ def _last_cost_above_0(
     return math.ceil(min(cells, sys.maxsize // 2)) + 1
 
 
-def _circumscribed_cost(
+def circumscribed_cost_of(
     circumscribed_radius: float,
     inscribed_radius: float,
     inflation_radius: float,
     cost_scaling_factor: float,
 ) -> int:
+    """Return the cost at the robot's circumscribed radius; 0 if costs do not reach there."""
     if circumscribed_radius > inflation_radius:
-        text = (
-            f"cost: inflation_radius {inflation_radius:g} m is smaller than the robot's "
-            f"circumscribed radius {circumscribed_radius:g} m: cost 0 does not mean that "
-            "every heading is free"
-        )
-        emit_warning(text, stacklevel=3)
-        return 0
+        return FREE_SPACE
     return _cost_of(circumscribed_radius, inscribed_radius, cost_scaling_factor)

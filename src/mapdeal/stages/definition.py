@@ -19,6 +19,7 @@ import numpy as np
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.canvas import FieldGrid, on_canvas
+from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap_layers import CostmapLayers
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
@@ -149,6 +150,9 @@ class Stage:
     remark : callable
         Returns what there is to warn of in the product, given all parameters and its figures;
         None if there is nothing.
+    curve : callable
+        Returns the costs over the distance from the nearest obstacle, given the grid that the stage
+        works on and its parameters; None if, with these, there is no one cost for a distance.
     rows_alone : callable, optional
         Returns, given its parameters, how workers of a cluster compute it.
     of_layers : callable
@@ -175,6 +179,7 @@ class Stage:
     in_place_of: Mapping[str, InPlaceOf] = field(default_factory=dict)
     settled: Callable[[Parameters], Parameters] = lambda _: {}
     remark: Callable[[Parameters, Figures], str | None] = lambda *_: None
+    curve: Callable[[Any, Parameters], CostCurve | None] = lambda *_: None
     rows_alone: Callable[[Parameters], RowsAlone] | None = None
     of_layers: Callable[[CostmapLayers], dict[str, object] | None] = lambda _: None
 

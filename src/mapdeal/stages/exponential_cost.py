@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.costmap_layers import CostLookup, CostmapLayers
+from mapdeal.grid.costmap_layers import CostLookup, CostmapLayers, InflationLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.framed import Framed
 from mapdeal.grid.scales import static_layer_cost_from_occupancy
 from mapdeal.grid.values import (
     FREE_SPACE,
@@ -27,6 +29,7 @@ from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.stages.cost import cost_model
 from mapdeal.stages.cost_profile import CostProfile, advice_on
 from mapdeal.stages.definition import Parameters, RobotShape
+from mapdeal.stages.inflation_curve import inflation_curve
 from mapdeal.stages.obstacle_source import (
     ObstacleSource,
     check_lethal_threshold,
@@ -92,9 +95,19 @@ def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
     }
 
 
-def _settled(parameters: Parameters) -> dict[str, object]:
+def _settled(parameters: Parameters) -> dict[str, Any]:
     lookup, asked = parameters["lookup"], parameters["float32_resolution"]
     return {"float32_resolution": resolution_is_float32(lookup, asked)}
+
+
+def _curve(source: Framed, parameters: Parameters) -> CostCurve:
+    names = ("inscribed_radius", "inflation_radius", "cost_scaling_factor", "lookup")
+    return inflation_curve(
+        [InflationLayer(**{name: parameters[name] for name in names})],
+        source.resolution,
+        circumscribed_radius=parameters["circumscribed_radius"],
+        **_settled(parameters),
+    )
 
 
 def _advice(parameters: Parameters, cost: int) -> str:
@@ -108,6 +121,7 @@ def _advice(parameters: Parameters, cost: int) -> str:
     memory=3.0,
     advice=_advice,
     when_closed="lower inscribed_radius, or the radius of inflate",
+    curve=_curve,
     robot=RobotShape("inscribed_radius", ("inscribed_radius", "circumscribed_radius"), _radii_of),
     settled=_settled,
     of_layers=_of_layers,

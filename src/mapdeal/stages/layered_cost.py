@@ -9,9 +9,11 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.costmap_layers import CostmapLayer, CostmapLayers, InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.framed import Framed
 from mapdeal.grid.scales import static_layer_cost_from_occupancy
 from mapdeal.grid.values import (
     FREE_SPACE,
@@ -26,6 +28,7 @@ from mapdeal.kernels.threads import for_rows
 from mapdeal.stages.cost import cost_model
 from mapdeal.stages.cost_profile import CostProfile, advice_on
 from mapdeal.stages.definition import Parameters
+from mapdeal.stages.inflation_curve import inflation_curve
 from mapdeal.stages.obstacle_source import ObstacleSource, refuse_view, warn_of_strength
 from mapdeal.stages.parameters import AT_LEAST_0, COST, METRES, Bound, FromRobot
 
@@ -61,6 +64,19 @@ def _of_layers(layers: CostmapLayers) -> dict[str, object]:
     }
 
 
+def _curve(source: Framed, parameters: Parameters) -> CostCurve | None:
+    layers = CostmapLayers(parameters["layers"]).that_count
+    static = [number for number, layer in enumerate(layers) if isinstance(layer, StaticLayer)]
+    if not static:  # there is no obstacle to be at a distance from
+        return None
+    above = layers[static[0] :]
+    return inflation_curve(
+        [layer for layer in above if isinstance(layer, InflationLayer)],
+        source.resolution,
+        circumscribed_radius=parameters["circumscribed_radius"],
+    )
+
+
 @cost_model(
     "layers",
     title=_title,
@@ -68,6 +84,7 @@ def _of_layers(layers: CostmapLayers) -> dict[str, object]:
     advice=_advice,
     when_closed="lower inscribed_radius, or the radius of inflate",
     of_layers=_of_layers,
+    curve=_curve,
 )
 def layered_cost(
     source: ObstacleSource,

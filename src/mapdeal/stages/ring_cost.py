@@ -8,10 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.framed import Framed
+from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.blocks import made_by_windows
 from mapdeal.kernels.neighbourhood import dilate_square
 from mapdeal.stages.cost import cost_model
+from mapdeal.stages.definition import Parameters
 from mapdeal.stages.obstacle_source import (
     ObstacleSource,
     check_lethal_threshold,
@@ -20,6 +24,13 @@ from mapdeal.stages.obstacle_source import (
     warn_of_strength,
 )
 from mapdeal.stages.parameters import COST, PERCENT, LethalThreshold
+
+
+def _curve(source: Framed, parameters: Parameters) -> CostCurve:
+    values = parameters["values"]
+    cells = np.arange(len(values) + 1, dtype=np.float64)
+    cost = np.array([OCCUPIED, *values], dtype=np.int8)
+    return CostCurve(source.resolution, cells, cost, "occupancy", "chebyshev")
 
 
 @cost_model(
@@ -31,6 +42,7 @@ from mapdeal.stages.parameters import COST, PERCENT, LethalThreshold
         f"{len(parameters['values'])} cells"
     ),
     when_closed="lower the radius of inflate",
+    curve=_curve,
 )
 def ring_cost(
     source: ObstacleSource,

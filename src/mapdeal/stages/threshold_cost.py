@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView, View, ViewScale
@@ -28,6 +30,7 @@ from mapdeal.stages.parameters import (
     VIEW_VALUE,
     LethalThreshold,
 )
+from mapdeal.stages.view_curve import view_curve
 
 _HIGHEST_BELOW_OBSTACLE = 99
 
@@ -87,12 +90,33 @@ def _advice_on_nothing(parameters: Parameters) -> str:
     return f"{both}, or give up_distance and down_distance in metres"
 
 
+def _curve(source: ObstacleSource | FieldView, parameters: Parameters) -> CostCurve:
+    names = ("down", "up", "down_distance", "up_distance")
+    view, view_range = parameters["view"], parameters["view_range"]
+    strength = source.strength if isinstance(source, DistanceField) else 1.0
+    if isinstance(source, FieldView):
+        scale = source.scale
+    elif view == "metric":
+        scale = ViewScale(view, view_range)
+    else:
+        field = _field_of(source, parameters["lethal_threshold"])
+        scale = Viewer.of(field, field.obstacles(), view=view, view_range=view_range).scale
+    thresholds = _Thresholds.of(
+        scale, source.resolution, **{name: parameters[name] for name in names}
+    )
+    factors = parameters["down_factor"], parameters["up_factor"]
+    table = table_of_views(thresholds.down, thresholds.up, *factors)
+    marks = {"down": thresholds.down, "up": thresholds.up}
+    return view_curve(scale, strength, source.resolution, table, marks)
+
+
 @cost_model(
     "threshold",
     title=_title,
     memory=9.0,
     advice=_advice,
     when_closed="lower the radius of inflate",
+    curve=_curve,
     in_place_of={
         name: InPlaceOf(value, functools.partial(_distance_as_value, name=name))
         for value, name in (("down", "down_distance"), ("up", "up_distance"))
@@ -172,25 +196,53 @@ def threshold_cost(
         _check_view(source, view, view_range, lethal_threshold)
         scale = source.scale
     else:
-        threshold = check_lethal_threshold(source, lethal_threshold)
-        if not isinstance(source, DistanceField):
-            source = esdf(source, lethal_threshold=threshold)
+        source = _field_of(source, lethal_threshold)
         obstacles = source.obstacles()
         viewer = Viewer.of(source, obstacles, view=view, view_range=view_range)
         scale = viewer.scale
     _check_order(down_distance, up_distance)
-    lower = _value_at(down_distance, "down_distance", down, scale, source.resolution)
-    upper = _value_at(up_distance, "up_distance", up, scale, source.resolution)
-    _check_order_of_views(lower, upper, down_distance, up_distance)
-    table = table_of_views(lower, upper, down_factor, up_factor)
+    thresholds = _Thresholds.of(
+        scale, source.resolution, down=down, up=up, down_distance=down_distance,
+        up_distance=up_distance,
+    )  # fmt: skip
+    table = table_of_views(thresholds.down, thresholds.up, down_factor, up_factor)
     if isinstance(source, FieldView):
         cost = looked_up(source.occupancy, table)
     else:
         if source.max_distance is not None:
             for rows in blocks_of(source.distance):
-                check_clip(source.part(rows), lower, view, view_range)
+                check_clip(source.part(rows), thresholds.down, view, view_range)
         cost = viewer.values_of(source, obstacles, table)
     return Costmap(cost, source.resolution, source.origin, scale="occupancy")
+
+
+def _field_of(
+    source: ObstacleSource, lethal_threshold: int | None
+) -> DistanceField:  # fmt: skip
+    """Return a field as it is, and that of a map, with unknown cells free."""
+    threshold = check_lethal_threshold(source, lethal_threshold)
+    if isinstance(source, DistanceField):
+        return source
+    return esdf(source, lethal_threshold=threshold)
+
+
+@dataclass(frozen=True)
+class _Thresholds:
+    """Both thresholds as values of the view."""
+
+    down: float
+    up: float
+
+    @classmethod
+    def of(
+        cls, scale: ViewScale, resolution: float, *, down: float | None, up: float | None,
+        down_distance: float | None, up_distance: float | None,
+    ) -> _Thresholds:  # fmt: skip
+        """Return the thresholds on a scale, of values or of metres, whichever are given."""
+        lower = _value_at(down_distance, "down_distance", down, scale, resolution)
+        upper = _value_at(up_distance, "up_distance", up, scale, resolution)
+        _check_order_of_views(lower, upper, down_distance, up_distance)
+        return cls(lower, upper)
 
 
 def _check_view(

@@ -1,0 +1,81 @@
+"""The costs over the distance from the nearest obstacle, without a costmap."""
+
+from __future__ import annotations
+
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from mapdeal.errors import ParameterError
+from mapdeal.formats.npz import Grid
+from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.framed import Framed
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.pipeline.step import make_step
+
+_UNKNOWN_MAP = np.zeros((1, 1), dtype=np.int8)
+
+
+def cost_curve(
+    cells: Grid | float,
+    *,
+    model: str = "exponential",
+    footprint: Footprint | None = None,
+    **parameters: Any,
+) -> CostCurve:
+    """Return the costs over the distance from the nearest obstacle, as a cost model has them.
+
+    Parameters
+    ----------
+    cells : OccupancyGrid, DistanceField, FieldView or float
+        The map that the costs are for, or just the side of its cells, metres.
+    model : str
+        The model of costs: ``exponential``, ``layers``, ``threshold`` or ``rings``.
+    footprint : Footprint, optional
+        The robot's shape, in the place of ``inscribed_radius``; model ``exponential`` alone.
+    **parameters
+        Those of the model: of `exponential_cost`, `layered_cost`, `threshold_cost` or `ring_cost`.
+
+    Returns
+    -------
+    CostCurve
+        Each distance between cells, with the cost that the model gives to a free cell there.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is not known, not allowed or missing, or view ``seed`` is given without a
+        map, on whose extremes it depends, or layers without a static layer.
+
+    Examples
+    --------
+    >>> curve = cost_curve(0.05, inscribed_radius=0.1, inflation_radius=0.12)
+    >>> curve.distance.round(3).tolist()
+    [0.0, 0.05, 0.071, 0.1, 0.112, 0.141, 0.15]
+    >>> curve.cost.tolist()
+    [254, 253, 253, 253, 223, 166, 152]
+    """
+    if isinstance(cells, Real) and not isinstance(cells, bool):
+        if parameters.get("view") == "seed":
+            hint = "give a map instead of the side of its cells"
+            raise ParameterError("seed is scaled by the extremes of a map", place="view", hint=hint)
+        cells = OccupancyGrid(_UNKNOWN_MAP, float(cells))
+    if not isinstance(cells, Framed):
+        raise ParameterError("must be a grid, or a length in metres", place="cells", got=cells)
+    given = {"model": model, **parameters}
+    step = make_step("cost", given)
+    if footprint is not None:
+        robot = step.stage.robot
+        if robot is None:
+            rule = "costs of this model do not depend on the robot's shape"
+            raise ParameterError(rule, place="footprint")
+        if robot.replaces in parameters:
+            rule = f"cannot be given together with {robot.replaces}"
+            raise ParameterError(rule, place="footprint")
+        step = make_step("cost", {**given, **robot.parameters(footprint)})
+    curve = step.curve_on(cells)
+    if curve is None:
+        raise step.no_curve()
+    return curve

@@ -1,0 +1,326 @@
+"""The picture of a cost curve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.render import colours
+from mapdeal.render.canvas import ticks_between
+from mapdeal.render.cost_palette import CostPalette
+from mapdeal.render.cost_zones import ZoneKind, described, end_of, marks_of, zones_of
+from mapdeal.render.glyphs import text_width
+from mapdeal.render.overlay import Brush
+from mapdeal.render.pen import BLACK, GREY, WHITE, Image, Pen
+
+_SIZE = 16  # pixels per em of the text
+_WIDTH = 960  # pixels of the plot
+_PER_COST = {"costmap2d": 2, "occupancy": 5}  # pixels of its height
+_TICKS = {"costmap2d": (0, 50, 100, 150, 200, 254), "occupancy": (0, 20, 40, 60, 80, 100)}
+_LINE, _ROW = int(1.45 * _SIZE), int(1.6 * _SIZE)
+_BAND = 10
+_BAND_COLOURS = {
+    ZoneKind.OBSTACLE: colours.LETHAL,
+    ZoneKind.COLLISION: colours.INSCRIBED,
+    ZoneKind.HEADING: (249, 190, 110),
+    ZoneKind.CLEAR: (255, 238, 170),
+    ZoneKind.COST: (255, 238, 170),
+    ZoneKind.FREE: colours.RVIZ_FREE,
+    ZoneKind.NO_COST: colours.RVIZ_FREE,
+    ZoneKind.UNSEEN_COLLISION: colours.REMOVED,
+    ZoneKind.UNSEEN_HEADING: (255, 130, 150),
+}
+
+
+_TINT = (255, 228, 232)
+
+
+def cost_curve_image(curve: CostCurve, *, title: str) -> Image:
+    """Return the picture of a cost curve.
+
+    The area below it has the colours of the picture of a costmap, and so has the row of cells
+    below it. Dots are the distances that occur between cells, the line is the formula.
+    """
+    return _Drawing(curve).drawn(title)
+
+
+@dataclass(frozen=True)
+class _Dot:
+    """A kind of dots: their radius, and the pixels of a cell below which there is no room."""
+
+    label: str
+    radius: float
+    room: float
+
+
+_ALONG_ROW = _Dot("distances along a row", 4.0, 7.0)
+_OTHER = _Dot("other distances between cells", 2.5, 24.0)
+
+
+class _Drawing:
+    def __init__(self, curve: CostCurve) -> None:
+        self.curve = curve
+        self.palette = CostPalette.of(curve.scale)
+        self.half = curve.resolution / 2
+        self.end = end_of(curve)
+        self.per_cost = _PER_COST[curve.scale]
+        self.marks = marks_of(curve)
+        self.zones = zones_of(curve, self.end)
+        self.pen = Pen(_SIZE)
+        top_cost = self.palette.lethal_cost
+        self.left = _SIZE + text_width("254", _SIZE) + int(1.6 * _SIZE)
+        self.band_top = _SIZE + int(3.4 * _SIZE) + _LINE
+        self.top = self.band_top + _BAND + 1 + int(_ROW * len(self.marks) + 0.4 * _SIZE)
+        self.bottom = self.top + top_cost * self.per_cost
+        self.right = self.left + _WIDTH
+
+    def drawn(self, title: str) -> Image:
+        pen = self.pen
+        legend = self._legend_lines()
+        legend_width = int(1.9 * _SIZE) + max(text_width(line, _SIZE) for _, line in legend)
+        ribbon_top = self.bottom + int(4.4 * _SIZE)
+        height = ribbon_top + int(6.2 * _SIZE)
+        pen.open(self.right + 2 * _SIZE + legend_width + _SIZE, height)
+        limit = pen.sheet.shape[1] - 2 * _SIZE
+        pen.text(_SIZE, _SIZE, title, limit=limit, large=True)
+        pen.text(_SIZE, _SIZE + int(1.55 * _SIZE), _subtitle(self.curve), limit=limit)
+        self._bars()
+        self._unseen()
+        self._grid_lines()
+        self._draw_marks()
+        self._formula()
+        self._dots()
+        self._axes()
+        self._draw_band()
+        self._ribbon(ribbon_top)
+        self._legend(self.right + 2 * _SIZE, legend)
+        return pen.image(np.vstack([self.palette.colours, list(_BAND_COLOURS.values()), [_TINT]]))
+
+    @property
+    def _metres(self) -> NDArray[np.float64]:
+        """The distance at the middle of each column of the plot."""
+        return (np.arange(_WIDTH) + 0.5) / _WIDTH * (self.end + self.half) - self.half
+
+    @property
+    def _per_cell(self) -> float:
+        """The pixels of a cell's side."""
+        return _WIDTH * self.curve.resolution / (self.end + self.half)
+
+    def _places(self, metres: ArrayLike, costs: ArrayLike) -> NDArray[np.float64]:
+        """Return where costs at distances lie on the sheet, column and row, shape (..., 2)."""
+        share = (np.asarray(metres) + self.half) / (self.end + self.half)
+        rows = self.bottom - np.asarray(costs, dtype=np.float64) * self.per_cost
+        return np.stack([self.left + _WIDTH * share, rows], axis=-1)
+
+    def _column(self, metres: float) -> int:
+        """Return the column of the sheet in which a distance lies."""
+        return round(float(self._places(metres, 0)[0]))
+
+    def _costs_of_columns(self) -> NDArray[np.int64]:
+        """Return the cost at the nearest distance that occurs, and 0 from the reach on."""
+        curve = self.curve
+        costs = curve.cost_near(np.maximum(self._metres / curve.resolution, 0.0))
+        if curve.metric == "euclidean":
+            costs[self._metres > max(curve.reach, self.half)] = 0
+        return costs
+
+    def _bars(self) -> None:
+        for column, cost in enumerate(self._costs_of_columns().tolist()):
+            top = self.bottom - cost * self.per_cost
+            self.pen.sheet[top : self.bottom, self.left + column] = self.palette.by_value[cost]
+
+    def _grid_lines(self) -> None:
+        for cost in _TICKS[self.curve.scale][1:]:
+            row = self.pen.sheet[self.bottom - cost * self.per_cost, self.left : self.right]
+            row[row == WHITE] = WHITE - 2
+
+    @property
+    def _has_line(self) -> bool:
+        return self.curve.formula is not None and self.curve.reach > self.half
+
+    def _unseen(self) -> None:
+        """Tint the distances at which the robot may collide though there is no cost."""
+        for zone in self.zones:
+            if zone.kind in (ZoneKind.UNSEEN_COLLISION, ZoneKind.UNSEEN_HEADING):
+                a, b = (self._column(x) for x in (zone.start, zone.end))
+                under = self.pen.sheet[self.top : self.bottom, a:b]
+                under[under == WHITE] = len(self.palette.colours) + len(_BAND_COLOURS)
+
+    def _formula(self) -> None:
+        if self.curve.formula is None or not self._has_line:
+            return
+        metres = np.linspace(self.half, min(self.curve.reach, self.end), 2 * _WIDTH)
+        costs = np.minimum(self.curve.formula(metres), self.palette.lethal_cost - 1.0)
+        Brush(self.pen.sheet).polyline(self._places(metres, costs), BLACK, thickness=2)
+
+    def _dots_shown(self) -> list[_Dot]:
+        """Return the kinds of dots that there is room for."""
+        kinds = [_ALONG_ROW, _OTHER] if self.curve.metric == "euclidean" else [_ALONG_ROW]
+        return [kind for kind in kinds if self._per_cell >= kind.room]
+
+    def _dots(self) -> None:
+        brush = Brush(self.pen.sheet)
+        curve = self.curve
+        if curve.circumscribed_radius is not None and curve.circumscribed_cost:
+            place = self._places(curve.circumscribed_radius, curve.circumscribed_cost)
+            self._draw_contour_dot(place)
+        shown = curve.distance <= self.end
+        whole = curve.cells == np.floor(curve.cells)
+        for dot in reversed(self._dots_shown()):
+            mask = shown & (whole if dot is _ALONG_ROW else ~whole)
+            for place in self._places(curve.distance[mask], curve.cost[mask]):
+                brush.dot(place, WHITE, radius=dot.radius + 1.2)
+                brush.dot(place, BLACK, radius=dot.radius)
+
+    def _draw_contour_dot(self, place: NDArray[np.float64]) -> None:
+        brush = Brush(self.pen.sheet)
+        brush.dot(place, BLACK, radius=8.0)
+        brush.dot(place, self.palette.contour, radius=6.0)
+
+    def _draw_marks(self) -> None:
+        sheet = self.pen.sheet
+        for row, mark in enumerate(self.marks):
+            middle = self.band_top + _BAND + 1 + int(0.9 * _SIZE) + row * _ROW
+            width = text_width(mark.label, _SIZE)
+            if mark.distance > self.end:
+                label = f"{mark.label} >"
+                self._boxed(self.right - text_width(label, _SIZE) - 4, middle, label)
+                continue
+            x = self._column(mark.distance)
+            dashes = np.arange(middle - _SIZE // 2, self.bottom)
+            dashes = dashes[dashes % 8 < 5]
+            under = sheet[dashes, x]
+            is_cost = under < len(self.palette.colours)
+            sheet[dashes, x] = np.where(is_cost, WHITE, GREY)
+            self._boxed(min(x + 6, self.right - width - 4), middle, mark.label)
+
+    def _boxed(self, x: int, middle: int, label: str) -> None:
+        half = int(0.6 * _SIZE)
+        width = text_width(label, _SIZE)
+        self.pen.sheet[middle - half : middle + half, x - 2 : x + width + 2] = WHITE
+        self.pen.label(x, middle, label)
+
+    def _axes(self) -> None:
+        pen = self.pen
+        pen.frame(
+            self.left, self.band_top + _BAND + 1, _WIDTH, self.bottom - self.band_top - _BAND - 1
+        )
+        for cost in _TICKS[self.curve.scale]:
+            y = self.bottom - cost * self.per_cost
+            pen.fill(self.left - 6, y, self.left - 2, y)
+            pen.label(self.left - 10 - text_width(str(cost), _SIZE), y, str(cost))
+        pen.label(self.left - 10 - text_width("cost", _SIZE), self.top - int(1.4 * _SIZE), "cost")
+        scale = (self.end + self.half) / _WIDTH
+        ticks = ticks_between(-self.half, _WIDTH, scale, _SIZE)
+        self._ticks(self.bottom, [one for one in ticks if not one[1].startswith("-")])
+        self._centred(self.bottom + int(2.8 * _SIZE), _AXIS[self.curve.metric])
+
+    def _ticks(self, bottom: int, ticks: Sequence[tuple[int, str]]) -> None:
+        for pixel, label in ticks:
+            x = self.left + pixel
+            self.pen.fill(x, bottom + 1, x, bottom + 6)
+            self.pen.label(x - text_width(label, _SIZE) // 2, bottom + 6 + int(0.8 * _SIZE), label)
+
+    def _centred(self, middle: int, text: str) -> None:
+        x = self.left + (_WIDTH - text_width(text, _SIZE)) // 2
+        self.pen.label(x, middle, text)
+
+    def _draw_band(self) -> None:
+        first = len(self.palette.colours)
+        indices = {kind: first + k for k, kind in enumerate(_BAND_COLOURS)}
+        for zone in self.zones:
+            a, b = (self._column(x) for x in (zone.start, zone.end))
+            self.pen.sheet[self.band_top : self.band_top + _BAND, a:b] = indices[zone.kind]
+            if b < self.right:
+                self.pen.sheet[self.band_top : self.band_top + _BAND, b] = WHITE
+            width = text_width(zone.kind.value, _SIZE)
+            if width <= b - a - 8:
+                self.pen.label(
+                    (a + b - width) // 2, self.band_top - int(0.8 * _SIZE), zone.kind.value
+                )
+        self.pen.frame(self.left, self.band_top, _WIDTH, _BAND)
+
+    def _ribbon(self, top: int) -> None:
+        """Draw a row of cells as the picture of the costmap shows them."""
+        sheet, resolution = self.pen.sheet, self.curve.resolution
+        cells = np.rint(self._metres / resolution)
+        costs = self.curve.cost_near(np.maximum(cells, 0.0))
+        bottom = top + int(1.5 * _SIZE)
+        sheet[top:bottom, self.left : self.right] = self.palette.by_value[costs]
+        if self._per_cell >= 6:
+            edges = np.flatnonzero(np.diff(cells)) + 1
+            sheet[top:bottom, self.left + edges] = GREY
+        self.pen.frame(self.left, top, _WIDTH, bottom - top)
+        self._ticks(bottom, _whole_ticks(self._per_cell))
+        self._centred(
+            bottom + int(2.8 * _SIZE), f"cells of {resolution:.6g} m, along a row or a column"
+        )
+
+    def _legend_lines(self) -> list[tuple[int | str | _Dot | None, str]]:
+        first = len(self.palette.colours)
+        kinds = list(_BAND_COLOURS)
+        lines: list[tuple[int | str | _Dot | None, str]] = []
+        for zone in self.zones:
+            lines.append((first + kinds.index(zone.kind), zone.kind.value))
+            lines.append((None, described(zone, self.end)))
+        lines.append((None, ""))
+        lines += [(dot, dot.label) for dot in self._dots_shown()]
+        if self._has_line:
+            lines.append(("line", "the formula"))
+        if self.curve.circumscribed_cost:
+            lines.append(("contour", f"circumscribed cost {self.curve.circumscribed_cost}"))
+        return lines
+
+    def _legend(self, x: int, lines: Sequence[tuple[int | str | _Dot | None, str]]) -> None:
+        y = self.band_top
+        brush = Brush(self.pen.sheet)
+        for sign, text in lines:
+            middle = y + int(0.6 * _SIZE)
+            side = int(1.2 * _SIZE)
+            if isinstance(sign, int):
+                y += 4
+                middle += 4
+                self.pen.sheet[middle - side // 2 : middle + side // 2, x : x + side] = sign
+                self.pen.frame(x, middle - side // 2, side, side // 2 * 2)
+            elif sign == "line":
+                self.pen.fill(x, middle, x + side, middle + 1)
+            elif sign == "contour":
+                self._draw_contour_dot(np.array([x + side / 2, middle + 0.5]))
+            elif isinstance(sign, _Dot):
+                brush.dot(np.array([x + side / 2, middle + 0.5]), BLACK, radius=sign.radius)
+            self.pen.label(x + 1.8 * _SIZE, middle, text)
+            y += _LINE
+
+
+def _whole_ticks(per_cell: float) -> list[tuple[int, str]]:
+    """Return whole numbers of cells, as many as find room, each with its pixel.
+
+    Examples
+    --------
+    >>> _whole_ticks(400.0)
+    [(200, '0'), (600, '1')]
+    """
+    last = int(_WIDTH / per_cell - 0.5)
+    room = text_width(str(last), _SIZE) + 1.2 * _SIZE
+    step = next(
+        factor * 10**power
+        for power in range(20)
+        for factor in (1, 2, 5)
+        if factor * 10**power * per_cell >= room
+    )
+    return [(round((k + 0.5) * per_cell), str(k)) for k in range(0, last + 1, step)]
+
+
+_AXIS = {
+    "euclidean": "distance from the nearest obstacle, centre to centre, metres",
+    "chebyshev": "distance from the nearest obstacle, the longer of row and column, metres",
+}
+
+
+def _subtitle(curve: CostCurve) -> str:
+    text = f"cost over the distance from the nearest obstacle, on cells of {curve.resolution:.6g} m"
+    return f"{text}; {curve.note}" if curve.note else text

@@ -1,0 +1,265 @@
+"""The cost curve of each model, against costmaps around a single obstacle cell."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import mapdeal
+from mapdeal import (
+    OccupancyGrid,
+    ParameterError,
+    cost_curve,
+    esdf,
+    exponential_cost,
+    field_view,
+    layered_cost,
+    ring_cost,
+    threshold_cost,
+)
+from mapdeal.grid.cost_curve import MOST_LISTED
+from mapdeal.pipeline.step import make_step
+
+ROWS, COLS, ROW, COL = 47, 63, 19, 24
+PLACE = (1.5, -2.0, 0.4)
+
+ROBOT = {"inscribed_radius": 0.2255, "inflation_radius": 0.7, "cost_scaling_factor": 3.0}
+INFLATIONS = [
+    (0.05, ROBOT),
+    (0.05, {**ROBOT, "lookup": "nav2"}),
+    (0.07, {**ROBOT, "float32_resolution": True}),
+    (0.05, {"inscribed_radius": 0.15, "inflation_radius": 0.6, "float32_resolution": True}),
+    (0.05, {"inscribed_radius": 0.15, "inflation_radius": 0.6}),
+    (0.07, {"inscribed_radius": 0.21, "inflation_radius": 1.2, "cost_scaling_factor": 0.4}),
+    (0.05, {"inscribed_radius": 0.265, "inflation_radius": 0.3, "lookup": "nav2"}),
+    (0.05, {"inscribed_radius": 0.5, "inflation_radius": 0.2}),
+    (0.05, {"inflation_radius": 0.0}),
+    (0.05, {"inflation_radius": 0.01, "cost_scaling_factor": 0.0}),
+    (1.0, ROBOT),
+]
+
+
+def around_one_obstacle(resolution):
+    occupancy = np.zeros((ROWS, COLS), np.int8)
+    occupancy[ROW, COL] = 100
+    return OccupancyGrid(occupancy, resolution, PLACE)
+
+
+def table_of(costmap, distance=lambda row, col: row * row + col * col):
+    """Return the cost of each distance that occurs, with plain whole numbers."""
+    table = {}
+    for row in range(ROWS):
+        for col in range(COLS):
+            cost = int(costmap.cost[row, col])
+            assert table.setdefault(distance(abs(row - ROW), abs(col - COL)), cost) == cost
+    return table
+
+
+def check(curve, table, reach):
+    """Hold a curve to all distances of a map: those up to the squared reach, and 0 beyond."""
+    listed = {
+        round(cells * cells): cost
+        for cells, cost in zip(curve.cells.tolist(), curve.cost.tolist(), strict=True)
+    }
+    assert curve.cells.tolist() == [math.sqrt(square) for square in listed]
+    assert list(listed) == sorted(listed)
+    assert max(listed) == reach
+    assert listed == {square: cost for square, cost in table.items() if square <= reach}
+    assert {cost for square, cost in table.items() if square > reach} == {0}
+
+
+@pytest.mark.parametrize(("resolution", "parameters"), INFLATIONS)
+@pytest.mark.filterwarnings("ignore:cost. inscribed_radius")
+def test_it_has_the_costs_of_a_map_with_one_obstacle(resolution, parameters):
+    grid = around_one_obstacle(resolution)
+    curve = cost_curve(grid, **parameters)
+    is_float32 = parameters.get("float32_resolution") or parameters.get("lookup") == "nav2"
+    side = float(np.float32(resolution)) if is_float32 else resolution
+    cells = parameters["inflation_radius"] / side
+    reach = math.ceil(cells) if is_float32 else math.ceil(cells - 1e-9)
+    check(curve, table_of(exponential_cost(grid, **parameters)), reach**2)
+    assert curve.reach_cells == reach
+    assert curve.reach == pytest.approx(reach * resolution)
+
+
+NEAR = {"inscribed_radius": 0.2, "inflation_radius": 0.4, "cost_scaling_factor": 2.0}
+FAR = {"inscribed_radius": 0.2, "inflation_radius": 0.9, "cost_scaling_factor": 5.0}
+MAXIMUM = {"static": {"use_maximum": True}}
+
+
+@pytest.mark.parametrize(
+    ("layers", "inflations"),
+    [
+        (["static", {"inflation": NEAR}], [NEAR]),
+        (["static", {"inflation": {**FAR, "lookup": "nav2"}}], [{**FAR, "lookup": "nav2"}]),
+        (["static", {"inflation": NEAR}, {"inflation": FAR}], [NEAR, FAR]),
+        (["static", {"inflation": FAR}, {"inflation": NEAR}], [FAR, NEAR]),
+        (["static", {"inflation": FAR}, "static", {"inflation": NEAR}], [NEAR]),
+        (["static", {"inflation": FAR}, MAXIMUM, {"inflation": NEAR}], [FAR, NEAR]),
+        ([{"inflation": FAR}, MAXIMUM, {"inflation": NEAR}], [NEAR]),
+        (["static", {"inflation": NEAR}, "static"], []),
+    ],
+)
+def test_layers_have_the_costs_of_the_map(layers, inflations):
+    grid = around_one_obstacle(0.07)
+    curve = cost_curve(grid, model="layers", layers=layers)
+    reach = max((math.ceil(one["inflation_radius"] / 0.07) for one in inflations), default=0)
+    check(curve, table_of(layered_cost(grid, layers=layers)), reach**2)
+    if inflations:
+        assert curve.inflation_radius == max(one["inflation_radius"] for one in inflations)
+        assert curve.inscribed_radius == 0.2
+    others = sorted(one["inflation_radius"] for one in inflations)[:-1]
+    assert [metres for _, metres in curve.marks] == others
+    near = curve.distance <= curve.reach
+    above = curve.formula(curve.distance[near][1:]) - curve.cost[near][1:] if inflations else []
+    assert all(-2 < one < 3 for one in above)
+
+
+def test_both_lookups_differ_where_nav2_rounds():
+    exact, nav2 = (cost_curve(0.05, lookup=lookup, **ROBOT) for lookup in ("exact", "nav2"))
+    assert (exact.cost != nav2.cost).any()
+    assert np.abs(exact.cost.astype(int) - nav2.cost.astype(int)).max() == 1
+    assert "1/100" in nav2.note
+    assert not exact.note
+
+
+def test_costs_of_nav2_by_hand():
+    curve = cost_curve(
+        0.05, lookup="nav2", inscribed_radius=0.22549849949589046, inflation_radius=0.7,
+        cost_scaling_factor=3.0,
+    )  # fmt: skip
+    squares = (curve.cells**2).round().astype(int).tolist()
+    cost = dict(zip(squares, curve.cost.tolist(), strict=True))
+    # 252 e^(-3 (d - 0.2254985)): at 5 cells, 0.25 m, 234.14; at sqrt(26), which is 5.10, 230.66
+    assert (cost[25], cost[26]) == (234, 230)
+    assert cost[4 * 4 + 2 * 2] == 253  # 4.47 cells, 0.2235 m
+    assert (cost[49], cost[14 * 14]) == (173, 60)  # 173.46 at 0.35 m, 60.70 at 0.7 m
+    assert (curve.reach_cells, curve.cost_at_reach) == (14, 60)
+
+
+@pytest.mark.parametrize("view", ["metric", "seed"])
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {},
+        {"down": 20, "up": 60, "down_factor": 0.5, "up_factor": 1.1},
+        {"down": 30, "up": 70, "down_factor": 1.0, "up_factor": 0.0},
+        {"down": 99, "up": 100},
+    ],
+)
+@pytest.mark.parametrize("strength", [1.0, 2.5])
+def test_thresholds_have_the_costs_of_the_map(view, parameters, strength):
+    grid = around_one_obstacle(0.07)
+    field = esdf(grid, strength=strength, convention="border")
+    parameters = {"view": view, "view_range": 1.1, **parameters}
+    for source in (field, field_view(esdf(grid), view=view, view_range=1.1)):
+        table = table_of(threshold_cost(source, **parameters))
+        curve = cost_curve(source, model="threshold", **parameters)
+        check(curve, table, max(square for square, cost in table.items() if cost > 0))
+    assert curve.scale == "occupancy"
+    assert curve.inscribed_radius is curve.inflation_radius is curve.circumscribed_cost is None
+
+
+def test_marks_are_the_last_distances_before_a_threshold():
+    curve = cost_curve(
+        0.05, model="threshold", down_distance=1.0, up_distance=0.5, down_factor=0.5, up_factor=1.0
+    )
+    marks = dict(curve.marks)
+    assert list(marks) == ["down, view 50", "up, view 75"]
+    # the view is at least 51 and 76 up to there: 2 (1 - 0.51) and 2 (1 - 0.76) metres
+    assert 0.97 < marks["down, view 50"] <= 0.98
+    assert 0.47 < marks["up, view 75"] <= 0.48
+
+
+@pytest.mark.parametrize("values", [(90, 70, 50), (5,), (0, 30, 100, 7)])
+def test_rings_have_the_costs_of_the_map(values):
+    grid = around_one_obstacle(0.07)
+    curve = cost_curve(grid, model="rings", values=values)
+    table = table_of(ring_cost(grid, values=values), max)
+    assert dict(enumerate(curve.cost.tolist())) == {k: table[k] for k in range(len(values) + 1)}
+    assert curve.cells.tolist() == list(range(len(values) + 1))
+    assert {cost for rings, cost in table.items() if rings > len(values)} == {0}
+    assert curve.metric == "chebyshev"
+
+
+def test_the_size_of_the_map_does_not_matter():
+    robot = {**ROBOT, "inflation_radius": 2.0}
+    small = cost_curve(OccupancyGrid([[100, 0]], 0.05), **robot)
+    assert small.reach_cells == 40
+    assert small.document() == cost_curve(0.05, **robot).document()
+
+
+@pytest.mark.parametrize("lookup", ["exact", "nav2"])
+def test_of_many_distances_the_ends_of_each_cost_are_listed(lookup):
+    curve = cost_curve(0.01, lookup=lookup, **ROBOT)
+    document = curve.document()
+    assert document["distances"] == len(curve.cells) > MOST_LISTED
+    assert not document["every_distance"]
+    entries = document["curve"]
+    assert len(entries) < MOST_LISTED
+    places = np.searchsorted(curve.cells, [entry["cells"] for entry in entries])
+    assert curve.cells[places].tolist() == [entry["cells"] for entry in entries]
+    told = np.zeros(len(curve.cells), int)
+    for (first, entry), (last, _) in pairwise(zip(places, entries, strict=True)):
+        told[first:last] = entry["cost"]
+    told[-1] = entries[-1]["cost"]
+    assert np.array_equal(told, curve.cost)
+
+
+def test_a_reach_beyond_all_bounds_is_told():
+    curve = cost_curve(0.05, inflation_radius=1e300, cost_scaling_factor=0.0)
+    assert curve.reach > 1e12
+    assert curve.cost_at_reach == 252
+    curve = cost_curve(0.05, inflation_radius=1e4, cost_scaling_factor=3.0, lookup="nav2")
+    assert (curve.reach, curve.cost_at_reach) == (pytest.approx(1e4), 0)
+    assert len(curve.document()["curve"]) < 600
+
+
+def test_the_document_has_the_robot():
+    document = cost_curve(
+        0.05, inscribed_radius=0.2, circumscribed_radius=0.36, inflation_radius=0.53,
+        cost_scaling_factor=5.0,
+    ).document()  # fmt: skip
+    curve = document.pop("curve")
+    assert document == {
+        "cost_scale": "costmap2d", "metric": "euclidean", "inscribed_radius": 0.2,
+        "circumscribed_radius": 0.36, "circumscribed_cost": int(252 * math.exp(-5 * 0.16)),
+        "inflation_radius": 0.53, "marks": {}, "reach_cells": 11.0, "reach_m": 11 * 0.05,
+        "cost_at_reach": int(252 * math.exp(-5 * 0.35)), "distances": len(curve),
+        "every_distance": True,
+    }  # fmt: skip
+    assert curve[:3] == [
+        {"cells": 0.0, "distance_m": 0.0, "cost": 254},
+        {"cells": 1.0, "distance_m": 0.05, "cost": 253},
+        {"cells": math.sqrt(2), "distance_m": math.sqrt(2) * 0.05, "cost": 253},
+    ]
+
+
+def test_what_has_no_curve_is_refused():
+    assert make_step("esdf", {}).curve_on(around_one_obstacle(0.05)) is None
+    with pytest.raises(ParameterError, match=r"^cost layers: there is no one cost for a distance"):
+        cost_curve(0.05, model="layers", layers=["inflation"])
+    with pytest.raises(ParameterError, match=r"^view: seed is scaled by the extremes of a map"):
+        cost_curve(0.05, model="threshold", view="seed")
+    with pytest.raises(ParameterError, match=r"^cells: must be a grid"):
+        cost_curve("map.yaml")
+    with pytest.raises(ParameterError, match=r"cost\.values"):
+        cost_curve(0.05, values=(1,))
+
+
+def test_a_shape_sets_the_radii():
+    robot = mapdeal.Footprint.parse("[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]")
+    curve = cost_curve(0.05, footprint=robot, inflation_radius=0.3)
+    assert curve.inscribed_radius == pytest.approx(0.2)
+    assert curve.circumscribed_radius == pytest.approx(math.hypot(0.3, 0.2))
+    assert curve.circumscribed_cost == 0  # beyond the inflation radius
+    with pytest.raises(ParameterError, match=r"^footprint: cannot be given together with inscr"):
+        cost_curve(0.05, footprint=robot, inscribed_radius=0.2)
+    with pytest.raises(ParameterError, match=r"^footprint: costs of this model do not depend"):
+        cost_curve(0.05, footprint=robot, model="rings")
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_curve_repeats_no_warning_of_the_stage():
+    cost_curve(0.05, inscribed_radius=0.5, inflation_radius=0.2, circumscribed_radius=0.6)
