@@ -197,8 +197,8 @@ def test_what_makes_no_sense_is_one_line(command, room, words, rule):
         ("--footprint 5 --at 1,2,3", "must look like [[x1, y1], [x2, y2], ...]"),
         ("--robot-radius 0 --at 1,2,3", "robot radius must be"),
         ("--at 1,2,3", "--at: must be two numbers X,Y, got '1,2,3'"),
-        ("--poses p.csv", "--poses: needs --footprint or --robot-radius"),
-        ("--at 1,2 --rule full", "--rule: needs --footprint or --robot-radius"),
+        ("--poses p.csv", "--poses: needs --footprint, --robot-radius or --params-file"),
+        ("--at 1,2 --rule full", "--rule: needs --footprint, --robot-radius or --params-file"),
         ("--at 1,2 --footprint-padding 1", "--footprint-padding: needs --footprint"),
     ],
 )

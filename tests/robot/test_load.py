@@ -1,0 +1,90 @@
+"""A robot's files: whose they are, and how what is wrong with them is said."""
+
+import warnings
+
+import pytest
+
+from mapdeal import FileAccessError, MalformedInputError, MapdealWarning, ParameterError
+from mapdeal.robot.load import found_in, is_ros2, read_robot
+
+NAV2 = """\
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      robot_radius: 0.3
+      track_unknown_space: true
+      plugins: ["static_layer"]
+      static_layer: {plugin: "nav2_costmap_2d::StaticLayer"}
+"""
+ROS1 = """\
+robot_radius: 0.3
+plugins:
+  - {name: static, type: "costmap_2d::StaticLayer"}
+"""
+
+
+def _file(tmp_path, text, name="params.yaml"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [(NAV2, True), (ROS1, False), ("# ros__parameters:\n" + ROS1, False), ("", False)],
+)
+def test_files_of_ros_2_are_told_by_their_key(tmp_path, text, expected):
+    assert is_ros2(_file(tmp_path, text)) is expected
+
+
+def test_files_of_two_kinds_are_no_robot(tmp_path):
+    paths = [_file(tmp_path, NAV2, "nav2.yaml"), _file(tmp_path, ROS1, "common.yaml")]
+    with pytest.raises(ParameterError, match="holds no parameters of ROS 2, but nav2.yaml does"):
+        read_robot(paths)
+    with pytest.raises(ParameterError, match="takes at least one file"):
+        read_robot([])
+    with pytest.raises(FileAccessError):
+        read_robot([tmp_path / "missing.yaml"])
+
+
+def test_the_first_reason_to_refuse_is_an_error_with_file_and_line(tmp_path):
+    path = _file(tmp_path, ROS1 + "  - {name: inflation}\n")
+    with pytest.raises(MalformedInputError) as caught:
+        read_robot([path])
+    text = str(caught.value)
+    assert text.startswith(f"{path}: plugins (line 2): entry 2 has no type")
+    assert "costmap_2d::StaticLayer" in caught.value.hint
+
+
+@pytest.mark.parametrize("flavour", ["nav2", "ros1"])
+def test_warnings_are_given_and_kept_with_file_and_line(tmp_path, flavour):
+    """A robot_radius of text: ROS 1 takes its default, which is warned of; a global costmap
+    without a static layer is one of both."""
+    text = NAV2.replace('["static_layer"]', '["obstacle_layer"]').replace(
+        'static_layer: {plugin: "nav2_costmap_2d::StaticLayer"}',
+        'obstacle_layer: {plugin: "nav2_costmap_2d::ObstacleLayer"}',
+    )
+    if flavour == "ros1":
+        text = ROS1.replace("StaticLayer", "ObstacleLayer")
+    path = _file(tmp_path, text)
+    with pytest.warns(MapdealWarning, match="no static layer") as caught:
+        robot = read_robot([path])
+    assert robot.remarks == tuple(str(one.message) for one in caught)
+    assert all(text.startswith(str(path)) for text in robot.remarks)
+    assert robot.paths == (path,)
+    assert robot.flavour == flavour
+
+
+def test_nothing_is_said_of_a_robot_in_order(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for text in (NAV2, ROS1):
+            read_robot([_file(tmp_path, text)], costmap="global")
+
+
+def test_all_that_there_is_to_say_is_found_at_once(tmp_path):
+    text = ROS1 + "  - {name: inflation}\n" + "footprint: [[1, 2], [3]]\n"
+    robot, problems = found_in([_file(tmp_path, text)])
+    assert robot is None
+    refused = [one for one in problems if one.level == "refused"]
+    assert sorted(one.line for one in refused) == [2, 5]
