@@ -11,6 +11,7 @@ from drawn import grid_from_text
 from mapdeal import (
     Costmap,
     Footprint,
+    OccupancyGrid,
     esdf,
     exponential_cost,
     footprint_costs,
@@ -93,10 +94,15 @@ def test_all_states_and_rules_of_a_map(command, room, grid):
 
 
 def test_the_threshold_of_a_map_is_that_of_other_commands(command, tmp_path):
-    write_map(tmp_path / "m.yaml", grid_from_text(".+99#".replace("9", "."), 0.5, (0.0, 0.0, 0.0)))
-    words = ["query", tmp_path / "m.yaml", "--robot-radius", "0.01", *words_of([[0.75, 0.25, 0.0]])]
-    assert answered(command(*words)[1])[0]["cost"] == 0
-    assert answered(command(*words, "--lethal-threshold", 50)[1])[0]["cost"] == 254
+    write_map(tmp_path / "m.npz", OccupancyGrid([[0, 50, 99, 100]], 0.5, (0.0, 0.0, 0.0)))
+    poses = [[0.25 + 0.5 * col, 0.25, 0.0] for col in range(4)]
+    words = ["query", tmp_path / "m.npz", "--robot-radius", "0.01", *words_of(poses)]
+
+    def found(*more):
+        return [answer["cost"] for answer in answered(command(*words, *more)[1])]
+
+    assert found() == [0, 0, 0, 254]
+    assert found("--lethal-threshold", 50) == [0, 254, 254, 254]
 
 
 def test_a_round_robot_is_padded_as_costmap_2d_pads_its_16_corners(command, costs):
