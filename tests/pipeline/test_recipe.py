@@ -246,9 +246,15 @@ def test_the_stages_of_a_manifest_are_a_recipe(tmp_path, name, shape):
 def test_a_radius_that_counts_twice_is_warned_of():
     with pytest.warns(MapdealWarning, match="twice"):
         load_recipe("default", settings=["cost.inscribed_radius=0.2"])
+    layers = "cost.layers=[static, inflation: {inscribed_radius: 0.2}, inflation]"
+    with pytest.warns(
+        MapdealWarning, match=r"inscribed_radius 0.2 m comes on top of stage inflate"
+    ):
+        load_recipe("default", settings=["cost.model=layers", layers])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         load_recipe("nav2")
+        load_recipe("default", settings=["cost.model=layers"])
 
 
 def test_a_recipe_file_in_every_way_of_writing(tmp_path):

@@ -243,13 +243,16 @@ def _remarks_on(steps: Sequence[Step]) -> Iterator[str]:
     """Yield a text where the robot's radius counts in a stage, and once more in one after it."""
     before: Step | None = None
     for one in steps:
-        robot = one.stage.robot
-        if robot is None:
+        robot, radius_in = one.stage.robot, one.stage.radius_in
+        if robot is not None:
+            name, radius = robot.replaces, one.parameters[robot.replaces]
+        elif radius_in is not None:
+            name, radius = radius_in(one.parameters)
+        else:
             continue
-        radius = one.parameters[robot.replaces]
         if before is not None and radius > 0:
             yield (
-                f"{one.name}: {robot.replaces} {radius:g} m comes on top of stage {before.name} "
+                f"{one.name}: {name} {radius:g} m comes on top of stage {before.name} "
                 "before it, so the robot's radius counts twice"
             )
         before = before or one

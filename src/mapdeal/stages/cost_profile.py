@@ -69,12 +69,6 @@ class CostProfile:
         shape: tuple[int, int],
     ) -> CostProfile:
         """Return the profile on a grid; `shape` is that of the whole grid."""
-        if inscribed_radius > inflation_radius:
-            text = (
-                f"cost: inscribed_radius {inscribed_radius:g} m is larger than inflation_radius "
-                f"{inflation_radius:g} m, which cuts it off"
-            )
-            emit_warning(text, stacklevel=3)
         side = float(np.float32(resolution)) if float32_resolution else resolution
         reach = _reach(inflation_radius, side, shape, is_exact=not float32_resolution)
         table = cost_table(
@@ -145,6 +139,16 @@ class CostProfile:
     def seeds_in(self, cost: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Return the mask of cells that costs spread from."""
         return cost >= LETHAL_OBSTACLE if self.inflate_around_unknown else cost == LETHAL_OBSTACLE
+
+
+def warn_of_radii(inscribed_radius: float, inflation_radius: float) -> None:
+    """Warn if the inscribed radius is cut off."""
+    if inscribed_radius > inflation_radius:
+        text = (
+            f"cost: inscribed_radius {inscribed_radius:g} m is larger than inflation_radius "
+            f"{inflation_radius:g} m, which cuts it off"
+        )
+        emit_warning(text, stacklevel=3)
 
 
 def cost_table(

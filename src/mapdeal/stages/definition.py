@@ -141,6 +141,9 @@ class Stage:
         Whether no stage can follow.
     robot : RobotShape, optional
         What it makes of a robot's shape; None if that does not matter to it.
+    radius_in : callable, optional
+        Returns, given all parameters, which radius of a robot they hold, and how long it is, where
+        that is no parameter that a shape could replace.
     in_simulation : InSimulation, optional
         What ``--sim`` does to it.
     in_place_of : mapping of str to InPlaceOf
@@ -175,6 +178,7 @@ class Stage:
     hands_on: bool = True
     is_last: bool = False
     robot: RobotShape | None = None
+    radius_in: Callable[[Parameters], tuple[str, float]] | None = None
     in_simulation: InSimulation | None = None
     in_place_of: Mapping[str, InPlaceOf] = field(default_factory=dict)
     settled: Callable[[Parameters], Parameters] = lambda _: {}

@@ -27,7 +27,7 @@ from mapdeal.grid.values import (
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.stages.cost import cost_model
-from mapdeal.stages.cost_profile import CostProfile, advice_on
+from mapdeal.stages.cost_profile import CostProfile, advice_on, warn_of_radii
 from mapdeal.stages.definition import Parameters, RobotShape
 from mapdeal.stages.inflation_curve import inflation_curve
 from mapdeal.stages.obstacle_source import (
@@ -218,31 +218,28 @@ def exponential_cost(
     >>> exponential_cost(grid, inscribed_radius=0.1, inflation_radius=0.2).cost.tolist()
     [[254, 253, 253, 152, 92, 0]]
     """
-    lethal_threshold = check_lethal_threshold(source, lethal_threshold)
     warn_of_strength(source, "exponential")
-    profile = CostProfile.of(
-        inscribed_radius,
-        inflation_radius,
-        cost_scaling_factor,
+    warn_of_radii(inscribed_radius, inflation_radius)
+    profile = profile_of(
+        source,
+        inscribed_radius=inscribed_radius,
+        inflation_radius=inflation_radius,
+        cost_scaling_factor=cost_scaling_factor,
         inflate_unknown=inflate_unknown,
         inflate_around_unknown=inflate_around_unknown,
         lookup=lookup,
-        float32_resolution=resolution_is_float32(lookup, float32_resolution),
-        resolution=source.resolution,
-        shape=source.shape,
+        float32_resolution=float32_resolution,
     )
-    base = BaseCosts(
+    base = BaseCosts.of(
         source,
-        static_layer_cost_from_occupancy(
-            lethal_threshold=lethal_threshold,
-            trinary=trinary_costmap,
-            track_unknown=track_unknown_space,
-            inscribed_value=inscribed_obstacle_cost_value,
-        ),
+        lethal_threshold=lethal_threshold,
+        trinary_costmap=trinary_costmap,
+        track_unknown_space=track_unknown_space,
+        inscribed_obstacle_cost_value=inscribed_obstacle_cost_value,
     )
 
     def around_seeds(rows: slice) -> NDArray[np.uint8]:
-        cost = base.of(rows)
+        cost = base.rows(rows)
         profile.raise_around_seeds(cost)
         return cost
 
@@ -250,7 +247,7 @@ def exponential_cost(
         obstacles = field.obstacles()
 
         def make(rows: slice) -> NDArray[np.uint8]:
-            cost = base.of(rows)
+            cost = base.rows(rows)
             profile.raise_from_field(cost, field.part(rows), obstacles[rows])
             return cost
 
@@ -286,7 +283,27 @@ class BaseCosts:
     source: ObstacleSource
     table: NDArray[np.uint8]
 
-    def of(self, rows: slice) -> NDArray[np.uint8]:
+    @classmethod
+    def of(
+        cls,
+        source: ObstacleSource,
+        *,
+        lethal_threshold: int | None,
+        trinary_costmap: bool,
+        track_unknown_space: bool,
+        inscribed_obstacle_cost_value: int | None,
+        **_: object,
+    ) -> BaseCosts:
+        """Return the costs that parameters of `exponential_cost` ask for, others of it apart."""
+        table = static_layer_cost_from_occupancy(
+            lethal_threshold=check_lethal_threshold(source, lethal_threshold),
+            trinary=trinary_costmap,
+            track_unknown=track_unknown_space,
+            inscribed_value=inscribed_obstacle_cost_value,
+        )
+        return cls(source, table)
+
+    def rows(self, rows: slice) -> NDArray[np.uint8]:
         """Return the costs of some rows."""
         occupancy = self.source.occupancy[rows]
         cost: NDArray[np.uint8] = look_up(occupancy, self.table)
@@ -303,6 +320,32 @@ class BaseCosts:
         if field.unknown == "free":
             others[UNKNOWN] = around_unknown and self.table[UNKNOWN] == NO_INFORMATION
         return not others.any() or not counts_of(field.occupancy)[others.view(np.bool_)].any()
+
+
+def profile_of(
+    source: ObstacleSource,
+    *,
+    inscribed_radius: float,
+    inflation_radius: float,
+    cost_scaling_factor: float,
+    inflate_unknown: bool,
+    inflate_around_unknown: bool,
+    lookup: CostLookup,
+    float32_resolution: bool | None,
+    **_: object,
+) -> CostProfile:
+    """Return the profile that parameters of `exponential_cost` ask for, others of it apart."""
+    return CostProfile.of(
+        inscribed_radius,
+        inflation_radius,
+        cost_scaling_factor,
+        inflate_unknown=inflate_unknown,
+        inflate_around_unknown=inflate_around_unknown,
+        lookup=lookup,
+        float32_resolution=resolution_is_float32(lookup, float32_resolution),
+        resolution=source.resolution,
+        shape=source.shape,
+    )
 
 
 def resolution_is_float32(lookup: CostLookup, asked: bool | None) -> bool:

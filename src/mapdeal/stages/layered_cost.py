@@ -26,7 +26,7 @@ from mapdeal.kernels.blocks import made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.kernels.threads import for_rows
 from mapdeal.stages.cost import cost_model
-from mapdeal.stages.cost_profile import CostProfile, advice_on
+from mapdeal.stages.cost_profile import CostProfile, advice_on, warn_of_radii
 from mapdeal.stages.definition import Parameters
 from mapdeal.stages.inflation_curve import inflation_curve
 from mapdeal.stages.obstacle_source import ObstacleSource, refuse_view, warn_of_strength
@@ -35,8 +35,8 @@ from mapdeal.stages.parameters import AT_LEAST_0, COST, METRES, Bound, FromRobot
 _OF_EMPTY_COSTMAP = Bound("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))
 
 Master = NDArray[np.uint8]
-Laid = Callable[[Master, NDArray[np.int8]], Master]
-"""Returns the master grid after a layer, which may change it in place, given the map's values."""
+Spread = Callable[[CostProfile, Master], None]
+"""Raises costs, in place, around the cells that they spread from."""
 
 
 def _title(parameters: Parameters) -> str:
@@ -77,6 +77,13 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve | None:
     )
 
 
+def _radius_in(parameters: Parameters) -> tuple[str, float]:
+    radii = (
+        one.inscribed_radius for one in parameters["layers"] if isinstance(one, InflationLayer)
+    )
+    return "inscribed_radius", max(radii, default=0.0)
+
+
 @cost_model(
     "layers",
     title=_title,
@@ -85,6 +92,7 @@ def _curve(source: Framed, parameters: Parameters) -> CostCurve | None:
     when_closed="lower inscribed_radius, or the radius of inflate",
     of_layers=_of_layers,
     curve=_curve,
+    radius_in=_radius_in,
 )
 def layered_cost(
     source: ObstacleSource,
@@ -148,46 +156,17 @@ def layered_cost(
     """
     refuse_view(source)
     warn_of_strength(source, "layers")
-    laid: list[Laid] = []
-    profile: CostProfile | None = None
-    halo = 0
-    for layer in CostmapLayers(layers).that_count:
-        if isinstance(layer, StaticLayer):
-            laid.append(_Static.of(layer))
-            continue
-        profile = profile_of(layer, source)
-        halo += profile.cells
-        laid.append(_Inflation(profile))
-    values_of = _values_of(source)
-
-    def master(rows: slice) -> Master:
-        values = values_of(rows)
-        cost = np.full(values.shape, default_cost, dtype=np.uint8)
-        for lay in laid:
-            cost = lay(cost, values)
-        return cost
-
-    cost = made_by_windows(source.occupancy, np.uint8, master, halo=halo)
+    for layer in layers:
+        if isinstance(layer, InflationLayer):
+            warn_of_radii(layer.inscribed_radius, layer.inflation_radius)
+    grid = MasterGrid.of(source, layers, default_cost)
+    cost = made_by_windows(source.occupancy, np.uint8, grid.rows, halo=grid.halo)
+    profiles = [one.profile for one in grid.laid if isinstance(one, LaidInflation)]
     return Costmap(
         cost,
         source.resolution,
         source.origin,
-        circumscribed_cost=None if profile is None else profile.cost_at(circumscribed_radius),
-    )
-
-
-def profile_of(layer: InflationLayer, source: ObstacleSource) -> CostProfile:
-    """Return the profile of an inflation layer on a grid."""
-    return CostProfile.of(
-        layer.inscribed_radius,
-        layer.inflation_radius,
-        layer.cost_scaling_factor,
-        inflate_unknown=layer.inflate_unknown,
-        inflate_around_unknown=layer.inflate_around_unknown,
-        lookup=layer.lookup,
-        float32_resolution=True,
-        resolution=source.resolution,
-        shape=source.shape,
+        circumscribed_cost=profiles[-1].cost_at(circumscribed_radius) if profiles else None,
     )
 
 
@@ -195,28 +174,21 @@ def _last_inflation(layers: Sequence[CostmapLayer]) -> InflationLayer | None:
     return next((one for one in reversed(layers) if isinstance(one, InflationLayer)), None)
 
 
-def _values_of(source: ObstacleSource) -> Callable[[slice], NDArray[np.int8]]:
-    """Return what gives the values of some rows that static layers get."""
-
-    def values(rows: slice) -> NDArray[np.int8]:
-        occupancy = source.occupancy[rows]
-        if isinstance(source, DistanceField) and source.unknown == "occupied":
-            occupancy = occupancy.copy()
-            set_where(occupancy, occupancy == UNKNOWN, OCCUPIED)
-        return occupancy
-
-    return values
+def raise_around_seeds(profile: CostProfile, cost: Master) -> None:
+    """Raise costs, in place, by the exact distances to the cells that they spread from."""
+    profile.raise_around_seeds(cost)
 
 
 @dataclass(frozen=True, eq=False)
-class _Static:
+class LaidStatic:
     """A static layer: the cost of each value, and what it does to the costs below."""
 
     table: NDArray[np.uint8]
     use_maximum: bool
 
     @classmethod
-    def of(cls, layer: StaticLayer) -> _Static:
+    def of(cls, layer: StaticLayer) -> LaidStatic:
+        """Return what a layer asks for."""
         inscribed, unknown = layer.inscribed_obstacle_cost_value, layer.unknown_cost_value
         table = static_layer_cost_from_occupancy(
             lethal_threshold=layer.lethal_cost_threshold,
@@ -229,7 +201,8 @@ class _Static:
             table[inscribed] = INSCRIBED_INFLATED_OBSTACLE
         return cls(table, layer.use_maximum)
 
-    def __call__(self, master: Master, values: NDArray[np.int8]) -> Master:
+    def over(self, master: Master, values: NDArray[np.int8]) -> Master:
+        """Return the master grid with the layer over it; it may be changed in place."""
         costs: Master = look_up(values, self.table)
         if not self.use_maximum:
             return costs
@@ -245,11 +218,81 @@ class _Static:
 
 
 @dataclass(frozen=True, eq=False)
-class _Inflation:
-    """An inflation layer on a grid."""
+class LaidInflation:
+    """An inflation layer on a grid, and how its costs spread."""
 
     profile: CostProfile
+    spread: Spread
 
-    def __call__(self, master: Master, values: NDArray[np.int8]) -> Master:  # noqa: ARG002
-        self.profile.raise_around_seeds(master)
+    def over(self, master: Master, _: NDArray[np.int8]) -> Master:
+        """Return the master grid, changed in place."""
+        self.spread(self.profile, master)
         return master
+
+
+@dataclass(frozen=True, eq=False)
+class MasterGrid:
+    """The layers over a map, as far as they matter.
+
+    Parameters
+    ----------
+    source : OccupancyGrid or DistanceField
+        The map.
+    laid : tuple of LaidStatic and LaidInflation
+        The lowest first.
+    default_cost : int
+        The cost below all layers.
+    """
+
+    source: ObstacleSource
+    laid: tuple[LaidStatic | LaidInflation, ...]
+    default_cost: int
+
+    @classmethod
+    def of(
+        cls,
+        source: ObstacleSource,
+        layers: Sequence[CostmapLayer],
+        default_cost: int,
+        spread_of: Callable[[InflationLayer], Spread] = lambda _: raise_around_seeds,
+    ) -> MasterGrid:
+        """Return the layers over a map; `spread_of` says how the costs of each spread."""
+        laid: list[LaidStatic | LaidInflation] = []
+        for layer in CostmapLayers(tuple(layers)).that_count:
+            if isinstance(layer, StaticLayer):
+                laid.append(LaidStatic.of(layer))
+                continue
+            profile = CostProfile.of(
+                layer.inscribed_radius,
+                layer.inflation_radius,
+                layer.cost_scaling_factor,
+                inflate_unknown=layer.inflate_unknown,
+                inflate_around_unknown=layer.inflate_around_unknown,
+                lookup=layer.lookup,
+                float32_resolution=True,
+                resolution=source.resolution,
+                shape=source.shape,
+            )
+            laid.append(LaidInflation(profile, spread_of(layer)))
+        return cls(source, tuple(laid), default_cost)
+
+    @property
+    def halo(self) -> int:
+        """How many rows away a cell can be that matters to another."""
+        return sum(one.profile.cells for one in self.laid if isinstance(one, LaidInflation))
+
+    def rows(self, rows: slice) -> Master:
+        """Return the costs of some rows."""
+        values = self._values(rows)
+        master = np.full(values.shape, self.default_cost, dtype=np.uint8)
+        for layer in self.laid:
+            master = layer.over(master, values)
+        return master
+
+    def _values(self, rows: slice) -> NDArray[np.int8]:
+        """Return the values that static layers get."""
+        occupancy = self.source.occupancy[rows]
+        if isinstance(self.source, DistanceField) and self.source.unknown == "occupied":
+            occupancy = occupancy.copy()
+            set_where(occupancy, occupancy == UNKNOWN, OCCUPIED)
+        return occupancy

@@ -1,0 +1,95 @@
+"""The costs that the queue of costmap_2d's older inflation layers would make, for comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.costmap_layers import InflationLayer
+from mapdeal.kernels.inflation_queue import queue_squares
+from mapdeal.stages.cost_profile import CostProfile, raise_costs
+from mapdeal.stages.exponential_cost import BaseCosts, profile_of
+from mapdeal.stages.layered_cost import MasterGrid, Spread, raise_around_seeds
+from mapdeal.stages.obstacle_source import ObstacleSource
+
+
+class QueueDifference(NamedTuple):
+    """How costs of exact distances differ from those of the queue.
+
+    Parameters
+    ----------
+    cells : int
+        Cells that differ.
+    largest : int
+        The largest difference of two costs.
+    """
+
+    cells: int
+    largest: int
+
+
+def queue_difference(source: ObstacleSource, parameters: Mapping[str, Any]) -> QueueDifference:
+    """Return how costs differ from those of ROS 1, and of Nav2 up to Kilted.
+
+    Parameters
+    ----------
+    source : OccupancyGrid or DistanceField
+        What the costs are made of. It is needed as a whole.
+    parameters : mapping
+        All parameters of the step: of model ``layers`` if they have ``layers``, else of
+        ``exponential``.
+
+    Returns
+    -------
+    QueueDifference
+        Nothing differs where ``lookup`` is ``nav2``, as that Nav2 has no queue.
+    """
+    made = _layered if "layers" in parameters else _exponential
+    exact, queued = (
+        made(source, parameters, spread).astype(np.int16)
+        for spread in (raise_around_seeds, raise_by_queue)
+    )
+    difference = np.abs(exact - queued)
+    return QueueDifference(int(np.count_nonzero(difference)), int(difference.max(initial=0)))
+
+
+def raise_by_queue(profile: CostProfile, cost: NDArray[np.uint8]) -> None:
+    """Raise costs, in place, by the distances to the cells that the queue reaches others from."""
+    if profile.reach > 0:
+        squares = queue_squares(profile.seeds_in(cost), profile.cells)
+        spread = profile.table[np.minimum(squares, len(profile.table) - 1)]
+        raise_costs(cost, spread, inflate_unknown=profile.inflate_unknown)
+
+
+def costs_by_queue(source: ObstacleSource, parameters: Mapping[str, Any]) -> NDArray[np.uint8]:
+    """Return the costs that a step with these parameters would make with the queue.
+
+    Returns
+    -------
+    numpy.ndarray of uint8, shape (H, W)
+    """
+    made = _layered if "layers" in parameters else _exponential
+    return made(source, parameters, raise_by_queue)
+
+
+def _exponential(
+    source: ObstacleSource, parameters: Mapping[str, Any], spread: Spread
+) -> NDArray[np.uint8]:
+    cost = BaseCosts.of(source, **parameters).rows(slice(0, source.shape[0]))
+    if parameters["lookup"] == "nav2":
+        spread = raise_around_seeds
+    spread(profile_of(source, **parameters), cost)
+    return cost
+
+
+def _layered(
+    source: ObstacleSource, parameters: Mapping[str, Any], spread: Spread
+) -> NDArray[np.uint8]:
+    def spread_of(layer: InflationLayer) -> Spread:
+        return raise_around_seeds if layer.lookup == "nav2" else spread
+
+    grid = MasterGrid.of(source, parameters["layers"], parameters["default_cost"], spread_of)
+    return grid.rows(slice(0, source.shape[0]))
