@@ -239,7 +239,7 @@ def exponential_cost(
     )
 
     def around_seeds(rows: slice) -> NDArray[np.uint8]:
-        cost = base.rows(rows)
+        cost = base.costs(rows)
         profile.raise_around_seeds(cost)
         return cost
 
@@ -247,7 +247,7 @@ def exponential_cost(
         obstacles = field.obstacles()
 
         def make(rows: slice) -> NDArray[np.uint8]:
-            cost = base.rows(rows)
+            cost = base.costs(rows)
             profile.raise_from_field(cost, field.part(rows), obstacles[rows])
             return cost
 
@@ -303,7 +303,7 @@ class BaseCosts:
         )
         return cls(source, table)
 
-    def rows(self, rows: slice) -> NDArray[np.uint8]:
+    def costs(self, rows: slice) -> NDArray[np.uint8]:
         """Return the costs of some rows."""
         occupancy = self.source.occupancy[rows]
         cost: NDArray[np.uint8] = look_up(occupancy, self.table)

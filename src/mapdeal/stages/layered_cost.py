@@ -160,7 +160,7 @@ def layered_cost(
         if isinstance(layer, InflationLayer):
             warn_of_radii(layer.inscribed_radius, layer.inflation_radius)
     grid = MasterGrid.of(source, layers, default_cost)
-    cost = made_by_windows(source.occupancy, np.uint8, grid.rows, halo=grid.halo)
+    cost = made_by_windows(source.occupancy, np.uint8, grid.costs, halo=grid.halo)
     profiles = [one.profile for one in grid.laid if isinstance(one, LaidInflation)]
     return Costmap(
         cost,
@@ -281,7 +281,7 @@ class MasterGrid:
         """How many rows away a cell can be that matters to another."""
         return sum(one.profile.cells for one in self.laid if isinstance(one, LaidInflation))
 
-    def rows(self, rows: slice) -> Master:
+    def costs(self, rows: slice) -> Master:
         """Return the costs of some rows."""
         values = self._values(rows)
         master = np.full(values.shape, self.default_cost, dtype=np.uint8)

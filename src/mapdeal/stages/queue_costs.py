@@ -78,7 +78,7 @@ def costs_by_queue(source: ObstacleSource, parameters: Mapping[str, Any]) -> NDA
 def _exponential(
     source: ObstacleSource, parameters: Mapping[str, Any], spread: Spread
 ) -> NDArray[np.uint8]:
-    cost = BaseCosts.of(source, **parameters).rows(slice(0, source.shape[0]))
+    cost = BaseCosts.of(source, **parameters).costs(slice(0, source.shape[0]))
     if parameters["lookup"] == "nav2":
         spread = raise_around_seeds
     spread(profile_of(source, **parameters), cost)
@@ -92,4 +92,4 @@ def _layered(
         return raise_around_seeds if layer.lookup == "nav2" else spread
 
     grid = MasterGrid.of(source, parameters["layers"], parameters["default_cost"], spread_of)
-    return grid.rows(slice(0, source.shape[0]))
+    return grid.costs(slice(0, source.shape[0]))
