@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import mapdeal
-from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.grid.costmap_layers import CostmapLayers, InflationLayer, StaticLayer
+from mapdeal.stages.catalogue import stage_named
 
 
 @dataclass(frozen=True)
@@ -72,3 +73,9 @@ def recorded_costmaps(data):
 def sum_of(cost):
     """The sha256 of costs, as the cases have it."""
     return hashlib.sha256(np.ascontiguousarray(cost).tobytes()).hexdigest()
+
+
+def exponential_parameters(layers, default_cost=0):
+    """The parameters of model exponential that do what layers do, None if it cannot."""
+    of_layers = stage_named("cost", "exponential").of_layers
+    return of_layers(CostmapLayers(tuple(layers), default_cost))

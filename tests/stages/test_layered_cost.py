@@ -19,22 +19,15 @@ from mapdeal import (
     field_view,
     layered_cost,
 )
-from mapdeal.grid.costmap_layers import CostmapLayers, InflationLayer, StaticLayer
+from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
 from mapdeal.kernels import engine
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.step import make_step
-from mapdeal.stages.catalogue import stage_named
-from recorded_costmaps import recorded_costmaps, sum_of
+from recorded_costmaps import exponential_parameters, recorded_costmaps, sum_of
 from strategies import occupancies
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
-
-
-def exponential_parameters(layers, default_cost=0):
-    """The parameters of model exponential that do what layers do, None if it cannot."""
-    of_layers = stage_named("cost", "exponential").of_layers
-    return of_layers(CostmapLayers(tuple(layers), default_cost))
 
 
 @pytest.mark.parametrize("name", ENGINES)

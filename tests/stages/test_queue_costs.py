@@ -3,9 +3,8 @@ import pytest
 
 from mapdeal import OccupancyGrid, esdf, exponential_cost
 from mapdeal.pipeline.step import make_step
-from mapdeal.stages.layered_cost import exponential_parameters
 from mapdeal.stages.queue_costs import costs_by_queue, queue_difference
-from recorded_costmaps import recorded_costmaps, sum_of
+from recorded_costmaps import exponential_parameters, recorded_costmaps, sum_of
 
 pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 
