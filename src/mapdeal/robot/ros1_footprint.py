@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from mapdeal.formats.ros_parameters.ros1 import UNSENDABLE, Path1, Ros1Namespace
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.grid.footprint import Footprint
-from mapdeal.robot.ros1_polygon import (
+from mapdeal.robot.footprints import (
     FootprintStringError,
     corners_of_string,
     padded_corners,

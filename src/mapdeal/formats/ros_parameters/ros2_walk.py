@@ -304,9 +304,9 @@ def refusal(
 ) -> ParameterFileError:
     """Return the error that a file is refused with as a whole."""
     place = None if line is None else f"line {line}"
-    found: dict[str, Any] = {} if got is None else {"got": got}
-    error = ParameterFileError(rule, source=path, place=place, hint=hint, **found)
-    error.line = line
+    shown: dict[str, Any] = {} if got is None else {"got": got}
+    error = ParameterFileError(rule, source=path, place=place, hint=hint, **shown)
+    error.line, error.found = line, got
     return error
 
 

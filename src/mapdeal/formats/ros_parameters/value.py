@@ -12,13 +12,16 @@ from mapdeal.errors import MalformedInputError
 class ParameterFileError(MalformedInputError):
     """A file of parameters that its own parser refuses as a whole.
 
-    Parameters
+    Attributes
     ----------
-    line : int, optional
+    line : int or None
         Where it stops, from 1; the text of the error names it, too.
+    found : str or None
+        What stands there.
     """
 
     line: int | None = None
+    found: str | None = None
 
 
 @dataclass(frozen=True)
