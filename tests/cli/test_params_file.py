@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ global_costmap:
         cost_scaling_factor: 2.5
 """
 INSCRIBED = float(np.float32(0.15)) + float(np.float32(0.05))
-CIRCUMSCRIBED = float(np.hypot(np.float32(0.3) + 0.05, np.float32(0.15) + 0.05))
+CIRCUMSCRIBED = math.hypot(float(np.float32(0.3)) + float(np.float32(0.05)), INSCRIBED)
 
 COMMON = "footprint: [[0.3, 0.15], [0.3, -0.15], [-0.2, -0.15], [-0.2, 0.15]]\n"
 COMMON += "footprint_padding: 0.05\ninflation: {inflation_radius: 0.85, cost_scaling_factor: 2.5}\n"
@@ -87,7 +88,7 @@ def test_costs_are_those_of_the_robots_own_parameters(command, hall, nav2, tmp_p
     code, out, err = command("cost", hall, "-o", tmp_path / "c.npz", "--params-file", nav2)
     assert (code, out.count("\n")) == (0, 1)
     # the circumscribed radius, 0.4 m, lies well within the inflation radius
-    assert err == f"{nav2}: ignored: obstacle_layer (needs sensor data)\n"
+    assert err == f"{nav2}: ignored: obstacle_layer (reads sensors)\n"
     np.testing.assert_array_equal(_costs(tmp_path / "c.npz"), _expected(hall))
     assert not np.array_equal(_expected(hall), _expected(hall, lookup="exact"))
 
@@ -97,7 +98,7 @@ def test_a_run_makes_field_and_costs_and_keeps_the_robot_in_its_manifest(
 ):
     code, _, err = command("run", hall, "-o", tmp_path / "out", "--params-file", nav2)
     assert code == 0
-    assert err == f"{nav2}: ignored: obstacle_layer (needs sensor data)\n"
+    assert err == f"{nav2}: ignored: obstacle_layer (reads sensors)\n"
     folder = tmp_path / "out" / "hall"
     np.testing.assert_array_equal(_costs(folder / "cost.npz"), _expected(hall))
     manifest = json.loads((folder / "manifest.json").read_text())
@@ -110,7 +111,7 @@ def test_a_run_makes_field_and_costs_and_keeps_the_robot_in_its_manifest(
     assert robot["circumscribed_radius"] == pytest.approx(CIRCUMSCRIBED, abs=1e-12)
     by_name = {one["name"]: one for one in robot["layers"]}
     assert by_name["inflation_layer"]["cost_scaling_factor"] == 2.5
-    assert by_name["obstacle_layer"]["ignored"] == "needs sensor data"
+    assert by_name["obstacle_layer"]["ignored"] == "reads sensors"
     info = command("info", folder)[1]
     robot_of_info = (
         "  robot       /global_costmap/global_costmap of nav2_params.yaml, inscribed_radius 0.2 m"
@@ -275,7 +276,7 @@ def test_info_says_what_a_file_comes_to_on_a_map(command, hall, nav2):
     assert (code, err) == (0, "")
     assert "costmap       global, /global_costmap/global_costmap" in out
     assert "inscribed     0.2 m" in out
-    assert "obstacle_layer (ObstacleLayer)    ignored: needs sensor data" in out
+    assert "obstacle_layer (ObstacleLayer)    ignored: reads sensors" in out
     # ceil(0.85 / float32(0.15)) = 6
     assert "on the map    hall.npz: inflation_layer reaches 6 cells, 0.9 m" in out
     code, out, _ = command("info", nav2, "--json")
@@ -290,6 +291,6 @@ def test_info_takes_the_files_of_ros_1_as_one_robot(command, ros1, hall, nav2):
     code, out, _ = command("info", *files, nav2, hall, "--json")
     assert code == 0
     kinds = [json.loads(line)["kind"] for line in out.splitlines()]
-    assert kinds == ["robot parameters", "robot parameters", "map"]
+    assert kinds == ["robot parameters", "robot parameters", "occupancy grid"]
     first = json.loads(out.splitlines()[0])
     assert [file["name"] for file in first["files"]] == ["common.yaml", "ours.yaml"]
