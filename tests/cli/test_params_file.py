@@ -294,3 +294,24 @@ def test_info_takes_the_files_of_ros_1_as_one_robot(command, ros1, hall, nav2):
     assert kinds == ["robot parameters", "robot parameters", "occupancy grid"]
     first = json.loads(out.splitlines()[0])
     assert [file["name"] for file in first["files"]] == ["common.yaml", "ours.yaml"]
+
+
+def test_verbose_says_how_many_cells_the_older_queue_makes_different(command, real_maps, tmp_path):
+    """Recorded: 28 cells, by 15, of the husky's costs on this map; and 10, by 5, of Nav2's."""
+    husky = real_maps / "params" / "husky__husky" / "husky_navigation" / "config"
+    ground = real_maps / "turtlebot__turtlebot_simulator/turtlebot_gazebo/maps/playground.yaml"
+    files = ["costmap_common.yaml", "costmap_global_static.yaml"]
+    words = [word for name in files for word in ("--params-file", husky / name)]
+    told = "from the queue of older inflation layers, by"
+    _, _, err = command("cost", ground, "-o", tmp_path / "a.npz", *words, "-v")
+    assert f"cost: 28 cells differ {told} 15 at most" in err
+    own = "ros-navigation__navigation2/nav2_bringup"
+    words = ["--params-file", real_maps / "params" / own / "params/nav2_params.yaml"]
+    depot = real_maps / own / "maps/depot.yaml"
+    _, _, err = command("run", depot, "-o", tmp_path, *words, "--dialect", "humble", "-v",
+                        "--no-images")  # fmt: skip
+    assert f"cost: 10 cells differ {told} 5 at most" in err
+    assert err.count("of grey 205") == 1
+    for more in (["-v"], ["--dialect", "humble"]):  # Nav2 has no queue any more; or nobody asks
+        words_ = ["cost", depot, "-o", tmp_path / "b.npz", "--force", *words, *more]
+        assert "queue" not in command(*words_)[2]

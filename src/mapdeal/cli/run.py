@@ -14,6 +14,7 @@ from mapdeal.cli import run_around as around
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
 from mapdeal.cli.many_maps import jobs_at_once, say_listing
+from mapdeal.cli.robot_options import say_queue
 from mapdeal.cli.run_batch import run_batch, run_single, say_plans
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import FindingError, ParameterError, one_line
@@ -192,6 +193,8 @@ def run(
             run_batch(all_jobs, output, map_run, workers)
         else:
             run_single(all_jobs[0], map_run, workers)
+            if robot is not None and workers is None:
+                say_queue(all_jobs[0].path, loaded.steps, settings)
     runs = [(job.folder, job.place) for job in all_jobs]
     if standing is not None:
         runs += [(around_in(folder), f"{place}/{LOCAL_RECIPE}") for folder, place in runs]

@@ -13,6 +13,7 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
+from mapdeal.cli.robot_options import say_queue
 from mapdeal.cli.shared_options import with_shared_options
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError
@@ -120,6 +121,8 @@ def stage_app(name: str) -> typer.Typer:
             )
             made = SingleResult(figures)
         terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
+        if robot is not None:
+            say_queue(source, [step], settings)
         if as_json:
             terminal.result(json_of(_document(step, made)).decode().removesuffix("\n"))
         else:

@@ -179,6 +179,11 @@ def remark(lines: Iterable[str]) -> None:
             _say(one_line(line))
 
 
+def is_verbose() -> bool:
+    """Return whether details are said, so that some can be left out that take long to find."""
+    return _verbose
+
+
 def detail(text: str) -> None:
     """Print what only a verbose command says."""
     if _verbose:

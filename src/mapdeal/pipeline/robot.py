@@ -67,7 +67,6 @@ def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> 
     values: dict[str, object] = {}
     if stage is not None and stage.robot is not None and stage.robot.replaces not in given:
         values |= stage.robot.parameters(robot.footprint)
-    of_field = draft.get("esdf")
-    if stage is not None and of_field is not None and "lethal_threshold" in stage.parameters:
-        values |= {key: one for key, one in of_field.items() if key == "lethal_threshold"}
+    if stage is not None and "lethal_threshold" in stage.parameters and robot.static_layers:
+        values["lethal_threshold"] = max(robot.static_layers[-1].lethal_cost_threshold, 1)
     return make_step(name, {**values, **given})
