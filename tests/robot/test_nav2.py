@@ -504,3 +504,19 @@ def test_what_the_parser_refuses_is_one_problem(resolve):
         assert robot is None
         assert told(problems) == [("params.syntax", "refused", "", line)]
         assert problems[0].source.name == "0.yaml"
+
+
+def test_long_lists_and_names_take_no_long_time(of_node):
+    names = ", ".join(f"l{index}" for index in range(300))
+    _, problems = of_node(f"robot_radius: 0.2\nplugins: [{names}]\n")
+    assert [one.text for one in refused(problems)] == ["more than 200 layers and filters"]
+    text = GOOD.replace("[static_layer,", "[static_layer, more,") + "more: {plugin: "
+    _, problems = of_node(f'{text}"{"a" * 100_000}", enabled: true}}\n')
+    assert [one.check for one in problems] == ["params.not-modelled"]
+
+
+def test_lists_of_another_type_are_refused_wherever_they_are_asked(of_node):
+    text = "robot_radius: 0.2\nplugins: [static_layer, more]\nfilters: 5\n" + STATIC
+    robot, problems = of_node(text)
+    assert robot is None
+    assert [one.parameter for one in refused(problems)] == ["filters", "plugins"]

@@ -13,7 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapdeal import BitMap, Costmap, DistanceField, OccupancyGrid, PotentialField
+from mapdeal import (
+    BitMap,
+    Costmap,
+    DistanceField,
+    OccupancyGrid,
+    PotentialField,
+    read_robot_parameters,
+)
 from mapdeal.checks.lint import lint_file
 from mapdeal.checks.selection import selection_of
 from mapdeal.cli.options import numbers, pair, size_of
@@ -46,6 +53,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.golden import differences_from_golden
 from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources, repair_maps
 from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.robot.nav2 import nav2_robot
 from mapdeal.robot.ros1 import ros1_robot
 from mapdeal.stages.catalogue import STAGES
 from mapdeal.stages.parameters import parameters_of
@@ -216,8 +224,18 @@ def lint(path, data):
 
 def read_ros1_robot(path, data):
     """Resolve a file of ROS 1 for both costmaps; what is wrong with it is no error."""
+    return _resolve(ros1_robot, path, data)
+
+
+def read_nav2_robot(path, data):
+    """Resolve a file of Nav2 for both costmaps, and read it as commands do."""
+    _resolve(nav2_robot, path, data)
+    return read_robot_parameters(path)
+
+
+def _resolve(resolve, path, data):
     for costmap in ("global", "local"):
-        robot, problems = ros1_robot([path], costmap=costmap)
+        robot, problems = resolve([path], costmap=costmap)
         for one in problems:
             assert one.text.isprintable() or "\n" not in one.text
             assert one.line is None or 1 <= one.line <= data.count(b"\n") + data.count(b"\r") + 3

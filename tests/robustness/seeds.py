@@ -407,7 +407,8 @@ ROS2_PARAMETERS = [
      b"      static_layer: {plugin: \"nav2_costmap_2d::StaticLayer\"}\n"
      b"      inflation_layer:\n        plugin: \"nav2_costmap_2d::InflationLayer\"\n"
      b"        inflation_radius: 0.55\n        cost_scaling_factor: 3.0\n"),
-    (b"/**:\n  ros__parameters: {use_sim_time: yes, n: 010, e: []}\n/r/local_costmap:\n"
+    (b"/**:\n  ros__parameters: {use_sim_time: yes, n: 010}\n/o: {ros__parameters: {e: []}}\n"
+     b"/r/local_costmap:\n"
      b"  local_costmap: {ros__parameters: {footprint: '[[1, 1], [-1, 1], [0, -1]]',\n"
      b"      footprint_padding: !!float 1, filters: [k], k.plugin: x::KeepoutFilter}}\n"),
 ]  # fmt: skip

@@ -32,6 +32,10 @@ _LAYERS = (STATIC, INFLATION, _LEGACY, _OBSTACLE, _VOXEL, _RANGE, *_UNMODELLED)
 _MISSPELT = 0.95
 """As alike as this, a class is misspelt; below it is somebody's own."""
 
+_LONGEST = 100
+"""Characters of a name that are compared with names of classes."""
+MOST_LAYERS = 200
+
 _SENSORS = (
     "obstacle", "voxel", "range", "sonar", "cloud", "scan", "laser", "lidar", "camera", "depth",
     "segmentation", "semantic", "observation", "detection", "people", "person", "social",
@@ -79,6 +83,10 @@ def listed_layers(
         if names == DEFAULT_PLUGINS
         else {}
     )
+    if len(names) + len(filters) > MOST_LAYERS:
+        text = f"more than {MOST_LAYERS} layers and filters"
+        values.problem("params.plugins", "refused", text, "plugins")
+        return None
     classes = [_class_of(values, name, defaults.get(name)) for name in (*names, *filters)]
     if None in classes:
         return None
@@ -124,23 +132,22 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
         return None
     meant = _meant_by(kind)
     if meant is not None:
-        text = f"there is no class {kind}; Nav2 does not start"
+        text = f"there is no class {kind[:_LONGEST]}; Nav2 does not start"
         values.problem("params.plugins", "refused", text, parameter, f"did you mean {meant}?")
     return meant or kind
 
 
 def _list_of(values: Nav2Values, name: str) -> str:
     """Return the list that a name stands in."""
-    found = values.values.get("filters")
-    is_filter = found is not None and name in (found.value or ())
-    return "filters" if is_filter else "plugins"
+    filters = values.get("filters", "string_array", ())
+    return "filters" if name in filters else "plugins"
 
 
 def _guess(name: str) -> str:
     """Return the class that a layer of a name probably has."""
     wanted = name.replace("_", "").lower()
     likeness = {
-        one: SequenceMatcher(None, one.removeprefix(_OWN).lower(), wanted).ratio()
+        one: SequenceMatcher(None, one.removeprefix(_OWN).lower(), wanted[:_LONGEST]).ratio()
         for one in (STATIC, INFLATION, _OBSTACLE, _VOXEL, *_FILTERS)
     }
     return max(likeness, key=likeness.__getitem__)
@@ -155,7 +162,7 @@ def _meant_by(kind: str) -> str | None:
     own = _OWN + plain
     if own in known and package in ("nav2_costmap_2d", "costmap_2d", ""):
         return own  # a slash, ROS 1's package, or none
-    likeness = {one: SequenceMatcher(None, one, kind).ratio() for one in known}
+    likeness = {one: SequenceMatcher(None, one, kind[:_LONGEST]).ratio() for one in known}
     near = max(known, key=likeness.__getitem__)
     return near if likeness[near] >= _MISSPELT else None
 
@@ -225,12 +232,12 @@ def _inflation(
 
 def _sensor(values: Nav2Values, name: str) -> bool:
     """Return whether a layer of sensors is on; other types in it end the node all the same."""
-    for parameter, kind in _SENSOR_PARAMETERS.items():
-        values.get(f"{name}.{parameter}", kind, None, level="warning")
-    sources = values.get(f"{name}.observation_sources", "string", "", level="warning")
-    for source in sources.split():
-        for parameter, kind in _SOURCE_PARAMETERS.items():
-            values.get(f"{name}.{source}.{parameter}", kind, None, level="warning")
+    sources = set(values.get(f"{name}.observation_sources", "string", "", level="warning").split())
+    for parameter in values.values:
+        prefix, _, own = parameter.removeprefix(f"{name}.").rpartition(".")
+        kinds = _SOURCE_PARAMETERS if prefix in sources else {} if prefix else _SENSOR_PARAMETERS
+        if own in kinds and parameter.startswith(f"{name}."):
+            values.get(parameter, kinds[own], None, level="warning")
     return bool(values.get(f"{name}.enabled", "bool", True, level="warning"))
 
 

@@ -140,7 +140,7 @@ def _hint(kind: str, found: ParameterValue) -> str | None:
     if kind == "double" and found.kind == "integer":
         return f"write {found.value}.0"
     if kind == "integer" and found.kind == "double":
-        is_whole = math.isfinite(found.value) and found.value.is_integer()
+        is_whole = abs(found.value) < 1 << 31 and found.value.is_integer()
         return f"write {int(found.value)}" if is_whole else "write a whole number"
     if kind == "string":
         return f'write "{found.text}"' if '"' not in found.text else "put it in quotes"
