@@ -31,6 +31,7 @@ from mapdeal.render.route import RouteOverlay
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
 MAPS = DOCS.parent / "examples" / "maps"
+ROBOT = DOCS.parent / "examples" / "robots" / "nav2_params.yaml"
 
 FOOTPRINT = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
 LONG_SIDE = 900  # pixels of a picture of a map
@@ -121,6 +122,12 @@ def draw_office() -> None:
     _picture("office_esdf.png", field, "office: distance field of the inflated map")
     _picture("office_cost.png", mapdeal.exponential_cost(field), "office: cost, recipe default")
     _picture("office_cost_nav2.png", around_robot, "office: cost, recipe nav2, with a footprint")
+    robot = mapdeal.read_robot_parameters(ROBOT)
+    costs = mapdeal.apply_recipe(office, robot)["cost"]
+    _picture("robot_cost.png", costs, "office: cost of examples/robots/nav2_params.yaml")
+    curve = mapdeal.cost_curve(office, robot=robot)
+    title = "office: cost of examples/robots/nav2_params.yaml"
+    mapdeal.write_picture(IMAGES / "robot_curve.png", curve, title=title, force=True)
     _picture("office_cost_threshold.png", threshold, "office: cost, model threshold")
     _picture("office_cost_rings.png", rings, "office: cost, model rings")
     zones = mapdeal.read_shapes(MAPS.parent / "shapes" / "office_zones.yaml")

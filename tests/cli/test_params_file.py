@@ -177,6 +177,12 @@ def test_two_inflation_layers_are_applied_one_after_the_other(command, hall, nav
     )
     np.testing.assert_array_equal(_costs(tmp_path / "out" / "hall" / "cost.npz"), both)
     assert not np.array_equal(first, both)
+    words = ["cost", hall, "-o", tmp_path / "c.npz", "--params-file", nav2]
+    assert command(*words)[0] == 0
+    np.testing.assert_array_equal(_costs(tmp_path / "c.npz"), both)
+    code, _, err = command(*words, "--inflation-radius", 1, "--force")
+    assert code == 2
+    assert "is a parameter of model exponential, not of layers" in err
 
 
 def test_inflate_takes_the_shape_and_what_is_lethal(command, hall, nav2, tmp_path):

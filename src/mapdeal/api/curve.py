@@ -13,7 +13,9 @@ from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.pipeline.robot import step_for
 from mapdeal.pipeline.step import make_step
+from mapdeal.robot.parameters import RobotParameters
 
 _UNKNOWN_MAP = np.zeros((1, 1), dtype=np.int8)
 
@@ -21,8 +23,9 @@ _UNKNOWN_MAP = np.zeros((1, 1), dtype=np.int8)
 def cost_curve(
     cells: Grid | float,
     *,
-    model: str = "exponential",
+    model: str | None = None,
     footprint: Footprint | None = None,
+    robot: RobotParameters | None = None,
     **parameters: Any,
 ) -> CostCurve:
     """Return the costs over the distance from the nearest obstacle, as a cost model has them.
@@ -31,10 +34,13 @@ def cost_curve(
     ----------
     cells : OccupancyGrid, DistanceField, FieldView or float
         The map that the costs are for, or just the side of its cells, metres.
-    model : str
-        The model of costs: ``exponential``, ``layers``, ``threshold`` or ``rings``.
+    model : str, optional
+        The model of costs: ``exponential``, ``layers``, ``threshold`` or ``rings``; if not given
+        the robot's, without one ``exponential``.
     footprint : Footprint, optional
         The robot's shape, in the place of ``inscribed_radius``; model ``exponential`` alone.
+    robot : RobotParameters, optional
+        A robot's own parameters, from `read_robot_parameters`; what is given besides wins.
     **parameters
         Those of the model: of `exponential_cost`, `layered_cost`, `threshold_cost` or `ring_cost`.
 
@@ -64,17 +70,20 @@ def cost_curve(
         cells = OccupancyGrid(_UNKNOWN_MAP, float(cells))
     if not isinstance(cells, Framed):
         raise ParameterError("must be a grid, or a length in metres", place="cells", got=cells)
-    given = {"model": model, **parameters}
-    step = make_step("cost", given)
-    if footprint is not None:
-        robot = step.stage.robot
-        if robot is None:
+    given = {**({} if model is None else {"model": model}), **parameters}
+    if robot is not None:
+        step = step_for("cost", robot if footprint is None else robot.with_shape(footprint), given)
+    else:
+        step = make_step("cost", given)
+    if footprint is not None and robot is None:
+        shaped = step.stage.robot
+        if shaped is None:
             rule = "costs of this model do not depend on the robot's shape"
             raise ParameterError(rule, place="footprint")
-        if robot.replaces in parameters:
-            rule = f"cannot be given together with {robot.replaces}"
+        if shaped.replaces in parameters:
+            rule = f"cannot be given together with {shaped.replaces}"
             raise ParameterError(rule, place="footprint")
-        step = make_step("cost", {**given, **robot.parameters(footprint)})
+        step = make_step("cost", {**given, **shaped.parameters(footprint)})
     curve = step.curve_on(cells)
     if curve is None:
         raise step.no_curve()

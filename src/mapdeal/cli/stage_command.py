@@ -162,8 +162,10 @@ def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Par
     yield Parameter("output", Parameter.KEYWORD_ONLY, annotation=made)
     if None not in models:
         names = [str(name) for name in models]
-        option = typer.Option(metavar="|".join(names), help=f"The rule of the {first.name}s.")
-        yield _option("model", Annotated[str, option], names[0])
+        text = f"The rule of the {first.name}s.  [default: {names[0]}"
+        text += "; with --params-file the robot's]" if first.robot is not None else "]"
+        option = typer.Option(metavar="|".join(names), help=text, show_default=False)
+        yield _option("model", Annotated[str | None, option], None)
     for name in _in_order(models):
         owners = {str(model): one for model, one in models.items() if name in one.parameters}
         stage = next(iter(owners.values()))
@@ -221,8 +223,8 @@ def _step_of(
     """Return the step that the options of a command ask for."""
     parameters = opt.given(**given)
     if footprint is not None:
-        model = parameters.get("model")
-        stage = models.get(str(model) if model is not None else None)
+        model = parameters.get("model", next(iter(models)))
+        stage = models.get(None if model is None else str(model))
         robot = stage.robot if stage is not None else None
         if stage is not None and robot is None:
             able = " and ".join(str(one.model) for one in models.values() if one.robot)
