@@ -520,3 +520,13 @@ def test_lists_of_another_type_are_refused_wherever_they_are_asked(of_node):
     robot, problems = of_node(text)
     assert robot is None
     assert [one.parameter for one in refused(problems)] == ["filters", "plugins"]
+
+
+def test_static_layers_of_different_maps_are_warned_of(of_node):
+    text = GOOD.replace("[static_layer,", "[static_layer, zones,")
+    text += "zones: {plugin: nav2_costmap_2d::StaticLayer, map_topic: /zones}\n"
+    _, problems = of_node(text)
+    assert told(problems) == [("params.other-map", "warning", "zones.map_topic", 9)]
+    assert "reads zones, another map than map" in problems[0].text
+    assert of_node(text.replace("/zones}", "/map}"))[1] == ()
+    assert of_node(text.replace("/zones}", "/zones, enabled: false}"))[1] == ()

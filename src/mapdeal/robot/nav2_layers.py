@@ -96,7 +96,23 @@ def listed_layers(
             found.append(_filter(values, name, kind or ""))
         else:
             found.append(_layer(values, name, kind or "", inscribed_radius, older=older))
+    _tell_topics(values, found)
     return tuple(found)
+
+
+def _tell_topics(values: Nav2Values, layers: list[ListedLayer]) -> None:
+    """Warn where static layers read different maps: there is one map, and all of them get it."""
+    own_map = values.get("map_topic", "string", "map")
+    first: str | None = None
+    for one in layers:
+        if not (isinstance(one.layer, StaticLayer) and one.is_enabled):
+            continue
+        parameter = f"{one.name}.map_topic"
+        topic = (values.get(parameter, "string", "") or own_map).lstrip("/")
+        if first is not None and topic != first:
+            text = f"reads {topic}, another map than {first}; here it gets the same one"
+            values.problem("params.other-map", "warning", text, parameter)
+        first = first or topic
 
 
 def static_layer(values: Nav2Values, name: str, *, older: bool) -> StaticLayer:

@@ -235,7 +235,7 @@ REFUSED = {
     "a: {ros__parameters: {x: &v 1,\n y: *v}}": (2, "ROS 2 does not support aliases"),
     "a: {ros__parameters: {x: [1,\n 2.5]}}": (2, "the values of a list must be of one type"),
     "a: {ros__parameters: {x: [a,\n 2]}}": (2, "the values of a list must be of one type"),
-    PAIR: (1, "a list stands where a key should be"),
+    PAIR: (1, "a list within a list"),
     "a: {ros__parameters: {x: [1, [2], 3, 4]}}": (1, "a value"),
     "a: {ros__parameters: {x: !ENV HOME}}": (1, "the value has a tag that ROS 2 does not know"),
     "a: {ros__parameters: {x: !!null null}}": (1, "the value has a tag that ROS 2 does not know"),
@@ -279,7 +279,7 @@ def test_hints_say_what_to_write(read):
             read(text)
         return caught.value.hint
 
-    assert "a footprint is a text" in hint(PAIR)
+    assert "put a footprint in quotes" in hint(PAIR)
     assert "decimal point" in hint("a: {ros__parameters: {x: [1, 2.5]}}")
     assert "launch" in hint("<robot_namespace>: {a: {ros__parameters: {x: 1}}}")
     assert "NODE: ros__parameters:" in hint("robot_radius: 0.2")

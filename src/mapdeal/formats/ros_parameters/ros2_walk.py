@@ -32,7 +32,7 @@ _PRECEDENCE = (
     "byte_array", "bool_array", "integer_array", "double_array", "string_array",
 )  # fmt: skip
 _LAUNCH = "launch files fill it in; give the file that the node gets, or write the name itself"
-_NO_LISTS_OF_LISTS = 'ROS 2 has no lists of lists; a footprint is a text: "[[x1, y1], [x2, y2], …]"'
+_NO_LISTS_OF_LISTS = 'ROS 2 has none; put a footprint in quotes: "[[x1, y1], [x2, y2], ...]"'
 
 
 @dataclass
@@ -152,8 +152,9 @@ class Walk:
 
     def _start_sequence(self, event: yaml.SequenceStartEvent) -> None:
         if self._is_key:
-            hint = _NO_LISTS_OF_LISTS if self._in_parameters else None
-            raise self._error("a list stands where a key should be", event, hint=hint)
+            if self._in_parameters:
+                raise self._error("a list within a list", event, hint=_NO_LISTS_OF_LISTS)
+            raise self._error("a list stands where a key should be", event)
         if not self._in_parameters:
             rule = f"a list stands outside of {PARAMETERS_KEY}"
             raise self._error(rule, event, hint=_nesting_hint())
