@@ -133,3 +133,15 @@ def test_what_is_no_name_is_a_parameter_error(maps, name, odd):
     values = {"paths": maps / "sound.yaml", name: odd}
     with pytest.raises(mapdeal.ParameterError, match="lint: takes names or paths, got"):
         mapdeal.lint(**values)
+
+
+def test_parameter_files_are_linted_with_and_without_maps(maps):
+    (maps / "robot.yaml").write_text("robot_radius: 0.3\nstatic_map: 1\n")
+    report = mapdeal.lint(params_file=maps / "robot.yaml")
+    assert ("params.silent-default", 2) in [(one.check, one.line) for one in report]
+    assert [one.is_parameters for one in report.maps] == [True]
+    report = mapdeal.lint(maps / "sound.yaml", params_file=[maps / "robot.yaml"], costmap="local")
+    assert [one.is_parameters for one in report.maps] == [True, False]
+    for words in ({"costmap": "global"}, {"params_file": "a.yaml", "costmap": "both"}):
+        with pytest.raises(mapdeal.ParameterError, match="costmap"):
+            mapdeal.lint(maps, **words)

@@ -175,6 +175,7 @@ def test_every_check_has_a_case():
     covered = {name for name, _ in CASES} | {"image.depth", "image.outside-folder"}
     covered |= {"run.no-manifest", "run.missing-file", "run.other-file", "run.uniform-cost"}
     covered |= {"lint.not-checked", "lint.unused-ignore"}  # tests/pipeline/test_lint.py
+    covered |= {name for name in CHECKS if name.startswith("params.")}  # test_lint_parameters.py
     assert covered == set(CHECKS)
     assert len(CHECKS) >= 30
     assert all(re.fullmatch(r"[a-z]+\.[a-z-]+", name) for name in CHECKS)
@@ -264,7 +265,7 @@ def takes_both(pair: PairFacts, cells: GridFacts):
 
 @pytest.mark.parametrize("function", [takes_nothing, takes_anything, takes_a_grid, takes_both])
 def test_a_check_of_other_facts_is_refused_when_it_is_added(restored_checks, function):
-    rule = "check test.odd must have one parameter, annotated PairFacts or GridFacts, got "
+    rule = "check test.odd must have one parameter, annotated PairFacts or GridFacts or .*, got "
     with pytest.raises(TypeError, match=rule):
         check("test.odd", "note", "anything")(function)
     assert "test.odd" not in CHECKS

@@ -135,3 +135,146 @@ def test_names_come_from_standard_input(maps):
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (1, "")
     assert done.stdout.splitlines()[-1] == "1 map: 0 errors, 1 warning, 0 notes"
+
+
+ROBOT = """\
+footprint: [[-0.4, -0.3], [-0.4, 0.3], [0.4, 0.3], [0.4, -0.3]]
+robot_radius: 0.3
+global_costmap:
+  plugins:
+    - {name: static_layer, type: "costmap_2d::StaticLayer"}
+    - {name: inflation_layer, type: "costmap_2d::InflationLayer"}
+    - {name: obstacle_layer, type: "costmap_2d::ObstacleLayer"}
+  resolution: 0.05
+  inflation_layer:
+    inflation_radius: "0.7"
+    cost_scaling_facter: 3.0
+  static_layer:
+    enabled: 1
+"""
+FIVE_MISTAKES = [
+    (2, "warning", "params.radius-and-footprint"),
+    (5, "warning", "params.layer-after-inflation"),
+    (10, "warning", "params.silent-default"),
+    (11, "warning", "params.misspelt"),
+    (13, "warning", "params.silent-default"),
+    (10, "note", "params.inflation-defaults"),
+]
+
+
+def test_five_mistakes_of_a_ros1_file_are_told_with_their_lines(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("robot.yaml").write_text(ROBOT)
+    code, out, _ = command("lint", "--params-file", "robot.yaml")
+    assert code == 0
+    *lines, total = out.splitlines()
+    assert [tuple(line.split(": ")[:3]) for line in lines] == [
+        (f"robot.yaml:{line}", severity, name) for line, severity, name in FIVE_MISTAKES
+    ]
+    assert total == "1 parameter file: 0 errors, 5 warnings, 1 note"
+    assert command("lint", "--params-file", "robot.yaml", "--strict")[0] == 1
+
+
+NAV2 = """\
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      robot_radius: "0.3"
+      track_unknown_space: yes please
+      plugins: ["static_layer", "obstacle_layer", "inflation_layer"]
+      static_layer:
+        plugin: "nav2_costmap_2d::StaticLayr"
+      obstacle_layer:
+        plugin: "nav2_costmap_2d::ObstacleLayer"
+      inflation_layer:
+        plugin: "nav2_costmap_2d::InflationLayer"
+        inflation_radius: 1
+        cost_scaling_facter: 3.0
+"""
+
+
+def test_five_mistakes_of_a_nav2_file_are_told_with_their_lines(command, tmp_path, monkeypatch):
+    """Nav2 itself stops at the first."""
+    monkeypatch.chdir(tmp_path)
+    Path("nav2_params.yaml").write_text(NAV2)
+    code, out, _ = command("lint", "--params-file", "nav2_params.yaml")
+    assert code == 1
+    *lines, total = out.splitlines()
+    told = [
+        (4, "error: params.type: robot_radius: must be a double, is a string; "),
+        (5, "error: params.type: track_unknown_space: must be a bool, is a string; "),
+        (8, "error: params.plugins: static_layer.plugin: there is no class nav2_costmap_2d::Stati"),
+        (13, "error: params.type: inflation_layer.inflation_radius: must be a double, is an int"),
+        (14, "warning: params.misspelt: no parameter is called inflation_layer.cost_scaling_f"),
+        (12, "note: params.inflation-defaults: inflation_layer: not set, and so cost_scaling_f"),
+    ]
+    for line, (number, text) in zip(lines, told, strict=True):
+        assert line.startswith(f"nav2_params.yaml:{number}: {text}")
+    assert lines[0].endswith('got "0.3"; write a number, without quotes or a unit')
+    assert lines[2].endswith("; did you mean nav2_costmap_2d::StaticLayer?")
+    assert lines[3].endswith("Nav2 does not start, got 1; write 1.0")
+    assert lines[4].endswith(": did you mean cost_scaling_factor?")
+    assert total == "1 parameter file: 4 errors, 1 warning, 1 note"
+
+
+def test_every_form_of_the_report_has_parameter_files(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("robot.yaml").write_text(ROBOT)
+    lint = ["lint", "--params-file", "robot.yaml", "--format"]
+    (entry,) = (document := json.loads(command(*lint, "json")[1]))["parameter_files"]
+    told = [(one["line"], one["severity"], one["check"]) for one in entry["findings"]]
+    assert (entry["file"], document["maps"], told) == ("robot.yaml", [], FIVE_MISTAKES)
+    (run,) = json.loads(command(*lint, "sarif")[1])["runs"]
+    places = [one["locations"][0]["physicalLocation"] for one in run["results"]]
+    assert {one["artifactLocation"]["uri"] for one in places} == {"robot.yaml"}
+    assert [one["region"]["startLine"] for one in places] == [line for line, *_ in FIVE_MISTAKES]
+    github = command(*lint, "github")[1].splitlines()
+    assert github[0].startswith("::warning file=robot.yaml,line=2,title=params.radius-and-")
+    assert len(github) == len(FIVE_MISTAKES)
+    assert '<testcase name="robot.yaml" classname=".">' in command(*lint, "junit")[1]
+
+
+def test_parameters_and_maps_are_linted_together(command, maps):
+    Path("robot.yaml").write_text(ROBOT)
+    code, out, _ = command("lint", "maps", "--params-file", "robot.yaml", "--select", "params,yaml")
+    told = "resolution 0.05 m has no effect: the static layer takes the map's, 0.25 m (good.yaml)"
+    assert f"robot.yaml:8: note: params.resolution: {told}" in out.splitlines()
+    assert "maps/old/turned.yaml:4: warning: yaml.origin-yaw" in out
+    assert out.splitlines()[-1].startswith("1 parameter file, 2 maps: ")
+    assert code == 0
+
+
+def test_rules_count_for_parameter_files(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("robot.yaml").write_text(
+        ROBOT.replace("0.3\n", "0.3 # mapdeal: ignore params.misspelt\n", 1)
+    )
+    lint = ["lint", "--params-file", "robot.yaml"]
+    out = command(*lint)[1]
+    assert "params.misspelt" not in out
+    assert out.splitlines()[-1] == "1 parameter file: 0 errors, 4 warnings, 1 note, 1 suppressed"
+    Path("mapdeal.toml").write_text('[lint.severity]\n"params.silent-default" = "error"\n')
+    assert command(*lint)[0] == 1
+    assert (
+        command(*lint, "--ignore", "params")[1]
+        == "1 parameter file: 0 errors, 0 warnings, 0 notes\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "text"),
+    [
+        ([], 2, "needs a MAP, or --params-file"),
+        (["maps", "--costmap", "local"], 2, "--costmap: needs --params-file"),
+        (["maps", "--namespace", "a"], 2, "--namespace: needs --params-file"),
+        (["--params-file", "robot.yaml", "--fix", "--in-place"], 2, "together with --fix"),
+        (["--params-file", "none.yaml"], 1, "none.yaml: error: file.access: "),
+        (["--params-file", "robot.yaml", "--costmap", "local"], 1, "no parameters of"),
+        (["--params-file", "robot.yaml", "--namespace", "a"], 0, "params.misspelt"),
+    ],
+)
+def test_options_of_parameter_files(command, maps, words, code, text):
+    Path("robot.yaml").write_text(ROBOT)
+    found, out, err = command("lint", *words)
+    assert found == code
+    assert text in out + err

@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
+from typing import get_args
 
 from mapdeal.checks.reports.report import LintReport
 from mapdeal.errors import ParameterError
 from mapdeal.grid.framed import Framed
-from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources
+from mapdeal.pipeline.lint import LintRules, ParameterFiles, lint_maps, list_sources
 from mapdeal.pipeline.settings import Settings
+from mapdeal.robot.parameters import CostmapName
 
 
 def lint(
-    paths: str | PathLike[str] | Iterable[str | PathLike[str]],
+    paths: str | PathLike[str] | Iterable[str | PathLike[str]] = (),
     *,
+    params_file: str | PathLike[str] | Iterable[str | PathLike[str]] = (),
+    costmap: CostmapName | None = None,
+    namespace: str | None = None,
     select: str | Iterable[str] = (),
     ignore: str | Iterable[str] = (),
     strict: bool = False,
@@ -23,13 +28,20 @@ def lint(
     max_cells: int | None = None,
     max_memory: int | None = None,
 ) -> LintReport:
-    """Report what is wrong with maps, by named checks, as the command does.
+    """Report what is wrong with maps and robots' parameters, by named checks, as the command does.
 
     Parameters
     ----------
     paths : path or str, or several
         Files: map_server ``.yaml``, ``.pbm`` with its YAML beside it, ``.npz``; folders of maps
         or of runs; patterns such as ``maps/**/*.yaml``; ``@LIST.txt``.
+    params_file : path or str, or several
+        A robot's own parameter files, in the order in which ROS loads them: a Nav2 file, or
+        ROS 1's costmap files.
+    costmap : {'global', 'local'}, optional
+        Which of its costmaps to look at; both, as far as the files have them, if not given.
+    namespace : str, optional
+        Which robot, if the files hold several.
     select, ignore : str or several
         Names of checks, or of their areas such as ``image``: those that count, all if not given,
         and those that do not.
@@ -52,8 +64,8 @@ def lint(
     Raises
     ------
     ParameterError
-        If there are no names, a check is not known, a pattern matches no map, or a
-        configuration says what cannot be.
+        If there are neither maps nor parameter files, a check is not known, a pattern matches no
+        map, or a configuration says what cannot be.
     FileAccessError, MalformedInputError
         If a list or a file of configuration cannot be read.
 
@@ -74,19 +86,28 @@ def lint(
         config=None if isinstance(config, bool) else Path(config),
         is_isolated=config is False,
     )
-    names = _names(paths)
+    files = tuple(map(Path, _several(params_file)))
+    names = _names(paths, is_needed=not files)
+    parameters = ParameterFiles(files, costmap, namespace) if files else None
+    if parameters is None and (costmap, namespace) != (None, None):
+        raise ParameterError("costmap and namespace need params_file", place="lint")
+    if costmap not in (None, *get_args(CostmapName)):
+        raise ParameterError("must be global or local", place="costmap", got=costmap)
     with settings.memory():
         listing = list_sources(names, _no_standard_input)
-        return lint_maps([one.path for one in listing.maps], rules, settings)
+        paths_of = [one.path for one in listing.maps]
+        return lint_maps(paths_of, rules, settings, parameters=parameters)
 
 
-def _names(paths: str | PathLike[str] | Iterable[str | PathLike[str]] | Framed) -> tuple[str, ...]:
+def _names(
+    paths: str | PathLike[str] | Iterable[str | PathLike[str]] | Framed, *, is_needed: bool
+) -> tuple[str, ...]:
     """Return the names of maps; none at all would be a gate that has lost its maps, and passes."""
     if isinstance(paths, Framed):
         hint = "write_map writes a grid to a file"
         raise ParameterError("takes names or paths", place="lint", got=paths, hint=hint)
     names = _several(paths)
-    if not names:
+    if not names and is_needed:
         raise ParameterError("names no map", place="lint", got=paths)
     return names
 

@@ -8,13 +8,16 @@ from typing import Any, TypeVar, get_type_hints
 
 from mapdeal.checks.facts import GridFacts, PairFacts
 from mapdeal.checks.finding import Check, Remark, Severity, add_check
+from mapdeal.checks.parameter_facts import ParameterFacts, RobotFacts
 
-_FACTS = (PairFacts, GridFacts)
+_FACTS = (PairFacts, GridFacts, ParameterFacts, RobotFacts)
 
 CheckFunction = TypeVar(
     "CheckFunction",
     bound=Callable[[PairFacts], Iterator[Remark | str]]
-    | Callable[[GridFacts], Iterator[Remark | str]],
+    | Callable[[GridFacts], Iterator[Remark | str]]
+    | Callable[[ParameterFacts], Iterator[Remark | str]]
+    | Callable[[RobotFacts], Iterator[Remark | str]],
 )
 
 
@@ -33,9 +36,9 @@ def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction]
     Returns
     -------
     callable
-        The decorator. The function takes the facts that its parameter is annotated with,
-        `PairFacts` or `GridFacts`, and yields its remarks; it is not called for files that have
-        no such facts.
+        The decorator. The function takes the facts that its parameter is annotated with, one of
+        `PairFacts`, `GridFacts`, `ParameterFacts` and `RobotFacts`, and yields its remarks; it is
+        not called for files that have no such facts.
 
     Raises
     ------

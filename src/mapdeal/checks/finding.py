@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from mapdeal.errors import one_line
+from mapdeal.formats.ros_parameters.value import ParameterValue
 
 Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
@@ -53,10 +54,13 @@ class Remark:
         One line.
     key : str, optional
         The key of the YAML that it is about.
+    at : ParameterValue, optional
+        The parameter that it is about, of a robot's files.
     """
 
     message: str
     key: str | None = None
+    at: ParameterValue | None = None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,10 @@ from typing import Any
 # The modules of checks: importing one adds its checks to the list.
 from mapdeal.checks import (  # noqa: F401
     image_checks,
+    layer_checks,
     map_checks,
+    parameter_problems,
+    robot_checks,
     yaml_checks,
 )
 from mapdeal.checks.facts import PairFacts, gather

@@ -17,9 +17,10 @@ from mapdeal.cli.options import OR_STDIN
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import MapdealError, ParameterError
-from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources, repair_maps
+from mapdeal.pipeline.lint import LintRules, ParameterFiles, lint_maps, list_sources, repair_maps
 from mapdeal.pipeline.repair import repair_file
 from mapdeal.pipeline.settings import Settings
+from mapdeal.robot.parameters import CostmapName
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -28,13 +29,30 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @shared_options("max_cells", "force", "max_memory")
 def lint(
     sources: Annotated[
-        list[str],
+        list[str] | None,
         typer.Argument(
             metavar="MAP...",
             help=f"Maps, folders of maps or runs, quoted patterns, or @LIST.txt. {OR_STDIN}",
         ),
         FROM_STDIN,
-    ],
+    ] = None,
+    params_file: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--params-file",
+            metavar="FILE",
+            help="A robot's own parameters: a Nav2 file, or ROS 1's costmap files; can be "
+            "repeated, later ones win.",
+        ),
+    ] = None,
+    costmap: Annotated[
+        CostmapName | None,
+        typer.Option(help="Which costmap of --params-file.  [default: both]", show_default=False),
+    ] = None,
+    namespace: Annotated[
+        str | None,
+        typer.Option(metavar="NS", help="Which robot of --params-file, if it holds several."),
+    ] = None,
     select: Annotated[
         list[str] | None,
         typer.Option(
@@ -100,7 +118,7 @@ def lint(
     *,
     settings: Settings,
 ) -> None:
-    """Report what is wrong with maps, by named checks.
+    """Report what is wrong with maps, and with a robot's parameter files, by named checks.
 
     Errors make the exit code 1: they make a map wrong or unsafe for some reader. Warnings are
     traps, notes are good to know. A file that cannot be read is a finding; the others go on.
@@ -109,11 +127,23 @@ def lint(
     and folders of runs in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt,
     a file with such names, one a line (@- reads them from stdin).
 
-    A comment "# mapdeal: ignore ID, ID" in a map's .yaml takes these checks out for that map.
+    With --params-file a robot's own parameters are looked at, too: what ROS refuses, or passes over
+    in silence, and what its shape and its costs make of one another. A MAP is not needed then.
+
+    A comment "# mapdeal: ignore ID, ID" in a map's .yaml takes these checks out for that map, and
+    in a parameter file for that file.
     """
-    listing = list_sources(sources, terminal.input_chunks)
+    parameters = _parameters_of(params_file, costmap, namespace)
+    _check_fix(
+        fix=fix,
+        has_output=output is not None,
+        in_place=in_place,
+        has_parameters=parameters is not None,
+    )
+    if not sources and parameters is None:
+        raise ParameterError("needs a MAP, or --params-file", source="lint")
+    listing = list_sources(sources or (), terminal.input_chunks)
     paths = [one.path for one in listing.maps]
-    _check_fix(fix=fix, has_output=output is not None, in_place=in_place)
     if output is not None:
         _write_copy(paths, output, settings)
         return
@@ -128,7 +158,9 @@ def lint(
         if in_place:
             report, problems = repair_maps(paths, rules, settings, jobs=at_once, done=done)
         else:
-            report = lint_maps(paths, rules, settings, jobs=at_once, done=done)
+            report = lint_maps(
+                paths, rules, settings, parameters=parameters, jobs=at_once, done=done
+            )
     for line in REPORTS[form](report):
         terminal.result(line)
     if form == "text":
@@ -148,7 +180,22 @@ def _names(given: list[str] | None) -> tuple[str, ...]:
     return tuple(name.strip() for text in given or () for name in text.split(","))
 
 
-def _check_fix(*, fix: bool, has_output: bool, in_place: bool) -> None:
+def _parameters_of(
+    files: list[Path] | None, costmap: CostmapName | None, namespace: str | None
+) -> ParameterFiles | None:
+    """Return the robot's parameter files, if there are any."""
+    if files:
+        return ParameterFiles(tuple(files), costmap, namespace)
+    for option, value in (("--costmap", costmap), ("--namespace", namespace)):
+        if value is not None:
+            raise ParameterError("needs --params-file", source=option)
+    return None
+
+
+def _check_fix(*, fix: bool, has_output: bool, in_place: bool, has_parameters: bool) -> None:
+    if fix and has_parameters:
+        rule = "cannot be given together with --fix"
+        raise ParameterError(rule, source="--params-file", hint="--fix repairs maps alone")
     if has_output and in_place:
         raise ParameterError("cannot be given together with -o", source="--in-place")
     if fix and not (has_output or in_place):

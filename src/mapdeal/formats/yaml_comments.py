@@ -30,13 +30,15 @@ class IgnoreComment:
     names: tuple[str, ...]
 
 
-def read_ignore_comments(path: Path) -> list[IgnoreComment]:
+def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreComment]:
     """Return the comments of a file that name checks of lint which are to be ignored.
 
     Parameters
     ----------
     path : Path
-        The file; one that cannot be read, or is too large for the YAML of a map, has none.
+        The file; one that cannot be read, or is larger than the limit, has none.
+    limit : int
+        Bytes that are read; by default as many as the YAML of a map may have.
 
     Notes
     -----
@@ -44,7 +46,7 @@ def read_ignore_comments(path: Path) -> list[IgnoreComment]:
     in a file, too, that is no YAML.
     """
     try:
-        data = read_file(path, limit=OF_MAPS.bytes)
+        data = read_file(path, limit=limit)
     except (FileAccessError, MalformedInputError):
         return []
     lines = data.decode("utf-8-sig", "replace").splitlines()

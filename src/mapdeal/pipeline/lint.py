@@ -13,7 +13,7 @@ from mapdeal.checks.lint import lint_file
 from mapdeal.checks.reports.report import LintReport, MapReport
 from mapdeal.checks.run_checks import RUN_FOLDERS
 from mapdeal.checks.selection import Selection, selection_of
-from mapdeal.errors import MapdealError, ParameterError, kept_warnings
+from mapdeal.errors import FileAccessError, MapdealError, ParameterError, kept_warnings
 from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.budget import SHARE_OF_JOB
 from mapdeal.formats.lint_config import LintConfig, find_lint_config, read_lint_config
@@ -22,12 +22,17 @@ from mapdeal.formats.maps import open_map
 from mapdeal.formats.source import is_folder, normal_path
 from mapdeal.formats.yaml_comments import IgnoreComment, read_ignore_comments
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
+from mapdeal.robot.parameters import CostmapName
 from mapdeal.version import __version__
 
 if TYPE_CHECKING:  # what only several processes need
     from mapdeal.pipeline.jobs import Job
 
 _NOT_CHECKED = "lint.not-checked"
+_NO_ACCESS = "file.access"
+
+_LARGEST_PARAMETERS = 1 << 20
+"""Bytes of a robot's parameter file."""
 
 _CELLS_OF_ANY = 250_000
 """Cells that are checked in the time that a file takes, however small it is."""
@@ -100,6 +105,25 @@ def _read_config(path: Path) -> LintConfig:
 
 
 @dataclass(frozen=True)
+class ParameterFiles:
+    """A robot's parameter files, and what to look at in them.
+
+    Parameters
+    ----------
+    paths : tuple of Path
+        The files, in the order in which ROS loads them.
+    costmap : {'global', 'local'}, optional
+        Which of its costmaps; both, as far as the files have them, if not given.
+    namespace : str, optional
+        The robot's, where files hold several.
+    """
+
+    paths: tuple[Path, ...]
+    costmap: CostmapName | None = None
+    namespace: str | None = None
+
+
+@dataclass(frozen=True)
 class _Found:
     """What there is about a map before rules are applied."""
 
@@ -119,10 +143,11 @@ def lint_maps(
     rules: LintRules,
     settings: Settings = DEFAULT_SETTINGS,
     *,
+    parameters: ParameterFiles | None = None,
     jobs: int = 1,
     done: Callable[[int], object] = lambda _: None,
 ) -> LintReport:
-    """Return what is wrong with maps.
+    """Return what is wrong with maps, and with a robot's parameter files.
 
     Parameters
     ----------
@@ -132,6 +157,8 @@ def lint_maps(
         Which findings count.
     settings : Settings
         How maps are read.
+    parameters : ParameterFiles, optional
+        A robot's parameter files.
     jobs : int
         Processes to share the maps out to, if there is enough to be done.
     done : callable
@@ -140,7 +167,7 @@ def lint_maps(
     Returns
     -------
     LintReport
-        In the order of `paths`, whatever `jobs` is.
+        In the order of `paths`, whatever `jobs` is, after the parameter files.
 
     Raises
     ------
@@ -151,6 +178,7 @@ def lint_maps(
     """
     selections = _Selections(rules)
     wanted = [selections.of(path) for path in paths]
+    reports = [] if parameters is None else _reports_of(parameters, paths, selections, settings)
     found: dict[int, _Found] = {}
 
     def take(index: int, one: _Found) -> None:
@@ -162,7 +190,6 @@ def lint_maps(
     else:
         for index, path in enumerate(paths):
             take(index, _lint_one(path, settings))
-    reports = []
     for index, (path, selection) in enumerate(zip(paths, wanted, strict=True)):
         findings, suppressed = selection.judged(path, found[index].findings, found[index].comments)
         reports.append(
@@ -214,6 +241,53 @@ def repair_maps(
             (after,) = lint_maps([path], rules, settings).maps
             reports[index] = replace(after, repairs=tuple(repairs))
     return replace(before, maps=tuple(reports)), problems
+
+
+def _reports_of(
+    parameters: ParameterFiles, maps: Sequence[Path], selections: _Selections, settings: Settings
+) -> list[MapReport]:
+    """Return what is wrong with a robot's parameter files, file by file."""
+    reports = []
+    for path, findings in _lint_parameters(parameters, maps, settings).items():
+        selection = selections.of(path)
+        counted, suppressed = selection.judged(
+            path, findings, read_ignore_comments(path, _LARGEST_PARAMETERS)
+        )
+        reports.append(
+            MapReport(str(path), counted, suppressed, selection.strict, is_parameters=True)
+        )
+    return reports
+
+
+def _lint_parameters(
+    parameters: ParameterFiles, maps: Sequence[Path], settings: Settings
+) -> dict[Path, list[Finding]]:
+    from mapdeal.checks.lint_parameters import lint_parameters  # few calls look at any
+
+    try:
+        return lint_parameters(
+            parameters.paths,
+            costmap=parameters.costmap,
+            namespace=parameters.namespace,
+            map_resolutions=[found for path in maps if (found := _resolution_of(path, settings))],
+        )
+    except FileAccessError as error:
+        faulty = Path(error.source) if error.source is not None else parameters.paths[-1]
+        text = str(error).removeprefix(f"{faulty}: ")
+        finding = Finding(_NO_ACCESS, CHECKS[_NO_ACCESS].severity, str(faulty), text)
+        return {path: [finding] if path == faulty else [] for path in parameters.paths}
+
+
+def _resolution_of(path: Path, settings: Settings) -> tuple[str, float] | None:
+    """Return the name and the resolution of a map; None if there is none to read."""
+    if is_folder(path):
+        return None
+    with kept_warnings():
+        try:
+            with open_map(path, max_cells=settings.max_cells) as file:
+                return path.name, file.frame().resolution
+        except MapdealError:
+            return None
 
 
 def _lint_one(path: Path, settings: Settings) -> _Found:

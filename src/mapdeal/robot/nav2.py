@@ -144,11 +144,6 @@ def _resolved(
         return None
     layers = _with_static(values, layers, costmap, older=older)
     track = values.get("track_unknown_space", "bool", False)
-    if not track:
-        is_set = values.has("track_unknown_space")
-        text = "unknown space becomes free" + ("" if is_set else ": it is not set")
-        hint = "set it to true to keep unknown space unknown"
-        values.problem("params.unknown-is-free", "note", text, "track_unknown_space", hint)
     return RobotParameters(
         flavour="nav2",
         costmap=costmap,
@@ -186,10 +181,6 @@ def _shape(values: Nav2Values) -> tuple[float | None, Corners]:
         except FootprintStringError as error:
             _tell_footprint(values, text, str(error))
         else:
-            if values.has("robot_radius"):
-                hint = "remove one of them"
-                rule = "has no effect: footprint wins over it"
-                values.problem("params.both-shapes", "note", rule, "robot_radius", hint)
             return None, corners
     elif not (values.has("robot_radius") or values.has_problem("params.no-node")):
         rule = "neither footprint nor robot_radius is set; Nav2 takes a radius of 0.1 m"

@@ -8,6 +8,7 @@ costmap_plugins.xml of nav2_costmap_2d.
 
 from __future__ import annotations
 
+import math
 from difflib import SequenceMatcher
 
 from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
@@ -142,7 +143,7 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
     kind: str | None = values.get(parameter, "string", default)
     if kind is None:
         if not values.has(parameter):
-            text = f"is listed, but has no {parameter}; Nav2 does not start"
+            text = f"{name} is listed, but has no {parameter}; Nav2 does not start"
             hint = f'write {name}: {{plugin: "{_guess(name)}"}}, or take it out of the list'
             values.problem("params.plugins", "refused", text, _list_of(values, name), hint)
         return None
@@ -233,7 +234,7 @@ def _inflation(
             inscribed_radius = custom
     if radius < inscribed_radius:
         text = f"{radius:g} m is less than the inscribed radius, {inscribed_radius:.4g} m"
-        hint = f"set it to {inscribed_radius:.3f} or more"
+        hint = f"set it to {math.ceil(inscribed_radius * 1000) / 1000:g} or more"
         values.problem("params.inflation-radius", "warning", text, f"{name}.inflation_radius", hint)
     return InflationLayer(
         name=name,

@@ -7,6 +7,7 @@ each number once more, takes defaults for other types and moves it into its limi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from difflib import SequenceMatcher
 from pathlib import Path
@@ -232,10 +233,18 @@ def _inflation(server: Ros1Server, name: str, inscribed: float) -> InflationLaye
             server.problem("params.range", "warning", text, server.find(*where), where)
         return clamped
 
+    radius = number("inflation_radius", 0.55, 50.0, " m")
+    is_known = all(one.check != "params.substitution" for one in server.problems)
+    if 0 < radius < inscribed and is_known:
+        where = _handed(server, name, "inflation_radius")
+        text = f"{radius:g} m is less than the inscribed radius, {inscribed:.4g} m"
+        hint = f"set it to {math.ceil(inscribed * 1000) / 1000:g} or more"
+        found = server.find(*where)
+        server.problem("params.inflation-radius", "warning", text, found, where, hint)
     return InflationLayer(
         name=name,
         inscribed_radius=inscribed,
-        inflation_radius=number("inflation_radius", 0.55, 50.0, " m"),
+        inflation_radius=radius,
         cost_scaling_factor=number("cost_scaling_factor", 10.0, 100.0, ""),
         inflate_unknown=server.boolean(False, name, "inflate_unknown"),
         lookup="exact",

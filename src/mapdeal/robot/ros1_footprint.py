@@ -15,6 +15,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.robot.footprints import (
     FootprintStringError,
     corners_of_string,
+    oddities_of,
     padded_corners,
     radii_of,
     sixteen_corners,
@@ -53,6 +54,10 @@ def ros1_shape(server: Ros1Server) -> Ros1Shape | None:
         radius = _radius(server)
         corners = sixteen_corners(radius)
     padded = padded_corners(corners, padding)
+    for text in oddities_of(padded) if radius is None else ():
+        value = None if found is None else found[1]
+        text = f"{text}; its radii mean little"
+        server.problem("params.outline", "warning", text, value, (_FOOTPRINT,))
     inscribed, circumscribed = radii_of(padded)
     return Ros1Shape(Footprint(vertices=padded), padding, radius, inscribed, circumscribed)
 

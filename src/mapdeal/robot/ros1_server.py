@@ -208,7 +208,7 @@ def load_server(
         server.problems.append(why_not)
         return server, False
     for one, found in zip(files, owners, strict=True):
-        if not found and len(files) > 1 and _is_the_others(one.source, costmap):
+        if not found and len(files) > 1 and costmap_of_name(one.source) not in (None, costmap):
             text = (
                 f"is left out, as a file of the other costmap by its name; {costmap} was asked for"
             )
@@ -224,10 +224,22 @@ def load_server(
     return server, len(files) == len(paths)
 
 
-def _is_the_others(path: Path, costmap: CostmapName) -> bool:
-    """Return whether a file is of the other costmap by its name, as nothing else tells."""
-    other = "local" if costmap == "global" else "global"
-    return other in path.stem.lower() and costmap not in path.stem.lower()
+def costmap_of_name(path: Path) -> CostmapName | None:
+    """Return the costmap that a file is of by its name, where nothing else tells."""
+    names: tuple[CostmapName, CostmapName] = ("global", "local")
+    found = [name for name in names if name in path.stem.lower()]
+    return found[0] if len(found) == 1 else None
+
+
+def costmaps_named(files: Sequence[Ros1File]) -> tuple[CostmapName, ...]:
+    """Return the costmaps that files are of, by what they hold or by their names."""
+    named: set[str] = set()
+    for one in files:
+        own = {path[-1] for path, _ in one.parameters.namespaces()} & set(COSTMAPS)
+        of_name = None if own else costmap_of_name(one.source)
+        named |= own or ({f"{of_name}_costmap"} if of_name else set())
+    names: tuple[CostmapName, CostmapName] = ("global", "local")
+    return tuple(name for name in names if f"{name}_costmap" in named)
 
 
 def _without_root(namespace: Ros1Namespace) -> Ros1Namespace:

@@ -12,8 +12,10 @@ from mapdeal.checks.reports.report import LintReport, MapReport
 
 def json_lines(report: LintReport) -> list[str]:
     """Return the maps, each with its findings, and the numbers of all."""
+    files = [one for one in report.maps if one.is_parameters]
     document = {
-        "maps": [_map(one) for one in report.maps],
+        **({"parameter_files": [_map(one) for one in files]} if files else {}),
+        "maps": [_map(one) for one in report.maps if not one.is_parameters],
         **{f"{severity}s": count for severity, count in report.counts.items()},
         "suppressed": report.suppressed,
     }

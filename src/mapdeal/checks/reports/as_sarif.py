@@ -27,6 +27,8 @@ _MEANINGS = {
     "warning": "A warning: a trap.",
     "note": "A note: good to know.",
 }
+_OF_PARAMETERS = "params."
+_WRONG_PARAMETERS = "An error: ROS refuses the files, or the robot is unsafe with them."
 
 
 def sarif_lines(report: LintReport) -> list[str]:
@@ -58,7 +60,10 @@ def sarif_lines(report: LintReport) -> list[str]:
 def _rule(name: str) -> dict[str, Any]:
     check = CHECKS[name]
     about = f"{check.about[:1].upper()}{check.about[1:]}."
-    text = f"{about} {_MEANINGS[check.severity]}"
+    meaning = _MEANINGS[check.severity]
+    if check.severity == "error" and name.startswith(_OF_PARAMETERS):
+        meaning = _WRONG_PARAMETERS
+    text = f"{about} {meaning}"
     return {
         "id": name,
         "shortDescription": {"text": about},

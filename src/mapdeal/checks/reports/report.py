@@ -14,7 +14,7 @@ from mapdeal.grid.display import OneLine, count_text
 
 @dataclass(frozen=True, repr=False)
 class MapReport(OneLine):
-    """What was found in a map, or in the folder of a run.
+    """What was found in a map, in the folder of a run, or in a robot's parameter file.
 
     Parameters
     ----------
@@ -30,6 +30,8 @@ class MapReport(OneLine):
         Whether it is a folder.
     repairs : tuple of str
         What was changed in its files, a line each.
+    is_parameters : bool
+        Whether it is a file of a robot's parameters, and no map.
     """
 
     file: str
@@ -38,6 +40,7 @@ class MapReport(OneLine):
     strict: bool = False
     is_folder: bool = False
     repairs: tuple[str, ...] = ()
+    is_parameters: bool = False
 
     def _told(self) -> Iterator[str]:
         yield f"{self.file}: {counts_text(counts_of(self.findings), self.suppressed)}"
@@ -58,7 +61,7 @@ class LintReport(OneLine, Sequence[Finding]):
     Parameters
     ----------
     maps : tuple of MapReport
-        In the order of the names that were given.
+        In the order of the names that were given; files of a robot's parameters come first.
     version : str
         That of mapdeal.
     """
@@ -102,8 +105,10 @@ class LintReport(OneLine, Sequence[Finding]):
     def summary(self) -> str:
         """Return how many maps there were, and how much was found, in one line."""
         folders = sum(one.is_folder for one in self.maps)
-        maps = len(self.maps) - folders
-        kinds = [count_text(maps, "map")] if maps or not folders else []
+        files = sum(one.is_parameters for one in self.maps)
+        maps = len(self.maps) - folders - files
+        kinds = [count_text(files, "parameter file")] if files else []
+        kinds += [count_text(maps, "map")] if maps or not (folders or files) else []
         kinds += [count_text(folders, "folder")] if folders else []
         parts = [counts_text(self.counts, self.suppressed)]
         repaired = sum(bool(one.repairs) for one in self.maps)
