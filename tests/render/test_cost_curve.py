@@ -188,6 +188,17 @@ def test_distances_at_which_a_robot_collides_unseen_are_tinted():
         assert count > share * WIDTH if share else count == 0
 
 
+def test_numbers_beyond_all_bounds_are_drawn():
+    far = cost_curve(
+        0.05, inscribed_radius=1e300, inflation_radius=1e300, cost_scaling_factor=1e300
+    )
+    layers = ["static", {"inflation": {"name": "x" * 400, "inflation_radius": 0.3}}, "inflation"]
+    for curve in (far, cost_curve(1e-6), cost_curve(0.05, model="layers", layers=layers)):
+        height, width = cost_curve_image(curve, title="t").indices.shape
+        assert 700 < height < 1000
+        assert 1200 < width < 1500
+
+
 def test_the_circumscribed_cost_has_the_colour_of_the_contour_in_costmaps():
     for name, is_drawn in (("polygon", True), ("none", False), ("point", False)):
         image = cost_curve_image(curve_of(name), title="t")

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
 
 import mapdeal
 from mapdeal import (
@@ -19,7 +20,9 @@ from mapdeal import (
     threshold_cost,
 )
 from mapdeal.grid.cost_curve import MOST_LISTED
+from mapdeal.grid.costmap_layers import InflationLayer
 from mapdeal.pipeline.step import make_step
+from recorded_costmaps import recorded_costmaps
 
 ROWS, COLS, ROW, COL = 47, 63, 19, 24
 PLACE = (1.5, -2.0, 0.4)
@@ -136,6 +139,32 @@ def test_costs_of_nav2_by_hand():
     assert cost[4 * 4 + 2 * 2] == 253  # 4.47 cells, 0.2235 m
     assert (cost[49], cost[14 * 14]) == (173, 60)  # 173.46 at 0.35 m, 60.70 at 0.7 m
     assert (curve.reach_cells, curve.cost_at_reach) == (14, 60)
+
+
+def test_real_nav2_has_the_costs_of_the_curve(real_maps):
+    recorded = np.load(real_maps / "expected" / "params_costmaps.npz")
+    tried = 0
+    for case in recorded_costmaps(real_maps):
+        name = f"{case.about['id']}|distance_transform"
+        if name not in recorded.files or recorded[name].size > 150_000:
+            continue
+        layers = list(case.layers("nav2"))
+        inflations = [one for one in layers if isinstance(one, InflationLayer)]
+        if len(inflations) == len(layers) or any(one.inflate_around_unknown for one in inflations):
+            continue  # without obstacles, or with unknown ones
+        cost = recorded[name]
+        curve = cost_curve(case.grid, model="layers", layers=layers)
+        rows, cols = distance_transform_edt(
+            cost != 254, return_distances=False, return_indices=True
+        )  # fmt: skip
+        at = np.indices(cost.shape)
+        squares = (rows - at[0]) ** 2 + (cols - at[1]) ** 2
+        table = np.zeros(max(int(squares.max()), int(curve.cells[-1] ** 2)) + 1, np.uint8)
+        table[np.rint(curve.cells**2).astype(int)] = curve.cost
+        is_free = (case.grid.occupancy == 0) & (cost != 255)
+        assert np.array_equal(cost[is_free], table[squares[is_free]])
+        tried += curve.reach_cells > 5
+    assert tried > 10
 
 
 @pytest.mark.parametrize("view", ["metric", "seed"])

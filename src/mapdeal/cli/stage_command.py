@@ -139,7 +139,7 @@ def stage_app(name: str) -> typer.Typer:
     if first.makes is Costmap:
         own += [_option("mask", _MASK, None), _option("encoding", _ENCODING, "occupancy")]
         own += [_option("curve", _CURVE, None), _option("as_json", _JSON, False)]
-        shared[-1:] = ["mask", "encoding", *shared[-1:], "curve", "as_json"]
+        shared[-1:-1] = ["mask", "encoding", "curve", "as_json"]
     if first.rows_alone is not None:
         own.append(_option("scheduler", _SCHEDULER, None))
         shared.append("scheduler")

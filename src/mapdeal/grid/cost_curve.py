@@ -20,7 +20,7 @@ Metric = Literal["euclidean", "chebyshev"]
 Formula = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Returns costs, not truncated, of distances in metres."""
 
-FARTHEST_CELLS = 4096
+FARTHEST_CELLS = 2048
 """Cells up to which a curve has every distance that occurs."""
 
 MOST_LISTED = 1000

@@ -185,10 +185,11 @@ class _Drawing:
         sheet = self.pen.sheet
         for row, mark in enumerate(self.marks):
             middle = self.band_top + _BAND + 1 + int(0.9 * _SIZE) + row * _ROW
-            width = text_width(mark.label, _SIZE)
-            if mark.distance > self.end:
-                label = f"{mark.label} >"
-                self._boxed(self.right - text_width(label, _SIZE) - 4, middle, label)
+            is_beyond = mark.distance > self.end
+            label = self.pen.fitting(mark.label, _WIDTH - 2 * _SIZE) + " >" * is_beyond
+            last = self.right - text_width(label, _SIZE) - 4
+            if is_beyond:
+                self._boxed(last, middle, label)
                 continue
             x = self._column(mark.distance)
             dashes = np.arange(middle - _SIZE // 2, self.bottom)
@@ -196,7 +197,7 @@ class _Drawing:
             under = sheet[dashes, x]
             is_cost = under < len(self.palette.colours)
             sheet[dashes, x] = np.where(is_cost, WHITE, GREY)
-            self._boxed(min(x + 6, self.right - width - 4), middle, mark.label)
+            self._boxed(min(x + 6, last), middle, label)
 
     def _boxed(self, x: int, middle: int, label: str) -> None:
         half = int(0.6 * _SIZE)

@@ -13,6 +13,9 @@ from mapdeal.grid.cost_curve import CostCurve
 _FAR = 2.5
 """Times everything else that a reach may be before it is left out of the picture."""
 
+_FARTHEST = 1e9
+"""Metres that a picture shows at most."""
+
 
 class ZoneKind(Enum):
     """What holds in a zone, in words."""
@@ -112,7 +115,8 @@ def end_of(curve: CostCurve) -> float:
         *(metres for _, metres in curve.marks),
     )
     far = max(near, curve.reach, curve.inflation_radius or 0.0)
-    return 1.18 * (far if far <= _FAR * near else near) + curve.resolution / 2
+    shown = min(far if far <= _FAR * near else near, _FARTHEST)
+    return 1.18 * shown + curve.resolution / 2
 
 
 def marks_of(curve: CostCurve) -> list[Mark]:

@@ -50,13 +50,11 @@ class Pen:
     def text(self, x: int, y: int, text: str, *, limit: int, large: bool = False) -> None:
         """Write a line whose upper left corner is given; what does not fit `limit` is cut."""
         size = self._title_size if large else self.size
-        text = printable(text)
-        if text_width(text, size) > limit:
-            limit -= text_width("...", size)
-            while text and text_width(text, size) > limit:
-                text = text[:-1]
-            text += "..."
-        self.write(x, y + ascent(size), text, size)
+        self.write(x, y + ascent(size), _cut(printable(text), limit, size), size)
+
+    def fitting(self, text: str, limit: int) -> str:
+        """Return a line, cut if it does not fit `limit` pixels."""
+        return _cut(printable(text), limit, self.size)
 
     def label(self, x: float, y: float, text: str) -> None:
         """Write a line that begins at x, its middle at y."""
@@ -91,3 +89,12 @@ class Pen:
         palette[: len(own)] = own
         palette[MOST_COLOURS:] = np.linspace(0, 255, SHADES).astype(np.uint8)[:, np.newaxis]
         return Image(self.sheet, palette)
+
+
+def _cut(text: str, limit: int, size: int) -> str:
+    if text_width(text, size) <= limit:
+        return text
+    limit -= text_width("...", size)
+    while text and text_width(text, size) > limit:
+        text = text[:-1]
+    return f"{text}..."

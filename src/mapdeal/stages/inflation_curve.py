@@ -47,13 +47,14 @@ def inflation_curve(
     squares = squares_up_to(max(reaches, default=0))
     cost = np.where(squares == 0, LETHAL_OBSTACLE, FREE_SPACE).astype(np.uint8)
     for layer, reach in zip(layers, reaches, strict=True):
-        spread = costs_of_squares(
-            squares,
-            resolution=side,
-            inscribed_radius=layer.inscribed_radius,
-            cost_scaling_factor=layer.cost_scaling_factor,
-            lookup=layer.lookup,
-        )
+        with np.errstate(over="ignore"):  # of exponents, which end at 0 all the same
+            spread = costs_of_squares(
+                squares,
+                resolution=side,
+                inscribed_radius=layer.inscribed_radius,
+                cost_scaling_factor=layer.cost_scaling_factor,
+                lookup=layer.lookup,
+            )
         np.maximum(cost, spread, out=cost, where=squares <= float(reach) ** 2)
     if not layers:
         return CostCurve(resolution, np.sqrt(squares), cost)
@@ -91,7 +92,8 @@ def _decay(
     highest = np.zeros_like(metres)
     for layer, reach in zip(layers, reaches, strict=True):
         beyond = np.maximum(metres - layer.inscribed_radius, 0.0)
-        decay = (INSCRIBED_INFLATED_OBSTACLE - 1) * np.exp(-layer.cost_scaling_factor * beyond)
+        with np.errstate(over="ignore"):
+            decay = (INSCRIBED_INFLATED_OBSTACLE - 1) * np.exp(-layer.cost_scaling_factor * beyond)
         decay[beyond == 0] = INSCRIBED_INFLATED_OBSTACLE
         np.maximum(highest, decay, out=highest, where=metres <= reach * (1 + 1e-6))
     return highest
