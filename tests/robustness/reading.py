@@ -51,7 +51,13 @@ from mapdeal.grid.coordinates import FARTHEST
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.golden import differences_from_golden
-from mapdeal.pipeline.lint import LintRules, lint_maps, list_sources, repair_maps
+from mapdeal.pipeline.lint import (
+    LintRules,
+    ParameterFiles,
+    lint_maps,
+    list_sources,
+    repair_maps,
+)
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.robot.nav2 import nav2_robot
 from mapdeal.robot.ros1 import ros1_robot
@@ -231,6 +237,16 @@ def read_nav2_robot(path, data):
     """Resolve a file of Nav2 for both costmaps, and read it as commands do."""
     _resolve(nav2_robot, path, data)
     return read_robot_parameters(path)
+
+
+def lint_parameter_files(path, data):
+    """Look at a file of parameters with all checks, whatever is wrong with it."""
+    (report,) = lint_maps([], LintRules(is_isolated=True), parameters=ParameterFiles((path,))).maps
+    assert report.file == str(path)
+    for one in report.findings:
+        assert one.check != "lint.not-checked"
+        assert one.line is None or 1 <= one.line <= data.count(b"\n") + data.count(b"\r") + 3
+        assert "\n" not in one.message
 
 
 def _resolve(resolve, path, data):

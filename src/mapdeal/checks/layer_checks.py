@@ -22,6 +22,8 @@ from mapdeal.grid.costmap_layers import InflationLayer
 from mapdeal.robot.values import Name
 
 _ALIKE = 0.85
+_MOST, _LONGEST = 1000, 60
+"""Unknown names that are compared with all known ones, and the characters that they may have."""
 _MARKING = (
     "StaticLayer", "ObstacleLayer", "VoxelLayer", "RangeSensorLayer", "NonPersistentVoxelLayer",
     "SpatioTemporalVoxelLayer",
@@ -90,11 +92,10 @@ def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
     A file of ROS 1 that both costmaps load has the layers of either; and every second Nav2 file
     has the static layer of Nav2's example in its local costmap, which changes nothing.
     """
-    listed = {name for name, _ in facts.plugins}
-    for name in facts.sections():
-        section = facts.section(name)
+    listed = {name for name, _ in facts.plugins} | set(_named_within(facts))
+    for name, section in facts.sections.items():
         names = {path[1] for path in section}
-        if name in listed or names.isdisjoint(LOOKS_LIKE_A_LAYER) or _is_within(facts, name):
+        if name in listed or names.isdisjoint(LOOKS_LIKE_A_LAYER):
             continue
         near = get_close_matches(name, listed, n=1, cutoff=_ALIKE)
         if not near and (facts.flavour == "ros1" or names <= OF_AN_IDLE_LAYER):
@@ -104,13 +105,11 @@ def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
         yield Remark(text + hint, at=next(iter(section.values())))
 
 
-def _is_within(facts: ParameterFacts, name: str) -> bool:
-    """Return whether a layer of layers names it in a list of its own."""
-    return any(
-        path[-1] in ("plugins", "observation_sources") and len(path) == 2 and name in _words(value)
-        for path, one in facts.values.items()
-        for value in (one.value,)
-    )
+def _named_within(facts: ParameterFacts) -> Iterator[str]:
+    """Yield what layers of layers, and of sensors, name in lists of their own."""
+    for path, one in facts.values.items():
+        if len(path) == 2 and path[1] in ("plugins", "observation_sources"):
+            yield from _words(one.value)
 
 
 def _words(value: object) -> list[str]:
@@ -122,10 +121,11 @@ def _words(value: object) -> list[str]:
 @check("params.misspelt", "warning", "a name that is nearly that of a parameter")
 def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
     """Compare names with those that the costmap and its layers read."""
+    unknown = 0
     for places, known in _places(facts):
         for path, value in places.items():
             name = path[-1]
-            if name in known:
+            if name in known or len(name) > _LONGEST or (unknown := unknown + 1) > _MOST:
                 continue
             near = get_close_matches(name, known, n=1, cutoff=_ALIKE)
             if near and (*path[:-1], near[0]) not in facts.values:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.robot.parameters import CostmapName, Flavour, RobotParameters
@@ -35,13 +36,18 @@ class ParameterFacts:
         """Return a name as ROS writes it."""
         return ("." if self.flavour == "nav2" else "/").join(name)
 
-    def section(self, *name: str) -> dict[Name, ParameterValue]:
+    def section(self, name: str) -> Mapping[Name, ParameterValue]:
         """Return the values below a name, with their names from the costmap on."""
-        return {path: one for path, one in self.values.items() if path[: len(name)] == name != path}
+        return self.sections.get(name, {})
 
-    def sections(self) -> Iterator[str]:
-        """Yield the names right below the costmap that have parameters below them."""
-        yield from dict.fromkeys(path[0] for path in self.values if len(path) > 1)
+    @cached_property
+    def sections(self) -> dict[str, dict[Name, ParameterValue]]:
+        """The values below each name right below the costmap that has some."""
+        found: dict[str, dict[Name, ParameterValue]] = {}
+        for path, value in self.values.items():
+            if len(path) > 1:
+                found.setdefault(path[0], {})[path] = value
+        return found
 
 
 @dataclass(frozen=True, eq=False)
