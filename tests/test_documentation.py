@@ -96,7 +96,7 @@ def test_lint_page_shows_what_its_commands_print(project, command):
             lines = [line for line in block.splitlines() if line.strip() != "..."]
             assert [line for line in lines if line not in out.splitlines()] == []
             shown += 1
-    assert shown == 3
+    assert shown == 4
 
 
 def test_readme_leads_to_every_page():
