@@ -110,7 +110,7 @@ def test_a_model_without_a_curve_has_none(command, room, tmp_path):
     words = ("cost", room, "-o", tmp_path / "c.npz", "--model", "flat")
     code, _, err = command(*words, "--curve", tmp_path / "c.png")
     assert code == 2
-    assert "cost flat: there is no one cost for a distance" in err
+    assert "cost flat: no cost depends on the distance from an obstacle" in err
     assert {path.name for path in tmp_path.iterdir()} == {"room.pgm", "room.yaml"}
     code, out, _ = command(*words, "--json", "-q")
     assert code == 0

@@ -30,6 +30,8 @@ SETS = {
     "odd cells": (0.07, POLYGON),
     "cut off": (0.05, {**POLYGON, "inflation_radius": 0.3, "inscribed_radius": 0.6,
                        "circumscribed_radius": 0.8}),
+    "custom inscribed radius": (0.05, {**POLYGON, "inscribed_radius": 0.351,
+                                       "circumscribed_radius": 0.3}),
     "none": (0.05, {**POLYGON, "inflation_radius": 0.0}),
     "point": (0.05, {"inflation_radius": 0.02, "cost_scaling_factor": 3.0}),
     "flat": (0.05, {**POLYGON, "cost_scaling_factor": 0.0}),
@@ -137,6 +139,11 @@ def told(name):
             ("collision at any heading", 0.3, (253, 253)),
             ("collision at any heading, no cost", 0.6, (0, 0)),
             ("collision at some headings, no cost", 0.8, (0, 0)),
+        ], ZoneKind.FREE),
+        ("custom inscribed radius", [
+            ("collision at any heading", 0.351, (253, 253)),
+            # 252 e^(-5 (sqrt(50) / 20 - 0.351)) and 252 e^(-5 (0.55 - 0.351))
+            ("no collision, with a cost", 0.55, (248, 93)),
         ], ZoneKind.FREE),
         ("none", [
             ("collision at any heading, no cost", 0.2, (0, 0)),

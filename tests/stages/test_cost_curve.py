@@ -267,7 +267,7 @@ def test_the_document_has_the_robot():
 
 def test_what_has_no_curve_is_refused():
     assert make_step("esdf", {}).curve_on(around_one_obstacle(0.05)) is None
-    with pytest.raises(ParameterError, match=r"^cost layers: there is no one cost for a distance"):
+    with pytest.raises(ParameterError, match=r"^cost layers: no cost depends on the distance"):
         cost_curve(0.05, model="layers", layers=["inflation"])
     with pytest.raises(ParameterError, match=r"^view: seed is scaled by the extremes of a map"):
         cost_curve(0.05, model="threshold", view="seed")

@@ -80,7 +80,8 @@ class Step:
     def no_curve(self) -> ParameterError:
         """Return what to raise where a curve is needed."""
         what = " ".join(filter(None, [self.name, self.stage.model]))
-        return ParameterError("there is no one cost for a distance", source=what)
+        rule = "no cost depends on the distance from an obstacle, so there is no curve"
+        return ParameterError(rule, source=what)
 
     def taken(self, grid: Grid) -> Grid:
         """Return what the stage works on: the grid, or the map in it, with a warning if need be."""

@@ -64,6 +64,8 @@ def zones_of(curve: CostCurve, end: float) -> list[Zone]:
     zones = [Zone(ZoneKind.OBSTACLE, -half, half, (int(curve.cost[0]), int(curve.cost[0])))]
     for start, stop in zip(starts, ends, strict=True):
         kind = _kind_at((start + stop) / 2, curve)
+        if kind is zones[-1].kind:  # a radius that makes no difference
+            start = zones.pop().start
         zones.append(Zone(kind, start, stop, _costs_between(curve, start, stop)))
     return zones
 
