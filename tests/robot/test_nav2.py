@@ -514,6 +514,13 @@ def test_long_lists_and_names_take_no_long_time(of_node):
     assert [one.check for one in problems] == ["params.not-modelled"]
 
 
+def test_footprints_have_an_end(of_node):
+    for corners in ("[1, 1]" * 2001, "[1, 1][1, -1][-2e3, 0]"):
+        robot, problems = of_node(with_line(GOOD, f'footprint: "[{corners}]"'))
+        assert robot is None
+        assert [one.check for one in refused(problems)] == ["params.too-large"]
+
+
 def test_lists_of_another_type_are_refused_wherever_they_are_asked(of_node):
     text = "robot_radius: 0.2\nplugins: [static_layer, more]\nfilters: 5\n" + STATIC
     robot, problems = of_node(text)

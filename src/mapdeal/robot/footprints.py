@@ -19,7 +19,6 @@ from mapdeal.grid.outline import check_simple, contains_centre
 
 Corners = tuple[tuple[float, float], ...]
 
-MOST_CORNERS = 2000
 _DIGITS = frozenset("0123456789")
 _C_SPACES = frozenset(" \t\n\v\f\r")
 
@@ -76,8 +75,6 @@ def corners_of_string(text: str) -> Corners:
         raise FootprintStringError(f"a footprint needs three points or more, has {len(groups)}")
     if any(len(group) != 2 for group in groups):
         raise FootprintStringError("points must be pairs of numbers")
-    if len(groups) > MOST_CORNERS:
-        raise FootprintStringError(f"more than {MOST_CORNERS} points")
     return tuple((x, y) for x, y in groups)
 
 

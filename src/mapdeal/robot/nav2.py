@@ -37,6 +37,8 @@ _INJECTED = "injected_static"
 _LARGEST = 1000.0
 """Metres that a corner may be away from the centre, as everywhere in mapdeal."""
 
+_MOST_CORNERS = 2000
+
 _DECLARED = {
     "always_send_full_costmap": "bool", "map_vis_z": "double", "footprint": "string",
     "footprint_padding": "double", "global_frame": "string", "height": "integer",
@@ -135,6 +137,10 @@ def _resolved(
         name = "footprint" if radius is None else "robot_radius"
         text = f"must be within {_LARGEST:g} m of the robot's centre, padding included"
         values.problem("params.too-large", "refused", text, name)
+        return None
+    if len(padded) > _MOST_CORNERS:
+        text = f"must not have more than {_MOST_CORNERS} points"
+        values.problem("params.too-large", "refused", text, "footprint")
         return None
     for text in oddities_of(padded) if radius is None else ():
         values.problem("params.outline", "warning", f"{text}; its radii mean little", "footprint")
