@@ -331,6 +331,12 @@ def test_tabs_are_those_of_libyaml(of_a, read):
     }  # fmt: skip
 
 
+def test_byte_order_marks_start_lines(read):
+    text = "\ufeffa:\n  ros__parameters: {x: 1}\n\ufeffb:\n  ros__parameters: {x: \ufeff2}\n"
+    values = [node.entries[0][1].value for node in read(text).nodes]
+    assert values == [1, "\ufeff2"]
+
+
 def test_events_are_those_of_libyaml(real_maps):
     if not yaml.__with_libyaml__:
         pytest.skip("PyYAML comes without libyaml here")
