@@ -331,10 +331,12 @@ def test_tabs_are_those_of_libyaml(of_a, read):
     }  # fmt: skip
 
 
-def test_byte_order_marks_start_lines(read):
-    text = "\ufeffa:\n  ros__parameters: {x: 1}\n\ufeffb:\n  ros__parameters: {x: \ufeff2}\n"
-    values = [node.entries[0][1].value for node in read(text).nodes]
-    assert values == [1, "\ufeff2"]
+def test_a_byte_order_mark_within_a_file_is_as_wide_as_a_blank(read):
+    text = "\ufeffa:\n  ros__parameters:\n    x: \ufeff1\n\ufeff   y: 2\n"
+    values = read(text).for_node("/a")
+    assert [one.value for one in values.values()] == ["\ufeff1", 2]
+    with pytest.raises(MalformedInputError, match="line 3: not valid YAML"):
+        read("a:\n  ros__parameters: {x: 1}\n\ufeffb:\n  ros__parameters: {x: 2}\n")
 
 
 def test_events_are_those_of_libyaml(real_maps):

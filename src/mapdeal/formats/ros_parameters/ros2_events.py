@@ -1,7 +1,7 @@
 """The events of a YAML file as libyaml, which ROS 2 uses, has them.
 
 PyYAML's scanner is libyaml's, but for tabs and byte order marks: libyaml takes tabs behind values
-and between words, and a mark at the start of any line. Both stand in files of robots that run.
+and between words, and a mark for a blank at the start of a line.
 """
 
 from __future__ import annotations
@@ -52,8 +52,9 @@ class _Scanner(yaml.SafeLoader):
     def scan_to_next_token(self) -> None:
         """Skip blanks, comments and ends of lines; tabs where no key of a block may start."""
         while True:
-            if self.column == 0 and self.peek() == "\ufeff":  # of files that were joined
+            if self.column == 0 and self.peek() == "\ufeff":
                 self.forward()
+                self.column += 1  # to libyaml a mark is as wide as a blank
             while self.peek() == " " or (
                 self.peek() == "\t" and (self.flow_level or not self.allow_simple_key)
             ):
