@@ -182,7 +182,7 @@ def test_two_inflation_layers_are_applied_one_after_the_other(command, hall, nav
     np.testing.assert_array_equal(_costs(tmp_path / "c.npz"), both)
     code, _, err = command(*words, "--inflation-radius", 1, "--force")
     assert code == 2
-    assert "is a parameter of model exponential, not of layers" in err
+    assert "there must be one inflation layer" in err
 
 
 def test_inflate_takes_the_shape_and_what_is_lethal(command, hall, nav2, tmp_path):

@@ -127,5 +127,28 @@ def test_parameters_that_are_given_win_over_the_robots():
 
 def test_parameters_of_one_inflation_are_refused_to_several():
     robot = _robot(StaticLayer(), InflationLayer("a"), InflationLayer("b"))
-    with pytest.raises(ParameterError, match="is a parameter of model exponential"):
+    rule = r"cost.inflation_radius: there must be one inflation layer .* there are: a, b"
+    with pytest.raises(ParameterError, match=rule):
         step_for("cost", robot, {"inflation_radius": 0.9})
+    with pytest.raises(ParameterError, match="is a parameter of model rings, not of layers"):
+        step_for("cost", robot, {"values": (90, 70)})
+
+
+@pytest.mark.parametrize("by_set", [False, True])
+def test_layers_take_what_is_given_by_hand(by_set):
+    robot = _robot(StaticLayer(unknown_cost_value=0), InflationLayer("a", 0.2, 0.7, lookup="nav2"))
+
+    def layers(**given_):
+        if not by_set:
+            return step_for("cost", robot, given_).parameters["layers"]
+        changes = {f"cost.{name}": value for name, value in given_.items()}
+        return load_recipe(robot, changes).steps[-1].parameters["layers"]
+
+    static, inflation = layers(inflation_radius=0.9, lookup="exact", lethal_threshold=50)
+    assert (inflation.inflation_radius, inflation.lookup) == (0.9, "exact")
+    assert (static.lethal_cost_threshold, static.unknown_cost_value) == (50, 0)
+    with pytest.raises(ParameterError, match="must be a finite number"):
+        layers(inflation_radius=-1)
+    two = _robot(StaticLayer(), InflationLayer("a"), InflationLayer("b", lookup="nav2"))
+    found = step_for("cost", two, {"lookup": "exact"}).parameters["layers"]
+    assert [one.lookup for one in found[1:]] == ["exact", "exact"]

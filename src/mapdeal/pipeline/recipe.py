@@ -14,7 +14,7 @@ from mapdeal.formats.yaml_text import parse_value
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.recipe_file import Draft, Given, read_recipe_file
-from mapdeal.pipeline.robot import draft_for
+from mapdeal.pipeline.robot import draft_for, put_value
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
@@ -229,7 +229,7 @@ def _apply_change(
         if parameter in (by, other.parameter):
             given.pop(by, None)
             given.pop(other.parameter, None)
-    given.put({parameter: value}, option)
+    put_value(stage, given, parameter, value, option)
 
 
 def _hint_for(draft: Draft, target: object) -> str | None:

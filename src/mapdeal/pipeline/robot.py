@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from mapdeal.errors import ParameterError
 from mapdeal.pipeline.recipe_file import Draft, Given
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
@@ -60,7 +61,9 @@ def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> 
     draft = dict(draft_for(robot))
     own = draft.get(name)
     if own is not None and given.get("model", own.get("model")) == own.get("model"):
-        return make_step(name, {**own, **given})
+        for key, value in given.items():
+            put_value(name, own, key, value)
+        return make_step(name, own)
     models = models_of(name)
     wanted = given.get("model", next(iter(models)))
     stage = models.get(wanted if isinstance(wanted, str) else None)
@@ -70,3 +73,43 @@ def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> 
     if stage is not None and "lethal_threshold" in stage.parameters and robot.static_layers:
         values["lethal_threshold"] = max(robot.static_layers[-1].lethal_cost_threshold, 1)
     return make_step(name, {**values, **given})
+
+
+def put_value(
+    name: str, own: Given, key: str, value: object, source: str | None = None
+) -> None:  # fmt: skip
+    """Give a stage another value of a parameter; one of its layers gets what only layers have.
+
+    Parameters
+    ----------
+    name : str
+        The stage.
+    own : Given
+        Its parameters, which are changed.
+    key : str
+        The parameter.
+    value : object
+        What it is to be.
+    source : str, optional
+        Where that comes from.
+
+    Raises
+    ------
+    ParameterError
+        If it is not clear which layer is meant.
+    """
+    model = own.get("model")
+    stage = models_of(name).get(model if isinstance(model, str) else None)
+    layers: Any = own.get("layers")
+    if stage is not None and key not in stage.parameters and isinstance(layers, tuple):
+        from mapdeal.stages.layer_parameters import layers_with  # of use to few
+
+        try:
+            changed = layers_with(layers, key, value)
+        except ParameterError as error:
+            error.place = f"{name}.{error.place}"
+            error.source = error.source or source
+            raise
+        if changed is not None:
+            key, value = "layers", changed
+    own.put({key: value}, source)

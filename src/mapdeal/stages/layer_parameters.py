@@ -9,7 +9,7 @@ A list of mappings, of which each has one key, the kind of the layer, and below 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any, get_type_hints
 
 from mapdeal.errors import ParameterError
@@ -36,6 +36,9 @@ _BOUNDS = {
     "inflation_radius": AT_LEAST_0,
     "cost_scaling_factor": AT_LEAST_0,
 }
+_NAMES = {"lethal_threshold": "lethal_cost_threshold"}
+"""What model ``exponential`` calls otherwise than ROS."""
+
 _LOOKS = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
 
@@ -69,6 +72,46 @@ def described_layer(layer: CostmapLayer) -> dict[str, dict[str, Any]]:
     """
     (kind,) = (kind for kind, made in _KINDS.items() if isinstance(layer, made))
     return {kind: asdict(layer)}
+
+
+def layers_with(
+    layers: tuple[CostmapLayer, ...], name: str, value: object
+) -> tuple[CostmapLayer, ...] | None:
+    """Return layers with another value of what model ``exponential`` calls by a name.
+
+    Parameters
+    ----------
+    layers : tuple of layers
+        All layers. Each static layer gets the value; of inflation layers all the same lookup,
+        and what else they have if there is one.
+    name : str
+        A parameter.
+    value : object
+        What it is to be; checked.
+
+    Returns
+    -------
+    tuple of layers, optional
+        None if no kind of layer has such a parameter.
+
+    Raises
+    ------
+    ParameterError
+        If the value is not allowed, or it is not clear which layer is meant.
+    """
+    name = _NAMES.get(name, name)
+    made = next((one for one in _KINDS.values() if name in _parameters_of(one)), None)
+    if made is None:
+        return None
+    owners = [one for one in layers if isinstance(one, made)]
+    if made is InflationLayer and name != "lookup" and len(owners) != 1:
+        names = ", ".join(one.name for one in owners) or "none"
+        rule = f"there must be one inflation layer for it to be of, there are: {names}"
+        raise ParameterError(rule, place=name)
+    accepted = _parameters_of(made)[name].accept(value)
+    return tuple(
+        replace(one, **{name: accepted}) if isinstance(one, made) else one for one in layers
+    )
 
 
 def _layer(place: str, item: object) -> CostmapLayer:
