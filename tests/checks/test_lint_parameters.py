@@ -141,6 +141,9 @@ NAV2_CASES = [
     ("params.plugins", other("d::InflationLayer", "d::InflationLayr"), 12, "did you mean"),
     ("params.not-modelled", other("d::ObstacleLayer", "d::DenoiseLayer"), 10, "is left out"),
     ("params.no-static-layer", other('"static_layer", ', ""), 6, "does not read the map"),
+    ("params.other-map", other('"static_layer", ', '"static_layer", "zones", ') +
+     "      zones: {plugin: nav2_costmap_2d::StaticLayer, map_topic: /zones}\n", 15,
+     "another map than map"),
     ("params.footprint-clearing", other("static_layer:\n",
      "static_layer:\n        footprint_clearing_enabled: true\n"), 8, "frees the cells"),
     ("params.inflation-radius", other("0.9", "0.3"), 13, "set it to 0.311 or more"),

@@ -50,6 +50,9 @@ declare_check(
 declare_check(
     "params.no-static-layer", "warning", "a global costmap whose layers do not read the map"
 )
+declare_check(
+    "params.other-map", "warning", "static layers that read different maps: all get the one here"
+)
 declare_check("params.only-namespace", "warning", "a robot in a namespace that was not asked for")
 declare_check("params.no-node", "warning", "a Nav2 file that says nothing of the costmap")
 declare_check("params.hidden", "warning", "a later value that ROS 2 ignores for its type")
