@@ -31,6 +31,7 @@ from mapdeal.render.route import RouteOverlay
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
 MAPS = DOCS.parent / "examples" / "maps"
+WARTHOG = [(0.76, 0.69), (0.76, -0.69), (-0.76, -0.69), (-0.76, 0.69)]
 ROBOT = DOCS.parent / "examples" / "robots" / "nav2_params.yaml"
 
 FOOTPRINT = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
@@ -128,6 +129,11 @@ def draw_office() -> None:
     curve = mapdeal.cost_curve(office, robot=robot)
     title = "office: cost of examples/robots/nav2_params.yaml"
     mapdeal.write_picture(IMAGES / "robot_curve.png", curve, title=title, force=True)
+    warthog = mapdeal.Footprint.polygon(WARTHOG).padded(0.01)
+    short = mapdeal.cost_curve(
+        0.05, footprint=warthog, inflation_radius=1.0, cost_scaling_factor=4.0, lookup="nav2"
+    )
+    mapdeal.write_picture(IMAGES / "robot_short_curve.png", short, title="Warthog", force=True)
     _picture("office_cost_threshold.png", threshold, "office: cost, model threshold")
     _picture("office_cost_rings.png", rings, "office: cost, model rings")
     zones = mapdeal.read_shapes(MAPS.parent / "shapes" / "office_zones.yaml")

@@ -84,19 +84,20 @@ def test_every_link_leads_somewhere(page):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
-def test_lint_page_shows_what_its_commands_print(project, command):
-    page = (ROOT / "docs" / "lint.md").read_text()
+@pytest.mark.parametrize(("name", "blocks"), [("lint.md", 4), ("robots.md", 2)])
+def test_a_page_shows_what_its_commands_print(project, command, name, blocks):
+    page = (ROOT / "docs" / name).read_text()
     shown = 0
     out = ""
     for kind, block in re.findall(r"^```(sh|text)\n(.*?)^```", page, re.MULTILINE | re.DOTALL):
         if kind == "sh":
             lines = [shlex.split(line, comments=True) for line in block.splitlines()]
-            out = "".join(command(*words[1:])[1] for words in lines)
+            out = "".join("".join(command(*words[1:])[1:]) for words in lines)
         else:
             lines = [line for line in block.splitlines() if line.strip() != "..."]
             assert [line for line in lines if line not in out.splitlines()] == []
             shown += 1
-    assert shown == 4
+    assert shown == blocks
 
 
 def test_readme_leads_to_every_page():
