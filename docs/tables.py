@@ -34,8 +34,8 @@ from mapdeal.pipeline.products import paths_of
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, stage_named
 from mapdeal.stages.definition import Stage, meanings_of
-from mapdeal.stages.layer_parameters import described_layer
-from mapdeal.stages.parameters import LayerList, Parameter
+from mapdeal.stages.layer_parameters import LayerList, described_layer
+from mapdeal.stages.parameters import Parameter
 
 DOCS = Path(__file__).parent
 

@@ -239,7 +239,9 @@ def test_lint_finds_what_a_folder_is(command, here):
     assert "bag: error: run.no-manifest: is a folder with a ROS 2 bag, not a folder of maps" in out
 
 
-@pytest.mark.parametrize("name", [n for n in FILES if not n.endswith(".pgm")])
+@pytest.mark.parametrize(
+    "name", [n for n in FILES if not n.endswith(".pgm") and n not in ("nav2.yaml", "ros1.yaml")]
+)
 def test_info_tells_of_files_that_are_no_maps(command, here, name):
     _, kind, what, figures, use = FILES[name]
     code, out, err = command("info", name)
@@ -318,3 +320,12 @@ def test_commands_that_are_proposed_can_be_typed(command, tmp_path):
     )
     use = json.loads(command("info", path, "--json")[1])["use"]
     assert shlex.split(use)[:4] == ["mapdeal", "local", "--cloud", str(path)]
+
+
+@pytest.mark.parametrize(("name", "stack"), [("nav2.yaml", "Nav2"), ("ros1.yaml", "ROS 1")])
+def test_info_tells_what_parameter_files_come_to(command, here, name, stack):
+    path = here / name
+    path.write_bytes(path.read_bytes().replace(b"footprint: []", b"robot_radius: 0.2"))
+    code, out, err = command("info", name)
+    assert (code, err) == (0, "")
+    assert out.splitlines()[1] == f"  kind          robot parameters of {stack}"

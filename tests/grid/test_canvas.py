@@ -141,6 +141,7 @@ CHOSEN = {
                     "inflate_around_unknown": True},
     "threshold": {"view": "seed", "down": 10, "up": 40},
     "rings": {"values": (90, 70, 50)},
+    "layers": {"layers": ["static", {"inflation": {"inflation_radius": 0.8}}]},
     None: {"goal": (9.5, -7.0)},
 }  # fmt: skip
 

@@ -132,7 +132,7 @@ def apply_recipe(
     >>> from mapdeal import OccupancyGrid
     >>> made = apply_recipe(OccupancyGrid([[100, 0, 0]], 0.5), "nav2", {"cost.inflation_radius": 1})
     >>> list(made), made["cost"].cost.tolist()
-    (['esdf', 'cost'], [[254, 108, 24]])
+    (['esdf', 'cost'], [[254, 110, 24]])
     """
     if not isinstance(grid, Grid):
         hint = "mapdeal.run takes the path of a map, read_map reads it"

@@ -19,7 +19,8 @@ from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.definition import Stage
-from mapdeal.stages.parameters import LayerList, unknown_name
+from mapdeal.stages.layer_parameters import LayerList
+from mapdeal.stages.parameters import unknown_name
 
 DEFAULT = "default"
 

@@ -10,6 +10,7 @@ from mapdeal.pipeline.recipe_file import Draft, Given
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
+from mapdeal.stages.layer_parameters import layers_with
 
 
 def draft_for(robot: RobotParameters) -> Draft:
@@ -102,8 +103,6 @@ def put_value(
     stage = models_of(name).get(model if isinstance(model, str) else None)
     layers: Any = own.get("layers")
     if stage is not None and key not in stage.parameters and isinstance(layers, tuple):
-        from mapdeal.stages.layer_parameters import layers_with  # of use to few
-
         try:
             changed = layers_with(layers, key, value)
         except ParameterError as error:

@@ -20,6 +20,7 @@ from mapdeal.stages.parameters import (
     Bound,
     Parameter,
     split_optional,
+    structured,
     unknown_name,
 )
 
@@ -163,3 +164,9 @@ def _name(place: str, value: object) -> str:
     if not isinstance(value, str) or not value.isprintable() or not value:
         raise ParameterError("must be a word", place=place, got=value)
     return value
+
+
+LayerList = tuple[CostmapLayer, ...]
+"""Layers of a costmap, as a parameter of a stage."""
+
+structured(LayerList, accept_layers)

@@ -29,9 +29,11 @@ from mapdeal.stages.cost import cost_model
 from mapdeal.stages.cost_profile import CostProfile, advice_on, warn_of_radii
 from mapdeal.stages.definition import Parameters
 from mapdeal.stages.inflation_curve import inflation_curve
+from mapdeal.stages.layer_parameters import LayerList
 from mapdeal.stages.obstacle_source import ObstacleSource, refuse_view, warn_of_strength
 from mapdeal.stages.parameters import AT_LEAST_0, COST, METRES, Bound, FromRobot
 
+_OF_COSTMAP_2D = (StaticLayer(), InflationLayer())
 _OF_EMPTY_COSTMAP = Bound("0 or 255", lambda value: value in (FREE_SPACE, NO_INFORMATION))
 
 Master = NDArray[np.uint8]
@@ -97,7 +99,7 @@ def _radius_in(parameters: Parameters) -> tuple[str, float]:
 def layered_cost(
     source: ObstacleSource,
     *,
-    layers: tuple[CostmapLayer, ...] = (StaticLayer(), InflationLayer()),
+    layers: LayerList = _OF_COSTMAP_2D,
     default_cost: Annotated[int, _OF_EMPTY_COSTMAP, COST] = FREE_SPACE,
     circumscribed_radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] | None = None,
 ) -> Costmap:

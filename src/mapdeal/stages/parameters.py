@@ -18,7 +18,6 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from typing import get_type_hints as hints_of
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.costmap_layers import CostmapLayer
 from mapdeal.grid.footprint import Footprint
 from mapdeal.spelling import as_known, meant
 
@@ -65,10 +64,6 @@ VIEW_VALUE = Unit("view", "V")
 POINT = Unit("m", "X,Y")
 
 
-LayerList = tuple[CostmapLayer, ...]
-"""Layers of a costmap: a list of mappings in recipes, see `mapdeal.stages.layer_parameters`."""
-
-
 class FromRobot:
     """Marks a parameter that a robot's shape sets: recipes can, the command line has no option."""
 
@@ -92,7 +87,7 @@ class Parameter:
     @property
     def is_structured(self) -> bool:
         """Whether it is more than a line of text: recipes can set it, options cannot."""
-        return self.kind is Footprint or bool(self.kind == LayerList)
+        return self.kind in _STRUCTURED
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -118,12 +113,8 @@ class Parameter:
             error = self._error(f"one of {', '.join(self.choices)}", value)
             error.hint = meant(str(value), self.choices)
             raise error
-        if self.kind is Footprint:
-            return _footprint(value)
-        if self.kind == LayerList:
-            from mapdeal.stages.layer_parameters import accept_layers  # made of parameters, too
-
-            return accept_layers(self.name, value)
+        if self.kind in _STRUCTURED:
+            return _STRUCTURED[self.kind](self.name, value)
         if self.kind is bool:
             return self._accept_bool(value)
         if get_origin(self.kind) is tuple:
@@ -253,11 +244,11 @@ def unknown_name(
 
 
 def _is_supported(kind: Any) -> bool:
-    if kind == LayerList:
+    if kind in _STRUCTURED:
         return True
     if get_origin(kind) is tuple:
         return all(one in (int, float, Ellipsis) for one in get_args(kind))
-    return kind in (bool, int, float, Footprint) or get_origin(kind) is Literal
+    return kind in (bool, int, float) or get_origin(kind) is Literal
 
 
 def split_optional(hint: Any) -> tuple[Any, bool]:
@@ -284,7 +275,7 @@ def _split_annotated(hint: Any) -> tuple[Any, tuple[Any, ...]]:
 _RADIUS = Parameter("footprint.radius", None, float, optional=False, bounds=(ABOVE_0,))
 
 
-def _footprint(value: object) -> Footprint:
+def _footprint(_: str, value: object) -> Footprint:
     if isinstance(value, Footprint):
         return value
     if isinstance(value, str):
@@ -295,3 +286,20 @@ def _footprint(value: object) -> Footprint:
         return Footprint.circle(_RADIUS.accept(value["radius"]))
     rule = "must look like [[x1, y1], [x2, y2], ...] or {radius: R}"
     raise ParameterError(rule, place="footprint", got=value)
+
+
+_STRUCTURED: dict[Any, Callable[[str, object], Any]] = {Footprint: _footprint}
+"""Types that are more than a line of text, and what makes them, given the parameter's name."""
+
+
+def structured(kind: Any, accept: Callable[[str, object], Any]) -> None:
+    """Allow parameters of a type, which a function makes of what YAML gives.
+
+    Parameters
+    ----------
+    kind : type
+        The type, as annotations have it.
+    accept : callable
+        Takes a parameter's name and what it is given; raises ParameterError.
+    """
+    _STRUCTURED[kind] = accept
