@@ -278,7 +278,7 @@ def test_sizes_that_are_none_are_refused(of_node, line):
 
 
 NUMBERS = [
-    "robot_radius: .nan", "robot_radius: 0.0", "robot_radius: -0.2", "robot_radius: 1e9",
+    "robot_radius: .nan", "robot_radius: 1e9",
     "footprint_padding: .inf", "inflation_layer.inflation_radius: .inf",
     "inflation_layer.cost_scaling_factor: -1.0",
 ]  # fmt: skip
@@ -289,6 +289,17 @@ def test_numbers_that_no_costs_can_be_made_of_are_refused(of_node, line):
     _, problems = of_node(with_line(GOOD, line))
     (one,) = refused(problems)
     assert one.parameter == line.partition(":")[0]
+
+
+def test_a_radius_that_is_not_above_0_is_taken_as_nav2_takes_it(of_node):
+    nothing, problems = of_node(with_line(GOOD, "robot_radius: 0.0"))
+    assert told(problems) == [("params.range", "warning", "robot_radius", 8)]
+    assert nothing.inscribed_radius == nothing.circumscribed_radius == 0  # padFootprint's sign0
+    mirrored, problems = of_node(with_line(GOOD, "robot_radius: -0.3"))
+    assert told(problems) == [("params.range", "warning", "robot_radius", 8)]
+    same, _ = of_node(with_line(GOOD, "robot_radius: 0.3"))
+    assert mirrored.inscribed_radius == pytest.approx(same.inscribed_radius, rel=1e-15)
+    assert mirrored.circumscribed_radius == pytest.approx(same.circumscribed_radius, rel=1e-15)
 
 
 def test_without_a_list_of_plugins_there_are_nav2s_own(of_node):

@@ -21,7 +21,11 @@ declare_check(
 )
 declare_check("params.not-finite", "error", "a number that is not finite")
 declare_check("params.not-positive", "error", "a number that must be above 0, or not below it")
-declare_check("params.range", "warning", "a number out of its range, which ROS moves into it")
+declare_check(
+    "params.range",
+    "warning",
+    "a number out of its range, which ROS moves into it, or takes as it is",
+)
 declare_check("params.substitution", "error", "a value that a launch file would fill in")
 declare_check("params.namespace", "error", "no costmap of the name that is asked for, or several")
 declare_check(

@@ -193,9 +193,10 @@ def _shape(values: Nav2Values) -> tuple[float | None, Corners]:
         values.problem("params.no-shape", "warning", rule, hint="set one of them")
     radius = values.number("robot_radius", 0.1)
     if radius <= 0:
-        rule = "must be above 0; the node takes it, and costs mean nothing"
-        values.problem("params.not-positive", "refused", rule, "robot_radius")
-        radius = 0.1
+        rule = "must be above 0; Nav2 takes it all the same, and has a robot of no size"
+        if radius < 0:
+            rule = f"must be above 0; Nav2 takes it for {-radius:g} m"
+        values.problem("params.range", "warning", rule, "robot_radius")
     return radius, sixteen_corners(radius)
 
 
