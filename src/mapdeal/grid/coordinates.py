@@ -23,6 +23,18 @@ FARTHEST = 1e12
 """Largest coordinate and length, metres."""
 
 
+def as_float32(value: float) -> float:
+    """Return a number as messages of ROS carry it, in 32 bits; infinity if it is too large.
+
+    Examples
+    --------
+    >>> as_float32(0.05), as_float32(1e300)
+    (0.05000000074505806, inf)
+    """
+    with np.errstate(over="ignore"):
+        return float(np.float32(value))
+
+
 def cells_to_cover(length: float, resolution: float) -> int:
     """Return how many cells it takes to cover `length` metres, exact multiples exactly.
 

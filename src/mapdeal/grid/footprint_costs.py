@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.coordinates import as_float32
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.values import check_choice
@@ -100,7 +101,7 @@ def sample_poses(
         text = "poses must be an array of x, y, yaw, shape (N, 3)"
         raise ParameterError(text, got=places.shape)
     shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
-    resolution = float(np.float32(costmap.resolution))
+    resolution = as_float32(costmap.resolution)
     costs = np.asarray(costmap.cost).view(np.uint8)
     results, inside = costs_at_poses(
         costs,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import struct
 from typing import Any
 
+from mapdeal.grid.coordinates import as_float32
 from mapdeal.grid.costmap_layers import CostmapLayer, InflationLayer, StaticLayer
 from mapdeal.robot.parameters import INJECTED, ListedLayer, RobotParameters
 
@@ -50,17 +50,6 @@ def _effect_of_static(layer: StaticLayer) -> str:
     return text + ("; costs are only raised" if layer.use_maximum else "")
 
 
-def float32_of(value: float) -> float:
-    """Return a number as a message's field of 32 bits holds it.
-
-    Examples
-    --------
-    >>> float32_of(0.05)
-    0.05000000074505806
-    """
-    return float(struct.unpack("f", struct.pack("f", value))[0])
-
-
 def reach_of(layer: InflationLayer, resolution: float) -> int:
     """Return how many cells an inflation layer reaches on a map, its ``cell_inflation_radius``.
 
@@ -72,7 +61,7 @@ def reach_of(layer: InflationLayer, resolution: float) -> int:
     >>> reach_of(InflationLayer(inflation_radius=0.45), 0.03)
     16
     """
-    return max(0, math.ceil(layer.inflation_radius / float32_of(resolution)))
+    return max(0, math.ceil(layer.inflation_radius / as_float32(resolution)))
 
 
 def on_map(robot: RobotParameters, resolution: float) -> list[dict[str, Any]]:
@@ -80,10 +69,10 @@ def on_map(robot: RobotParameters, resolution: float) -> list[dict[str, Any]]:
     return [
         {
             "layer": one.name,
-            "resolution": float32_of(resolution),
+            "resolution": as_float32(resolution),
             "cell_inflation_radius": reach_of(one, resolution),
-            "reach": reach_of(one, resolution) * float32_of(resolution),
-            "inscribed_radius_cells": one.inscribed_radius / float32_of(resolution),
+            "reach": reach_of(one, resolution) * as_float32(resolution),
+            "inscribed_radius_cells": one.inscribed_radius / as_float32(resolution),
             "circumscribed_cost": _cost_at(one, robot.circumscribed_radius),
         }
         for one in robot.inflation_layers

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.coordinates import as_float32
 from mapdeal.grid.outline import check_simple, contains_centre
 
 Corners = tuple[tuple[float, float], ...]
@@ -89,8 +90,7 @@ def _number_at(text: str, at: int) -> tuple[float, int]:
     except ValueError:  # what is accepted bit by bit may be no number in the end, as "1e"
         word = text[start : max(end, start + 1) + 9].split("]")[0].split(",")[0].strip()
         raise FootprintStringError(f"{word!r} is no number") from None
-    with np.errstate(over="ignore"):
-        single = float(np.float32(value))
+    single = as_float32(value)
     if math.isinf(single):
         raise FootprintStringError(f"{text[start:end][:20]!r} is too large")
     return single, end

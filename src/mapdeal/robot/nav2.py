@@ -12,11 +12,10 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.ros_parameters.ros2 import Ros2Parameters, read_ros2
 from mapdeal.formats.ros_parameters.value import ParameterFileError
+from mapdeal.grid.coordinates import as_float32
 from mapdeal.grid.costmap_layers import StaticLayer
 from mapdeal.grid.footprint import Footprint
 from mapdeal.robot.footprints import (
@@ -130,7 +129,7 @@ def _resolved(
         if not (older and name in _NEWER):
             values.get(name, kind, None)
     _check_sizes(values, older=older)
-    padding = float(np.float32(values.number("footprint_padding", 0.01)))
+    padding = as_float32(values.number("footprint_padding", 0.01))
     radius, corners = _shape(values)
     padded = padded_corners(corners, padding)
     if not max(abs(v) for corner in padded for v in corner) <= _LARGEST:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.coordinates import cells_to_cover
+from mapdeal.grid.coordinates import as_float32, cells_to_cover
 from mapdeal.grid.costmap_layers import CostLookup
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import (
@@ -69,7 +69,7 @@ class CostProfile:
         shape: tuple[int, int],
     ) -> CostProfile:
         """Return the profile on a grid; `shape` is that of the whole grid."""
-        side = float(np.float32(resolution)) if float32_resolution else resolution
+        side = as_float32(resolution) if float32_resolution else resolution
         reach = _reach(inflation_radius, side, shape, is_exact=not float32_resolution)
         table = cost_table(
             min(reach, _last_cost_above_0(inscribed_radius, cost_scaling_factor, side)),

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid.coordinates import as_float32
 from mapdeal.grid.cost_curve import CostCurve, squares_up_to
 from mapdeal.grid.costmap_layers import InflationLayer
 from mapdeal.grid.values import FREE_SPACE, INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE
@@ -37,7 +38,7 @@ def inflation_curve(
     float32_resolution : bool
         Whether lengths are counted in cells of the float32 resolution of a map message.
     """
-    side = float(np.float32(resolution)) if float32_resolution else resolution
+    side = as_float32(resolution) if float32_resolution else resolution
     reaches = [
         reach_of(
             min(layer.inflation_radius, _MOST_CELLS * side), side, is_exact=not float32_resolution
