@@ -321,3 +321,14 @@ def test_verbose_says_how_many_cells_the_older_queue_makes_different(command, re
     for more in (["-v"], ["--dialect", "humble"]):  # Nav2 has no queue any more; or nobody asks
         words_ = ["cost", depot, "-o", tmp_path / "b.npz", "--force", *words, *more]
         assert "queue" not in command(*words_)[2]
+
+
+def test_a_local_costmap_without_a_static_layer_gets_the_map_in_front(
+    command, hall, nav2, tmp_path
+):
+    nav2.write_text(NAV2 + NAV2.replace("global", "local").replace('"static_layer", ', ""))
+    words = ["cost", hall, "-o", tmp_path / "c.npz", "--params-file", nav2, "--costmap", "local"]
+    code, _, err = command(*words)
+    assert code == 0
+    assert f"{nav2}: the local costmap has no static layer; the map is put in front" in err
+    np.testing.assert_array_equal(_costs(tmp_path / "c.npz"), _expected(hall))

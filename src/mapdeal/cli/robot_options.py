@@ -11,7 +11,7 @@ from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
-from mapdeal.robot.parameters import CostmapName, RobotParameters
+from mapdeal.robot.parameters import INJECTED, CostmapName, RobotParameters
 
 
 def robot_shape(
@@ -63,6 +63,9 @@ def robot_parameters(
         params_file, costmap=costmap or "global", namespace=namespace, older=dialect != "nav2"
     )
     terminal.detail(f"robot: {robot!r}")
+    if any(one.name == INJECTED for one in robot.layers):
+        text = "the local costmap has no static layer; the map is put in front of its layers"
+        terminal.remark([f"{params_file[-1]}: {text}"])
     ignored = [f"{one.name} ({one.why_ignored})" for one in robot.ignored]
     if ignored:
         terminal.remark([f"{params_file[-1]}: ignored: {', '.join(ignored)}"])
