@@ -293,6 +293,13 @@ def test_numbers_that_no_costs_can_be_made_of_are_refused(of_node, line):
     assert one.parameter == line.partition(":")[0]
 
 
+def test_an_enormous_radius_has_a_hint_like_others(of_node):
+    _, problems = of_node(with_line(GOOD, "inflation_layer.custom_inscribed_radius: 1e308"))
+    assert [one.hint for one in problems if one.check == "params.inflation-radius"] == [
+        "set it to 1e+308 or more"
+    ]
+
+
 def test_a_radius_that_is_not_above_0_is_taken_as_nav2_takes_it(of_node):
     nothing, problems = of_node(with_line(GOOD, "robot_radius: 0.0"))
     assert told(problems) == [("params.range", "warning", "robot_radius", 8)]

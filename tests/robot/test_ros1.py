@@ -3,6 +3,7 @@
 import json
 
 import pytest
+import yaml
 
 from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
 from mapdeal.robot.ros1 import ros1_robot
@@ -443,3 +444,10 @@ def test_nothing_is_raised_for_what_a_file_holds(resolve):
 def test_numbers_that_are_not_finite_are_refused(resolve, text):
     _, problems = resolve(text + "\n" + PLUGINS)
     assert [one.check for one in problems if one.level == "refused"] == ["params.not-finite"]
+
+
+def test_numbers_in_hints_are_numbers_to_yaml(resolve):
+    _, problems = resolve("static_map: true\nrobot_radius: 1e-5\n")
+    (hint,) = [one.hint for one in problems if one.parameter == "robot_radius"]
+    assert hint == "write 1.0e-05; YAML 1.1 takes this for text"
+    assert yaml.safe_load("1.0e-05") == 1e-5

@@ -144,6 +144,18 @@ def radii_of(corners: Corners) -> tuple[float, float]:
     return least, most
 
 
+def up_to_millimetres(radius: float) -> str:
+    """Return a radius for a hint, rounded up to millimetres.
+
+    Examples
+    --------
+    >>> up_to_millimetres(0.22549849949589046)
+    '0.226'
+    """
+    scaled = radius * 1000
+    return f"{math.ceil(scaled) / 1000 if math.isfinite(scaled) else radius:g}"
+
+
 def _nearest_to_centre(
     first: tuple[float, float], second: tuple[float, float]
 ) -> tuple[float, float]:

@@ -8,10 +8,10 @@ costmap_plugins.xml of nav2_costmap_2d.
 
 from __future__ import annotations
 
-import math
 from difflib import SequenceMatcher
 
 from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.robot.footprints import up_to_millimetres
 from mapdeal.robot.nav2_values import Nav2Values
 from mapdeal.robot.parameters import ListedLayer
 
@@ -234,7 +234,7 @@ def _inflation(
             inscribed_radius = custom
     if radius < inscribed_radius:
         text = f"{radius:g} m is less than the inscribed radius, {inscribed_radius:.4g} m"
-        hint = f"set it to {math.ceil(inscribed_radius * 1000) / 1000:g} or more"
+        hint = f"set it to {up_to_millimetres(inscribed_radius)} or more"
         values.problem("params.inflation-radius", "warning", text, f"{name}.inflation_radius", hint)
     return InflationLayer(
         name=name,

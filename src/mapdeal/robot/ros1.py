@@ -7,7 +7,6 @@ each number once more, takes defaults for other types and moves it into its limi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from difflib import SequenceMatcher
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 from mapdeal.formats.ros_parameters.ros1 import UNSENDABLE
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.grid.costmap_layers import CostmapLayer, InflationLayer, StaticLayer
+from mapdeal.robot.footprints import up_to_millimetres
 from mapdeal.robot.parameters import (
     INJECTED,
     CostmapName,
@@ -238,7 +238,7 @@ def _inflation(server: Ros1Server, name: str, inscribed: float) -> InflationLaye
     if 0 < radius < inscribed and is_known:
         where = _handed(server, name, "inflation_radius")
         text = f"{radius:g} m is less than the inscribed radius, {inscribed:.4g} m"
-        hint = f"set it to {math.ceil(inscribed * 1000) / 1000:g} or more"
+        hint = f"set it to {up_to_millimetres(inscribed)} or more"
         found = server.find(*where)
         server.problem("params.inflation-radius", "warning", text, found, where, hint)
     return InflationLayer(

@@ -167,7 +167,10 @@ def type_hint(value: ParameterValue, kind: str) -> str | None:
             return None
         quoted = value.text[:1] in ("'", '"')
         why = "" if quoted else "; YAML 1.1 takes this for text"
-        return f"write {number!r}{', without quotes' if quoted else why}"
+        written = repr(number)
+        if "." not in written:  # 1e-05 is text, too
+            written = written.replace("e", ".0e")
+        return f"write {written}{', without quotes' if quoted else why}"
     if kind == "bool" and value.value in (0, 1, "true", "false", "True", "False"):
         return f"write {'true' if value.value in (1, 'true', 'True') else 'false'}"
     return None
