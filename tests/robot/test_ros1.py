@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.robot.problem import Problem
 from mapdeal.robot.ros1 import ros1_robot
 
 FOOTPRINT = "footprint: [[-0.2, -0.1], [-0.2, 0.1], [0.3, 0.1], [0.3, -0.1]]\n"
@@ -451,3 +452,24 @@ def test_numbers_in_hints_are_numbers_to_yaml(resolve):
     (hint,) = [one.hint for one in problems if one.parameter == "robot_radius"]
     assert hint == "write 1.0e-05; YAML 1.1 takes this for text"
     assert yaml.safe_load("1.0e-05") == 1e-5
+
+
+def test_footprints_of_very_many_points_are_refused(resolve):
+    corners = [[i, j] for i in range(25) for j in range(81)]
+    robot, problems = resolve(f"static_map: true\nfootprint: {corners}\n")
+    assert robot is None
+    assert [(one.check, one.level, one.line) for one in problems] == [
+        ("params.too-large", "refused", 2)
+    ]
+    assert resolve(f"static_map: true\nfootprint: {corners[:2000]}\n")[0] is not None
+
+
+def test_many_problems_are_not_compared_with_each_other(resolve, monkeypatch):
+    compared = []
+    equal = Problem.__eq__
+    monkeypatch.setattr(
+        Problem, "__eq__", lambda one, other: compared.append(one) or equal(one, other)
+    )
+    _, problems = resolve("static_map: true\nrobot_radius: 0.3\n" + "a: 1\n" * 300)
+    assert len(problems) == 299  # each on its own line
+    assert len(compared) <= 3 * len(problems)

@@ -20,6 +20,9 @@ from mapdeal.grid.outline import check_simple, contains_centre
 
 Corners = tuple[tuple[float, float], ...]
 
+MOST_CORNERS = 2000
+"""Corners that a robot may have: looking for edges that cross takes the time of their square."""
+
 _DIGITS = frozenset("0123456789")
 _C_SPACES = frozenset(" \t\n\v\f\r")
 

@@ -19,6 +19,7 @@ from mapdeal.grid.coordinates import as_float32
 from mapdeal.grid.costmap_layers import StaticLayer
 from mapdeal.grid.footprint import Footprint
 from mapdeal.robot.footprints import (
+    MOST_CORNERS,
     Corners,
     FootprintStringError,
     corners_of_string,
@@ -35,8 +36,6 @@ from mapdeal.robot.problem import Problem
 _INJECTED = "injected_static"
 _LARGEST = 1000.0
 """Metres that a corner may be away from the centre, as everywhere in mapdeal."""
-
-_MOST_CORNERS = 2000
 
 _DECLARED = {
     "always_send_full_costmap": "bool", "map_vis_z": "double", "footprint": "string",
@@ -137,8 +136,8 @@ def _resolved(
         text = f"must be within {_LARGEST:g} m of the robot's centre, padding included"
         values.problem("params.too-large", "refused", text, name)
         return None
-    if len(padded) > _MOST_CORNERS:
-        text = f"must not have more than {_MOST_CORNERS} points"
+    if len(padded) > MOST_CORNERS:
+        text = f"must not have more than {MOST_CORNERS} points"
         values.problem("params.too-large", "refused", text, "footprint")
         return None
     for text in oddities_of(padded) if radius is None else ():

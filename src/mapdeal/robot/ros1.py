@@ -77,10 +77,10 @@ def ros1_robot(
     robot = _resolved(server)
     if any(one.check == "params.substitution" for one in server.problems):
         robot = None  # nobody knows what the launch file says
-    places = {
-        (one.check, one.source, one.line, one.parameter): one for one in server.problems[::-1]
-    }
-    return robot, tuple(one for one in server.problems if one in places.values())
+    places: dict[object, Problem] = {}
+    for one in server.problems:
+        places.setdefault((one.check, one.source, one.line, one.parameter), one)
+    return robot, tuple(places.values())
 
 
 def _resolved(server: Ros1Server) -> RobotParameters | None:

@@ -13,6 +13,7 @@ from mapdeal.formats.ros_parameters.ros1 import UNSENDABLE, Path1, Ros1Namespace
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.grid.footprint import Footprint
 from mapdeal.robot.footprints import (
+    MOST_CORNERS,
     FootprintStringError,
     corners_of_string,
     oddities_of,
@@ -53,6 +54,11 @@ def ros1_shape(server: Ros1Server) -> Ros1Shape | None:
             return None
         radius = _radius(server)
         corners = sixteen_corners(radius)
+    if len(corners) > MOST_CORNERS:
+        text = f"must not have more than {MOST_CORNERS} points"
+        value = None if found is None else found[1]
+        server.problem("params.too-large", "refused", text, value, (_FOOTPRINT,))
+        return None
     padded = padded_corners(corners, padding)
     for text in oddities_of(padded) if radius is None else ():
         value = None if found is None else found[1]
