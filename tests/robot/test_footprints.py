@@ -101,3 +101,14 @@ def test_oddities_of_outlines():
     assert "crosses itself (footprint vertex 1" in crossed
     (beside,) = oddities_of(((1, 1), (2, 1), (2, 2)))
     assert "lies outside" in beside
+
+
+def test_edges_end_at_their_corners():
+    # the line through (3, 1) and (1, 1) is 1 m away, but the edge ends before that
+    inscribed, circumscribed = radii_of(((3.0, 1.0), (1.0, 1.0), (1.0, 3.0)))
+    assert inscribed == pytest.approx(2**0.5, rel=1e-15)
+    assert circumscribed == pytest.approx(10**0.5, rel=1e-15)
+
+
+def test_tabs_within_a_footprint_are_blanks():
+    assert corners_of_string("[[1,\t2],\t[3, 4],[5\t6]]") == ((1.0, 2.0), (3.0, 4.0), (5.0, 6.0))

@@ -293,6 +293,17 @@ def test_numbers_that_no_costs_can_be_made_of_are_refused(of_node, line):
     assert one.parameter == line.partition(":")[0]
 
 
+def test_values_at_the_ends_of_what_counts(of_node):
+    def inflation(line):
+        return of_node(with_line(GOOD, line))[0].inflation_layers[0]
+
+    assert inflation("inflation_layer.custom_inscribed_radius: 0.0").inscribed_radius == 0
+    assert inflation("inflation_layer.custom_inscribed_radius: -0.1").inscribed_radius > 0.2
+    assert inflation("inflation_layer.inflation_radius: -1.0").inflation_radius == 0
+    padded, _ = of_node(with_line(GOOD, "footprint_padding: 0.1"))
+    assert padded.footprint_padding == 0.10000000149011612  # a float in costmap_2d_ros.hpp
+
+
 def test_an_enormous_radius_has_a_hint_like_others(of_node):
     _, problems = of_node(with_line(GOOD, "inflation_layer.custom_inscribed_radius: 1e308"))
     assert [one.hint for one in problems if one.check == "params.inflation-radius"] == [
