@@ -14,6 +14,7 @@ from mapdeal.formats.ros_parameters.ros1 import (
     parse_ros1_parameters,
     read_ros1_parameters,
 )
+from mapdeal.formats.ros_parameters.ros1_values import why_unsendable
 
 FILE = Path("a.yaml")
 
@@ -159,3 +160,9 @@ def test_an_empty_file_has_no_parameters(tmp_path):
     assert as_mapping(read_ros1_parameters(tmp_path / "a.yaml").parameters) == {}
     with pytest.raises(FileAccessError):
         read_ros1_parameters(tmp_path / "b.yaml")
+
+
+def test_the_largest_whole_number_is_of_32_bits():
+    assert why_unsendable(2**31 - 1) is None
+    assert why_unsendable(-(2**31)) is None
+    assert why_unsendable(2**31) is not None
