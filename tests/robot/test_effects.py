@@ -86,3 +86,5 @@ def test_what_inflation_comes_to_on_a_map():
     assert one["circumscribed_cost"] == int(252 * math.exp(-2.5 * (0.4 - 0.3))) == 196
     (short,) = on_map(_robot(InflationLayer("i", 0.3, 0.35, 2.5)), 0.15)
     assert short["circumscribed_cost"] == 0
+    (edge,) = on_map(_robot(InflationLayer("i", 0.3, 0.4, 2.5)), 0.15)  # the radius is within
+    assert edge["circumscribed_cost"] == 196
