@@ -69,9 +69,11 @@ def test_set_bits_behind_the_last_cell_mean_nothing(pair):
     assert read_bit_map(pair).count() == 6
 
 
-def test_the_obstacles_of_every_real_map_survive(real_maps, mapdeal_warnings, tmp_path):
+@pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.thorough)])
+def test_the_obstacles_of_every_real_map_survive(real_maps, mapdeal_warnings, tmp_path, every):
     tried = 0
-    for path in sorted(real_maps.rglob("*.yaml")):
+    maps = sorted(path for path in real_maps.rglob("*.yaml") if "params" not in path.parts)
+    for path in maps[::every]:
         try:
             grid = read_map(path)
         except (FileAccessError, MalformedInputError):
@@ -83,7 +85,7 @@ def test_the_obstacles_of_every_real_map_survive(real_maps, mapdeal_warnings, tm
         assert np.array_equal(found.to_mask(), grid.occupied()), path
         assert found.frame == grid.frame
         tried += 1
-    assert tried >= 37
+    assert tried >= 37 // every
 
 
 @pytest.mark.parametrize(

@@ -217,9 +217,11 @@ def test_the_size_of_a_map_is_told_from_its_header(tmp_path):
             assert [path.name for path in file.files] == files
 
 
-def test_headers_of_real_maps_tell_the_size_that_is_read(real_maps, mapdeal_warnings):
+@pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.thorough)])
+def test_headers_of_real_maps_tell_the_size_that_is_read(real_maps, mapdeal_warnings, every):
     told = 0
-    for path in sorted(real_maps.rglob("*.yaml")):
+    maps = sorted(path for path in real_maps.rglob("*.yaml") if "params" not in path.parts)
+    for path in maps[::every]:
         try:
             source = read_source(path)
         except mapdeal.MapdealError:
@@ -228,7 +230,7 @@ def test_headers_of_real_maps_tell_the_size_that_is_read(real_maps, mapdeal_warn
             assert file.shape() == source.grid.shape, path
             assert file.files == source.files
         told += 1
-    assert told > 20
+    assert told > 20 // every
 
 
 def test_mode_trinary_keeps_free_up_to_25_and_occupied_from_65(tmp_path):

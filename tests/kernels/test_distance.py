@@ -117,7 +117,7 @@ def test_shifts_clip_and_gain_act_in_this_order(clip):
 
 @pytest.mark.parametrize(
     ("side", "density"),
-    [(700, 0.0), (700, 2e-6), (650, 1e-4), (640, 0.01), (333, 0.5), (333, 0.99), (700, 0.99999)],
+    [(450, 0.0), (450, 5e-6), (420, 1e-4), (400, 0.01), (333, 0.5), (333, 0.99), (450, 0.99999)],
 )
 def test_long_distances_equal_an_independent_transform(side, density):
     marked = maps(side, density, seed=side)
