@@ -37,6 +37,7 @@ INFLATION = '  - {name: inflation_layer, type: "costmap_2d::InflationLayer"}\n'
 # What is wrong, the line that is told, and words of the message.
 CASES = [
     ("params.syntax", "footprint: [[1, 2\n", 2, "not valid YAML"),
+    ("params.other-kind", "image: a.pgm\nresolution: 0.1\norigin: [1, 2, 0]\n", None, "is a map"),
     ("params.empty", GOOD + "static_layer:\n", 10, "roslaunch ends"),
     ("params.name", GOOD + "1: 2\n", 10, "names must be text"),
     ("params.type", GOOD + "static_layer: {map_topic: 2024-01-01}\n", 10, "a date"),
@@ -277,6 +278,12 @@ def test_a_round_robot_may_have_any_heading(findings):
     near = ROUND.replace("0.9", "0.299")  # between the radii of the polygon of 16 corners
     assert findings(near.replace("5.0", "10.0")) != []
     assert "params.inflation-below-circumscribed" not in [one.check for one in findings(near)]
+
+
+def test_nothing_else_is_said_of_a_file_of_another_kind(findings):
+    """``origin`` is no misspelt ``origin_z``, and a map has no robot that lacks a shape."""
+    found = findings("image: a.pgm\nresolution: 0.1\norigin: [1, 2, 0]\n")
+    assert [one.check for one in found] == ["params.other-kind"]
 
 
 def test_a_file_that_is_not_there_is_an_error(tmp_path):

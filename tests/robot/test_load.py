@@ -88,3 +88,32 @@ def test_all_that_there_is_to_say_is_found_at_once(tmp_path):
     assert robot is None
     refused = [one for one in problems if one.level == "refused"]
     assert sorted(one.line for one in refused) == [3, 5]
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "hint"),
+    [
+        ("image: a.pgm\nresolution: 0.1\norigin: [1, 2, 0.5]\n", "is a map, not", "mapdeal info"),
+        ("stages:\n  - inflate: {radius: 0.4}\n", "is a recipe, not", "--recipe"),
+        ("launch:\n- node: {pkg: a, exec: b}\n", "no parameter of a costmap; it has launch",
+         "ros__parameters"),
+        ("max_vel_x: 0.5\nmin_vel_x: 0.1\na: 1\nb: 2\n", "it has max_vel_x, min_vel_x, a, ...",
+         "ros__parameters"),
+    ],
+)  # fmt: skip
+def test_files_of_other_kinds_are_not_taken_for_a_costmap_of_defaults(tmp_path, text, what, hint):
+    """ROS 1 would load each of them, and the costmap would be that of no robot: all of it free."""
+    path = _file(tmp_path, text)
+    with pytest.raises(MalformedInputError) as caught:
+        read_robot([path])
+    assert what in str(caught.value)
+    assert hint in caught.value.hint
+
+
+def test_a_costmaps_file_beside_one_of_another_node_is_enough(tmp_path):
+    paths = [_file(tmp_path, ROS1, "costmap.yaml"), _file(tmp_path, "max_vel_x: 0.5\n", "dwa.yaml")]
+    assert read_robot(paths).robot_radius == 0.3
+    layered = "inflation: {inflation_radius: 1.0}\n"
+    robot, problems = found_in([_file(tmp_path, layered)])
+    assert robot is not None
+    assert "params.namespace" not in {one.check for one in problems}

@@ -19,6 +19,8 @@ from mapdeal.robot.problem import Problem
 from mapdeal.robot.values import Name, costmap_values, costmaps_in, flavour_of
 
 _NOT_THERE = ("params.namespace", "params.no-node")
+_OTHER_KIND = "params.other-kind"
+"""A file of which no name and no value is a parameter."""
 _OF_THE_OTHER = "params.other-costmap"
 """A file that one costmap leaves out is one of the other's, if both are looked at."""
 
@@ -101,6 +103,8 @@ def _checked(
     map_resolutions: Sequence[tuple[str, float]],
 ) -> Iterator[Finding]:
     """Yield what the checks find that look at values and robots."""
+    if any(problem.check == _OTHER_KIND for problem in one.problems):
+        return
     values = costmap_values(paths, flavour, one.name, _node_of(one, namespace), namespace)
     facts: dict[type, Any] = {
         ParameterFacts: ParameterFacts(

@@ -8,6 +8,7 @@ from mapdeal.robot.problem import Problem
 _SEVERITIES: dict[str, Severity] = {"refused": "error", "warning": "warning", "note": "note"}
 
 declare_check("params.syntax", "error", "a parameter file that ROS cannot read")
+declare_check("params.other-kind", "error", "a file of another kind, such as a map or a recipe")
 declare_check("params.empty", "error", "a parameter without a value, at which roslaunch ends")
 declare_check("params.name", "error", "a name that is no text")
 declare_check("params.type", "error", "a value of a type that ROS refuses")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
+from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning
 from mapdeal.formats.source import read_file
 from mapdeal.robot.parameters import CostmapName, RobotParameters
 from mapdeal.robot.problem import Problem
@@ -88,6 +89,10 @@ def found_in(
         from mapdeal.robot.nav2 import nav2_robot
 
         return nav2_robot(paths, costmap=costmap, namespace=namespace, older=older)
+    for path in paths:
+        problem = _other_kind(path)
+        if problem is not None:
+            return None, (problem,)
     from mapdeal.robot.ros1 import ros1_robot
 
     return ros1_robot(paths, costmap=costmap, namespace=namespace)
@@ -97,6 +102,19 @@ def is_ros2(path: Path) -> bool:
     """Return whether a file holds parameters of ROS 2."""
     data = read_file(path, limit=_LARGEST)
     return any(_KEY in line.partition(b"#")[0] for line in data.splitlines())
+
+
+def _other_kind(path: Path) -> Problem | None:
+    """Return the problem of a map, a recipe or the like, whose keys ROS 1 would take, too."""
+    from mapdeal.formats.kinds import PARAMETERS, kind_of, other_kind  # ROS 1's files alone need it
+
+    kind = None
+    with suppress(MapdealError):
+        kind = kind_of(path)
+    if kind is None or kind.name == PARAMETERS:
+        return None
+    error = other_kind(path, kind, "a file of ROS parameters")
+    return Problem("params.other-kind", "refused", error.rule, source=path, hint=error.hint)
 
 
 def _error_of(one: Problem, paths: Sequence[Path]) -> MalformedInputError:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from difflib import SequenceMatcher
 from pathlib import Path
 
-from mapdeal.formats.ros_parameters.ros1 import UNSENDABLE
+from mapdeal.formats.ros_parameters.ros1 import UNSENDABLE, Ros1Namespace
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.grid.costmap_layers import CostmapLayer, InflationLayer, StaticLayer
 from mapdeal.robot.footprints import up_to_millimetres
@@ -24,7 +24,7 @@ from mapdeal.robot.parameters import (
 )
 from mapdeal.robot.problem import Problem
 from mapdeal.robot.ros1_footprint import ros1_shape
-from mapdeal.robot.ros1_server import Ros1Server, load_server
+from mapdeal.robot.ros1_server import COSTMAPS, Ros1Server, load_server
 
 _STATIC, _INFLATION = "costmap_2d::StaticLayer", "costmap_2d::InflationLayer"
 _OBSTACLE, _VOXEL = "costmap_2d::ObstacleLayer", "costmap_2d::VoxelLayer"
@@ -36,6 +36,15 @@ _PARENTS = {
 """What a costmap hands down to its layers, in place of what they say themselves."""
 _MISSPELT = 0.95
 """As alike as this, a type is misspelt; below it is a plugin of somebody's own."""
+_OF_COSTMAPS = frozenset(
+    {"always_send_full_costmap", "cost_scaling_factor", "footprint", "footprint_padding",
+     "global_frame", "inflation_radius", "lethal_cost_threshold", "map_topic", "map_type",
+     "max_obstacle_height", "observation_sources", "obstacle_range", "plugins",
+     "publish_frequency", "raytrace_range", "resolution", "robot_base_frame", "robot_radius",
+     "rolling_window", "static_map", "track_unknown_space", "transform_tolerance",
+     "trinary_costmap", "unknown_cost_value", "update_frequency"}
+)  # fmt: skip
+"""One of these, of the costmap or of a layer, tells its file from one of another node."""
 _LIKE_THIS = 'write - {name: static_layer, type: "costmap_2d::StaticLayer"}'
 
 
@@ -69,7 +78,15 @@ def ros1_robot(
     server, is_whole = load_server(paths, costmap, namespace)
     if not is_whole:
         return None, tuple(server.problems)
-    if server.root.get(server.path) is None:
+    found = server.root.get(server.path)
+    if isinstance(found, Ros1Namespace) and not _is_of_costmap(found) and not _is_named(server):
+        names = list(found.members)
+        text = f"holds no parameter of a costmap; it has {', '.join(names[:3])}"
+        text += ", ..." if len(names) > 3 else ""
+        hint = "give Nav2's parameters, with ros__parameters, or the costmap files of ROS 1"
+        server.problem("params.namespace", "refused", text, hint=hint)
+        return None, tuple(server.problems)
+    if found is None:
         text = f"no parameters of {server.name}"
         hint = f"a file of it has {costmap}_costmap: at its top, or no costmap's name at all"
         server.problem("params.namespace", "refused", text, hint=hint)
@@ -81,6 +98,17 @@ def ros1_robot(
     for one in server.problems:
         places.setdefault((one.check, one.source, one.line, one.parameter), one)
     return robot, tuple(places.values())
+
+
+def _is_of_costmap(namespace: Ros1Namespace) -> bool:
+    return any(path[-1] in _OF_COSTMAPS for path, _ in namespace.values())
+
+
+def _is_named(server: Ros1Server) -> bool:
+    """Return whether a file has a costmap's name, and so is of one whatever it holds there."""
+    return any(
+        path[-1] in COSTMAPS for one in server.files for path, _ in one.parameters.namespaces()
+    )
 
 
 def _resolved(server: Ros1Server) -> RobotParameters | None:
