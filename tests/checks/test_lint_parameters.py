@@ -286,6 +286,13 @@ def test_nothing_else_is_said_of_a_file_of_another_kind(findings):
     assert [one.check for one in found] == ["params.other-kind"]
 
 
+def test_maps_of_one_resolution_are_told_of_together(findings):
+    maps = [("a.yaml", 0.05), ("b.yaml", 0.05), ("c.yaml", 0.1), ("d.yaml", 0.2), ("e.yaml", 0.05)]
+    found = findings(GOOD + "resolution: 0.1\n", map_resolutions=maps)
+    shown = [one.message.rpartition(", ")[2] for one in found if one.check == "params.resolution"]
+    assert shown == ["0.05 m (a.yaml and 2 more)", "0.2 m (d.yaml)"]
+
+
 def test_a_file_that_is_not_there_is_an_error(tmp_path):
     with pytest.raises(FileAccessError):
         lint_parameters([tmp_path / "no.yaml"])

@@ -237,7 +237,8 @@ def test_every_form_of_the_report_has_parameter_files(command, tmp_path, monkeyp
 def test_parameters_and_maps_are_linted_together(command, maps):
     Path("robot.yaml").write_text(ROBOT)
     code, out, _ = command("lint", "maps", "--params-file", "robot.yaml", "--select", "params,yaml")
-    told = "resolution 0.05 m has no effect: the static layer takes the map's, 0.25 m (good.yaml)"
+    told = "resolution 0.05 m has no effect: the static layer takes the map's, 0.25 m "
+    told += "(good.yaml and 1 more)"
     assert f"robot.yaml:8: note: params.resolution: {told}" in out.splitlines()
     assert "maps/old/turned.yaml:4: warning: yaml.origin-yaw" in out
     assert out.splitlines()[-1].startswith("1 parameter file, 2 maps: ")

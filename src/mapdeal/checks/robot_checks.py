@@ -184,9 +184,13 @@ def resolution(facts: RobotFacts) -> Iterator[Remark]:
         return
     if not isinstance(value.value, int | float) or isinstance(value.value, bool):
         return
+    maps: dict[float, list[str]] = {}
     for name, cell in facts.map_resolutions:
+        maps.setdefault(cell, []).append(name)
+    for cell, names in maps.items():
         if not math.isclose(value.value, cell, rel_tol=1e-6):
-            text = f"has no effect: the static layer takes the map's, {cell:g} m ({name})"
+            of = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+            text = f"has no effect: the static layer takes the map's, {cell:g} m ({of})"
             yield Remark(f"resolution {value.value:g} m {text}", at=value)
 
 
