@@ -158,6 +158,16 @@ def test_options_win_over_the_file(command, hall, nav2, tmp_path, options, chang
     )
 
 
+def test_another_model_says_what_it_takes_of_the_file(command, hall, nav2, tmp_path):
+    words = ["cost", hall, "-o", tmp_path / "c.npz", "--force", "--params-file", nav2, "--model"]
+    code, _, err = command(*words, "rings")
+    assert code == 0
+    assert "warning: --params-file: model rings takes no shape and no costs" in err
+    code, _, err = command(*words, "layers")
+    assert (code, "warning" in err) == (0, False)
+    np.testing.assert_array_equal(_costs(tmp_path / "c.npz"), _expected(hall))
+
+
 def test_the_files_of_ros_1_are_taken_together(command, hall, ros1, tmp_path):
     code, _, err = command("cost", hall, "-o", tmp_path / "c.npz", *ros1)
     assert code == 0

@@ -134,6 +134,16 @@ def test_parameters_of_one_inflation_are_refused_to_several():
         step_for("cost", robot, {"values": (90, 70)})
 
 
+def test_a_model_that_is_asked_for_follows_the_robots_layers_or_is_refused():
+    static, inflation = StaticLayer("s"), InflationLayer("i", 0.2, 0.7, 3.0, lookup="nav2")
+    one = step_for("cost", _robot(static, inflation), {"model": "layers"})
+    assert one.parameters["layers"] == (static, inflation)
+    two = _robot(static, inflation, InflationLayer("j", 0.2, 0.9))
+    with pytest.raises(ParameterError, match="cannot make what the layers") as caught:
+        step_for("cost", two, {"model": "exponential"})
+    assert "model layers can" in caught.value.hint
+
+
 @pytest.mark.parametrize("by_set", [False, True])
 def test_layers_take_what_is_given_by_hand(by_set):
     robot = _robot(StaticLayer(unknown_cost_value=0), InflationLayer("a", 0.2, 0.7, lookup="nav2"))

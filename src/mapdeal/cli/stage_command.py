@@ -104,6 +104,7 @@ def stage_app(name: str) -> typer.Typer:
         if robot is not None:
             shaped = robot if footprint is None else robot.with_shape(footprint)
             step = step_for(name, shaped, opt.given(**given))
+            _warn_of_unused(step, shaped)
         else:
             step = _step_of(name, models, footprint, given)
         terminal.detail(opt.described(name, step.described()[name]))
@@ -236,6 +237,16 @@ def _step_of(
         if robot is not None:
             parameters |= robot.parameters(footprint)
     return make_step(name, parameters)
+
+
+def _warn_of_unused(step: Step, robot: RobotParameters) -> None:
+    """Warn of a model, asked for by hand, that costs of a robot do not follow."""
+    stage = step.stage
+    if stage.robot is None and stage.of_layers(robot.costmap_layers) is None:
+        terminal.warn(
+            f"--params-file: model {stage.model} takes no shape and no costs of it, only which "
+            "occupancy is lethal"
+        )
 
 
 def say_written(output: Path, figures: Figures, *, with_origin: bool = False) -> None:

@@ -57,15 +57,14 @@ def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> 
     Raises
     ------
     ParameterError
-        As `make_step`.
+        If the model that is given cannot do what the robot's layers do; else as `make_step`.
     """
-    draft = dict(draft_for(robot))
-    own = draft.get(name)
-    if own is not None and given.get("model", own.get("model")) == own.get("model"):
+    models = models_of(name)
+    own = _own_of(name, robot, given.get("model"))
+    if own is not None:
         for key, value in given.items():
             put_value(name, own, key, value)
         return make_step(name, own)
-    models = models_of(name)
     wanted = given.get("model", next(iter(models)))
     stage = models.get(wanted if isinstance(wanted, str) else None)
     values: dict[str, object] = {}
@@ -74,6 +73,20 @@ def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> 
     if stage is not None and "lethal_threshold" in stage.parameters and robot.static_layers:
         values["lethal_threshold"] = max(robot.static_layers[-1].lethal_cost_threshold, 1)
     return make_step(name, {**values, **given})
+
+
+def _own_of(name: str, robot: RobotParameters, model: object) -> Given | None:
+    """Return the parameters of a stage for a robot's layers, if it, or its model, follows them."""
+    own = dict(draft_for(robot)).get(name)
+    if own is None or model is None or model == own.get("model"):
+        return own
+    stage = models_of(name).get(model if isinstance(model, str) else None)
+    values = None if stage is None else stage.of_layers(robot.costmap_layers)
+    if stage is not None and stage.robot is not None and values is None:
+        rule = "cannot make what the layers of the parameter file make"
+        hint = f"model {own['model']} can, which is taken without it"
+        raise ParameterError(rule, place=f"{name}.model", got=model, hint=hint)
+    return None if values is None else Given({"model": model, **values})
 
 
 def put_value(
