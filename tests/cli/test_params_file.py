@@ -287,6 +287,21 @@ def test_a_recipe_takes_the_shape_alone(command, hall, nav2, tmp_path):
     assert stages[2]["cost"]["inflation_radius"] == 0.55
 
 
+def test_commands_that_take_the_shape_say_nothing_of_layers(command, hall, nav2, tmp_path):
+    """An inflated map is none that "is all free", and no layer could have had a part in it."""
+    nav2.write_text(NAV2.replace('["static_layer", "obstacle_layer", ', '["obstacle_layer", '))
+    file = ["--params-file", nav2]
+    code, _, err = command("inflate", hall, "-o", tmp_path / "i.npz", *file)
+    assert (code, err) == (0, "")
+    words = ["run", hall, "-o", tmp_path / "out", *file, "--strict"]
+    code, _, err = command(*words, "--recipe", "default")
+    assert "layer" not in err
+    code, _, err = command(*words)
+    assert code == 1
+    assert "no static layer" in err
+    assert "ignored: obstacle_layer" in err
+
+
 def test_info_says_what_a_file_comes_to_on_a_map(command, hall, nav2):
     code, out, err = command("info", nav2, "--map", hall)
     assert (code, err) == (0, "")

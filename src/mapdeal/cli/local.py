@@ -44,8 +44,9 @@ def _limit(help_text: str) -> Any:
 
 @app.command()
 @shared_options(
-    "robot", "image_max", "no_images", "dialect", "max_cells", "force", "threads", "max_memory"
-)
+    "robot", "image_max", "no_images", "dialect", "max_cells", "force", "threads", "max_memory",
+    makes_costs=lambda _: False,
+)  # fmt: skip
 def local(
     output: Annotated[
         Path, opt.output_argument("DIR", "Where the maps go; those of a sequence to DIR/0000, ...")

@@ -47,10 +47,12 @@ def robot_parameters(
     costmap: CostmapName | None,
     namespace: str | None,
     dialect: Dialect,
+    is_shape: bool = False,
 ) -> RobotParameters | None:
     """Return the robot that parameter files describe, if there are any, and say what is ignored.
 
-    Readers older than today's Nav2 stand for its older costmap, too.
+    Readers older than today's Nav2 stand for its older costmap, too. Nothing is said of layers to
+    those who want no more than the shape.
     """
     if not params_file:
         for option, value in (("--costmap", costmap), ("--namespace", namespace)):
@@ -60,14 +62,18 @@ def robot_parameters(
     from mapdeal.robot.load import read_robot  # few commands read one
 
     robot = read_robot(
-        params_file, costmap=costmap or "global", namespace=namespace, older=dialect != "nav2"
+        params_file,
+        costmap=costmap or "global",
+        namespace=namespace,
+        older=dialect != "nav2",
+        is_shape=is_shape,
     )
     terminal.detail(f"robot: {robot!r}")
     if any(one.name == INJECTED for one in robot.layers):
         text = "the local costmap has no static layer; the map is put in front of its layers"
         terminal.remark([f"{params_file[-1]}: {text}"])
     ignored = [f"{one.name} ({one.why_ignored})" for one in robot.ignored]
-    if ignored:
+    if ignored and not is_shape:
         terminal.remark([f"{params_file[-1]}: ignored: {', '.join(ignored)}"])
     return robot
 

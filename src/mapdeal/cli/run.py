@@ -43,6 +43,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
         "max_memory": "Memory that each job may take, like 4G or 500M; maps that need more are "
         "processed in blocks of rows.  [default: half of what is free, shared out]",
     },
+    makes_costs=lambda own: own["recipe"] is None,
 )  # fmt: skip
 def run(
     sources: Annotated[

@@ -193,8 +193,14 @@ def expanded(names: Iterable[str]) -> list[str]:
     return [member for name in names for member in groups.get(name, [name])]
 
 
+def _makes_costs(_values: Mapping[str, Any]) -> bool:
+    return True
+
+
 def shared_options(
-    *names: str, help_texts: Mapping[str, str] | None = None
+    *names: str,
+    help_texts: Mapping[str, str] | None = None,
+    makes_costs: Callable[[Mapping[str, Any]], bool] = _makes_costs,
 ) -> Callable[[Command], Command]:
     """Return a decorator that adds shared options to those of a command.
 
@@ -209,6 +215,9 @@ def shared_options(
         come first, except those that are named here, too.
     help_texts : mapping, optional
         Help texts that differ from the shared ones, by option.
+    makes_costs : callable
+        Whether the command, with these values of its own options, makes the costs of a robot's
+        parameter files; else it takes the shape alone.
 
     Raises
     ------
@@ -232,7 +241,8 @@ def shared_options(
         for name in made:
             if own.pop(name, None) is None:
                 raise ValueError(f"{function.__name__}: no argument {name!r}")
-        return with_shared_options(function, own.values(), names, help_texts=help_texts)
+        return with_shared_options(function, own.values(), names, help_texts=help_texts,
+                                   makes_costs=makes_costs)  # fmt: skip
 
     return decorate
 
@@ -243,6 +253,7 @@ def with_shared_options(
     names: Sequence[str],
     *,
     help_texts: Mapping[str, str] | None = None,
+    makes_costs: Callable[[Mapping[str, Any]], bool] = _makes_costs,
 ) -> Command:
     """Return a command with options of its own and shared ones.
 
@@ -257,7 +268,7 @@ def with_shared_options(
     own : iterable of inspect.Parameter
         The command's own options, annotated for typer. They need not be in the signature of the
         function, which may take any keywords.
-    names, help_texts
+    names, help_texts, makes_costs
         As for `shared_options`.
 
     Returns
@@ -285,7 +296,8 @@ def with_shared_options(
             values["footprint"] = robot_shape(**shape)
         if "params_file" in shared:
             files = {name: given[name] for name in _OF_FILES}
-            values["robot"] = robot_parameters(**files, dialect=values["settings"].dialect)
+            is_shape, dialect = not makes_costs(values), values["settings"].dialect
+            values["robot"] = robot_parameters(**files, dialect=dialect, is_shape=is_shape)
         with values["settings"].memory(anew=True), piped(values, marked) as piped_values:
             function(**piped_values)
 

@@ -145,7 +145,14 @@ def stage_app(name: str) -> typer.Typer:
         own.append(_option("scheduler", _SCHEDULER, None))
         shared.append("scheduler")
     app = typer.Typer(rich_markup_mode=None, add_completion=False)
-    app.command()(with_shared_options(command, own, shared, help_texts={"max_memory": _MEMORY}))
+    made = with_shared_options(
+        command,
+        own,
+        shared,
+        help_texts={"max_memory": _MEMORY},
+        makes_costs=lambda _: first.makes is Costmap,
+    )
+    app.command()(made)
     return app
 
 

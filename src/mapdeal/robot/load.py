@@ -14,6 +14,11 @@ from mapdeal.robot.problem import Problem
 
 _KEY = b"ros__parameters"
 _LARGEST = 1 << 24
+_OF_COSTS = frozenset(
+    {"params.custom-inscribed-radius", "params.inflation-radius", "params.no-static-layer",
+     "params.not-modelled", "params.other-map", "params.sensor-type"}
+)  # fmt: skip
+"""Warnings that matter to a robot's costs alone."""
 
 
 def read_robot(
@@ -22,6 +27,7 @@ def read_robot(
     costmap: CostmapName = "global",
     namespace: str | None = None,
     older: bool = False,
+    is_shape: bool = False,
 ) -> RobotParameters:
     """Return what a robot's parameter files say of one of its costmaps.
 
@@ -35,6 +41,8 @@ def read_robot(
         Which robot, where files hold several.
     older : bool
         Whether Nav2's costmap is that of Humble to Kilted.
+    is_shape : bool
+        Whether no costs are made with it: nothing is said of them then.
 
     Returns
     -------
@@ -61,7 +69,11 @@ def read_robot(
             raise _error_of(one, paths)
     if robot is None:
         raise MalformedInputError("holds no robot", source=paths[-1])
-    texts = tuple(_line_of(one, paths) for one in problems if one.level == "warning")
+    texts = tuple(
+        _line_of(one, paths)
+        for one in problems
+        if one.level == "warning" and not (is_shape and one.check in _OF_COSTS)
+    )
     for text in texts:
         emit_warning(text, stacklevel=2)
     return replace(robot, remarks=texts)
