@@ -69,7 +69,7 @@ def robot_parameters(
         is_shape=is_shape,
     )
     terminal.detail(f"robot: {robot!r}")
-    if any(one.name == INJECTED for one in robot.layers):
+    if not is_shape and any(one.name == INJECTED for one in robot.layers):
         text = "the local costmap has no static layer; the map is put in front of its layers"
         terminal.remark([f"{params_file[-1]}: {text}"])
     ignored = [f"{one.name} ({one.why_ignored})" for one in robot.ignored]
