@@ -209,6 +209,7 @@ class Progress:
         self._started = self._drawn = time.monotonic()
         self._shows_bar = not _quiet and sys.stderr.isatty()
         self._is_over = threading.Event()
+        self._thread: threading.Thread | None = None
 
     def advance(self, steps: int = 1, *, failed: bool = False) -> None:
         """Take steps."""
@@ -245,12 +246,15 @@ class Progress:
             _bar = self
             self.draw()
         elif self._what and not _quiet:
-            is_started(threading.Thread(target=self.say_now_and_then, daemon=True))
+            thread = threading.Thread(target=self.say_now_and_then, daemon=True)
+            self._thread = thread if is_started(thread) else None
         return self
 
     def __exit__(self, *_: object) -> None:
         global _bar
         self._is_over.set()
+        if self._thread is not None:
+            self._thread.join()  # no line of it comes after the end
         if _bar is self:
             _bar = None
             with contextlib.suppress(OSError):
