@@ -154,6 +154,29 @@ def exponential_cost(
     return result
 
 
+def master_grid(occupancy, resolution, layers, default_cost):
+    """costmap_2d's master grid in plain Python: the layers' updateCosts one after the other."""
+    master = np.full(occupancy.shape, default_cost, np.uint8)
+    for layer in layers:
+        if hasattr(layer, "inflation_radius"):
+            master = exponential_cost(
+                master, resolution, layer.inscribed_radius, layer.inflation_radius,
+                layer.cost_scaling_factor, layer.inflate_unknown, layer.inflate_around_unknown,
+                lookup=layer.lookup, float32=True,
+            )  # fmt: skip
+            continue
+        for index in np.ndindex(occupancy.shape):
+            cost = static_layer_cost(
+                int(occupancy[index]), layer.lethal_cost_threshold, trinary=layer.trinary_costmap,
+                track_unknown=layer.track_unknown_space, unknown=layer.unknown_cost_value,
+                inscribed=layer.inscribed_obstacle_cost_value,
+            )  # fmt: skip
+            old = int(master[index])
+            if not layer.use_maximum or (cost != 255 and (old == 255 or old < cost)):
+                master[index] = cost
+    return master
+
+
 def metric_view(occupancy, occupied, resolution, view_range, strength=1.0):
     """The 0..100 view of the strengthened distances that falls linearly to 0 at view_range."""
     squared = squared_distance(occupied)

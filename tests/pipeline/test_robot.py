@@ -11,7 +11,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
 from mapdeal.pipeline.robot import step_for
 from mapdeal.robot.parameters import ListedLayer
-from oracles import exponential_cost, static_layer_cost
+from oracles import master_grid
 
 pytestmark = pytest.mark.filterwarnings("ignore::mapdeal.MapdealWarning")
 
@@ -24,29 +24,6 @@ def _robot(*layers, track=True):
     return RobotParameters(
         "nav2", "global", "/a", shape, 0.0, None, track, False, listed, (), 0.2, 0.36
     )
-
-
-def _master(occupancy, robot, resolution):
-    """The master grid of costmap_2d: each layer writes into what those before it have left."""
-    master = np.full(occupancy.shape, 255 if robot.track_unknown_space else 0, np.uint8)
-    for layer in robot.effective_layers:
-        if isinstance(layer, InflationLayer):
-            master = exponential_cost(
-                master, resolution, layer.inscribed_radius, layer.inflation_radius,
-                layer.cost_scaling_factor, layer.inflate_unknown, layer.inflate_around_unknown,
-                lookup=layer.lookup, float32=True,
-            )  # fmt: skip
-            continue
-        for index in np.ndindex(occupancy.shape):
-            cost = static_layer_cost(
-                int(occupancy[index]), layer.lethal_cost_threshold, trinary=layer.trinary_costmap,
-                track_unknown=layer.track_unknown_space,
-                inscribed=layer.inscribed_obstacle_cost_value, unknown=layer.unknown_cost_value,
-            )  # fmt: skip
-            old = int(master[index])
-            if not layer.use_maximum or (cost != 255 and (old == 255 or old < cost)):
-                master[index] = cost
-    return master
 
 
 STATIC = st.builds(
@@ -79,7 +56,9 @@ OCCUPANCY = st.lists(st.sampled_from([0, 0, 0, -1, 30, 50, 99, 100]), min_size=3
 def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):
     robot = _robot(*layers, track=track)
     made = apply_recipe(OccupancyGrid(occupancy, 0.1, ORIGIN), robot)
-    np.testing.assert_array_equal(made["cost"].cost, _master(occupancy, robot, 0.1))
+    np.testing.assert_array_equal(
+        made["cost"].cost, master_grid(occupancy, 0.1, robot.effective_layers, 255 if track else 0)
+    )
 
 
 def test_one_static_and_one_inflation_layer_become_model_exponential():

@@ -87,29 +87,6 @@ INFLATION = st.builds(
 )
 
 
-def master_grid(occupancy, resolution, layers, default_cost):
-    """costmap_2d's master grid in plain Python: the layers' updateCosts one after the other."""
-    master = np.full(occupancy.shape, default_cost, np.uint8)
-    for layer in layers:
-        if isinstance(layer, InflationLayer):
-            master = oracles.exponential_cost(
-                master, resolution, layer.inscribed_radius, layer.inflation_radius,
-                layer.cost_scaling_factor, layer.inflate_unknown, layer.inflate_around_unknown,
-                lookup=layer.lookup, float32=True,
-            )  # fmt: skip
-            continue
-        for index in np.ndindex(occupancy.shape):
-            cost = oracles.static_layer_cost(
-                int(occupancy[index]), layer.lethal_cost_threshold, trinary=layer.trinary_costmap,
-                track_unknown=layer.track_unknown_space, unknown=layer.unknown_cost_value,
-                inscribed=layer.inscribed_obstacle_cost_value,
-            )  # fmt: skip
-            old = int(master[index])
-            if not layer.use_maximum or (cost != 255 and (old == 255 or old < cost)):
-                master[index] = cost
-    return master
-
-
 @settings(max_examples=300)
 @given(
     occupancies(),
@@ -122,7 +99,7 @@ def test_any_sequence_of_layers_equals_brute_force(
     occupancy, resolution, layers, default_cost, block_height
 ):
     grid = OccupancyGrid(occupancy, resolution, (1.5, -2.0, 0.4))
-    expected = master_grid(occupancy, resolution, layers, default_cost)
+    expected = oracles.master_grid(occupancy, resolution, layers, default_cost)
     made = layered_cost(grid, layers=layers, default_cost=default_cost)
     assert np.array_equal(made.cost, expected)
     lazy = lazy_layer(grid.shape, np.int8, occupancy.__getitem__, block_height=block_height)

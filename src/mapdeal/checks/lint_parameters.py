@@ -12,10 +12,10 @@ from mapdeal.checks import layer_checks, robot_checks  # noqa: F401
 from mapdeal.checks.finding import CHECKS, Check, Finding, Remark
 from mapdeal.checks.parameter_facts import ParameterFacts, RobotFacts
 from mapdeal.checks.parameter_problems import finding_of
+from mapdeal.formats.ros_parameters.problem import Problem
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.robot.load import found_in
 from mapdeal.robot.parameters import CostmapName, Flavour, RobotParameters
-from mapdeal.robot.problem import Problem
 from mapdeal.robot.values import Name, costmap_values, costmaps_in, flavour_of
 
 _NOT_THERE = ("params.namespace", "params.no-node")

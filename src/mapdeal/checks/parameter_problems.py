@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mapdeal.checks.finding import CHECKS, Finding, Severity, declare_check
-from mapdeal.robot.problem import Problem
+from mapdeal.formats.ros_parameters.problem import Problem
 
 _SEVERITIES: dict[str, Severity] = {"refused": "error", "warning": "warning", "note": "note"}
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from mapdeal.errors import MalformedInputError, MapdealError, ParameterError, emit_warning
+from mapdeal.formats.ros_parameters.problem import Problem
 from mapdeal.formats.source import read_file
 from mapdeal.robot.parameters import CostmapName, RobotParameters
-from mapdeal.robot.problem import Problem
 
 _KEY = b"ros__parameters"
 _LARGEST = 1 << 24

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from mapdeal.errors import MalformedInputError
+from mapdeal.formats.ros_parameters.problem import Problem
 from mapdeal.formats.ros_parameters.ros2 import Ros2Parameters, read_ros2
 from mapdeal.formats.ros_parameters.value import ParameterFileError
 from mapdeal.grid.coordinates import as_float32
@@ -31,7 +32,6 @@ from mapdeal.robot.footprints import (
 from mapdeal.robot.nav2_layers import STATIC, listed_layers, static_layer
 from mapdeal.robot.nav2_values import Nav2Values
 from mapdeal.robot.parameters import CostmapName, ListedLayer, ParameterFile, RobotParameters
-from mapdeal.robot.problem import Problem
 
 _INJECTED = "injected_static"
 _LARGEST = 1000.0

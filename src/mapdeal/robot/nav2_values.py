@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mapdeal.formats.ros_parameters.problem import Level, Problem
 from mapdeal.formats.ros_parameters.value import ParameterValue
-from mapdeal.robot.problem import Level, Problem
 
 _ARTICLES = {
     "bool": "a bool", "integer": "an integer", "double": "a double", "string": "a string",

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from difflib import SequenceMatcher
 from pathlib import Path
 
+from mapdeal.formats.ros_parameters.problem import Problem
 from mapdeal.formats.ros_parameters.ros1 import UNSENDABLE, Ros1Namespace
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.grid.costmap_layers import CostmapLayer, InflationLayer, StaticLayer
@@ -22,7 +23,6 @@ from mapdeal.robot.parameters import (
     ParameterFile,
     RobotParameters,
 )
-from mapdeal.robot.problem import Problem
 from mapdeal.robot.ros1_footprint import ros1_shape
 from mapdeal.robot.ros1_server import COSTMAPS, Ros1Server, load_server
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.ros_parameters.fault import Fault
+from mapdeal.formats.ros_parameters.problem import Problem
 from mapdeal.formats.ros_parameters.ros1 import (
     ROOT,
     UNSENDABLE,
@@ -21,7 +21,6 @@ from mapdeal.formats.ros_parameters.ros1 import (
 )
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.robot.parameters import CostmapName
-from mapdeal.robot.problem import Problem
 
 COSTMAPS = ("global_costmap", "local_costmap")
 _NODE = "move_base"
@@ -202,7 +201,7 @@ def load_server(
         except MalformedInputError as error:
             problems.append(_of_error(error, path))
             continue
-        problems += [_of_fault(fault) for fault in one.faults]
+        problems += one.faults
         files.append(one)
     owners = [_nodes_in(one.parameters) for one in files]
     node, why_not = _chosen_node([node for found in owners for node in found], namespace)
@@ -299,11 +298,6 @@ def _place_of(found: Sequence[Path1], node: Path1, costmap: CostmapName) -> Path
         if len(below) <= len(node) and node[len(node) - len(below) :] == below:
             return node[: len(node) - len(below)]
     return ()  # it names other robots alone
-
-
-def _of_fault(fault: Fault) -> Problem:
-    return Problem(fault.check, fault.level, fault.text, fault.parameter, fault.source,
-                   fault.line, fault.got, fault.hint)  # fmt: skip
 
 
 def _of_error(error: MalformedInputError, path: Path) -> Problem:

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.ros_parameters.fault import Fault
+from mapdeal.formats.ros_parameters.problem import Problem
 from mapdeal.formats.ros_parameters.ros1_values import EXTRA_TAGS, kind_of, value_of, why_unsendable
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.formats.source import read_file
@@ -87,14 +87,14 @@ class Ros1File:
         Of its bytes.
     parameters : Ros1Namespace
         Its parameters as they are nested in it; those whose names begin with a slash below `ROOT`.
-    faults : tuple of Fault
+    faults : tuple of Problem
         Why roslaunch refuses it, and what else is wrong with it.
     """
 
     source: Path
     sha256: str
     parameters: Ros1Namespace
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[Problem, ...] = ()
 
 
 def read_ros1_parameters(path: Path) -> Ros1File:
@@ -158,11 +158,11 @@ class _Reader:
     def __init__(self, source: Path) -> None:
         self.source = source
         self.tree = Ros1Namespace(1, source)
-        self.faults: list[Fault] = []
+        self.faults: list[Problem] = []
 
     def fault(self, check: str, level: Any, text: str, line: int, **more: str) -> None:
         """Add a fault."""
-        self.faults.append(Fault(check, level, text, self.source, line, **more))
+        self.faults.append(Problem(check, level, text, source=self.source, line=line, **more))
 
     def read(self, node: yaml.Node) -> None:
         """Add the parameters of a document."""
