@@ -1,0 +1,254 @@
+"""Where a robot can go from a start, and the passages that stop it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.coordinates import Origin, Point
+from mapdeal.grid.display import OneLine, count_text, numbers_text
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.framed import Figures, Framed, as_layer
+from mapdeal.grid.occupancy import as_occupancy_layer
+
+PlaceOfLimit = Literal["passage", "start", "goal"]
+
+MOST_HEADINGS = 255
+"""As many as a byte of the layer `Reach.headings` can count."""
+
+
+@dataclass(frozen=True, repr=False)
+class Goal(OneLine):
+    """A place that a robot should get to.
+
+    Parameters
+    ----------
+    x, y : float
+        The place in the map frame, metres.
+    name : str, optional
+        What people call it.
+    """
+
+    x: float
+    y: float
+    name: str | None = None
+
+    def _told(self) -> Iterator[str]:
+        if self.name is not None:
+            yield self.name
+        yield numbers_text((self.x, self.y))
+
+
+@dataclass(frozen=True)
+class Bottleneck:
+    """The narrowest place of the widest way to a goal.
+
+    Parameters
+    ----------
+    x, y : float
+        The place in the map frame, metres.
+    width : float
+        Twice the distance of its centre to the nearest obstacle cell's centre, metres: a round
+        robot passes if it is narrower.
+    at : {'passage', 'start', 'goal'}
+        Whether that is a place on the way, or the start or the goal itself.
+    """
+
+    x: float
+    y: float
+    width: float
+    at: PlaceOfLimit = "passage"
+
+
+@dataclass(frozen=True)
+class GoalReach:
+    """Whether a robot gets to a goal, and what limits it.
+
+    Parameters
+    ----------
+    goal : Goal
+        Where it should get to.
+    reachable : bool
+        Whether it gets there in any heading.
+    heading_count : int
+        In how many headings; for a round robot all or none.
+    widest_radius : float
+        Radius of the largest round robot that gets there, metres, which itself is too large by a
+        hair; 0 if none does, however small, +inf if nothing limits it.
+    limited_by : Bottleneck, optional
+        What limits that radius; None where nothing, or a wall without a passage, does.
+    """
+
+    goal: Goal
+    reachable: bool
+    heading_count: int
+    widest_radius: float
+    limited_by: Bottleneck | None = None
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A place where a robot is stopped, or all but stopped.
+
+    Parameters
+    ----------
+    x, y : float
+        Its middle in the map frame, metres.
+    width : float
+        Metres, as of a `Bottleneck`.
+    cut_off : float
+        Area of the cells behind it, seen from the start, that are open to the robot: square metres
+        that it loses where it cannot pass.
+    is_open : bool
+        Whether the robot passes.
+    ends : tuple of two points
+        Centres of the obstacle cells on both sides between which it is narrowest.
+    """
+
+    x: float
+    y: float
+    width: float
+    cut_off: float
+    is_open: bool
+    ends: tuple[Point, Point]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reach(Framed):
+    """Which cells a robot can reach from a start, and how wide the ways are.
+
+    Parameters
+    ----------
+    reachable : array_like of uint8, shape (H, W)
+        1 where the robot's centre can get to, in any heading, else 0.
+    headings : array_like of uint8, shape (H, W)
+        In how many of the headings the robot can stand there, reached or not; a round one in all or
+        none.
+    clearance : array_like of float32, shape (H, W)
+        Distance of the cell's centre to the nearest obstacle cell's centre, metres; 0 in
+        obstacles, +inf if there is none.
+    widest : array_like of float32, shape (H, W)
+        Radius of the largest round robot that gets there from the start, metres, which itself is
+        too large by a hair; 0 where none does.
+    occupancy : array_like of int8, shape (H, W)
+        The map: 100 is an obstacle, -1 unknown, all else free.
+    resolution : float
+        Side of a cell, metres.
+    origin : sequence of float
+        x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
+    start : tuple of float
+        x and y in the map frame, metres, and a yaw if one was asked for.
+    robot : Footprint, optional
+        The robot's shape; None for a point.
+    heading_count : int
+        How many headings there are, the first of them 0.
+    through_unknown : bool
+        Whether unknown cells are open.
+    goals : tuple of GoalReach
+        The answers for the goals that were asked for.
+    passages : tuple of Passage
+        What stops the robot or all but stops it, the narrowest first.
+    """
+
+    kind = "reach"
+    layer_names = ("reachable", "headings", "clearance", "widest", "occupancy")
+    parameter_names = ("start", "robot", "heading_count", "through_unknown")
+
+    reachable: NDArray[np.uint8]
+    headings: NDArray[np.uint8]
+    clearance: NDArray[np.float32]
+    widest: NDArray[np.float32]
+    occupancy: NDArray[np.int8]
+    resolution: float
+    origin: Origin = (0.0, 0.0, 0.0)
+    start: tuple[float, ...] = (0.0, 0.0)
+    robot: Footprint | None = None
+    heading_count: int = 72
+    through_unknown: bool = False
+    goals: tuple[GoalReach, ...] = ()
+    passages: tuple[Passage, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.heading_count <= MOST_HEADINGS:
+            rule = f"must be from 1 to {MOST_HEADINGS}"
+            raise ParameterError(rule, place="heading_count", got=self.heading_count)
+        self._freeze(
+            reachable=as_layer(self.reachable, np.uint8, "reachable"),
+            headings=as_layer(self.headings, np.uint8, "headings"),
+            clearance=as_layer(self.clearance, np.float32, "clearance"),
+            widest=as_layer(self.widest, np.float32, "widest"),
+            occupancy=as_occupancy_layer(self.occupancy),
+        )
+
+    @property
+    def cell_area(self) -> float:
+        """Square metres of a cell."""
+        return self.resolution * self.resolution
+
+    @property
+    def reachable_area(self) -> float:
+        """Square metres of the cells that the robot's centre can get to."""
+        return int(np.count_nonzero(self.reachable)) * self.cell_area
+
+    @property
+    def open_area(self) -> float:
+        """Square metres of the cells that the robot's centre can stand in, reached or not."""
+        return int(np.count_nonzero(self.headings)) * self.cell_area
+
+    @property
+    def free_area(self) -> float:
+        """Square metres of the cells that are no obstacles, nor unknown if that is closed."""
+        least = -1 if self.through_unknown else 0
+        free = (self.occupancy >= least) & (self.occupancy < 100)
+        return int(np.count_nonzero(free)) * self.cell_area
+
+    @property
+    def share(self) -> float:
+        """What the reachable area is of the free one; 0 if nothing is free."""
+        free = self.free_area
+        return self.reachable_area / free if free else 0.0
+
+    def _own_figures(self) -> Figures:
+        return {
+            "start": list(self.start),
+            "reachable_m2": self.reachable_area,
+            "open_m2": self.open_area,
+            "free_m2": self.free_area,
+            "share": self.share,
+            "goals": {_key_of(one.goal): one.reachable for one in self.goals},
+            "passages": len(self.passages),
+            "closed_passages": sum(not one.is_open for one in self.passages),
+        }
+
+    def _told_of_parameters(self) -> Iterator[str]:
+        yield f"start {numbers_text(self.start)}"
+        yield "a point" if self.robot is None else repr(self.robot)
+
+    def _told_of_values(self) -> Iterator[str]:
+        yield f"reaches {self.reachable_area:.4g} of {self.open_area:.4g} m2"
+        if self.goals:
+            got = sum(one.reachable for one in self.goals)
+            yield f"{got} of {count_text(len(self.goals), 'goal')}"
+        yield count_text(len(self.passages), "passage")
+
+    def entries(self) -> dict[str, Any]:
+        """Return the layers, the map, and the start; the answers are in the JSON beside it."""
+        return {**super().entries(), "start": np.array(self.start, dtype=np.float64)}
+
+
+def _key_of(goal: Goal) -> str:
+    return goal.name if goal.name is not None else f"{goal.x + 0.0:.10g},{goal.y + 0.0:.10g}"
+
+
+def width_of(square: int, resolution: float) -> float:
+    """Return the width of a place at a squared distance in cells from the nearest obstacle, metres.
+
+    Twice the distance: a round robot passes if its radius is below half of it.
+    """
+    return 2 * math.sqrt(square) * resolution
