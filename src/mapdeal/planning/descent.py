@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.open_cells import Cell
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.route import Route
-from mapdeal.planning.terrain import Cell, Place, Terrain
+from mapdeal.planning.terrain import Place, Terrain
 
 _STEPS = (0.5, 0.25, 0.125)
 """In cells, the longest first; a shorter one is tried where the longer one does not lead down."""

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import Point, check_point
+from mapdeal.grid.coordinates import Point
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_open_text
 from mapdeal.grid.values import (
     INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
@@ -32,7 +33,6 @@ _AT_CENTRE = 1e-6
 _LARGEST_TOLD_APART = 1 << 20
 """Squares of cells up to which distances of float32 tell neighbouring ones apart."""
 
-Cell = tuple[int, int]
 Place = tuple[float, float]
 
 
@@ -174,16 +174,13 @@ class Terrain:
             If it lies outside of the map or is closed; the error calls the point `name`.
         """
         frame = self.costmap.frame
-        cells, inside = frame.bounded_rowcol_from_xy([check_point(point, name)])
-        if not inside[0]:
-            rule = "lies outside of the map"
-            raise ParameterError(rule, place=name, got=point, hint=self._extent())
-        cell: Cell = (int(cells[0, 0]), int(cells[0, 1]))
+        cell = cell_of_point(frame, point, name)
         if not self.is_open(cell):
             cost = int(self.costmap.cost[cell])
             what = "unknown" if cost == self.costmap.unknown_value else f"cost {cost}"
             rule = f"lies in a closed cell ({what})"
-            raise ParameterError(rule, place=name, got=point, hint=self._nearest_open(cell))
+            hint = nearest_open_text(frame, self.weights > 0, cell)
+            raise ParameterError(rule, place=name, got=point, hint=hint)
         return cell
 
     def measured(self, points_xy: NDArray[np.float64]) -> Measures:
@@ -223,25 +220,6 @@ class Terrain:
         rows, cols = (slice(a, b) for a, b in zip(first, cell + reach + 1, strict=True))
         centres = np.argwhere(self.field.occupancy[rows, cols] == OCCUPIED) + first + 0.5
         return float(np.hypot(*(centres - place).T).min())
-
-    def _extent(self) -> str:
-        """Return where the map lies, as a hint."""
-        height, width = self.costmap.shape
-        corners = [[0, 0], [0, width], [height, 0], [height, width]]
-        corners_xy = self.costmap.frame.xy_from_continuous_rowcol(corners).round(6) + 0.0
-        (x, y), (right, top) = corners_xy.min(axis=0).tolist(), corners_xy.max(axis=0).tolist()
-        return f"the map lies within x {x:.10g} .. {right:.10g}, y {y:.10g} .. {top:.10g}"
-
-    def _nearest_open(self, cell: Cell) -> str:
-        """Return where the nearest open cell is, as a hint."""
-        cells = np.argwhere(self.weights > 0)
-        if len(cells) == 0:
-            return "no cell of the map is open"
-        squares = ((cells - np.array(cell)) ** 2).sum(axis=1)
-        nearest = cells[int(np.argmin(squares))]
-        x, y = self.costmap.frame.xy_from_rowcol([nearest])[0].round(6).tolist()
-        metres = math.sqrt(squares.min()) * self.costmap.resolution
-        return f"the nearest open cell is {metres:.3g} m away, at {x + 0.0:.10g},{y + 0.0:.10g}"
 
 
 def check_factor(name: str, value: float) -> float:

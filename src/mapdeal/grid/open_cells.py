@@ -1,0 +1,60 @@
+"""Cells that points lie in, and which cell is open where one is not."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.coordinates import Point, check_point
+from mapdeal.grid.frame import Frame
+
+Cell = tuple[int, int]
+
+
+def cell_of_point(frame: Frame, point: Point, name: str) -> Cell:
+    """Return the row and column of the cell that a point of the map frame lies in.
+
+    Raises
+    ------
+    ParameterError
+        If it lies outside of the grid; the error calls the point `name`.
+    """
+    cells, inside = frame.bounded_rowcol_from_xy([check_point(point, name)])
+    if not inside[0]:
+        rule = "lies outside of the map"
+        raise ParameterError(rule, place=name, got=point, hint=extent_text(frame))
+    return int(cells[0, 0]), int(cells[0, 1])
+
+
+def extent_text(frame: Frame) -> str:
+    """Return where a grid lies in the map frame, as a hint."""
+    height, width = frame.shape
+    corners = [[0, 0], [0, width], [height, 0], [height, width]]
+    corners_xy = frame.xy_from_continuous_rowcol(corners).round(6) + 0.0
+    (x, y), (right, top) = corners_xy.min(axis=0).tolist(), corners_xy.max(axis=0).tolist()
+    return f"the map lies within x {x:.10g} .. {right:.10g}, y {y:.10g} .. {top:.10g}"
+
+
+def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> str:
+    """Return where the open cell is that is nearest to a cell, as a hint.
+
+    Parameters
+    ----------
+    frame : Frame
+        The grid.
+    is_open : numpy.ndarray of bool, shape (H, W)
+        The open cells.
+    cell : tuple of int
+        Row and column.
+    """
+    cells = np.argwhere(is_open)
+    if len(cells) == 0:
+        return "no cell of the map is open"
+    squares = ((cells - np.array(cell)) ** 2).sum(axis=1)
+    nearest = cells[int(np.argmin(squares))]
+    x, y = frame.xy_from_rowcol([nearest])[0].round(6).tolist()
+    metres = math.sqrt(squares.min()) * frame.resolution
+    return f"the nearest open cell is {metres:.3g} m away, at {x + 0.0:.10g},{y + 0.0:.10g}"
