@@ -19,7 +19,6 @@ from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.definition import Stage
-from mapdeal.stages.layer_parameters import LayerList
 from mapdeal.stages.parameters import unknown_name
 
 DEFAULT = "default"
@@ -197,10 +196,10 @@ def _apply_setting(draft: Draft, setting: str, name: str, option: str) -> None:
 
 
 def _value_of(target: str, text: str, option: str) -> object:
-    """Return the value that a setting asks for: text, unless the parameter is a list of layers."""
+    """Return the value that a setting asks for: text, or of parameters that need it YAML."""
     stage, _, parameter = target.strip().partition(".")
     known = [one.parameters.get(parameter.replace("-", "_")) for one in models_of(stage).values()]
-    if not any(one is not None and one.kind == LayerList for one in known):
+    if not any(one is not None and one.is_yaml for one in known):
         return text.strip()
     try:
         return parse_value(text, option)

@@ -18,9 +18,11 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.reach import Goal
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
 from mapdeal.stages.definition import Stage
 from mapdeal.stages.esdf import field_view
+from mapdeal.stages.goal_parameters import described_goals
 from mapdeal.stages.layer_parameters import described_layer
 from mapdeal.stages.parameters import accept_parameters, unknown_name, unknown_parameter
 
@@ -182,4 +184,6 @@ def _plain(value: Any) -> Any:
         return [list(vertex) for vertex in value.vertices] or {"radius": value.radius}
     if isinstance(value, (StaticLayer, InflationLayer)):
         return described_layer(value)
+    if isinstance(value, tuple) and value and all(isinstance(one, Goal) for one in value):
+        return described_goals(value)
     return [_plain(one) for one in value] if isinstance(value, tuple) else value

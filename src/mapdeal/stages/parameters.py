@@ -35,6 +35,7 @@ ABOVE_0 = Bound("above 0", lambda value: value > 0)
 PERCENT = Bound("between 0 and 100", lambda value: 0 <= value <= 100)
 STRENGTH = Bound("between 1e-6 and 1e6", lambda value: 1e-6 <= value <= 1e6)
 LETHAL = Bound("between 1 and 100", lambda value: 1 <= value <= 100)
+HEADINGS = Bound("between 4 and 255", lambda value: 4 <= value <= 255)
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,8 @@ OCCUPANCY = Unit("occupancy", "N")
 COST = Unit("cost", "N")
 VIEW_VALUE = Unit("view", "V")
 POINT = Unit("m", "X,Y")
+POSE = Unit("m, rad", "X,Y[,YAW]")
+SQUARE_METRES = Unit("m2", "M2")
 
 
 class FromRobot:
@@ -88,6 +91,11 @@ class Parameter:
     def is_structured(self) -> bool:
         """Whether it is more than a line of text: recipes can set it, options cannot."""
         return self.kind in _STRUCTURED
+
+    @property
+    def is_yaml(self) -> bool:
+        """Whether a text that sets it is read as YAML first: lists and mappings, not a shape."""
+        return self.is_structured and self.kind is not Footprint
 
     @property
     def choices(self) -> tuple[str, ...]:
