@@ -434,3 +434,61 @@ def lowest_cost(weights, start, goal):
                         cost[r, c] = total
                         changed = True
     return cost.get(goal)
+
+
+def straight_neighbours(cell, shape):
+    """The up to four cells over the edges of one, the last in reading order first."""
+    row, col = cell
+    near = [(row + 1, col), (row, col + 1), (row, col - 1), (row - 1, col)]
+    return [(r, c) for r, c in near if 0 <= r < shape[0] and 0 <= c < shape[1]]
+
+
+def flooded(is_open, start):
+    """Set of the open cells with a way over edges from an open cell."""
+    reached, edge = {start}, [start]
+    while edge:
+        for near in straight_neighbours(edge.pop(), is_open.shape):
+            if is_open[near] and near not in reached:
+                reached.add(near)
+                edge.append(near)
+    return reached
+
+
+def widest_by_flooding(squared, is_open, start):
+    """For each cell the largest square such that it is reached over cells of at least that."""
+    widest = np.zeros(squared.shape, dtype=np.int64)
+    for square in np.unique(squared[is_open]).tolist():
+        above = is_open & (squared >= square)
+        if not above[start]:
+            break
+        for cell in flooded(above, start):
+            widest[cell] = square
+    return widest
+
+
+def merged_basins(squared, is_open):
+    """Basins, by their peaks, and merges (square, cell, its basin, another), as cells are added.
+
+    Cells come by falling square, of equal ones the last in reading order first. A cell is of the
+    basin of its first neighbour to come, and may merge it with those of others.
+    """
+    order = sorted(
+        map(tuple, np.argwhere(is_open).tolist()), key=lambda c: (-squared[c], *_from(c))
+    )
+    place = {cell: k for k, cell in enumerate(order)}
+    basin, merges, group = {}, [], {}
+    for cell in order:
+        near = [n for n in straight_neighbours(cell, squared.shape) if n in basin]
+        first = min(near, key=place.get, default=None)
+        basin[cell] = cell if first is None else basin[first]
+        group.setdefault(basin[cell], {basin[cell]})
+        for other in near:
+            if basin[other] not in group[basin[cell]]:
+                merges.append((int(squared[cell]), cell, basin[cell], basin[other]))
+                both = group[basin[cell]] | group[basin[other]]
+                group.update(dict.fromkeys(both, both))
+    return basin, merges
+
+
+def _from(cell):
+    return -cell[0], -cell[1]

@@ -1,0 +1,173 @@
+"""Clearance trees beside floods and merges cell by cell, on each engine."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import ndimage
+
+import oracles
+from drawn import cells
+from mapdeal.kernels.clearance_tree import clearance_tree, rooted, widest_from
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.squares import unreachable
+
+pytestmark = pytest.mark.usefixtures("each_engine")
+
+
+@st.composite
+def grids(draw, longest=12):
+    """Squares and a mask of traversable cells; often distances, sometimes any, with many ties."""
+    shape = draw(st.integers(1, longest)), draw(st.integers(1, longest))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    occupied = rng.random(shape) < draw(st.sampled_from([0.0, 0.02, 0.1, 0.3, 0.6, 1.0]))
+    squared = squared_distance(occupied)
+    if draw(st.integers(0, 3)) == 0:
+        squared = rng.integers(0, draw(st.sampled_from([2, 4, 1000])), shape).astype(np.int32)
+    if draw(st.booleans()):
+        squared = np.where(squared == unreachable(squared), 2**63 - 1, squared.astype(np.int64))
+    known = rng.random(shape) < draw(st.sampled_from([1.0, 1.0, 0.9, 0.5]))
+    return squared, known & (squared > 0)
+
+
+def some_cell(mask, choice):
+    listed = np.argwhere(mask)
+    return tuple(listed[choice % len(listed)].tolist())
+
+
+@given(grids(), st.integers(0, 10**6))
+def test_widest_ways_are_those_of_floods_at_every_square(grid, choice):
+    squared, is_open = grid
+    tree = clearance_tree(squared, is_open)
+    assert np.array_equal(tree.basins >= 0, is_open)
+    if is_open.any():
+        start = some_cell(is_open, choice)
+        widest = widest_from(tree, squared, start)
+        assert widest.dtype == squared.dtype
+        assert np.array_equal(widest, oracles.widest_by_flooding(squared, is_open, start))
+
+
+@pytest.mark.parametrize("shape", [(64, 41), (1, 64), (64, 1), (37, 64)])
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.1, 0.35])
+def test_widest_ways_on_larger_grids(shape, share):
+    rng = np.random.default_rng(5)
+    occupied = rng.random(shape) < share
+    occupied[0, 0] = False
+    occupied[shape[0] // 3, : shape[1] * 2 // 3] = shape[0] > 1 and share == 0.01  # a wall
+    squared = squared_distance(occupied)
+    tree = clearance_tree(squared, ~occupied)
+    for start in [(0, 0), some_cell(~occupied, 1234), some_cell(~occupied, 987_654)]:
+        widest = widest_from(tree, squared, start)
+        assert np.array_equal(widest, oracles.widest_by_flooding(squared, ~occupied, start))
+
+
+@given(grids())
+def test_basins_and_edges_are_those_that_appear_as_cells_are_added(grid):
+    squared, is_open = grid
+    tree = clearance_tree(squared, is_open)
+    basin, merges = oracles.merged_basins(squared, is_open)
+    at = [divmod(cell, squared.shape[1]) for cell in tree.peak_cells.tolist()]
+    assert at == sorted(set(basin.values()))
+    assert tree.peaks.tolist() == [squared[cell] for cell in at]
+    assert all(at[tree.basins[cell]] == peak for cell, peak in basin.items())
+    edges = zip(tree.squares, tree.cells, tree.one, tree.other, strict=True)
+    width = squared.shape[1]
+    assert [(s, divmod(c, width), at[one], at[other]) for s, c, one, other in edges] == merges
+    assert (tree.basins.dtype, tree.peaks.dtype) == (np.int32, np.int64)
+    assert {tree.one.dtype, tree.other.dtype} == {np.dtype(np.int32)}
+    assert {tree.squares.dtype, tree.cells.dtype, tree.peak_cells.dtype} == {np.dtype(np.int64)}
+
+
+@given(grids(24))
+def test_edges_are_the_bottlenecks_between_their_two_sides(grid):
+    squared, is_open = grid
+    tree = clearance_tree(squared, is_open)
+    _, components = ndimage.label(is_open)
+    assert len(tree.squares) == len(tree.peaks) - components
+    for square in set(tree.squares.tolist()):
+        at_least = ndimage.label(is_open & (squared >= square))[0].reshape(-1)
+        above = ndimage.label(is_open & (squared > square))[0].reshape(-1)
+        some = tree.squares == square
+        one, other = tree.peak_cells[tree.one[some]], tree.peak_cells[tree.other[some]]
+        assert (at_least[one] == at_least[other]).all()
+        assert ((above[one] != above[other]) | (above[one] == 0)).all()
+
+
+@given(grids(24), st.integers(0, 10**6))
+def test_a_rooted_tree_leads_from_each_basin_to_the_root(grid, choice):
+    squared, is_open = grid
+    tree = clearance_tree(squared, is_open)
+    if not len(tree.peaks):
+        return
+    root = choice % len(tree.peaks)
+    seen = rooted(tree, root)
+    assert seen.order[0] == root
+    assert seen.parent_edges[root] == -1
+    assert seen.bottlenecks[root] == tree.peaks[root]
+    depths = {root: 0}
+    for basin in seen.order[1:].tolist():
+        edge = seen.parent_edges[basin]
+        ends = {int(tree.one[edge]), int(tree.other[edge])}
+        (parent,) = ends - {basin}
+        assert seen.bottlenecks[basin] == min(seen.bottlenecks[parent], tree.squares[edge])
+        depths[basin] = depths[parent] + 1
+    assert list(depths.values()) == sorted(depths.values())
+    beyond = np.delete(np.arange(len(tree.peaks)), seen.order)
+    assert len(beyond) == len(tree.peaks) - len(depths)
+    assert (seen.parent_edges[beyond] == -1).all()
+    assert (seen.bottlenecks[beyond] == -1).all()
+    labels = ndimage.label(is_open)[0].reshape(-1)[tree.peak_cells]
+    assert set(depths) == set(np.flatnonzero(labels == labels[root]).tolist())
+
+
+def test_two_rooms_and_a_door():
+    """By hand: rooms 5 and 4 cells wide, and a door of one cell between them."""
+    occupied = (
+        cells("""
+        ###########
+        #.....#...#
+        #.....#...#
+        #.........#
+        #.....#...#
+        #.....#...#
+        ###########
+    """)
+        == 100
+    )
+    squared = squared_distance(occupied)
+    tree = clearance_tree(squared, ~occupied)
+    widest = widest_from(tree, squared, (3, 3))
+    assert squared[3, 3] == 9
+    assert widest[3].tolist() == [0, 1, 4, 9, 5, 2, 1, 1, 1, 1, 0]
+    assert tree.squares[-1] == 1
+    assert set(divmod(int(tree.cells[-1]), 11)) <= {3, 6, 7}
+
+
+def test_a_grid_without_obstacles_is_one_basin_that_nothing_limits():
+    squared = squared_distance(np.zeros((7, 5), bool))
+    tree = clearance_tree(squared, np.ones((7, 5), bool))
+    assert tree.peak_cells.tolist() == [34]
+    assert not tree.basins.any()
+    assert len(tree.squares) == 0
+    assert (widest_from(tree, squared, (2, 3)) == unreachable(squared)).all()
+
+
+def test_a_grid_of_obstacles_has_no_basin():
+    squared = squared_distance(np.ones((3, 4), bool))
+    tree = clearance_tree(squared, np.ones((3, 4), bool))
+    assert (tree.basins == -1).all()
+    assert len(tree.peaks) == len(tree.squares) == 0
+    with pytest.raises(IndexError):
+        rooted(tree, 0)
+    with pytest.raises(ValueError, match="traversable"):
+        widest_from(tree, squared, (1, 1))
+
+
+def test_what_is_not_squares_and_a_mask_of_them_is_refused():
+    squared = np.ones((3, 4), np.int32)
+    for wrong in (squared.astype(np.float64), squared[0], squared.astype(np.uint8)):
+        with pytest.raises(ValueError, match="squares"):
+            clearance_tree(wrong, np.ones(wrong.shape, bool))
+    for wrong in (np.ones((4, 3), bool), np.ones((3, 4), np.uint8)):
+        with pytest.raises(ValueError, match="mask"):
+            clearance_tree(squared, wrong)
