@@ -28,7 +28,9 @@ import typer
 
 from mapdeal.cli.main import app, command_names
 from mapdeal.cli.shared_options import SHARED_OPTIONS, expanded
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.products import paths_of
 from mapdeal.pipeline.step import make_step
@@ -254,12 +256,18 @@ def stages(_: str) -> str:
                 f"`{stage.name}`",
                 f"`{stage.model}`" if stage.model else "",
                 ", ".join(f"`{path.name}`" for path in _files(stage)),
-                "a map or a field" if stage.takes_field else "a map",
+                _taken(stage),
                 f"{stage.memory:g}",
             )
             for stage in STAGES
         ],
     )
+
+
+def _taken(stage: Stage) -> str:
+    names = {DistanceField: "a field", Costmap: "costs"}
+    *before, last = ["a map", *(names[kind] for kind in stage.takes if kind in names)]
+    return " or ".join(filter(None, [", ".join(before), last]))
 
 
 def _files(stage: Stage) -> list[Path]:

@@ -56,7 +56,7 @@ WRONG = {
         "inflate.radius: cannot be given together",
     ),
     "once": ("stages:\n  - esdf\n  - esdf: # here\n", "esdf: a stage can run once"),
-    "order": ("stages:\n  - cost\n  - esdf # here\n", "esdf: no stage can follow cost"),
+    "order": ("stages:\n  - cost\n  - esdf # here\n", "esdf: cannot follow cost"),
     "no mapping": ("stages:\n  - esdf\n  - inflate: 3 # here\n", "must look like"),
     "nothing": ("stages:\n  - esdf\n  - # here\n", "must look like"),
     "syntax": ("stages:\n  - inflate: {radius: 1]} # here\n", "not valid YAML"),

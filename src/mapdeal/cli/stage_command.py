@@ -21,6 +21,7 @@ from mapdeal.formats.json_text import json_of
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.source import absolute_path
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.figures import summary_of
@@ -34,6 +35,12 @@ from mapdeal.stages.catalogue import models_of
 from mapdeal.stages.definition import Stage
 
 _FIRST_SENTENCE = re.compile(r".*?\.(?=\s+[A-Z`]|$)")
+
+_TAKEN: dict[type[Any], tuple[str, str]] = {
+    DistanceField: ("ESDF.npz", "the distance field of one"),
+    Costmap: ("COST.npz", "a costmap"),
+}
+"""What ``--help`` calls grids that some stages take besides maps."""
 
 _MASK = Annotated[
     Path | None,
@@ -158,9 +165,7 @@ def stage_app(name: str) -> typer.Typer:
 
 def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Parameter]:
     """Yield what a stage's command takes beside the options that others have, too."""
-    metavar, about = "MAP", "A map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's."
-    if first.takes_field:
-        metavar, about = "MAP|ESDF.npz", "A map, or the distance field of one."
+    metavar, about = _of_source(first)
     argument = typer.Argument(metavar=metavar, help=f"{about} {opt.OR_STDIN}")
     taken: Any = Annotated[Path, argument, FROM_STDIN]
     yield Parameter("source", Parameter.KEYWORD_ONLY, annotation=taken)
@@ -189,6 +194,16 @@ def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Par
         kind: Any = opt.type_of(parameter)
         annotation: Any = Annotated[kind | None, opt.option_of(parameter, text)]
         yield _option(name, annotation, None)
+
+
+def _of_source(stage: Stage) -> tuple[str, str]:
+    """Return what ``--help`` says of the grids that a stage takes."""
+    metavars = ["MAP", *(_TAKEN[kind][0] for kind in stage.takes if kind in _TAKEN)]
+    others = [_TAKEN[kind][1] for kind in stage.takes if kind in _TAKEN]
+    if not others:
+        return "MAP", "A map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's."
+    *before, last = others
+    return "|".join(metavars), f"{', '.join(['A map', *before])}, or {last}."
 
 
 def _in_order(models: Mapping[str | None, Stage]) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Any
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.formats.source import exists
 from mapdeal.formats.yaml_text import parse_value
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.recipe_file import Draft, Given, read_recipe_file
@@ -175,15 +176,25 @@ def _adapt_to_sim(draft: Draft) -> None:
 
 
 def _adapt_to_footprint(draft: Draft, footprint: Footprint, name: str) -> None:
-    """Give the robot's shape to the first stage that it matters to."""
+    """Give the robot's shape to the first stage that it matters to, and to those that only look.
+
+    These are the ones that hand nothing on. In what a stage has made with the shape they would
+    count it twice; only costs tell obstacles from what is around them.
+    """
+    shaped: Stage | None = None
+    grown, is_used = False, False
     for item in draft:
-        robot = _stage_in(item).robot
-        if robot is not None:
-            item[1].pop(robot.replaces, None)
-            item[1].put(robot.parameters(footprint))
-            return
-    rule = "the recipe has no stage that a robot's shape could go into"
-    raise ParameterError(rule, source=name)
+        stage = _stage_in(item)
+        if stage.robot is None or grown or (stage.hands_on and shaped is not None):
+            continue
+        item[1].pop(stage.robot.replaces, None)
+        item[1].put(stage.robot.parameters(footprint))
+        is_used = True
+        if stage.hands_on:
+            shaped, grown = stage, stage.makes is not Costmap
+    if not is_used:
+        rule = "the recipe has no stage that a robot's shape could go into"
+        raise ParameterError(rule, source=name)
 
 
 def _apply_setting(draft: Draft, setting: str, name: str, option: str) -> None:
@@ -243,16 +254,27 @@ def _remarks_on(steps: Sequence[Step]) -> Iterator[str]:
     """Yield a text where the robot's radius counts in a stage, and once more in one after it."""
     before: Step | None = None
     for one in steps:
-        robot, radius_in = one.stage.robot, one.stage.radius_in
-        if robot is not None:
-            name, radius = robot.replaces, one.parameters[robot.replaces]
-        elif radius_in is not None:
-            name, radius = radius_in(one.parameters)
-        else:
+        found = _radius_in(one)
+        if found is None:
             continue
-        if before is not None and radius > 0:
+        name, radius = found
+        if before is None:
+            before = one if one.stage.hands_on else None
+        elif radius > 0 and not (before.stage.makes is Costmap and Costmap in one.stage.takes):
             yield (
                 f"{one.name}: {name} {radius:g} m comes on top of stage {before.name} "
                 "before it, so the robot's radius counts twice"
             )
-        before = before or one
+
+
+def _radius_in(step: Step) -> tuple[str, float] | None:
+    """Return which radius of a robot a step holds, and how long it is; None if it has none."""
+    robot, radius_in = step.stage.robot, step.stage.radius_in
+    if robot is None:
+        return None if radius_in is None else radius_in(step.parameters)
+    radius = step.parameters[robot.replaces]
+    shapes = [step.parameters[name] for name in robot.sets]
+    for name, shape in zip(robot.sets, shapes, strict=True):
+        if not radius and isinstance(shape, Footprint):
+            return name, shape.circumscribed_radius
+    return robot.replaces, radius

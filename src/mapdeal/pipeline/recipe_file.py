@@ -149,8 +149,12 @@ def _check_place(item: Entry, stage: str, before: Iterable[str], name: str) -> N
         raise _at(item, unknown_name("stage", stage, STAGE_NAMES), name)
     if stage in done:
         raise _at(item, ParameterError("a stage can run once", place=stage), name)
-    if done and next(iter(models_of(done[-1]).values())).is_last:
-        rule = f"no stage can follow {done[-1]}"
+    first = {one: next(iter(models_of(one).values())) for one in (*done, stage)}
+    works_on = next((one for one in reversed(done) if first[one].hands_on), None)
+    if works_on is None or not first[works_on].is_last:
+        return
+    if first[works_on].makes not in first[stage].takes:
+        rule = f"cannot follow {works_on}"
         raise _at(item, ParameterError(rule, place=stage), name)
 
 

@@ -87,8 +87,8 @@ class Step:
 
     def taken(self, grid: Grid) -> Grid:
         """Return what the stage works on: the grid, or the map in it, with a warning if need be."""
-        takes_it = self.stage.takes_field and isinstance(grid, (DistanceField, FieldView))
-        return grid if takes_it else as_occupancy(grid)
+        kind = DistanceField if isinstance(grid, FieldView) else type(grid)
+        return grid if kind in self.stage.takes else as_occupancy(grid)
 
     def remark_on(self, figures: Figures) -> str | None:
         """Return what there is to warn of in what the step has made, None if nothing."""

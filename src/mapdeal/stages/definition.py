@@ -138,7 +138,7 @@ class Stage:
     hands_on : bool
         Whether the next stage works on the product, or on what this one has worked on.
     is_last : bool
-        Whether no stage can follow.
+        Whether no stage can follow but those that take what it makes as it is.
     robot : RobotShape, optional
         What it makes of a robot's shape; None if that does not matter to it.
     radius_in : callable, optional
@@ -225,12 +225,17 @@ class Stage:
         return made
 
     @functools.cached_property
-    def takes_field(self) -> bool:
-        """Whether it works on distance fields as they are, and not on the maps they are of."""
+    def takes(self) -> tuple[type[Any], ...]:
+        """The types of grids that it works on as they are; of others it gets the map in them."""
         function = inspect.unwrap(self.function)
         first = next(iter(inspect.signature(function).parameters))
         taken = get_type_hints(function)[first]
-        return DistanceField in (taken, *get_args(taken))
+        return get_args(taken) or (taken,)
+
+    @property
+    def takes_field(self) -> bool:
+        """Whether it works on distance fields as they are, and not on the maps they are of."""
+        return DistanceField in self.takes
 
 
 def stage(

@@ -1,0 +1,119 @@
+"""Stages that only look at what they work on: what they take, and where a robot's shape goes."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import made_up_stages
+from mapdeal import Footprint, MapdealWarning, OccupancyGrid, ParameterError, esdf, layered_cost
+from mapdeal.cli.stage_command import stage_app
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.step import make_step
+from mapdeal.stages.esdf import field_view
+
+MAP = OccupancyGrid([[0, 100, 0], [0, -1, 0]], 0.25, (1.5, -2.0, 0.4))
+ROUND = Footprint.circle(0.2)
+
+
+@pytest.fixture(autouse=True)
+def visit(monkeypatch):
+    """The stage ``visit``, listed; returns the grids that it was given."""
+    made_up_stages.list_visit(monkeypatch)
+    made_up_stages.seen.clear()
+    return made_up_stages.seen
+
+
+def recipe(tmp_path, stages, **options):
+    path = tmp_path / "r.yaml"
+    path.write_text("stages:\n" + "".join(f"  - {one}\n" for one in stages.split()))
+    return {step.name: step for step in load_recipe(str(path), **options).steps}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "grid", [MAP, esdf(MAP), layered_cost(MAP), field_view(esdf(MAP))],
+    ids=["map", "field", "costs", "view"],
+)  # fmt: skip
+def test_a_stage_is_given_what_its_function_takes(visit, grid):
+    make_step("visit", {}).apply(grid, None)
+    assert visit == [grid]
+
+
+def test_a_stage_that_takes_no_costs_gets_the_map_in_them():
+    costs = layered_cost(MAP)
+    with pytest.warns(MapdealWarning, match="holds costs"):
+        assert type(make_step("inflate", {}).taken(costs)) is OccupancyGrid
+    with pytest.warns(MapdealWarning, match="holds costs"):
+        assert type(make_step("esdf", {}).taken(costs)) is OccupancyGrid
+    with pytest.warns(MapdealWarning, match="holds costs"):
+        assert type(make_step("cost", {}).taken(costs)) is OccupancyGrid
+    assert make_step("inflate", {}).taken(esdf(MAP)).occupancy is not None
+    with pytest.warns(MapdealWarning, match="view of a distance field"):
+        assert type(make_step("inflate", {}).taken(field_view(esdf(MAP)))) is OccupancyGrid
+
+
+def test_help_tells_what_a_stage_takes():
+    def usage(name):
+        (command,) = stage_app(name).registered_commands
+        argument = command.callback.__signature__.parameters["source"].annotation.__metadata__[0]
+        return argument.metavar, argument.help.partition(" - ")[0].partition(".")[0]
+
+    assert usage("visit") == (
+        "MAP|ESDF.npz|COST.npz", "A map, the distance field of one, or a costmap"
+    )  # fmt: skip
+    assert usage("cost") == ("MAP|ESDF.npz", "A map, or the distance field of one")
+    assert usage("inflate")[0] == "MAP"
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_shape_goes_to_stages_that_look_and_to_the_first_that_hands_on(tmp_path):
+    steps = recipe(tmp_path, "visit inflate esdf cost", footprint=ROUND)
+    assert steps["visit"].parameters["footprint"] == ROUND
+    assert steps["inflate"].parameters["footprint"] == ROUND
+    assert steps["cost"].parameters["inscribed_radius"] == 0.0
+    steps = recipe(tmp_path, "visit esdf cost", footprint=ROUND)
+    assert steps["visit"].parameters["footprint"] == ROUND
+    assert steps["cost"].parameters["inscribed_radius"] == 0.2
+    assert recipe(tmp_path, "visit", footprint=ROUND)["visit"].parameters["footprint"] == ROUND
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_looks_at_an_inflated_map_gets_no_shape_on_top(tmp_path):
+    steps = recipe(tmp_path, "inflate visit", footprint=ROUND)
+    assert steps["inflate"].parameters["footprint"] == ROUND
+    assert steps["visit"].parameters["footprint"] is None
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_looks_at_costs_gets_the_shape_as_they_tell_obstacles(tmp_path):
+    steps = recipe(tmp_path, "cost visit", footprint=ROUND)
+    assert steps["cost"].parameters["inscribed_radius"] == 0.2
+    assert steps["visit"].parameters["footprint"] == ROUND
+
+
+def test_a_radius_that_counts_twice_is_warned_of_after_inflation_alone(tmp_path):
+    for setting in ("visit.radius=0.4", "visit.footprint=[[0.4,0],[-0.2,0.3],[-0.2,-0.3]]"):
+        with pytest.warns(MapdealWarning, match=r"visit: (radius|footprint) 0.4 m comes on top of"):
+            recipe(tmp_path, "inflate visit", settings=[setting])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            recipe(tmp_path, "visit inflate", settings=[setting])
+            recipe(tmp_path, "cost visit", settings=[setting, "cost.inscribed_radius=0.3"])
+    with pytest.warns(MapdealWarning, match="cost: inscribed_radius 0.3 m comes on top of stage i"):
+        recipe(tmp_path, "visit inflate cost", settings=["cost.inscribed_radius=0.3"])
+
+
+def test_only_a_stage_that_takes_costs_can_follow_cost(tmp_path, visit):
+    steps = recipe(tmp_path, "cost visit")
+    grid = steps["cost"].apply(MAP, None)
+    steps["visit"].apply(grid, None)
+    np.testing.assert_array_equal(visit[-1].cost, grid.cost)
+    for stages in ("cost esdf", "cost visit esdf", "esdf cost potential"):
+        with pytest.raises(ParameterError, match=rf"{stages.split()[-1]}: cannot follow cost"):
+            recipe(tmp_path, stages)
+
+
+def test_a_shape_that_nothing_takes_is_refused(tmp_path):
+    with pytest.raises(ParameterError, match="no stage that a robot's shape could go into"):
+        recipe(tmp_path, "esdf", footprint=ROUND)
