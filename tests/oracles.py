@@ -492,3 +492,32 @@ def merged_basins(squared, is_open):
 
 def _from(cell):
     return -cell[0], -cell[1]
+
+
+def open_poses(blocked, footprints):
+    """Whether each footprint, a set of cells (row, column), touches nothing, (K, H, W)."""
+    height, width = blocked.shape
+    opened = np.zeros((len(footprints), height, width), dtype=bool)
+    for heading, row, col in np.ndindex(opened.shape):
+        opened[heading, row, col] = all(
+            0 <= row + r < height and 0 <= col + c < width and not blocked[row + r, col + c]
+            for r, c in footprints[heading]
+        )
+    return opened
+
+
+def reached_poses(opened, seeds):
+    """The open poses that steps to a neighbour cell or heading lead to, (K, H, W)."""
+    count, height, width = opened.shape
+    reached = np.zeros_like(opened)
+    waiting = [seed for seed in seeds if opened[seed]]
+    while waiting:
+        pose = waiting.pop()
+        if reached[pose]:
+            continue
+        reached[pose] = True
+        k, row, col = pose
+        steps = [((k + 1) % count, row, col), ((k - 1) % count, row, col)]
+        steps += [(k, row + r, col + c) for r, c in ((0, 1), (0, -1), (1, 0), (-1, 0))]
+        waiting += [s for s in steps if 0 <= s[1] < height and 0 <= s[2] < width and opened[s]]
+    return reached

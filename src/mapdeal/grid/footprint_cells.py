@@ -1,0 +1,87 @@
+"""The cells that a robot covers when it stands in the middle of a cell, heading by heading."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import Frame
+from mapdeal.kernels.polygons import polygon_spans
+from mapdeal.kernels.spans import Spans
+
+_ROUNDING = 1e-9
+"""Cells within which a corner on the edge between two cells counts as in the upper one, whatever
+the cosine and the division did to its last bits."""
+
+_FARTHEST = float(1 << 40)
+"""Cells; more than any grid has, and whole numbers still convert."""
+
+
+def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> tuple[Spans, ...]:
+    """Return the cells that a footprint covers in each heading, relative to the robot's cell.
+
+    Parameters
+    ----------
+    footprint : Footprint
+        The robot's shape; a circle is taken as Nav2 takes it, as `Footprint.sixteen_gon`.
+    frame : Frame
+        The grid: its resolution, its yaw and its size count.
+    heading_count : int
+        K; heading k is a yaw of 2 pi k / K in the map frame, not in the grid's.
+
+    Returns
+    -------
+    tuple of Spans
+        Of each heading the runs of cells, none of which overlap. Rows and columns are relative to
+        the robot's cell and may be negative. If the footprint is larger than the grid in
+        a heading, only its corners' cells: one of them is outside of the grid at any place.
+
+    Notes
+    -----
+    The robot's centre is the middle of its cell. A corner is in the cell
+    ``floor(0.5 + coordinate / resolution)``, and from there on cells are those that costmap_2d
+    draws: the lines between the corners, and what is inside (`mapdeal.kernels.polygons`).
+
+    Examples
+    --------
+    >>> robot = Footprint.polygon([[0.4, 0.1], [0.4, -0.1], [-0.4, -0.1], [-0.4, 0.1]])
+    >>> along, across = footprint_spans(robot, Frame(9, 9, 0.25), 4)[:2]
+    >>> [column.tolist() for column in along]  # rows, starts, stops
+    [[0], [-2], [3]]
+    >>> [column.tolist() for column in across]
+    [[-2, -1, 0, 1, 2], [0, 0, 0, 0, 0], [1, 1, 1, 1, 1]]
+    """
+    shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
+    corners = np.array(shape.vertices, dtype=np.float64)
+    yaw = frame.origin[2]
+    turns = [2 * math.pi * k / heading_count - yaw for k in range(heading_count)]
+    return tuple(_drawn(_corner_cells(corners, turn, frame.resolution), frame) for turn in turns)
+
+
+def _corner_cells(
+    corners: NDArray[np.float64], turn: float, resolution: float
+) -> NDArray[np.int64]:
+    """Return row and column of each corner's cell, shape (N, 2)."""
+    cos, sin = math.cos(turn), math.sin(turn)
+    x, y = corners.T
+    turned = np.stack([x * sin + y * cos, x * cos - y * sin], axis=1)
+    with np.errstate(over="ignore"):
+        cells = np.floor(0.5 + turned / resolution + _ROUNDING)
+    return np.clip(cells, -_FARTHEST, _FARTHEST).astype(np.int64)
+
+
+def _drawn(corners: NDArray[np.int64], frame: Frame) -> Spans:
+    """Return the cells of a polygon between these cells."""
+    least = corners.min(axis=0)
+    height, width = (corners.max(axis=0) - least + 1).tolist()
+    if height > frame.height or width > frame.width:
+        rows, cols = corners.T
+        return Spans(rows, cols, cols + 1)
+    ring = [(row, col) for row, col in (corners - least).tolist()]
+    parts = list(polygon_spans([ring], (height, width)))
+    rows, starts, stops = map(np.concatenate, zip(*parts, strict=True))
+    row, col = least.tolist()
+    return Spans(rows + row, starts + col, stops + col)

@@ -1,0 +1,69 @@
+"""Open poses and ways between them against a search pose by pose."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oracles
+from mapdeal.kernels.configuration_space import ConfigurationSpace
+from mapdeal.kernels.spans import Spans
+
+pytestmark = pytest.mark.usefixtures("each_engine")
+
+
+def as_spans(runs):
+    return Spans(*np.array(runs, dtype=np.int64).T)
+
+
+def covered(runs):
+    """The cells of runs (row, first column, the one behind the last)."""
+    return {(row, col) for row, start, stop in runs for col in range(start, stop)}
+
+
+def check(blocked, footprints, seeds, cells):
+    """Hold a space to the search, for footprints as lists of runs."""
+    space = ConfigurationSpace(blocked, [as_spans(runs) for runs in footprints])
+    opened = oracles.open_poses(blocked, [covered(runs) for runs in footprints])
+    reached = oracles.reached_poses(opened, seeds)
+    np.testing.assert_array_equal(space.headings, opened.sum(axis=0))
+    assert space.headings.dtype == np.uint8
+    for row, col in cells:
+        np.testing.assert_array_equal(space.open_headings(row, col), opened[:, row, col])
+    for _ in range(2):
+        found = space.reach(seeds, cells)
+        np.testing.assert_array_equal(found.reachable, reached.any(axis=0))
+        expected = np.array([reached[:, row, col] for row, col in cells], dtype=bool)
+        np.testing.assert_array_equal(found.headings, expected.reshape(-1, len(footprints)))
+
+
+@st.composite
+def spaces(draw, longest):
+    """A map, of which most is free, footprints of a few runs anywhere, and poses and cells."""
+    height, width = draw(st.integers(1, longest)), draw(st.integers(1, longest))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    blocked = rng.random((height, width)) < draw(st.sampled_from([0.0, 0.02, 0.1, 0.4, 1.0]))
+    longest_run = draw(st.sampled_from([1, 2, 9, longest]))
+    run = st.builds(
+        lambda row, start, length: (row, start, start + length),
+        st.integers(-3, 3),
+        st.integers(-longest_run, longest_run),
+        st.integers(1, longest_run),
+    )
+    footprint = st.lists(run, min_size=1, max_size=draw(st.sampled_from([1, 5])))
+    footprints = draw(st.lists(footprint, min_size=1, max_size=9))
+    row, col = st.integers(0, height - 1), st.integers(0, width - 1)
+    heading = st.integers(0, len(footprints) - 1)
+    seeds = draw(st.lists(st.tuples(heading, row, col), max_size=4))
+    return blocked, footprints, seeds, draw(st.lists(st.tuples(row, col), max_size=3))
+
+
+@given(spaces(longest=12))
+def test_the_ways_of_any_footprint_are_those_of_a_search(case):
+    check(*case)
+
+
+@settings(max_examples=15)
+@given(spaces(longest=150))
+def test_the_ways_on_grids_wider_than_a_word_are_those_of_a_search(case):
+    check(*case)
