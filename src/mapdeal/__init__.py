@@ -2,8 +2,8 @@
 
 Read and write: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_shapes`,
 `read_cloud`, `read_poses`.
-Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField` (any of them a `Grid`) and
-`BitMap`, each with its `Frame`; `FieldView` with its `ViewScale`.
+Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField`, `Reach` (any of them a
+`Grid`) and `BitMap`, each with its `Frame`; `FieldView` with its `ViewScale`.
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
 `ring_cost`, `layered_cost` of `StaticLayer` and `InflationLayer`, `potential`;
 `apply_keepout_mask`. Robots: a `Footprint`, and `read_robot_parameters` of a robot's own files,
@@ -13,7 +13,8 @@ parts, which gives a `LocalMap`, or `RollingMapper` for sequences; `build_map` o
 and `build_map_from_log`, which give a `BuiltMap`, and `MapBuilder` with `BeamLimits` for `Scans`
 that come in parts.
 Questions: `DistanceField.query`, which gives `FieldSamples`; `footprint_costs` of a robot at poses;
-`cost_curve`, which gives a `CostCurve`; `shortest_route` and `descend`, which give a `Route`.
+`cost_curve`, which gives a `CostCurve`; `shortest_route` and `descend`, which give a `Route`. A
+`Reach` has a `GoalReach` with a `Bottleneck` for each `Goal`, and each `Passage`.
 As the commands do: `run` with its `RunReport`; `load_recipe`, which gives a `Recipe`, and
 `apply_recipe` for grids in memory; `lint`, which gives a `LintReport` of `Finding`, with a
 `MapReport` for each map; `diff`, which gives a `DiffReport` with `WallShift` and `Bound`; `info`.

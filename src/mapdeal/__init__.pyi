@@ -53,6 +53,11 @@ from mapdeal.grid.frame import Frame as Frame
 from mapdeal.grid.frame import xy_ahead as xy_ahead
 from mapdeal.grid.occupancy import OccupancyGrid as OccupancyGrid
 from mapdeal.grid.potential import PotentialField as PotentialField
+from mapdeal.grid.reach import Bottleneck as Bottleneck
+from mapdeal.grid.reach import Goal as Goal
+from mapdeal.grid.reach import GoalReach as GoalReach
+from mapdeal.grid.reach import Passage as Passage
+from mapdeal.grid.reach import Reach as Reach
 from mapdeal.grid.route import Route as Route
 from mapdeal.grid.shapes import Circle as Circle
 from mapdeal.grid.shapes import Line as Line

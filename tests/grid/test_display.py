@@ -21,6 +21,10 @@ DRAWING = """
     .....
 """
 RADII = "inscribed_radius 0.2 m, circumscribed_radius 0.2 m"
+ROUND, REACHED = (
+    "Footprint(circle, radius 0.2 m)",
+    "reaches 0.375 of 0.625 m2, 0 of 1 goal, 1 passage",
+)
 PLACE = "5 x 3 cells, 0.25 m, origin (1.5, -2, 0.4)"
 
 
@@ -48,6 +52,15 @@ def robot():
     )  # fmt: skip
 
 
+def reach(map_, goal, passage):
+    is_open = np.arange(15).reshape(3, 5) % 3 > 0
+    return mapdeal.Reach(
+        is_open & (np.arange(5) > 1), is_open, np.ones((3, 5)), np.zeros((3, 5)), map_.occupancy,
+        0.25, map_.origin, start=(2.0, -1.5), robot=mapdeal.Footprint.circle(0.2),
+        goals=(goal,), passages=(passage,),
+    )  # fmt: skip
+
+
 def samples():
     """A value of each public type, by the name of the type."""
     map_, field = grid(), mapdeal.esdf(grid())
@@ -60,6 +73,9 @@ def samples():
     differing = mapdeal.diff(map_, map_.with_values(np.zeros_like(map_.occupancy)))
     finding = mapdeal.Finding("yaml.defaults", "warning", "a.yaml", "negate is missing", 3)
     checked = mapdeal.MapReport("a.yaml", (finding,))
+    narrow = mapdeal.Bottleneck(1.5, -2.0, 0.8)
+    reached = mapdeal.GoalReach(mapdeal.Goal(2.0, -1.5, "hall"), False, 0, 0.4, narrow)
+    passage = mapdeal.Passage(1.5, -2.0, 0.8, 12.25, False, ((1.0, -2.0), (2.0, -2.0)))
     return {
         type(value).__name__: value
         for value in [
@@ -74,7 +90,7 @@ def samples():
             mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.Bound("max-shift", "m", 0.5, 0.25), checked,
             mapdeal.LintReport((checked,), "1"), mapdeal.StaticLayer(), mapdeal.InflationLayer(),
             mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}),
-            robot(),
+            robot(), narrow, reached, reached.goal, passage, reach(map_, reached, passage),
         ]
     }  # fmt: skip
 
@@ -105,6 +121,11 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
     [
         ("OccupancyGrid", f"{PLACE}, 1 in 1..99, 2 occupied, 11 free, 1 unknown"),
         ("BitMap", f"{PLACE}, 2 ones"),
+        # 10 of 15 cells are open, 6 of them right of the first two columns; a cell has 1/16 m2
+        ("Reach", f"{PLACE}, start (2, -1.5), {ROUND}, {REACHED}"),
+        ("Goal", "hall, (2, -1.5)"),
+        ("Bottleneck", "0.8 m at (1.5, -2), the passage"),
+        ("Passage", "0.8 m at (1.5, -2), closed, 12.25 m2 behind it"),
         # The farthest cell is a row and three columns away: sqrt(10) cells.
         ("DistanceField", f"{PLACE}, convention seed, 0 .. 0.790569 m, 2 obstacle cells"),
         (

@@ -39,7 +39,7 @@ from mapdeal.formats.lint_config import read_lint_config
 from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.maps import open_map, read_map
-from mapdeal.formats.npz import npz_frame
+from mapdeal.formats.npz import npz_frame, read_reach
 from mapdeal.formats.pnm import decode_pbm, decode_pnm, pnm_comments
 from mapdeal.formats.points import read_pairs, read_points, read_pose_lines
 from mapdeal.formats.poses import read_poses
@@ -194,6 +194,19 @@ def read_grid(path, data):
     assert grid.shape[0] * grid.shape[1] <= len(data) * _LARGEST_RATIO
     grid.figures()
     return grid
+
+
+def read_reached(path, data):
+    """Read what an npz of a reach holds, and what commands take of it, its map."""
+    map_ = read_map(path)
+    _check_grid(map_)
+    reached = read_reach(path)
+    assert npz_frame(path) == map_.frame == reached.frame
+    assert np.array_equal(reached.grid.occupancy, map_.occupancy)
+    assert len(reached.start) in (2, 3)
+    assert all(map(math.isfinite, reached.start))
+    reached.figures()
+    return reached
 
 
 def decode_bits(path, data):

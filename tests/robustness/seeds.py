@@ -446,7 +446,7 @@ def write_stored():
     import numpy as np
     from PIL import Image
 
-    from mapdeal import Costmap, OccupancyGrid, esdf, potential
+    from mapdeal import Costmap, Footprint, OccupancyGrid, Reach, esdf, potential
     from mapdeal.formats.npz import write_npz
 
     grey = Image.frombytes("L", (WIDTH, HEIGHT), PIXELS)
@@ -469,6 +469,11 @@ def write_stored():
     values = np.array([-1, 0, 100, 0, 50])[np.arange(12).reshape(3, 4) % 5]
     grid = OccupancyGrid(values, 0.25, (1.0, 2.0, 0.3))
     costs = np.arange(12, dtype=np.uint8).reshape(3, 4) * 23
+    reached = Reach(
+        values == 0, (values == 0) * 8, np.abs(values) / 8.0, (values == 0) / 4.0, values, 0.25,
+        (1.0, 2.0, 0.3), start=(1.3, 2.3, 0.5), heading_count=8,
+        robot=Footprint.polygon([(0.2, 0.1), (-0.1, 0.1), (-0.1, -0.1)]),
+    )  # fmt: skip
     exif = Image.Exif()
     exif[0x0112] = 6
     files = {
@@ -488,6 +493,7 @@ def write_stored():
         "field.npz": npz(esdf(grid)),
         "costs.npz": npz(Costmap(costs, 0.25, (1.0, 2.0, 0.3), circumscribed_cost=99)),
         "potential.npz": npz(potential(grid, goal=(1.3, 2.3))),
+        "reach.npz": npz(reached),
         "points.npz": arrays(points=np.array(TURNED_POINTS)),
         "scans.npz": arrays(
             poses=np.arange(9.0).reshape(3, 3), angles=np.array([-1.0, 0.0, 1.0, 2.0]),

@@ -21,7 +21,7 @@ from mapdeal.pipeline.inspect_robot import describe_robot, robots_among
 from mapdeal.pipeline.settings import Settings
 from mapdeal.robot.parameters import CostmapName
 
-_NAMES = {"distance field": "distances", "potential field": "values"}
+_NAMES = {"distance field": "distances", "potential field": "values", "reach": "area"}
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
@@ -162,6 +162,11 @@ def _rows_of_map(report: dict[str, Any]) -> list[tuple[str, str]]:
         ("origin", f"x {x!r} m, y {y!r} m, yaw {yaw!r} rad"),
         (_NAMES.get(report["kind"], "cells"), summary_of(report)),
     ]
+    if "layers" in report:
+        rows.append(("layers", ", ".join(report["layers"])))
+        unknown = "open" if report["through_unknown"] else "closed"
+        robot = report["robot"] or "a point"
+        rows.append(("made for", f"{robot}, {report['heading_count']} headings, unknown {unknown}"))
     if "attractive_gain" in report:
         names = ("attractive_gain", "repulsive_gain", "repulsive_cap")
         rows.append(("made with", ", ".join(f"{name} {report[name]:g}" for name in names)))

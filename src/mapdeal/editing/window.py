@@ -14,11 +14,12 @@ from mapdeal.grid.coordinates import Point, check_point
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Framed, ValueGrid
+from mapdeal.grid.reach import Reach
 from mapdeal.grid.region import Region, region_of
 from mapdeal.grid.resample import is_turned, region_on_lattice
 from mapdeal.kernels.spans import Spans
 
-G = TypeVar("G", bound=ValueGrid | FieldGrid)
+G = TypeVar("G", bound=ValueGrid | FieldGrid | Reach)
 V = TypeVar("V", bound=ValueGrid)
 D = TypeVar("D", bound=ValueGrid | BitMap)
 

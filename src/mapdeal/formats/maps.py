@@ -28,7 +28,7 @@ from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
 from mapdeal.formats.map_server import check_rows, find_image, lazy_cells, read_cells
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
-from mapdeal.formats.npz import Grid, npz_frame, npz_memory, read_npz, write_npz
+from mapdeal.formats.npz import Grid, holds_reach, npz_frame, npz_memory, read_npz, write_npz
 from mapdeal.formats.picture import check_size
 from mapdeal.formats.source import check_state, exists, sha256_of, state_of, status_of
 from mapdeal.formats.strips import PixelRows
@@ -39,6 +39,7 @@ from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import check_choice
 from mapdeal.kernels.blocks import CacheBudget
 
@@ -177,6 +178,11 @@ class MapFile:
         """
         if self.metadata is None or self._image is None:
             grid: Grid = read_npz(self.path, max_cells=self._max_cells)
+            if type(grid) is OccupancyGrid and holds_reach(self.path):
+                text = (
+                    f"{self.path}: is what a robot can reach; its map is used, its layers are not"
+                )
+                emit_warning(text, stacklevel=2)
         else:
             grid = read_cells(
                 self.path,
@@ -346,7 +352,7 @@ def _refuse_image(path: Path) -> None:
 
 def as_occupancy(grid: Grid, what: str = "the input") -> OccupancyGrid:
     """Return the map in a grid: a field's own, a costmap's as ROS would publish it."""
-    if isinstance(grid, (DistanceField, PotentialField)):
+    if isinstance(grid, (DistanceField, PotentialField, Reach)):
         return grid.grid
     if isinstance(grid, Costmap):
         text = f"{what} holds costs; taken as the occupancy that ROS would publish for them"
@@ -438,9 +444,8 @@ def write_grid(
             raise ParameterError("an npz has no mode", place="mode", got=mode)
         transaction.write(output, lambda file: write_npz(file, grid, more=more))
         return
-    if isinstance(grid, (DistanceField, PotentialField)):
-        what = "a potential" if isinstance(grid, PotentialField) else "a distance"
-        raise ParameterError(f"{what} field is written as npz", source=output)
+    if not isinstance(grid, (OccupancyGrid, Costmap)):
+        raise ParameterError(f"a {grid.kind} is written as npz", source=output)
     write_pair(transaction, output, grid, mode=mode, encoding=encoding, extra=extra)
 
 
@@ -459,8 +464,8 @@ def write_map(
     path : path or str
         ``.yaml`` or ``.pgm`` for a pgm pair, ``.png`` for a png pair, ``.npz`` for every layer
         exactly. Folders that are missing are made.
-    grid : OccupancyGrid, Costmap, DistanceField or PotentialField
-        The cells; a field only fits an npz.
+    grid : OccupancyGrid, Costmap, DistanceField, PotentialField or Reach
+        The cells; a field, or what can be reached, only fits an npz.
     mode : {'trinary', 'scale', 'raw'}, optional
         How values become pixels; raw if any lies in 1..99, else trinary.
     encoding : {'occupancy', 'costmap2d'}

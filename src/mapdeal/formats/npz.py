@@ -27,14 +27,17 @@ from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import ESDF_VIEW, FieldView, View, ViewScale
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reach import Reach
 from mapdeal.kernels.blocks import Layer, is_lazy
 
 FORMAT = "mapdeal/1"
+_OF_REACH = "reachable"
 
-Grid = OccupancyGrid | Costmap | DistanceField | PotentialField
+Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
 
 
 def write_npz(
@@ -93,7 +96,8 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
     """Return the grid in an ``.npz`` file that mapdeal wrote.
 
     A file with costs gives a `Costmap`, one with distances a `DistanceField`, one with a
-    repulsive layer a `PotentialField`, else an `OccupancyGrid`.
+    repulsive layer a `PotentialField`, else an `OccupancyGrid`: so does what was reached, whose
+    other layers `read_reach` returns.
 
     Raises
     ------
@@ -113,6 +117,47 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
             raise error.in_file(path) from None
 
 
+def holds_reach(path: Path) -> bool:
+    """Return whether an ``.npz`` file holds a `Reach`.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If it is no npz file.
+    """
+    with NpzReader(path, LARGEST_CELLS) as reader:
+        return _own_layer(reader.names()) == _OF_REACH
+
+
+def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
+    """Return what an ``.npz`` file holds of a `Reach`: all but its goals and passages.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        As `read_npz`.
+    """
+    with NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells) as reader:
+        _check_format(reader, path)
+        try:
+            resolution, origin = _geometry_of(reader)
+            return Reach(
+                reader.layer("reachable", np.uint8),
+                reader.layer("headings", np.uint8),
+                reader.layer("clearance", np.float32),
+                reader.layer("widest", np.float32),
+                reader.layer("occupancy", np.int8),
+                resolution,
+                origin,
+                start=_start_in(reader, path),
+                robot=_robot_in(reader),
+                heading_count=reader.whole_number("heading_count"),
+                through_unknown=bool(reader.whole_number("through_unknown")),
+            )
+        except ParameterError as error:
+            raise error.in_file(path) from None
+
+
 def npz_frame(path: Path) -> Frame:
     """Return where the grid in an ``.npz`` file lies; of its layers headers are read.
 
@@ -123,7 +168,8 @@ def npz_frame(path: Path) -> Frame:
     """
     with NpzReader(path, LARGEST_CELLS) as reader:
         _check_format(reader, path)
-        layer = _own_layer(reader.names())
+        own = _own_layer(reader.names())
+        layer = _LAYER_READ.get(own, own)
         shape = reader.shape(layer)
         if len(shape) != 2:
             rule = f"must have two axes, has {len(shape)}"
@@ -145,7 +191,9 @@ def npz_memory(path: Path) -> int:
     with NpzReader(path, LARGEST_CELLS) as reader:
         names = reader.names()
         own = _own_layer(names)
-        layers = {own, "occupancy"} & names if own in _WITH_OCCUPANCY else {own}
+        layers = {_LAYER_READ.get(own, own)}
+        if own in _WITH_OCCUPANCY:
+            layers |= {"occupancy"} & names
         taken = sum(reader.nbytes(layer) for layer in layers)
     return taken + min(PIECES, taken)
 
@@ -217,12 +265,36 @@ def _read_occupancy(reader: NpzReader, resolution: float, origin: Any) -> Occupa
     return FieldView(occupancy, resolution, origin, ViewScale(view, **lengths))
 
 
+def _read_map_of_reach(reader: NpzReader, resolution: float, origin: Any) -> OccupancyGrid:
+    return OccupancyGrid(reader.layer("occupancy", np.int8), resolution, origin)
+
+
+def _start_in(reader: NpzReader, path: Path) -> tuple[float, ...]:
+    count = 3 if reader.shape("start") == (3,) else 2
+    start: list[float] = reader.small("start", np.float64, (count,)).tolist()
+    if not np.isfinite(start).all():
+        raise MalformedInputError("must be finite numbers", source=path, place="start")
+    return tuple(start)
+
+
+def _robot_in(reader: NpzReader) -> Footprint | None:
+    if "robot" not in reader.names():
+        return None
+    corners = reader.small("robot", np.float64, (*reader.shape("robot")[:1], 2))
+    if len(corners):
+        return Footprint.polygon(corners.tolist())
+    return Footprint.circle(reader.number("robot_radius"))
+
+
 _READERS: dict[str, Callable[[NpzReader, float, Any], Grid]] = {
     "cost": _read_costmap,
     "distance": _read_field,
     "repulsive": _read_potential,
+    _OF_REACH: _read_map_of_reach,
     "occupancy": _read_occupancy,
 }
+_LAYER_READ = {_OF_REACH: "occupancy"}
+"""By the layer that a file is about, what is read of it where that is another one."""
 _WITH_OCCUPANCY = ("distance", "repulsive")
 """By the layer that a grid is about; fields hold the occupancy that they are of, too."""
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Figures, Framed, ValueGrid
+from mapdeal.grid.reach import Reach
 from mapdeal.grid.region import Region
 from mapdeal.grid.resample import region_on_lattice
 from mapdeal.grid.values import UNKNOWN
@@ -80,7 +81,7 @@ class FieldGrid(Framed):
             object.__setattr__(self, "region", region)
 
 
-G = TypeVar("G", bound=ValueGrid | FieldGrid)
+G = TypeVar("G", bound=ValueGrid | FieldGrid | Reach)
 
 
 class layer_of_box(cached_property[NDArray[np.float64]]):  # noqa: N801 - a decorator
@@ -105,17 +106,17 @@ def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
 
     Parameters
     ----------
-    grid : OccupancyGrid, Costmap, DistanceField or PotentialField
+    grid : OccupancyGrid, Costmap, DistanceField, PotentialField or Reach
         Any grid; its layers may be lazy.
     frame : Frame
         Where it goes. The result has exactly this geometry.
     fill : int, optional
         Value of the other cells, on the grid's scale. By default they are unknown: -1 in maps,
-        255 or -1 in costs, nan in distances and potentials.
+        255 or -1 in costs, nan in distances and potentials, not to be reached.
 
     Returns
     -------
-    OccupancyGrid, Costmap, DistanceField or PotentialField
+    OccupancyGrid, Costmap, DistanceField, PotentialField or Reach
         Of the kind of `grid`.
 
     Raises

@@ -15,7 +15,8 @@ from mapdeal.grid.coordinates import Origin, Point
 from mapdeal.grid.display import OneLine, count_text, numbers_text
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures, Framed, as_layer
-from mapdeal.grid.occupancy import as_occupancy_layer
+from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
+from mapdeal.grid.values import UNKNOWN
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
 
@@ -45,8 +46,8 @@ class Goal(OneLine):
         yield numbers_text((self.x, self.y))
 
 
-@dataclass(frozen=True)
-class Bottleneck:
+@dataclass(frozen=True, repr=False)
+class Bottleneck(OneLine):
     """The narrowest place of the widest way to a goal.
 
     Parameters
@@ -65,9 +66,13 @@ class Bottleneck:
     width: float
     at: PlaceOfLimit = "passage"
 
+    def _told(self) -> Iterator[str]:
+        yield f"{self.width:.4g} m at {numbers_text((self.x, self.y))}"
+        yield f"the {self.at}"
 
-@dataclass(frozen=True)
-class GoalReach:
+
+@dataclass(frozen=True, repr=False)
+class GoalReach(OneLine):
     """Whether a robot gets to a goal, and what limits it.
 
     Parameters
@@ -91,9 +96,17 @@ class GoalReach:
     widest_radius: float
     limited_by: Bottleneck | None = None
 
+    def _told(self) -> Iterator[str]:
+        yield repr(self.goal)
+        headings = count_text(self.heading_count, "heading")
+        yield f"reachable in {headings}" if self.reachable else "not reachable"
+        yield f"widest_radius {self.widest_radius:.4g} m"
+        if self.limited_by is not None:
+            yield repr(self.limited_by)
 
-@dataclass(frozen=True)
-class Passage:
+
+@dataclass(frozen=True, repr=False)
+class Passage(OneLine):
     """A place where a robot is stopped, or all but stopped.
 
     Parameters
@@ -118,6 +131,11 @@ class Passage:
     is_open: bool
     ends: tuple[Point, Point]
 
+    def _told(self) -> Iterator[str]:
+        yield f"{self.width:.4g} m at {numbers_text((self.x, self.y))}"
+        yield "open" if self.is_open else "closed"
+        yield f"{self.cut_off:.4g} m2 behind it"
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reach(Framed):
@@ -132,7 +150,7 @@ class Reach(Framed):
         none.
     clearance : array_like of float32, shape (H, W)
         Distance of the cell's centre to the nearest obstacle cell's centre, metres; 0 in
-        obstacles, +inf if there is none.
+        obstacles, +inf if there is none. On a larger canvas than was looked at nan around that.
     widest : array_like of float32, shape (H, W)
         Radius of the largest round robot that gets there from the start, metres, which itself is
         too large by a hair; 0 where none does.
@@ -187,6 +205,17 @@ class Reach(Framed):
         )
 
     @property
+    def grid(self) -> OccupancyGrid:
+        """The map that was looked at."""
+        return OccupancyGrid(self.occupancy, self.resolution, self.origin)
+
+    @property
+    def outside_values(self) -> dict[str, float]:
+        """What each layer holds in the cells around the grid on a larger canvas."""
+        closed = dict.fromkeys(("reachable", "headings", "widest"), 0)
+        return {**closed, "clearance": np.nan, "occupancy": UNKNOWN}
+
+    @property
     def cell_area(self) -> float:
         """Square metres of a cell."""
         return self.resolution * self.resolution
@@ -205,7 +234,7 @@ class Reach(Framed):
     def free_area(self) -> float:
         """Square metres of the cells that are no obstacles, nor unknown if that is closed."""
         least = -1 if self.through_unknown else 0
-        free = (self.occupancy >= least) & (self.occupancy < 100)
+        free = (self.occupancy >= least) & (self.occupancy < 100) & ~np.isnan(self.clearance)
         return int(np.count_nonzero(free)) * self.cell_area
 
     @property
@@ -238,8 +267,17 @@ class Reach(Framed):
         yield count_text(len(self.passages), "passage")
 
     def entries(self) -> dict[str, Any]:
-        """Return the layers, the map, and the start; the answers are in the JSON beside it."""
-        return {**super().entries(), "start": np.array(self.start, dtype=np.float64)}
+        """Return the layers, the map, the start and the robot; the answers are in the JSON."""
+        entries: dict[str, Any] = {
+            **super().entries(),
+            "start": np.array(self.start, dtype=np.float64),
+            "heading_count": np.uint8(self.heading_count),
+            "through_unknown": np.uint8(self.through_unknown),
+        }
+        if self.robot is not None:
+            vertices = np.array(self.robot.vertices, dtype=np.float64).reshape(-1, 2)
+            entries |= {"robot": vertices, "robot_radius": np.float64(self.robot.radius)}
+        return entries
 
 
 def _key_of(goal: Goal) -> str:

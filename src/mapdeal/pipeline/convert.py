@@ -90,7 +90,7 @@ def _converted(
     """Return the grid with its values on another scale."""
     if encoding is None or (encoding == "occupancy" and not isinstance(grid, Costmap)):
         return grid
-    if isinstance(grid, (DistanceField, PotentialField)):
+    if not isinstance(grid, (OccupancyGrid, Costmap)):
         rule = f"a field has no values of {encoding}"
         raise ParameterError(rule, place="encoding", hint="mapdeal cost makes costs of a map")
     if encoding == "amcl":

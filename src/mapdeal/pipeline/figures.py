@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeGuard
 
+from mapdeal.grid.display import count_text
 from mapdeal.grid.framed import Figures
 
+_SHOWN_GOALS = 3
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 
@@ -34,6 +36,8 @@ def summary_of(figures: Figures) -> str:
         what = "no goal, repulsion" if x is None else f"goal {x:.10g}, {y:.10g}, potential"
         text = f"{what} {least:.5g} .. {most:.5g}"
         return f"{text}, gradient up to {figures['steepest_gradient']:.5g} per metre{around}"
+    if "reachable_m2" in figures:
+        return _summary_of_reach(figures)
     if "lethal" in figures:
         names = [name for name in _COST_SHARES if name in figures]
         text = ", ".join(share(name) for name in names)
@@ -42,6 +46,23 @@ def summary_of(figures: Figures) -> str:
         return text
     names = [name for name in _OCCUPANCY_SHARES if figures[name] or name != "between"]
     return ", ".join(share(name) for name in names)
+
+
+def _summary_of_reach(figures: Figures) -> str:
+    x, y, *_ = figures["start"]
+    reached, room = figures["reachable_m2"], figures["open_m2"]
+    parts = [f"from {x:.10g}, {y:.10g} the robot reaches {reached:.4g} of {room:.4g} m2 open to it"]
+    goals = figures.get("goals", {})
+    missed = [name for name, is_reached in goals.items() if not is_reached]
+    if goals:
+        parts.append(f"{len(goals) - len(missed)} of {count_text(len(goals), 'goal')}")
+    if missed:
+        parts[-1] += f", not {', '.join(missed[:_SHOWN_GOALS])}"
+        parts[-1] += f" and {len(missed) - _SHOWN_GOALS} more" * (len(missed) > _SHOWN_GOALS)
+    if "passages" in figures:
+        text = count_text(figures["passages"], "passage")
+        parts.append(f"{text}, {figures['closed_passages']} closed")
+    return "; ".join(parts)
 
 
 def are_figures_of(stored: object, stages: Sequence[str]) -> TypeGuard[dict[str, Figures]]:

@@ -12,7 +12,8 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.kinds import IMAGE, MAP, POINTER, kind_of
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import open_map
-from mapdeal.formats.source import exists, is_folder, status_of, sums_of_reads
+from mapdeal.formats.npz import holds_reach, read_reach
+from mapdeal.formats.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
@@ -23,6 +24,9 @@ from mapdeal.pipeline.memory import claim_work
 _OF_POTENTIAL, _OF_OTHERS = 62.0, 2.0
 """Bytes for each cell that figures take; those of a potential are of layers that it does not have
 until they are asked for."""
+
+_ANSWERS = ("goals", "passages", "closed_passages")
+"""Figures of what can be reached that an npz does not hold."""
 
 _SHOWN_KEYS = ("image", "mode", "negate", "occupied_thresh", "free_thresh")
 
@@ -49,6 +53,8 @@ def describe_file(
     if is_run:
         return _describe_run(path)
     try:
+        if path.suffix.lower() == ".npz" and holds_reach(path):
+            return _describe_reach(path, max_cells)
         return _describe_map(path, dialect, max_cells)
     except (MalformedInputError, FileAccessError) as error:
         # an error about a file that a map names is not about what the map is
@@ -78,6 +84,25 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> dict[s
         report["known_box"] = _known_box(grid.occupancy)
     report["sha256"] = hashlib.sha256(grid.layer.data).hexdigest()
     stages = stages_behind(path.name, path.parent, named)
+    return report if stages is None else report | {"made_by": stages}
+
+
+def _describe_reach(path: Path, max_cells: int | None) -> dict[str, Any]:
+    """Return what an npz tells of what a robot can reach; its answers are in another file."""
+    grid = read_reach(path, max_cells=max_cells)
+    claim_work(path, grid, _OF_OTHERS)
+    report: dict[str, Any] = {
+        "file": str(path),
+        "kind": grid.kind,
+        "layers": list(grid.layer_names),
+    }
+    told = grid.figures()
+    report |= {key: told[key] for key in told if key not in _ANSWERS}
+    robot = None if grid.robot is None else repr(grid.robot)
+    report |= {"robot": robot, "heading_count": grid.heading_count}
+    report |= {"through_unknown": grid.through_unknown, "known_box": _known_box(grid.occupancy)}
+    report["sha256"] = hashlib.sha256(grid.layer.data).hexdigest()
+    stages = stages_behind(path.name, path.parent, {path.name: sha256_of(path)})
     return report if stages is None else report | {"made_by": stages}
 
 

@@ -1,0 +1,160 @@
+"""What a robot can reach, in npz files: written, described, and read as the map it is of."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import mapdeal
+from drawn import grid_from_text
+from mapdeal import Footprint, MalformedInputError, MapdealWarning, ParameterError, Reach
+from mapdeal.formats.npz import read_reach
+from mapdeal.grid.canvas import on_canvas
+from mapdeal.pipeline.figures import summary_of
+
+MAP = grid_from_text("""
+    #...?
+    #.#.?
+    #####
+""", 0.25)  # fmt: skip
+SHAPE = Footprint.polygon([(0.2, 0.1), (-0.1, 0.1), (-0.1, -0.1)])
+
+
+def reach(**more):
+    """A reach by hand: all free cells but one are open, of these the left two reached."""
+    is_free = MAP.occupancy == 0
+    headings = is_free * np.uint8(8)
+    headings[2, 3] = 0
+    reachable = is_free * np.uint8(1)
+    reachable[:, 2:] = 0
+    clearance = np.where(MAP.occupancy == 100, 0, 0.25).astype(np.float32)
+    chosen = {"start": (1.5, -2.0, 0.5), "robot": SHAPE, "heading_count": 8, **more}
+    return Reach(reachable, headings, clearance, clearance * reachable, MAP.occupancy, 0.25,
+                 MAP.origin, **chosen)  # fmt: skip
+
+
+def written(path, grid):
+    mapdeal.write_map(path, grid)
+    return path
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"start": (1.5, -2.0), "robot": Footprint.circle(0.1), "through_unknown": True},
+        {"robot": None, "heading_count": 255},
+    ],
+)
+def test_it_is_read_as_it_was_written(tmp_path, more):
+    grid = reach(**more)
+    again = read_reach(written(tmp_path / "r.npz", grid))
+    for name in Reach.layer_names:
+        np.testing.assert_array_equal(getattr(again, name), getattr(grid, name))
+        assert getattr(again, name).dtype == getattr(grid, name).dtype
+    for name in ("resolution", "origin", *Reach.parameter_names):
+        assert getattr(again, name) == getattr(grid, name), name
+    with np.load(tmp_path / "r.npz") as arrays:  # as any other program sees it
+        assert {*Reach.layer_names, "start"} <= set(arrays)
+        assert arrays["start"].tolist() == list(grid.start)
+
+
+def test_as_a_map_it_is_the_one_that_was_looked_at_with_one_warning(tmp_path):
+    path = written(tmp_path / "r.npz", reach())
+    with pytest.warns(MapdealWarning, match="is what a robot can reach; its map is used") as told:
+        again = mapdeal.read_map(path)
+    assert len(told) == 1
+    assert type(again) is mapdeal.OccupancyGrid
+    np.testing.assert_array_equal(again.occupancy, MAP.occupancy)
+    assert again.frame == MAP.frame
+
+
+def test_commands_take_its_map(command, tmp_path):
+    path = written(tmp_path / "r.npz", reach())
+    code, _, err = command("inflate", path, "-o", tmp_path / "i.yaml", "--radius", 0)
+    assert code == 0
+    assert err.count("its map is used") == 1
+    inflated = mapdeal.read_map(tmp_path / "i.yaml")
+    np.testing.assert_array_equal(inflated.occupancy, MAP.occupancy)
+    code, out, _ = command("lint", path)
+    assert (code, "reach" in out) == (0, False)
+
+
+def test_info_names_the_layers(command, tmp_path):
+    path = written(tmp_path / "r.npz", reach())
+    code, out, err = command("info", path)
+    assert (code, err) == (0, "")
+    lines = dict(line.split(maxsplit=1) for line in out.splitlines()[1:])
+    assert lines["kind"] == "reach"
+    assert lines["layers"] == "reachable, headings, clearance, widest, occupancy"
+    # 5 free cells of 1/16 m2, 4 of them open, 2 reached
+    assert lines["area"] == "from 1.5, -2 the robot reaches 0.125 of 0.25 m2 open to it"
+    assert "8 headings, unknown closed" in out
+    code, out, _ = command("info", path, "--json")
+    report = json.loads(out)
+    assert report["free_m2"] == 5 / 16
+    assert report["share"] == pytest.approx(2 / 5)
+    assert report["start"] == [1.5, -2.0, 0.5]
+    assert not {"goals", "passages", "closed_passages"} & set(report)
+
+
+def test_the_answers_are_told_in_a_line():
+    passage = mapdeal.Passage(1.5, -2.0, 0.8, 12.0, False, ((1.0, -2.0), (2.0, -2.0)))
+    goals = [
+        mapdeal.GoalReach(mapdeal.Goal(k, 0.5, name), k == 0, k == 0, 0.4)
+        for k, name in enumerate(["kitchen", "hall", None, "lift", "stairs"])
+    ]
+    told = summary_of(reach(goals=tuple(goals), passages=(passage,)).figures())
+    assert told == (
+        "from 1.5, -2 the robot reaches 0.125 of 0.25 m2 open to it; "
+        "1 of 5 goals, not hall, 2,0.5, lift and 1 more; 1 passage, 1 closed"
+    )
+    told = summary_of(reach(goals=tuple(goals[:1])).figures())
+    assert told.endswith("; 1 of 1 goal; 0 passages, 0 closed")
+
+
+def test_it_only_fits_an_npz(tmp_path):
+    with pytest.raises(ParameterError, match="a reach is written as npz"):
+        mapdeal.write_map(tmp_path / "r.yaml", reach())
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("start", np.array([1.0, np.nan]), "start: must be finite"),
+        ("start", np.array([1.0]), r"start: must have shape \(2,\)"),
+        ("heading_count", np.uint8(0), "heading_count: must be from 1 to 255"),
+        ("widest", np.zeros((2, 5), np.float32), "of one shape"),
+        ("headings", np.zeros((3, 5), np.int32), "headings: must be uint8"),
+        ("robot", np.zeros((3, 5)), r"robot: must have shape \(3, 2\)"),
+        ("clearance", None, "clearance: missing key"),
+    ],
+)
+def test_damaged_ones_are_refused(command, tmp_path, name, value, said):
+    path = written(tmp_path / "r.npz", reach())
+    with np.load(path) as arrays:
+        kept = {key: arrays[key] for key in arrays if key != name}
+    np.savez(path, **kept, **({} if value is None else {name: value}))
+    with pytest.raises((MalformedInputError, ParameterError), match=said):
+        read_reach(path)
+    code, _, err = command("info", path)
+    assert (code, err.count("\n")) == (3, 1)
+
+
+@pytest.mark.parametrize("through_unknown", [False, True])
+def test_on_a_larger_canvas_nothing_around_it_is_reached_or_counted(through_unknown):
+    grid = reach(through_unknown=through_unknown, start=(1.5, -2.0))
+    frame = grid.frame.window(-1, -2, 6, 9)
+    whole = on_canvas(grid, frame)
+    assert whole.frame == frame
+    for name in Reach.layer_names:
+        np.testing.assert_array_equal(getattr(whole, name)[1:4, 2:7], getattr(grid, name))
+    assert whole.reachable.sum() == grid.reachable.sum()
+    assert whole.headings.sum() == grid.headings.sum()
+    assert np.isnan(whole.clearance[0]).all()
+    assert whole.occupancy[0].tolist() == [-1] * 9
+    for name in ("reachable_area", "open_area", "free_area", "share"):
+        assert getattr(whole, name) == getattr(grid, name)
+    assert math.isclose(whole.free_area, (7 if through_unknown else 5) / 16)
