@@ -16,7 +16,8 @@ from mapdeal.grid.display import OneLine, count_text, numbers_text
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures, Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
-from mapdeal.grid.values import UNKNOWN
+from mapdeal.grid.outline import contains_centre
+from mapdeal.grid.values import OCCUPIED, UNKNOWN
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
 
@@ -278,6 +279,54 @@ class Reach(Framed):
             vertices = np.array(self.robot.vertices, dtype=np.float64).reshape(-1, 2)
             entries |= {"robot": vertices, "robot_radius": np.float64(self.robot.radius)}
         return entries
+
+
+def reach_radius(robot: Footprint | None) -> float:
+    """Return the radius of the round robot that fits wherever a robot does, metres.
+
+    Of one with corners it is the inscribed radius; 0 if the centre lies outside of it.
+    """
+    if robot is None or (robot.vertices and not contains_centre(robot.vertices)):
+        return 0.0
+    return robot.inscribed_radius
+
+
+def robot_text(robot: Footprint | None) -> str:
+    """Return what to call a robot.
+
+    Examples
+    --------
+    >>> robot_text(Footprint.circle(0.25)), robot_text(None)
+    ('a robot of radius 0.25 m', 'a point')
+    """
+    if robot is None:
+        return "a point"
+    if not robot.vertices:
+        return f"a robot of radius {robot.radius:.4g} m"
+    radii = f"{robot.inscribed_radius:.4g} to {robot.circumscribed_radius:.4g} m"
+    return f"a robot with {len(robot.vertices)} corners, radius {radii}"
+
+
+def closed_text(occupancy: int, clearance: float, robot: Footprint | None) -> str:
+    """Return why a cell is closed to a robot.
+
+    Parameters
+    ----------
+    occupancy : int
+        That of the cell, as in a `Reach`.
+    clearance : float
+        Distance to the nearest obstacle, metres.
+    robot : Footprint, optional
+        The robot.
+    """
+    if occupancy == OCCUPIED:
+        return "an obstacle"
+    if robot is not None and robot.vertices:
+        return "the robot fits there in no heading"
+    if occupancy == UNKNOWN:
+        return "unknown"
+    radius = 0.0 if robot is None else robot.radius
+    return f"{clearance:.4g} m from an obstacle, the robot's radius is {radius:.4g} m"
 
 
 def _key_of(goal: Goal) -> str:
