@@ -6,6 +6,7 @@ import pytest
 
 from drawn import grid_from_text
 from mapdeal import write_map
+from mapdeal.pipeline.figures import changes_between
 from mapdeal.pipeline.golden import differences_from_golden, store_golden
 
 EMPTY, POST = "#" + "." * 23 + "#", "#" + "." * 11 + "#" + "." * 11 + "#"
@@ -100,3 +101,74 @@ def test_a_golden_run_is_called_as_its_folder_unless_it_has_a_place(command, tmp
         store_golden(tmp_path / "o" / "m", tmp_path / "golden", place)
         assert (tmp_path / "golden" / name / "manifest.json").exists()
         assert differences_from_golden(tmp_path / "o" / "m", tmp_path / "golden", place) == []
+
+
+FIGURES = {
+    "width": 5, "height": 4, "reachable_m2": 80.5, "open_m2": 90.0, "share": 0.75,
+    "goals": {"kitchen": True, "hall": True, "1.5,-2": False}, "passages": 3,
+}  # fmt: skip
+
+
+def compared(tmp_path, changed, parameters=None, *, picture="1"):
+    """Return what differs if the stage visit has other figures than its golden run."""
+    manifests = []
+    for place, figures, given in (("gold", FIGURES, {"goals": {"hall": [1, 2]}, "margin": 0.1}),
+                                  ("out", {**FIGURES, **changed}, parameters)):  # fmt: skip
+        folder = tmp_path / place / "m"
+        folder.mkdir(parents=True)
+        manifests.append(given or manifests[0])
+        outputs = {"visit.json": str(sorted(figures.items())), "visit.png": place}
+        document = {"stages": [{"visit": manifests[-1]}], "figures": {"visit": figures},
+                    "outputs": outputs}  # fmt: skip
+        (folder / "manifest.json").write_text(json.dumps(document))
+    return differences_from_golden(tmp_path / "out" / "m", tmp_path / "gold")
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        (
+            {"goals": {"kitchen": False, "hall": True, "1.5,-2": False}, "reachable_m2": 41.25},
+            "kitchen no longer reachable, reachable_m2 80.5 -> 41.25",
+        ),
+        (
+            {"goals": {"kitchen": False, "hall": False, "1.5,-2": True}},
+            "kitchen, hall no longer reachable, 1.5,-2 reachable now",
+        ),
+        # what CI has to see comes first, however much else has changed
+        (
+            {"goals": {"kitchen": False, "hall": True, "1.5,-2": False}, "reachable_m2": 1.0,
+             "share": 0.5, "passages": 4, "open_m2": 2.0},
+            "kitchen no longer reachable, reachable_m2 80.5 -> 1.0, open_m2 90.0 -> 2.0 and 2 more",
+        ),
+        ({"goals": {"kitchen": True, "1.5,-2": False}}, "goals.hall True -> None"),
+        ({"goals": None}, "goals {'kitchen': True, 'hall': True, '1.5,-2': False} -> None"),
+        ({"most_common": {"cost": 0}}, "most_common None -> {'cost': 0}"),
+    ],
+)  # fmt: skip
+def test_goals_that_are_lost_are_told_in_words_and_first(tmp_path, changed, told):
+    assert compared(tmp_path, changed) == [f"m: visit: visit.json differ: {told}"]
+
+
+def test_many_lost_goals_are_counted(tmp_path):
+    goals = {f"room {k}": True for k in range(5)}
+    old = {**FIGURES, "goals": goals}
+    lost = dict.fromkeys(goals, False)
+    (told, *_) = changes_between(old, {**old, "goals": lost})
+    assert told == "room 0, room 1, room 2 and 2 more no longer reachable"
+    assert compared(tmp_path, {}) == []
+
+
+def test_what_differs_within_a_mapping_is_told_by_its_place(tmp_path):
+    parameters = {"goals": {"hall": [1, 3], "lift": [0, 0]}, "margin": 0.1}
+    assert compared(tmp_path, {"share": 0.5}, parameters) == [
+        "m: visit: other parameters: goals.hall [1, 2] -> [1, 3], goals.lift None -> [0, 0]"
+    ]
+    deep = {"a": {"b": {"c": {"d": {"e": 1}}}}}
+    other = {"a": {"b": {"c": {"d": {"e": 2}}}}}
+    assert changes_between(deep, other) == ["a.b.c.d {'e': 1} -> {'e': 2}"]
+
+
+def test_names_of_goals_stay_on_their_line(tmp_path):
+    (line,) = compared(tmp_path, {"goals": {"a\nb": True}})
+    assert "\n" not in line

@@ -9,6 +9,8 @@ from mapdeal.grid.display import count_text
 from mapdeal.grid.framed import Figures
 
 _SHOWN_GOALS = 3
+_DEEPEST = 3
+"""Mappings in mappings whose entries are told one by one."""
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 
@@ -52,17 +54,61 @@ def _summary_of_reach(figures: Figures) -> str:
     x, y, *_ = figures["start"]
     reached, room = figures["reachable_m2"], figures["open_m2"]
     parts = [f"from {x:.10g}, {y:.10g} the robot reaches {reached:.4g} of {room:.4g} m2 open to it"]
-    goals = figures.get("goals", {})
+    goals = dict(figures.get("goals", {}))
     missed = [name for name, is_reached in goals.items() if not is_reached]
     if goals:
         parts.append(f"{len(goals) - len(missed)} of {count_text(len(goals), 'goal')}")
     if missed:
-        parts[-1] += f", not {', '.join(missed[:_SHOWN_GOALS])}"
-        parts[-1] += f" and {len(missed) - _SHOWN_GOALS} more" * (len(missed) > _SHOWN_GOALS)
+        parts[-1] += f", not {_named(missed)}"
     if "passages" in figures:
         text = count_text(figures["passages"], "passage")
         parts.append(f"{text}, {figures['closed_passages']} closed")
     return "; ".join(parts)
+
+
+def _named(names: Sequence[str]) -> str:
+    more = len(names) - _SHOWN_GOALS
+    return ", ".join(names[:_SHOWN_GOALS]) + f" and {more} more" * (more > 0)
+
+
+def changes_between(old: Figures, new: Figures) -> list[str]:
+    """Return what differs between the figures of two runs, a text each.
+
+    Goals that are not reached any more come first. Of what differs within a mapping each entry is
+    told by its own name.
+
+    Examples
+    --------
+    >>> changes_between({"goals": {"lift": True}, "m2": 8}, {"goals": {"lift": False}, "m2": 5})
+    ['lift no longer reachable', 'm2 8 -> 5']
+    >>> changes_between({"most_common": {"cost": 0}}, {"most_common": {"cost": 9}})
+    ['most_common.cost 0 -> 9']
+    """
+    texts = []
+    before, after = (figures.get("goals") for figures in (old, new))
+    if are_goals(before) and are_goals(after) and set(before) == set(after):
+        for is_reached, words in ((False, "no longer reachable"), (True, "reachable now")):
+            turned = [name for name in after if after[name] is is_reached is not before[name]]
+            if turned:
+                texts.append(f"{_named(turned)} {words}")
+        old, new = ({**figures, "goals": None} for figures in (old, new))
+    return [*texts, *_changed_entries(old, new, "", _DEEPEST)]
+
+
+def are_goals(value: object) -> TypeGuard[dict[str, bool]]:
+    """Return whether a figure is whether goals are reached, by their names."""
+    return isinstance(value, dict) and all(isinstance(one, bool) for one in value.values())
+
+
+def _changed_entries(old: Figures, new: Figures, place: str, depth: int) -> list[str]:
+    texts = []
+    for name in {**old, **new}:
+        one, other = old.get(name), new.get(name)
+        if isinstance(one, dict) and isinstance(other, dict) and depth:
+            texts += _changed_entries(one, other, f"{place}{name}.", depth - 1)
+        elif one != other:
+            texts.append(f"{place}{name} {one} -> {other}")
+    return texts
 
 
 def are_figures_of(stored: object, stages: Sequence[str]) -> TypeGuard[dict[str, Figures]]:

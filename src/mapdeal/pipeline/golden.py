@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import FileAccessError
+from mapdeal.errors import FileAccessError, one_line
 from mapdeal.formats.json_text import json_of
 from mapdeal.formats.source import status_of
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.framed import Figures
+from mapdeal.pipeline.figures import changes_between
 from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.manifest import manifest_in, product_of
 
@@ -115,6 +116,6 @@ def _differs(name: str, old: dict[str, str], new: dict[str, str]) -> bool:
 
 def _changes(old: Figures, new: Figures) -> str:
     """Return the figures that differ, the first of them."""
-    names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
-    shown = ", ".join(f"{name} {old.get(name)} -> {new.get(name)}" for name in names[:_SHOWN])
-    return shown + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    texts = changes_between(old, new)
+    shown = one_line(", ".join(texts[:_SHOWN]))
+    return shown + (f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else "")
