@@ -5,7 +5,7 @@ Read and write: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_
 Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField`, `Reach` (any of them a
 `Grid`) and `BitMap`, each with its `Frame`; `FieldView` with its `ViewScale`.
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
-`ring_cost`, `layered_cost` of `StaticLayer` and `InflationLayer`, `potential`;
+`ring_cost`, `layered_cost` of `StaticLayer` and `InflationLayer`, `potential`, `reach`;
 `apply_keepout_mask`. Robots: a `Footprint`, and `read_robot_parameters` of a robot's own files,
 which gives `RobotParameters`.
 Maps from sensors: `local_map`, and `LocalMapper` with `LocalOptions` for clouds that come in

@@ -43,8 +43,11 @@ _OTHERS = (
 )  # fmt: skip
 _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 
-_OF_POINTS = {"query": "--at", "edit": "--point"}
-_NUMBERS = re.compile(r"[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
+_OF_STAGES = ("reach",)
+"""Stages whose commands are not made from their parameters: they answer questions."""
+
+_OF_POINTS = {"query": "--at", "edit": "--point", "reach": "--to"}
+_POINT = re.compile(r"(?:[^=,]+=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 _INTERRUPTED, _INTERNAL = 130, 70
 _EPOCH = "SOURCE_DATE_EPOCH"
@@ -131,8 +134,8 @@ def _leave_files_to_us(command: Any) -> None:
 class _LazyGroup(TyperGroup):
     """A group that imports a command when it is asked for.
 
-    The commands of stages are made from their definitions. Each other one lives in
-    ``mapdeal.cli.<name>`` as a typer app with one command.
+    The commands of stages are made from their definitions, unless they have more to ask. Each
+    other one lives in ``mapdeal.cli.<name>`` as a typer app with one command.
     """
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - click's signature
@@ -141,7 +144,7 @@ class _LazyGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 - click's signature
         if cmd_name in self.commands:
             return self.commands[cmd_name]
-        if cmd_name in (*_MAKERS, *_OTHERS):
+        if cmd_name in (*_MAKERS, *_OF_STAGES, *_OTHERS):
             app = import_module(f"mapdeal.cli.{cmd_name}").app
         else:
             if cmd_name not in command_names():
@@ -304,7 +307,7 @@ def _spread_points(words: list[str]) -> list[str]:
     follows = False
     for index, word in enumerate(words):
         is_value = index > 0 and words[index - 1] == option
-        if follows and not is_value and _NUMBERS.fullmatch(word):
+        if follows and not is_value and _POINT.fullmatch(word):
             spread.append(option or "")
         else:
             follows = is_value or (option is not None and word == option)

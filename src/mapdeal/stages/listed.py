@@ -12,3 +12,4 @@ from mapdeal.stages.exponential_cost import exponential_cost as exponential_cost
 from mapdeal.stages.threshold_cost import threshold_cost as threshold_cost
 from mapdeal.stages.ring_cost import ring_cost as ring_cost
 from mapdeal.stages.layered_cost import layered_cost as layered_cost
+from mapdeal.stages.reach import reach as reach

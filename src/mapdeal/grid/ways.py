@@ -1,0 +1,160 @@
+"""How wide the ways between the cells of a map are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.open_cells import Cell
+from mapdeal.kernels.clearance_tree import (
+    ClearanceTree,
+    RootedTree,
+    clearance_tree,
+    rooted,
+    widest_from,
+)
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.groups import least_joined
+from mapdeal.kernels.squares import SquaredDistances, unreachable
+from mapdeal.kernels.threads import for_rows
+
+
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """The clearance of each cell of a map, and how wide the ways between them are.
+
+    Parameters
+    ----------
+    frame : Frame
+        Where the map lies.
+    squared : numpy.ndarray of int32 or int64, shape (H, W)
+        Squared distance of each cell to the nearest obstacle cell.
+    is_traversable : numpy.ndarray of bool, shape (H, W)
+        The cells that ways may lead through.
+    tree : ClearanceTree
+        Of both.
+    """
+
+    frame: Frame
+    squared: SquaredDistances
+    is_traversable: NDArray[np.bool_]
+    tree: ClearanceTree
+
+    @classmethod
+    def of(
+        cls, obstacles: NDArray[np.bool_], is_traversable: NDArray[np.bool_], frame: Frame
+    ) -> Ways:
+        """Return the ways of a map of obstacles; no cell of these may be traversable."""
+        squared = squared_distance(obstacles)
+        return cls(frame, squared, is_traversable, clearance_tree(squared, is_traversable))
+
+    def metres_of(self, square: int) -> float:
+        """Return a squared distance as metres; +inf if it stands for "no obstacle"."""
+        if square >= unreachable(self.squared):
+            return math.inf
+        return math.sqrt(square) * self.frame.resolution
+
+    def clearance(self) -> NDArray[np.float32]:
+        """Return the distance of each cell to the nearest obstacle cell, metres, shape (H, W)."""
+        metres = np.empty(self.squared.shape, dtype=np.float32)
+
+        def fill(rows: slice) -> None:
+            metres[rows] = np.sqrt(self.squared[rows].astype(np.float64)) * self.frame.resolution
+
+        for_rows(fill, metres.shape)
+        metres[self.squared == unreachable(self.squared)] = np.inf
+        return metres
+
+    def widest_place(self, closed_up_to: int) -> Cell:
+        """Return the widest place of the largest area of cells above a square.
+
+        Areas are of one piece by the four straight neighbours. Of equal ones the first counts,
+        row by row from the south.
+        """
+        tree = self.tree
+        is_wider = tree.squares > closed_up_to
+        inside = (self.squared > closed_up_to) & (tree.basins >= 0)
+        areas = np.bincount(tree.basins[inside], minlength=len(tree.peaks))
+        of_basins = least_joined(
+            tree.one[is_wider].astype(np.int64), tree.other[is_wider].astype(np.int64), len(areas)
+        )
+        largest = int(np.argmax(np.bincount(of_basins, weights=areas)))
+        members = np.flatnonzero(of_basins == largest)
+        cell = int(tree.peak_cells[members[np.argmax(tree.peaks[members])]])
+        row, col = divmod(cell, self.squared.shape[1])
+        return row, col
+
+    def begun_at(self, start: Cell) -> WaysFrom:
+        """Return the ways from a cell, which must be traversable."""
+        return WaysFrom(self, start, rooted(self.tree, int(self.tree.basins[start])))
+
+
+@dataclass(frozen=True, eq=False)
+class WaysFrom:
+    """The ways from a start.
+
+    Parameters
+    ----------
+    ways : Ways
+        All ways.
+    start : tuple of int
+        Row and column.
+    rooted : RootedTree
+        The tree, seen from the start's basin.
+    """
+
+    ways: Ways
+    start: Cell
+    rooted: RootedTree
+
+    def widest_square_at(self, cell: Cell) -> int:
+        """Return the least square on the widest way to a cell, 0 if there is no way."""
+        basin = int(self.ways.tree.basins[cell])
+        if basin < 0 or self.rooted.bottlenecks[basin] < 0:
+            return 0
+        ends = min(int(self.ways.squared[self.start]), int(self.ways.squared[cell]))
+        return min(ends, int(self.rooted.bottlenecks[basin]))
+
+    def reachable(self, closed_up_to: int) -> NDArray[np.uint8]:
+        """Return where a way leads that stays above a square: 1, else 0, shape (H, W)."""
+        tree, squared = self.ways.tree, self.ways.squared
+        reached = self.rooted.bottlenecks > closed_up_to
+        if squared[self.start] <= closed_up_to:
+            reached[:] = False
+        by_basin = np.append(reached, False).astype(np.uint8)  # -1 is the last one
+        found = by_basin[tree.basins]
+        found[squared <= closed_up_to] = 0
+        return found
+
+    def widest(self) -> NDArray[np.float32]:
+        """Return the least clearance on the widest way to each cell, metres, 0 if there is none."""
+        squares = widest_from(self.ways.tree, self.ways.squared, self.start, seen=self.rooted)
+        return replace(self.ways, squared=squares).clearance()
+
+
+def largest_closed_square(radius: float, resolution: float) -> int:
+    """Return the largest squared distance in cells that is closed to a round robot.
+
+    A cell is open if the root of its square, times the resolution, is larger than the radius; the
+    costs of such cells are below 253.
+
+    Parameters
+    ----------
+    radius, resolution : float
+        Metres.
+
+    Examples
+    --------
+    >>> largest_closed_square(0.25, 0.05), largest_closed_square(0.0, 0.05)
+    (25, 0)
+    """
+    square = math.floor((radius / resolution) ** 2)
+    while math.sqrt(square + 1) * resolution <= radius:
+        square += 1
+    while square > 0 and math.sqrt(square) * resolution > radius:
+        square -= 1
+    return square

@@ -1,0 +1,192 @@
+"""Where a robot can go on the map or the costs in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import FindingError, ParameterError
+from mapdeal.formats.maps import write_grid
+from mapdeal.formats.reach_json import reach_json
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.costmap_layers import InflationLayer
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.open_cells import nearest_open_text
+from mapdeal.grid.reach import Bottleneck, GoalReach, Reach, closed_text, reach_radius
+from mapdeal.pipeline.files import (
+    add_picture,
+    errors_named,
+    outputs_of,
+    read_input,
+    warn_of_potential,
+    warn_of_published_costs,
+)
+from mapdeal.pipeline.memory import claim_work
+from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.step import Step, make_step
+from mapdeal.robot.parameters import RobotParameters
+
+_COSTS_PER_CELL = 8.0
+"""Bytes for each cell that the costs of a robot's own layers take."""
+
+
+@dataclass(frozen=True)
+class ReachReport:
+    """What a robot can reach, and its JSON text."""
+
+    reach: Reach
+    text: str
+
+
+def reach_file(
+    path: Path,
+    output: Path | None,
+    options: Settings,
+    *,
+    layers: Path | None = None,
+    robot: RobotParameters | None = None,
+    footprint: Footprint | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    also_read: Sequence[Path] = (),
+) -> ReachReport:
+    """Find where a robot can go on the map or the costs in a file, and write what is asked for.
+
+    Parameters
+    ----------
+    path : Path
+        A map, a field or costs. With a robot's own parameters a map gets its costs, of which the
+        lethal and the unknown cells count.
+    output : Path, optional
+        Where the JSON goes.
+    options : Settings
+        How files are read and written.
+    layers : Path, optional
+        Where the layers go, an ``.npz``.
+    robot : RobotParameters, optional
+        The robot's own parameters.
+    footprint : Footprint, optional
+        Its shape, which wins over theirs.
+    parameters : mapping, optional
+        Parameters of the stage ``reach``.
+    also_read : sequence of Path
+        Files that no output may replace.
+
+    Returns
+    -------
+    ReachReport
+        Also if a goal is not reachable; `check_reached` then raises.
+
+    Raises
+    ------
+    ParameterError
+        As the stage, and if a goal lies in a closed cell.
+    """
+    for name, file, ending in (("--output", output, ".json"), ("--layers", layers, ".npz")):
+        if file is not None and file.suffix != ending:
+            rule = f"must end in {ending}"
+            raise ParameterError(rule, source=name, got=str(file))
+    step = _step_for(robot, footprint, parameters or {})
+    source = read_input(path, options)
+    with options.memory():
+        claim_work(path, source.grid, step.stage.memory + _COSTS_PER_CELL * (robot is not None))
+    outputs = [one for one in (output, layers) if one is not None]
+    inputs = [*source.files, *(robot.paths if robot else ()), *also_read]
+    with outputs_of(outputs, inputs, options) as transaction:
+        with errors_named(path):
+            grid = source.grid
+            if not isinstance(grid, Costmap):
+                warn_of_published_costs(source, path)
+                warn_of_potential(grid, path)
+            if robot is not None and not isinstance(grid, Costmap):
+                for one in load_recipe(None, robot=_without_inflation(robot)).steps:
+                    grid = one.apply(grid, path)
+            found = step.apply(grid, path)
+        if not isinstance(found, Reach):
+            raise TypeError("the stage reach must make a Reach")
+        with errors_named(path):
+            _refuse_closed_goals(found)
+        text = reach_json(found)
+        if output is not None:
+            transaction.write_bytes(output, f"{text}\n".encode())
+        if layers is not None:
+            write_grid(transaction, layers, found)
+        add_picture(transaction, options, found, f"{path.stem}: {step.title}")
+    return ReachReport(found, text)
+
+
+def _step_for(
+    robot: RobotParameters | None, footprint: Footprint | None, parameters: Mapping[str, Any]
+) -> Step:
+    """Return the step, for the shape that was given by hand or else by parameters."""
+    shape = footprint
+    if shape is None and robot is not None:
+        shape = robot.footprint
+        if robot.robot_radius is not None:  # as the costs of the planner have it
+            shape = Footprint.circle(robot.inscribed_radius)
+    given = {} if shape is None else {"footprint": shape}
+    return make_step("reach", {**parameters, **given})
+
+
+def _without_inflation(robot: RobotParameters) -> RobotParameters:
+    """Return a robot whose costs say what is lethal and what unknown, and nothing else.
+
+    Inscribed costs would cover unknown cells.
+    """
+    layers = (one for one in robot.layers if not isinstance(one.layer, InflationLayer))
+    return replace(robot, layers=tuple(layers))
+
+
+def _refuse_closed_goals(found: Reach) -> None:
+    """Raise the error for goals that the robot cannot stand at, with the nearest open cell."""
+    for one in found.goals:
+        row, col = found.frame.clamped_rowcol_from_xy([(one.goal.x, one.goal.y)])[0].tolist()
+        if not found.headings[row, col]:
+            point = (one.goal.x, one.goal.y)
+            values = int(found.occupancy[row, col]), float(found.clearance[row, col])
+            rule = f"lies in a closed cell ({closed_text(*values, found.robot)})"
+            hint = nearest_open_text(found.frame, found.headings > 0, (row, col))
+            place = "goal" if one.goal.name is None else f"goal {one.goal.name}"
+            raise ParameterError(rule, place=place, got=point, hint=hint)
+
+
+def check_reached(found: Reach, path: Path) -> None:
+    """Raise FindingError if a goal is not reachable; it names the first, and what stops it."""
+    missed = [one for one in found.goals if not one.reachable]
+    if not missed:
+        return
+    rule = not_reachable_text(missed[0], found)
+    if len(missed) > 1:
+        rule += f"; nor are {len(missed) - 1} more of {len(found.goals)} goals"
+    raise FindingError(rule, source=path, hint=_hint_for(missed[0], found))
+
+
+def not_reachable_text(missed: GoalReach, found: Reach) -> str:
+    """Return in words that a goal is not reachable, and what stops the robot."""
+    goal = missed.goal
+    what = f"goal {goal.x + 0.0:.10g},{goal.y + 0.0:.10g}"
+    what += "" if goal.name is None else f" ({goal.name})"
+    text = f"{what} is not reachable"
+    limit = missed.limited_by
+    if limit is None:
+        return f"{text} by any robot, however small: no way leads there"
+    needs = 2 * reach_radius(found.robot)
+    if limit.width <= needs:
+        return f"{text}: {_limit_text(limit)}; the robot needs more than {needs:.4g} m"
+    return (
+        f"{text} with this footprint, though a round robot of up to {limit.width:.4g} m gets there"
+    )
+
+
+def _limit_text(limit: Bottleneck) -> str:
+    where = {"passage": "a passage", "start": "the start", "goal": "the goal"}[limit.at]
+    place = f" at {limit.x + 0.0:.4g},{limit.y + 0.0:.4g}" if limit.at == "passage" else ""
+    return f"{where}{place} is {limit.width:.4g} m wide"
+
+
+def _hint_for(missed: GoalReach, found: Reach) -> str | None:
+    if missed.limited_by is None and not found.through_unknown:
+        return "unknown cells are closed; --through-unknown opens them"
+    return "--image shows where the robot can go"

@@ -1,0 +1,315 @@
+"""Stage ``reach``: where a robot can go from a start, and the passages that stop it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint_cells import footprint_spans
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_open_text
+from mapdeal.grid.reach import Goal, GoalReach, Reach, closed_text, reach_radius, robot_text
+from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
+from mapdeal.grid.ways import Ways, WaysFrom, largest_closed_square
+from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reached
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
+from mapdeal.stages.goal_parameters import Goals
+from mapdeal.stages.obstacle_source import (
+    check_lethal_threshold,
+    obstacles_of,
+    occupancy_with_obstacles,
+)
+from mapdeal.stages.parameters import (
+    AT_LEAST_0,
+    HEADINGS,
+    METRES,
+    POSE,
+    SQUARE_METRES,
+    LethalThreshold,
+)
+
+_TURN = 2 * math.pi
+_DECIMALS = 9
+
+
+def _shape_of(parameters: Parameters) -> Footprint | None:
+    footprint: Footprint | None = parameters["footprint"]
+    radius: float = parameters["radius"]
+    return footprint or (Footprint.circle(radius) if radius > 0 else None)
+
+
+@stage(
+    name="reach",
+    summary="Tell where a robot can go from a start, and which passages stop it.",
+    title=lambda parameters: f"reach of {robot_text(_shape_of(parameters))}",
+    memory=24.0,
+    is_whole=lambda _: True,
+    hands_on=False,
+    robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
+    in_place_of={"footprint": InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
+)
+def reach(
+    source: OccupancyGrid | DistanceField | Costmap,
+    *,
+    start: Annotated[tuple[float, ...], POSE] | None = None,
+    goals: Goals = (),
+    radius: Annotated[float, AT_LEAST_0, METRES] = 0.0,
+    footprint: Footprint | None = None,
+    headings: Annotated[int, HEADINGS] = 72,
+    through_unknown: bool = False,
+    margin: Annotated[float, AT_LEAST_0, METRES] = 0.1,
+    min_area: Annotated[float, AT_LEAST_0, SQUARE_METRES] = 1.0,
+    lethal_threshold: LethalThreshold | None = None,
+) -> Reach:
+    """Return where a robot can go from a start, and the passages that stop it.
+
+    Parameters
+    ----------
+    source : OccupancyGrid, DistanceField or Costmap
+        The map. Of a field the obstacles are the field's; of costs they are the lethal cells, 254,
+        or 100 on scale ``occupancy``, whatever the costs around them.
+    start : tuple of float, optional
+        Where the robot starts, x, y or x, y, yaw in the map frame. Without a yaw it starts in
+        every heading that is open there; without a start, at the widest place of the largest open
+        area.
+    goals : tuple of Goal
+        Places it should get to.
+    radius : float
+        The radius of a round robot; 0 is a point.
+    footprint : Footprint, optional
+        The robot's corners, or in a recipe {radius: R} of a round one.
+    headings : int
+        How many headings a robot with corners can have, 4..255.
+    through_unknown : bool
+        Whether unknown cells are open.
+    margin : float
+        Passages that leave less than this on either side of the robot are told, too.
+    min_area : float
+        Passages that cut off less than this are not told.
+    lethal_threshold : int, optional
+        Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
+
+    Returns
+    -------
+    Reach
+        Its layers, the answers for the goals, and the passages.
+
+    Raises
+    ------
+    ParameterError
+        If start or goal lies outside of the map, or the robot cannot stand at the start.
+    MalformedInputError
+        If it cannot stand anywhere.
+
+    Notes
+    -----
+    A cell is open to a round robot if the distance of its centre to that of the nearest obstacle
+    cell is larger than the radius; costmap_2d gives all others inscribed costs. Unknown cells are
+    closed, but count for no distance. A pose of a robot with corners, the centre of a cell and
+    a heading 2 pi k / `headings`, is open if no cell of the footprint, drawn as costmap_2d draws
+    polygons, is an obstacle, unknown, or outside of the map.
+
+    The robot moves to the 8 neighbours of its cell, diagonally only between two open straight
+    ones, and turns on the spot to the next heading on either side.
+
+    A goal in a cell that is closed to the robot is not reachable.
+
+    Examples
+    --------
+    >>> from mapdeal.grid.occupancy import OccupancyGrid
+    >>> rooms = [[0, 0, 0, 100, 0, 0, 0], [0, 0, 0, 0, 0, 0, 0], [0, 0, 0, 100, 0, 0, 0]]
+    >>> found = reach(OccupancyGrid(rooms, 1.0), start=(0.5, 1.5), radius=0.9)
+    >>> int(found.reachable.sum()), found.widest[1].tolist()
+    (19, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    """
+    ground = _Ground.of(source, lethal_threshold, through_unknown=through_unknown)
+    frame = source.frame
+    robot = _shape_of({"footprint": footprint, "radius": radius})
+    closed_up_to = largest_closed_square(reach_radius(robot), frame.resolution)
+    goal_cells = [cell_of_point(frame, (goal.x, goal.y), "goal") for goal in goals]
+    asked = None if start is None else _checked_pose(start)
+    first = None if asked is None else cell_of_point(frame, (asked[0], asked[1]), "start")
+    ways = None
+    poses: _RoundPoses | ConfigurationSpace
+    if robot is None or not robot.vertices:
+        ways = ground.ways(frame)
+        poses = _RoundPoses(ways, closed_up_to, headings)
+    else:  # before all ways: both at once would take twice the memory
+        poses = ConfigurationSpace(~ground.is_traversable, footprint_spans(robot, frame, headings))
+    if not poses.headings.any():
+        raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
+    if asked is None or first is None:
+        ways = ground.ways(frame) if ways is None else ways
+        first = _widest_open(poses.headings, ways, closed_up_to)
+        asked = tuple(frame.xy_from_rowcol([first])[0].round(_DECIMALS).tolist())
+    chosen = _headings_at(poses, first, asked, ground, robot, frame)
+    reached = poses.reach([(heading, *first) for heading in chosen], goal_cells)
+    open_headings = poses.headings
+    del poses
+    ways = ground.ways(frame) if ways is None else ways
+    from_start = ways.begun_at(first)
+    answers = [
+        _answer(goal, cell, counts, from_start)
+        for goal, cell, counts in zip(goals, goal_cells, reached.headings.sum(axis=1), strict=True)
+    ]
+    return Reach(
+        reached.reachable,
+        open_headings,
+        ways.clearance(),
+        from_start.widest(),
+        ground.occupancy,
+        frame.resolution,
+        frame.origin,
+        start=asked,
+        robot=robot,
+        heading_count=headings,
+        through_unknown=through_unknown,
+        goals=tuple(answers),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """What a robot meets: the map, its obstacles, and the cells that ways may lead through."""
+
+    occupancy: NDArray[np.int8]
+    obstacles: NDArray[np.bool_]
+    is_traversable: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls,
+        source: OccupancyGrid | DistanceField | Costmap,
+        lethal_threshold: int | None,
+        *,
+        through_unknown: bool,
+    ) -> _Ground:
+        """Return the ground of a map, a field or costs."""
+        if isinstance(source, Costmap):
+            occupancy, obstacles = _of_costs(source, lethal_threshold)
+        else:
+            lethal_threshold = check_lethal_threshold(source, lethal_threshold)
+            obstacles = np.asarray(obstacles_of(source, lethal_threshold))
+            occupancy = occupancy_with_obstacles(source.occupancy, obstacles)
+        is_traversable = ~obstacles
+        if not through_unknown:
+            is_traversable &= occupancy != UNKNOWN
+        return cls(occupancy, obstacles, is_traversable)
+
+    def ways(self, frame: Frame) -> Ways:
+        """Return how wide the ways are."""
+        return Ways.of(self.obstacles, self.is_traversable, frame)
+
+
+def _of_costs(
+    costs: Costmap, lethal_threshold: int | None
+) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
+    """Return the map of a costmap's lethal and unknown cells, and the mask of the lethal ones."""
+    lethal = LETHAL_OBSTACLE if costs.scale == "costmap2d" else OCCUPIED
+    if lethal_threshold not in (None, OCCUPIED):
+        rule = f"is for maps: of costs the lethal cells are obstacles, {lethal}"
+        raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
+    obstacles = np.asarray(costs.cost == lethal)
+    occupancy = np.full(costs.shape, FREE, dtype=np.int8)
+    occupancy[costs.cost == costs.unknown_value] = UNKNOWN
+    occupancy[obstacles] = OCCUPIED
+    return occupancy, obstacles
+
+
+class _RoundPoses:
+    """The poses of a round robot, which fits in all headings or none; as `ConfigurationSpace`."""
+
+    def __init__(self, ways: Ways, closed_up_to: int, heading_count: int) -> None:
+        self._ways, self._closed_up_to = ways, closed_up_to
+        self.headings = np.where(
+            ways.is_traversable & (ways.squared > closed_up_to),
+            np.uint8(heading_count),
+            np.uint8(0),
+        )
+        self._heading_count = heading_count
+
+    def open_headings(self, row: int, col: int) -> NDArray[np.bool_]:
+        """Return in which headings a cell is open."""
+        return np.full(self._heading_count, self.headings[row, col] > 0)
+
+    def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> Reached:
+        """Return what can be reached from a cell, and in which headings some cells are."""
+        reachable = self._ways.begun_at(seeds[0][1:]).reachable(self._closed_up_to)
+        shape = (len(cells), self._heading_count)
+        headings = np.zeros(shape, dtype=np.bool_)
+        for index, cell in enumerate(cells):
+            headings[index] = reachable[cell]
+        return Reached(reachable, headings)
+
+
+def _checked_pose(start: Sequence[float]) -> tuple[float, ...]:
+    """Return a start as x, y or x, y, yaw."""
+    if len(start) not in (2, 3):
+        raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
+    return tuple(start)
+
+
+def _widest_open(headings: NDArray[np.uint8], ways: Ways, closed_up_to: int) -> Cell:
+    """Return the cell to start from if none is asked for."""
+    cell = ways.widest_place(closed_up_to)
+    if headings[cell]:
+        return cell
+    squares = np.where(headings > 0, ways.squared, -1)  # no room there for the robot's corners
+    row, col = divmod(int(np.argmax(squares)), squares.shape[1])
+    return row, col
+
+
+def _headings_at(
+    poses: _RoundPoses | ConfigurationSpace,
+    first: Cell,
+    asked: Sequence[float],
+    ground: _Ground,
+    robot: Footprint | None,
+    frame: Frame,
+) -> list[int]:
+    """Return the headings to start in: the one that is asked for, or all that are open.
+
+    Raises
+    ------
+    ParameterError
+        If that is closed, or all are.
+    """
+    is_open = poses.open_headings(*first)
+    if not is_open.any():
+        square = int(squared_distance(ground.obstacles)[first])
+        clearance = math.sqrt(square) * frame.resolution
+        what = closed_text(int(ground.occupancy[first]), clearance, robot)
+        hint = nearest_open_text(frame, poses.headings > 0, first)
+        raise ParameterError(
+            f"lies in a closed cell ({what})", place="start", got=tuple(asked[:2]), hint=hint
+        )
+    if len(asked) == 2:
+        return [int(heading) for heading in np.flatnonzero(is_open)]
+    heading = round(asked[2] / _TURN * len(is_open)) % len(is_open)
+    if not is_open[heading]:
+        turns = np.flatnonzero(is_open)
+        away = np.abs((turns - heading + len(is_open) // 2) % len(is_open) - len(is_open) // 2)
+        nearest = float(turns[np.argmin(away)]) * _TURN / len(is_open)
+        rule = (
+            f"the robot cannot stand there in this heading, only in {len(turns)} of {len(is_open)}"
+        )
+        hint = f"the nearest open heading is {nearest:.4g}; without a yaw all that are open count"
+        raise ParameterError(rule, place="start", got=tuple(asked), hint=hint)
+    return [heading]
+
+
+def _answer(goal: Goal, cell: Cell, heading_count: int, from_start: WaysFrom) -> GoalReach:
+    """Return the answer for a goal."""
+    widest = from_start.ways.metres_of(from_start.widest_square_at(cell))
+    return GoalReach(goal, bool(heading_count), int(heading_count), widest)

@@ -1,0 +1,253 @@
+"""Where a robot can go: stage ``reach`` beside floods over cells and over routes."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+import oracles
+from drawn import grid_from_text
+from mapdeal import (
+    Costmap,
+    Footprint,
+    MalformedInputError,
+    MapdealError,
+    OccupancyGrid,
+    ParameterError,
+    esdf,
+    exponential_cost,
+    reach,
+    read_map,
+    shortest_route,
+)
+from mapdeal.grid.reach import Goal
+from strategies import RESOLUTIONS, occupancies
+
+ROOMS = """
+    ##############
+    #......#.....#
+    #......#.....#
+    #............#
+    #......#.....#
+    #......#..?..#
+    ##############
+"""
+
+
+def centre(grid, row, col):
+    return tuple(grid.frame.xy_from_rowcol([(row, col)])[0].tolist())
+
+
+def by_contract(occupancy, resolution, radius, start, *, through_unknown=False):
+    """Cells reached by a round robot: 8 neighbours, diagonally between two open straight ones."""
+    squares = oracles.squared_distance(occupancy == 100)
+    squares = [[math.inf if square is None else square for square in row] for row in squares]
+    allowed = (occupancy != 100) & (through_unknown | (occupancy != -1))
+    is_open = np.array(
+        [[allowed[r, c] and math.sqrt(squares[r][c]) * resolution > radius
+          for c in range(occupancy.shape[1])] for r in range(occupancy.shape[0])]
+    )  # fmt: skip
+    reached = np.zeros(occupancy.shape, dtype=bool)
+    if not is_open[start]:
+        return is_open, reached
+    reached[start], edge = True, [start]
+    while edge:
+        row, col = edge.pop()
+        for dr in (-1, 0, 1):
+            for dc in (-1, 0, 1):
+                r, c = row + dr, col + dc
+                if not (0 <= r < len(reached) and 0 <= c < reached.shape[1]):
+                    continue
+                straight = is_open[row, c] and is_open[r, col]
+                if is_open[r, c] and not reached[r, c] and straight:
+                    reached[r, c] = True
+                    edge.append((r, c))
+    return is_open, reached
+
+
+def test_two_rooms_and_a_door_by_hand():
+    grid = grid_from_text(ROOMS)  # 0.25 m, origin and yaw not 0
+    start, goal = centre(grid, 3, 2), centre(grid, 3, 11)
+    found = reach(grid, start=start, goals=[goal], radius=0.24)
+    assert found.reachable.sum() == np.count_nonzero(grid.occupancy == 0)
+    assert found.goals[0].reachable
+    # the door is one cell wide: its centre is a cell, 0.25 m, from either jamb
+    assert found.goals[0].widest_radius == 0.25
+    limit = found.goals[0].limited_by
+    assert (limit.width, limit.at) == (0.5, "passage")
+    assert (limit.x, limit.y) == pytest.approx(centre(grid, 3, 7))
+    assert found.widest[3, 11] == np.float32(0.25)
+    assert found.clearance[3, 3] == np.float32(0.75)
+    assert found.headings.max() == 72
+
+    stopped = reach(grid, start=start, goals=[goal], radius=0.25, min_area=0.25)
+    assert not stopped.goals[0].reachable
+    assert stopped.goals[0].heading_count == 0
+    (passage,) = [one for one in stopped.passages if not one.is_open]
+    assert passage.width == 0.5
+    assert (passage.x, passage.y) == pytest.approx(centre(grid, 3, 7))
+    # open to the robot in the second room: 3 x 3 cells, without the unknown one's row at 2 m
+    is_open, reached = by_contract(grid.occupancy, 0.25, 0.25, (3, 2))
+    assert passage.cut_off == pytest.approx((is_open & ~reached).sum() * 0.25**2)
+    assert stopped.reachable_area == pytest.approx(reached.sum() * 0.25**2)
+
+
+@settings(max_examples=150, deadline=None)
+@given(occupancies(), RESOLUTIONS, st.floats(0.0, 3.0), st.booleans(), st.data())
+def test_reachable_cells_are_those_of_the_contract(occupancy, resolution, cells, through, data):
+    row = data.draw(st.integers(0, occupancy.shape[0] - 1))
+    col = data.draw(st.integers(0, occupancy.shape[1] - 1))
+    radius = cells * resolution
+    grid = OccupancyGrid(occupancy, resolution, (3.0, -1.0, 0.7))
+    is_open, reached = by_contract(
+        occupancy, resolution, radius, (row, col), through_unknown=through
+    )
+    options = {"start": centre(grid, row, col), "radius": radius, "through_unknown": through}
+    if not is_open.any():
+        with pytest.raises(MalformedInputError, match="no cell is open"):
+            reach(grid, **options)
+    elif not is_open[row, col]:
+        with pytest.raises(ParameterError, match="closed cell") as caught:
+            reach(grid, **options)
+        assert "nearest open cell" in caught.value.hint
+    else:
+        found = reach(grid, **options)
+        assert np.array_equal(found.reachable, reached)
+        assert np.array_equal(found.headings > 0, is_open)
+        assert found.reachable_area == pytest.approx(reached.sum() * resolution**2)
+
+
+@settings(max_examples=60, deadline=None)
+@given(occupancies(longest=9), st.integers(0, 2**32 - 1))
+def test_a_hair_decides_at_the_widest_radius(occupancy, seed):
+    free = np.argwhere(occupancy != 100)
+    if not len(free):
+        return
+    rng = np.random.default_rng(seed)
+    (row, col), goal = (tuple(free[rng.integers(len(free))].tolist()) for _ in range(2))
+    grid = OccupancyGrid(occupancy, 0.0504, (3.0, -1.0, 0.7))
+    found = reach(
+        grid, start=centre(grid, row, col), goals=[centre(grid, *goal)], through_unknown=True
+    )
+    widest = found.goals[0].widest_radius
+    assert np.float32(widest) == found.widest[goal]
+    for radius, expected in ((widest - 1e-6, True), (widest + 1e-6, False)):
+        if not 0 <= radius < math.inf:
+            continue
+        _, reached = by_contract(occupancy, 0.0504, radius, (row, col), through_unknown=True)
+        assert reached[goal] == expected
+
+
+def test_a_start_that_is_not_given_is_the_widest_place_of_the_largest_area():
+    grid = grid_from_text(ROOMS)
+    found = reach(grid, radius=0.3)
+    row, col = grid.frame.clamped_rowcol_from_xy([found.start])[0].tolist()
+    assert col < 7  # the first room is the larger one
+    assert found.clearance[row, col] == found.clearance[found.reachable == 1].max()
+
+
+def test_of_costs_the_lethal_cells_are_obstacles():
+    grid = grid_from_text(ROOMS)
+    start = centre(grid, 3, 2)
+    of_map = reach(grid, start=start, radius=0.3)
+    # inscribed costs take unknown cells, too, so that smaller robots have other ways there
+    inflated = exponential_cost(grid, inscribed_radius=0.3)
+    names = ["reachable", "headings", "clearance", "widest"]
+    for costs, same in ((Costmap.from_occupancy(grid), names), (inflated, names[:3])):
+        of_costs = reach(costs, start=start, radius=0.3)
+        for name in same:
+            assert np.array_equal(getattr(of_map, name), getattr(of_costs, name)), name
+    of_field = reach(esdf(grid), start=start, radius=0.3)
+    assert np.array_equal(of_map.reachable, of_field.reachable)
+
+
+def test_the_same_is_reached_as_by_routes():
+    grid = grid_from_text(ROOMS)
+    start = centre(grid, 3, 2)
+    for radius in (0.2, 0.3):
+        costs = exponential_cost(grid, inscribed_radius=radius)
+        found = reach(grid, start=start, radius=radius)
+        for row, col in np.argwhere(found.headings > 0).tolist():
+            route = shortest_route(costs, start, centre(grid, row, col))
+            assert route.reached == bool(found.reachable[row, col])
+
+
+def test_a_long_robot_gets_through_a_door_but_cannot_turn_in_it():
+    occupancy = np.full((16, 44), 100, np.int8)
+    occupancy[1:15, 1:15] = occupancy[1:15, 29:43] = 0
+    occupancy[6:10, 15:29] = 0  # a corridor of 4 cells, 0.4 m
+    grid = OccupancyGrid(occupancy, 0.1, (2.0, 1.0, math.pi / 6))
+    robot = Footprint.polygon([[0.45, 0.12], [0.45, -0.12], [-0.45, -0.12], [-0.45, 0.12]])
+    goal = centre(grid, 8, 36)
+    found = reach(grid, start=centre(grid, 8, 7), goals=[goal], footprint=robot)
+    assert found.goals[0].reachable
+    assert found.headings[8, 7] == found.headings[8, 36] == 72
+    assert 0 < found.headings[8, 22] < 20
+    # across the corridor it stands nowhere in it: the start's heading decides
+    with pytest.raises(ParameterError, match="in this heading, only in"):
+        reach(grid, start=(*centre(grid, 8, 22), math.pi / 6 + math.pi / 2), footprint=robot)
+    along = reach(grid, start=(*centre(grid, 8, 22), math.pi / 6), footprint=robot)
+    assert along.reachable[8, 36]
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"start": (99.0, 0.0)}, "start: lies outside of the map"),
+        ({"goals": [(99.0, 0.0)]}, "goal: lies outside of the map"),
+        ({"start": (1.0,)}, "x,y or x,y,yaw"),
+        ({"headings": 3}, "between 4 and 255"),
+        ({"headings": 256}, "between 4 and 255"),
+        ({"radius": -0.1}, "at least 0"),
+        ({"min_area": math.nan}, "finite"),
+    ],
+)
+def test_what_is_refused(options, told):
+    with pytest.raises(ParameterError, match=told):
+        reach(grid_from_text(ROOMS), **options)
+
+
+def test_a_goal_in_a_closed_cell_is_not_reachable():
+    grid = grid_from_text(ROOMS)
+    found = reach(grid, start=centre(grid, 3, 2), goals=[Goal(*centre(grid, 0, 0), "wall")])
+    assert not found.goals[0].reachable
+    assert found.goals[0].widest_radius == 0
+
+
+def test_no_obstacle_means_no_limit():
+    found = reach(OccupancyGrid(np.zeros((3, 5), np.int8), 0.07), start=(0.1, 0.1), radius=0.2)
+    assert np.isinf(found.widest).all()
+    assert found.share == 1.0
+    assert found.passages == ()
+
+
+def yaml_maps(folder, every):
+    """Map_server maps below a folder, as many of them as can be read."""
+    for path in sorted(folder.rglob("*.yaml"))[::every]:
+        try:
+            yield read_map(path)
+        except MapdealError:
+            continue  # parameter files, and maps made to be refused
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize("every", [8, pytest.param(1, marks=pytest.mark.thorough)])
+def test_real_maps_are_reached_as_over_inscribed_costs(real_maps, every):
+    seen = 0
+    for grid in yaml_maps(real_maps, every):
+        radius = 4.51 * grid.resolution
+        costs = exponential_cost(grid, inscribed_radius=radius, inflation_radius=2 * radius).cost
+        groups, count = ndimage.label(costs < 253)  # four neighbours
+        if count == 0:
+            continue
+        sizes = np.bincount(groups.ravel())
+        for group in {1, count, int(np.argmax(sizes[1:])) + 1}:
+            cells = np.argwhere(groups == group)
+            row, col = cells[len(cells) // 2].tolist()
+            found = reach(grid, start=centre(grid, row, col), radius=radius)
+            assert np.array_equal(found.reachable, groups == group)
+            seen += 1
+    assert seen > 5
