@@ -1,5 +1,7 @@
 """Clearance trees beside floods and merges cell by cell, on each engine."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,9 +10,17 @@ from scipy import ndimage
 
 import oracles
 from drawn import cells
-from mapdeal.kernels.clearance_tree import clearance_tree, rooted, widest_from
+from mapdeal.kernels.clearance_tree import (
+    basin_areas,
+    clearance_metres,
+    clearance_tree,
+    rooted,
+    widest_from,
+    widest_metres,
+)
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.squares import unreachable
+from mapdeal.kernels.threads import use_threads
 
 pytestmark = pytest.mark.usefixtures("each_engine")
 
@@ -171,3 +181,79 @@ def test_what_is_not_squares_and_a_mask_of_them_is_refused():
     for wrong in (np.ones((4, 3), bool), np.ones((3, 4), np.uint8)):
         with pytest.raises(ValueError, match="mask"):
             clearance_tree(squared, wrong)
+
+
+def metres_of(squared, resolution):
+    """Metres of each square, as float32 has them."""
+    endless = unreachable(squared)
+    listed = [math.inf if s == endless else math.sqrt(s) * resolution for s in squared.flat]
+    return np.array(listed, dtype=np.float32).reshape(squared.shape)
+
+
+@given(grids(), st.integers(0, 10**6), st.floats(1e-3, 10), st.booleans())
+def test_metres_are_roots_of_squares_times_the_resolution(grid, choice, resolution, in_place):
+    squared, is_open = grid
+    expected = metres_of(squared, resolution)
+    tree = clearance_tree(squared, is_open)
+    if is_open.any():
+        start = some_cell(is_open, choice)
+        widest = widest_from(tree, squared, start)
+        metres = widest_metres(tree, squared, start, resolution, in_place=in_place)
+        assert metres.dtype == np.float32
+        assert np.array_equal(metres, metres_of(widest, resolution))
+        assert np.shares_memory(metres, tree.basins) == in_place
+    metres = clearance_metres(squared, resolution, in_place=in_place)
+    assert metres.dtype == np.float32
+    assert np.array_equal(metres, expected)
+    assert np.shares_memory(metres, squared) == (in_place and squared.dtype == np.int32)
+
+
+def test_metres_do_not_take_memory_that_is_not_theirs_alone():
+    squared = np.arange(24, dtype=np.int32).reshape(4, 6)
+    locked = squared.copy()
+    locked.flags.writeable = False
+    for part in (squared[:, ::2], locked):
+        before = part.copy()
+        assert not np.shares_memory(clearance_metres(part, 0.3, in_place=True), part)
+        assert np.array_equal(part, before)
+
+
+@given(grids(), st.integers(-2, 12))
+def test_areas_are_counts_of_cells(grid, above):
+    squared, is_open = grid
+    tree = clearance_tree(squared, is_open)
+    areas = basin_areas(tree, squared, above)
+    assert areas.dtype == np.int64
+    counted = [((tree.basins == k) & (squared > above)).sum() for k in range(len(tree.peaks))]
+    assert areas.tolist() == counted
+
+
+def test_large_grids_are_worked_on_in_bands_and_threads():
+    """What one engine makes of many bands is what it makes of one thread, and holds a flood."""
+    rng = np.random.default_rng(3)
+    occupied = rng.random((700, 1100)) < 0.004
+    is_open = ~occupied & (rng.random(occupied.shape) < 0.999)
+    squared = squared_distance(occupied)
+    trees = []
+    for count in (1, 3):
+        with use_threads(count):
+            trees.append(clearance_tree(squared, is_open))
+    assert_same(*trees)
+    tree = trees[0]
+    start = some_cell(is_open, 4321)
+    widest = widest_from(tree, squared, start)
+    for square in (1, 2, 5, 25, 60, 100):
+        labels, _ = ndimage.label(is_open & (squared >= square))
+        assert np.array_equal(widest >= square, (labels == labels[start]) & (labels > 0))
+    metres = widest_metres(tree, squared, start, 0.05)
+    assert np.array_equal(metres, (np.sqrt(widest) * 0.05).astype(np.float32))
+    counts = np.bincount(tree.basins[is_open & (squared > 9)], minlength=len(tree.peaks))
+    assert np.array_equal(basin_areas(tree, squared, 9), counts)
+
+
+def assert_same(one, other):
+    """Each array has the same bytes."""
+    for name in one.__dataclass_fields__:
+        mine, theirs = getattr(one, name), getattr(other, name)
+        assert (mine.shape, mine.dtype) == (theirs.shape, theirs.dtype), name
+        assert mine.tobytes() == theirs.tobytes(), name

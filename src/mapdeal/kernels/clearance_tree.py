@@ -8,10 +8,12 @@ exact. The engine (see `mapdeal.kernels.engine`) makes no difference to any resu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.squares import SquaredDistances
 
 Cell = tuple[int, int]
@@ -100,9 +102,7 @@ def clearance_tree(squared: SquaredDistances, is_traversable: NDArray[np.bool_])
     ([1], [2])
     """
     _check(squared, is_traversable)
-    from mapdeal.kernels import clearance_twin
-
-    return clearance_twin.clearance_tree(squared, is_traversable)
+    return _engine(squared).clearance_tree(squared, is_traversable)  # type: ignore[no-any-return]
 
 
 def rooted(tree: ClearanceTree, root: int) -> RootedTree:
@@ -128,9 +128,7 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
     """
     if not 0 <= root < len(tree.peaks):
         raise IndexError(f"the tree has no basin {root}")
-    from mapdeal.kernels import clearance_twin
-
-    return clearance_twin.rooted(tree, root)
+    return _engine(tree.basins).rooted(tree, root)  # type: ignore[no-any-return]
 
 
 def widest_from(
@@ -166,9 +164,105 @@ def widest_from(
     array([[1, 1, 1, 2, 9, 0, 0]], dtype=int32)
     """
     limits = _limits_from(tree, squared, start, seen)
-    from mapdeal.kernels import clearance_twin
+    return _engine(squared).widest_squares(tree.basins, squared, limits)  # type: ignore[no-any-return]
 
-    return clearance_twin.widest_squares(tree.basins, squared, limits)
+
+def widest_metres(
+    tree: ClearanceTree,
+    squared: SquaredDistances,
+    start: Cell,
+    resolution: float,
+    *,
+    seen: RootedTree | None = None,
+    in_place: bool = False,
+) -> NDArray[np.float32]:
+    """Return the radius that the widest way from a cell to each cell has room for.
+
+    Parameters
+    ----------
+    tree, squared, start, seen
+        As for `widest_from`.
+    resolution : float
+        Side of a cell.
+    in_place : bool
+        Whether the result may take the memory of ``tree.basins``, which are lost then.
+
+    Returns
+    -------
+    numpy.ndarray of float32, shape (H, W)
+        The root of `widest_from` times `resolution`, rounded once; 0 where there is no way, +inf
+        where nothing limits it.
+
+    Examples
+    --------
+    >>> squared = np.array([[1, 4, 1, 2, 9, 0, 1]], dtype=np.int32)
+    >>> tree = clearance_tree(squared, squared > 0)
+    >>> widest_metres(tree, squared, (0, 4), 0.5).tolist()
+    [[0.5, 0.5, 0.5, 0.7071067690849304, 1.5, 0.0, 0.0]]
+    """
+    limits = _limits_from(tree, squared, start, seen)
+    metres = _floats_over(tree.basins, in_place=in_place)
+    _engine(squared).widest_metres(tree.basins, squared, limits, resolution, metres)
+    return metres
+
+
+def clearance_metres(
+    squared: SquaredDistances, resolution: float, *, in_place: bool = False
+) -> NDArray[np.float32]:
+    """Return distances in place of their squares.
+
+    Parameters
+    ----------
+    squared : numpy.ndarray of int32 or int64, shape (H, W)
+        Squared distance of each cell to the nearest obstacle.
+    resolution : float
+        Side of a cell.
+    in_place : bool
+        Whether the result may take the memory of the squares, which are lost then. Squares of 64
+        bits, and parts of other arrays, stay.
+
+    Returns
+    -------
+    numpy.ndarray of float32, shape (H, W)
+        The root times `resolution`, rounded once; +inf where there is no obstacle.
+
+    Examples
+    --------
+    >>> clearance_metres(np.array([[0, 1, 4, 2**31 - 1]], dtype=np.int32), 0.5)
+    array([[0. , 0.5, 1. , inf]], dtype=float32)
+    """
+    metres = _floats_over(squared, in_place=in_place)
+    _engine(squared).clearance_metres(squared, resolution, metres)
+    return metres
+
+
+def basin_areas(
+    tree: ClearanceTree, squared: SquaredDistances, above: int = 0
+) -> NDArray[np.int64]:
+    """Return how many cells of each basin a robot may stand on.
+
+    Parameters
+    ----------
+    tree : ClearanceTree
+        The tree of `squared`.
+    squared : numpy.ndarray of int32 or int64, shape (H, W)
+        Squared distance of each cell to the nearest obstacle.
+    above : int
+        Cells with larger squares count.
+
+    Returns
+    -------
+    numpy.ndarray of int64, shape (B,)
+
+    Examples
+    --------
+    >>> squared = np.array([[1, 4, 1, 2, 9]], dtype=np.int32)
+    >>> basin_areas(clearance_tree(squared, squared > 0), squared, 1).tolist()
+    [1, 2]
+    """
+    return _engine(squared).basin_areas(  # type: ignore[no-any-return]
+        tree.basins, squared, above, len(tree.peaks)
+    )
 
 
 def _limits_from(
@@ -176,7 +270,7 @@ def _limits_from(
 ) -> NDArray[np.int64]:
     """Return for each basin the largest square with which its peak has a way to the start.
 
-    One entry more comes last, of the cells that are in no basin (-1): 0, as where there is no way.
+    One more comes first, of the cells that are in no basin (-1): 0, as where there is no way.
     """
     basin = int(tree.basins[start])
     if basin < 0:
@@ -184,8 +278,14 @@ def _limits_from(
     if seen is None:
         seen = rooted(tree, basin)
     limits = np.zeros(len(tree.peaks) + 1, dtype=np.int64)
-    np.clip(seen.bottlenecks, 0, int(squared[start]), out=limits[:-1])
+    np.clip(seen.bottlenecks, 0, int(squared[start]), out=limits[1:])
     return limits
+
+
+def _floats_over(cells: SquaredDistances, *, in_place: bool) -> NDArray[np.float32]:
+    if in_place and cells.dtype == np.int32 and cells.flags.c_contiguous and cells.flags.writeable:
+        return cells.view(np.float32)
+    return np.empty(cells.shape, np.float32)
 
 
 def _check(squared: SquaredDistances, is_traversable: NDArray[np.bool_]) -> None:
@@ -194,3 +294,15 @@ def _check(squared: SquaredDistances, is_traversable: NDArray[np.bool_]) -> None
         raise ValueError(f"{rule} {squared.dtype}")
     if is_traversable.dtype != np.bool_ or is_traversable.shape != squared.shape:
         raise ValueError("the mask of traversable cells must be bool, of the shape of the squares")
+
+
+def _engine(cells: SquaredDistances) -> ModuleType:
+    """Return the module that serves for squares, or other numbers, of cells."""
+    if engine_name() == "compiled":
+        from mapdeal.kernels import compiled_clearance
+
+        if compiled_clearance.fits(cells):
+            return compiled_clearance
+    from mapdeal.kernels import clearance_twin
+
+    return clearance_twin

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.clearance_tree import ClearanceTree, RootedTree
-from mapdeal.kernels.squares import SquaredDistances
+from mapdeal.kernels.squares import SquaredDistances, unreachable
 from mapdeal.kernels.threads import for_rows
 
 Cells = NDArray[np.int64]
@@ -131,11 +131,52 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
 def widest_squares(
     basins: NDArray[np.int32], squared: SquaredDistances, limits: NDArray[np.int64]
 ) -> SquaredDistances:
-    """Return the lesser of each cell's square and the limit of its basin."""
+    """Return the lesser of each cell's square and the limit of its basin; the first is of -1."""
     widest = np.empty_like(squared)
 
     def some(rows: slice) -> None:
-        widest[rows] = np.minimum(squared[rows], limits[basins[rows]])
+        widest[rows] = np.minimum(squared[rows], limits[basins[rows] + 1])
 
     for_rows(some, squared.shape)
     return widest
+
+
+def widest_metres(
+    basins: NDArray[np.int32],
+    squared: SquaredDistances,
+    limits: NDArray[np.int64],
+    resolution: float,
+    metres: NDArray[np.float32],
+) -> None:
+    """Fill in the metres of `widest_squares`; they may lie over the basins."""
+    endless = unreachable(squared)
+
+    def some(rows: slice) -> None:
+        widest = np.minimum(squared[rows], limits[basins[rows] + 1])
+        metres[rows] = _metres(widest, resolution, endless)
+
+    for_rows(some, squared.shape)
+
+
+def clearance_metres(
+    squared: SquaredDistances, resolution: float, metres: NDArray[np.float32]
+) -> None:
+    """Fill in the metres of squares; they may lie over them."""
+    endless = unreachable(squared)
+
+    def some(rows: slice) -> None:
+        metres[rows] = _metres(squared[rows], resolution, endless)
+
+    for_rows(some, squared.shape)
+
+
+def _metres(squared: SquaredDistances, resolution: float, endless: int) -> NDArray[np.float64]:
+    return np.where(squared == endless, np.inf, np.sqrt(squared.astype(np.float64)) * resolution)
+
+
+def basin_areas(
+    basins: NDArray[np.int32], squared: SquaredDistances, above: int, count: int
+) -> NDArray[np.int64]:
+    """Return how many cells of each basin have a square above."""
+    counted = basins[(basins >= 0) & (squared > above)]
+    return np.bincount(counted, minlength=count).astype(np.int64)

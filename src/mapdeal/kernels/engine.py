@@ -41,11 +41,12 @@ def engine_name() -> Engine:
 
 
 def compiled_module() -> ModuleType | None:
-    """Return the compiled module, or None where it, or that of rays, is not or does not load."""
+    """Return the compiled module, or None where it, or one beside it, is not or does not load."""
     try:
         from mapdeal.kernels import (  # type: ignore[attr-defined,unused-ignore]
+            _clearance_tree,  # noqa: F401 - whoever asks for the one may import the others
             _compiled,
-            _rays,  # noqa: F401 - whoever asks for the one may import the other
+            _rays,  # noqa: F401 - as above
         )
     except ImportError:
         return None

@@ -1,0 +1,113 @@
+"""Compiled clearance trees are those of numpy and scipy, to the last byte."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engines import needs_compiled
+from mapdeal.kernels import clearance_twin
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.squares import unreachable
+
+pytestmark = needs_compiled
+
+
+def check(squared, is_open, resolution=0.05, choice=0):
+    from mapdeal.kernels import compiled_clearance
+
+    assert compiled_clearance.fits(squared)
+    both = compiled_clearance, clearance_twin
+    tree, twin = (engine.clearance_tree(squared, is_open) for engine in both)
+    assert_same(tree, twin)
+    if not len(tree.peaks):
+        return
+    root = choice % len(tree.peaks)
+    seen, twin = (engine.rooted(tree, root) for engine in both)
+    assert_same(seen, twin)
+    limits = np.concatenate([[0], np.maximum(seen.bottlenecks, 0)])
+    widest = [engine.widest_squares(tree.basins, squared, limits) for engine in both]
+    assert bits(widest[0]) == bits(widest[1])
+    areas = [engine.basin_areas(tree.basins, squared, 3, len(tree.peaks)) for engine in both]
+    assert bits(areas[0]) == bits(areas[1])
+    metres = np.empty((2, *squared.shape), np.float32)
+    for engine, result in zip(both, metres, strict=True):
+        engine.widest_metres(tree.basins, squared, limits, resolution, result)
+    assert bits(metres[0]) == bits(metres[1])
+    for engine, result in zip(both, metres, strict=True):
+        engine.clearance_metres(squared, resolution, result)
+    assert bits(metres[0]) == bits(metres[1])
+
+
+def bits(array):
+    return array.shape, array.dtype, array.tobytes()
+
+
+def assert_same(one, other):
+    for name in one.__dataclass_fields__:
+        assert bits(getattr(one, name)) == bits(getattr(other, name)), name
+
+
+@given(
+    st.integers(1, 40),
+    st.integers(1, 40),
+    st.sampled_from([0.0, 0.02, 0.1, 0.4, 0.9]),
+    st.sampled_from([1.0, 0.9, 0.5]),
+    st.sampled_from([np.int32, np.int64]),
+    st.integers(0, 2**32),
+    st.floats(1e-3, 10),
+)
+def test_on_random_cells(height, width, density, known, dtype, seed, resolution):
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((height, width)) < density
+    squared = squared_distance(occupied)
+    if dtype == np.int64:
+        endless = squared == unreachable(squared)
+        squared = np.where(endless, np.iinfo(np.int64).max, squared.astype(np.int64))
+    check(squared, rng.random(occupied.shape) < known, resolution, seed)
+
+
+@given(st.integers(1, 30), st.integers(1, 30), st.integers(1, 6), st.integers(0, 2**32))
+def test_on_any_squares_with_many_ties(height, width, most, seed):
+    rng = np.random.default_rng(seed)
+    squared = rng.integers(0, most, (height, width)).astype(np.int32)
+    squared[squared == 5] = unreachable(squared)
+    check(squared, squared > 0, choice=seed)
+
+
+@pytest.mark.parametrize("shape", [(700, 600), (30, 20_000), (20_000, 30), (1, 9000), (9000, 1)])
+@pytest.mark.parametrize("density", [0.0, 0.0005, 0.05])
+def test_on_many_bands_of_rows(shape, density):
+    occupied = np.random.default_rng(7).random(shape) < density
+    squared = squared_distance(occupied)
+    check(squared, ~occupied, choice=11)
+
+
+def test_on_a_spiral_whose_ways_cross_all_bands_many_times():
+    """Pointers lead along the corridor to its widest place, at the end."""
+    spiral = np.zeros((600, 600), np.int32)
+    top, bottom, left, right, step = 0, 599, 0, 599, 0
+    while top <= bottom and left <= right:
+        cells = [(top, x) for x in range(left, right + 1)]
+        cells += [(y, right) for y in range(top + 1, bottom + 1)]
+        cells += [(bottom, x) for x in range(right - 1, left - 1, -1)]
+        cells += [(y, left) for y in range(bottom - 1, top + 1, -1)]
+        for cell in cells:
+            step += 1
+            spiral[cell] = step
+        if left + 1 <= right and top + 2 <= bottom:
+            step += 1
+            spiral[top + 2, left + 1] = step
+        top, bottom, left, right = top + 2, bottom - 2, left + 2, right - 2
+    check(spiral, spiral > 0)
+    check(spiral[::-1].copy(), spiral[::-1] > 0)
+
+
+def test_squares_that_do_not_fit_are_left_to_the_twin():
+    from mapdeal.kernels import compiled_clearance
+
+    large = np.array([[2**31 - 2, 5, 2**63 - 1]])
+    assert compiled_clearance.fits(large)
+    large[0, 0] += 1
+    assert not compiled_clearance.fits(large)
+    assert not compiled_clearance.fits(np.zeros((0, 4), np.int32))
