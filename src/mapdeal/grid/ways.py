@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,11 @@ from mapdeal.grid.open_cells import Cell
 from mapdeal.kernels.clearance_tree import (
     ClearanceTree,
     RootedTree,
+    basin_areas,
+    clearance_metres,
     clearance_tree,
     rooted,
-    widest_from,
+    widest_metres,
 )
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.groups import least_joined
@@ -58,16 +60,12 @@ class Ways:
             return math.inf
         return math.sqrt(square) * self.frame.resolution
 
-    def clearance(self) -> NDArray[np.float32]:
-        """Return the distance of each cell to the nearest obstacle cell, metres, shape (H, W)."""
-        metres = np.empty(self.squared.shape, dtype=np.float32)
+    def clearance(self, *, in_place: bool = False) -> NDArray[np.float32]:
+        """Return the distance of each cell to the nearest obstacle cell, metres, shape (H, W).
 
-        def fill(rows: slice) -> None:
-            metres[rows] = np.sqrt(self.squared[rows].astype(np.float64)) * self.frame.resolution
-
-        for_rows(fill, metres.shape)
-        metres[self.squared == unreachable(self.squared)] = np.inf
-        return metres
+        It may take the memory of the squares, which are lost then.
+        """
+        return clearance_metres(self.squared, self.frame.resolution, in_place=in_place)
 
     def widest_place(self, closed_up_to: int) -> Cell:
         """Return the widest place of the largest area of cells above a square.
@@ -77,8 +75,7 @@ class Ways:
         """
         tree = self.tree
         is_wider = tree.squares > closed_up_to
-        inside = (self.squared > closed_up_to) & (tree.basins >= 0)
-        areas = np.bincount(tree.basins[inside], minlength=len(tree.peaks))
+        areas = basin_areas(tree, self.squared, closed_up_to)
         of_basins = least_joined(
             tree.one[is_wider].astype(np.int64), tree.other[is_wider].astype(np.int64), len(areas)
         )
@@ -125,15 +122,30 @@ class WaysFrom:
         reached = self.rooted.bottlenecks > closed_up_to
         if squared[self.start] <= closed_up_to:
             reached[:] = False
-        by_basin = np.append(reached, False).astype(np.uint8)  # -1 is the last one
-        found = by_basin[tree.basins]
-        found[squared <= closed_up_to] = 0
+        by_basin = np.append(reached, False)  # -1 is the last one
+        found = np.empty(squared.shape, dtype=np.uint8)
+
+        def fill(rows: slice) -> None:
+            np.logical_and(
+                by_basin[tree.basins[rows]], squared[rows] > closed_up_to, out=found[rows]
+            )
+
+        for_rows(fill, found.shape)
         return found
 
-    def widest(self) -> NDArray[np.float32]:
-        """Return the least clearance on the widest way to each cell, metres, 0 if there is none."""
-        squares = widest_from(self.ways.tree, self.ways.squared, self.start, seen=self.rooted)
-        return replace(self.ways, squared=squares).clearance()
+    def widest(self, *, in_place: bool = False) -> NDArray[np.float32]:
+        """Return the least clearance on the widest way to each cell, metres, 0 if there is none.
+
+        It may take the memory of the basins, which are lost then.
+        """
+        return widest_metres(
+            self.ways.tree,
+            self.ways.squared,
+            self.start,
+            self.ways.frame.resolution,
+            seen=self.rooted,
+            in_place=in_place,
+        )
 
 
 def largest_closed_square(radius: float, resolution: float) -> int:

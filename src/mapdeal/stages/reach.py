@@ -23,6 +23,7 @@ from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
 from mapdeal.grid.ways import Ways, WaysFrom, largest_closed_square
 from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reached
 from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.threads import for_rows
 from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
 from mapdeal.stages.goal_parameters import Goals
 from mapdeal.stages.obstacle_source import (
@@ -163,11 +164,13 @@ def reach(
         _answer(goal, cell, counts, from_start)
         for goal, cell, counts in zip(goals, goal_cells, reached.headings.sum(axis=1), strict=True)
     ]
+    widest = from_start.widest(in_place=True)  # the basins are of no more use, and then the squares
+    clearance = ways.clearance(in_place=True)
     return Reach(
         reached.reachable,
         open_headings,
-        ways.clearance(),
-        from_start.widest(),
+        clearance,
+        widest,
         ground.occupancy,
         frame.resolution,
         frame.origin,
