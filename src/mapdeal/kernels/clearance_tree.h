@@ -388,26 +388,40 @@ static inline int32_t set_of(int32_t *sets, int32_t basin)
     return basin;
 }
 
+static inline int64_t cell_of(uint64_t key)
+{
+    return (int64_t)(key >> 2 & (((uint64_t)1 << 30) - 1));
+}
+
+static inline void span_edge(Spanning *spanning, uint64_t key, int32_t one, int32_t other)
+{
+    const int32_t first = set_of(spanning->sets, one), second = set_of(spanning->sets, other);
+    if (first == second) return;
+    if (first < second)
+        spanning->sets[second] = first;
+    else
+        spanning->sets[first] = second;
+    spanning->one[spanning->kept] = one;
+    spanning->other[spanning->kept] = other;
+    spanning->squares[spanning->kept] = (int64_t)(key >> 32);
+    spanning->cells[spanning->kept] = cell_of(key);
+    spanning->kept++;
+}
+
 static void span(Spanning *spanning, int64_t first, int64_t end)
 {
-    for (int64_t k = first; k < end; k++) {
-        const uint64_t key = spanning->keys[k];
-        const int64_t cell = (int64_t)(key >> 2 & (((uint64_t)1 << 30) - 1));
-        const int32_t one = spanning->basins[cell];
-        const int32_t other = spanning->basins[cell + step_of((int)(key & 3), spanning->width)];
-        if (one == other) continue;
-        const int32_t first_set = set_of(spanning->sets, one);
-        const int32_t second_set = set_of(spanning->sets, other);
-        if (first_set == second_set) continue;
-        if (first_set < second_set)
-            spanning->sets[second_set] = first_set;
-        else
-            spanning->sets[first_set] = second_set;
-        spanning->one[spanning->kept] = one;
-        spanning->other[spanning->kept] = other;
-        spanning->squares[spanning->kept] = (int64_t)(key >> 32);
-        spanning->cells[spanning->kept] = cell;
-        spanning->kept++;
+    enum { TOGETHER = 64 }; /* look-ups that do not wait for each other */
+    int32_t one[TOGETHER], other[TOGETHER];
+    for (int64_t from = first; from < end; from += TOGETHER) {
+        const uint64_t *keys = spanning->keys + from;
+        const int64_t count = end - from < TOGETHER ? end - from : TOGETHER;
+        for (int64_t k = 0; k < count; k++) {
+            const int32_t *basin = spanning->basins + cell_of(keys[k]);
+            one[k] = *basin;
+            other[k] = basin[step_of((int)(keys[k] & 3), spanning->width)];
+        }
+        for (int64_t k = 0; k < count; k++)
+            if (one[k] != other[k]) span_edge(spanning, keys[k], one[k], other[k]);
     }
 }
 
