@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles
+from mapdeal.kernels.blocks import LazyLayer
 from mapdeal.kernels.configuration_space import ConfigurationSpace
 from mapdeal.kernels.spans import Spans
 
@@ -67,3 +68,68 @@ def test_the_ways_of_any_footprint_are_those_of_a_search(case):
 @given(spaces(longest=150))
 def test_the_ways_on_grids_wider_than_a_word_are_those_of_a_search(case):
     check(*case)
+
+
+def test_results_may_be_frozen_and_asked_again():
+    space = ConfigurationSpace(np.zeros((3, 70), dtype=bool), [as_spans([(0, 0, 2)])] * 4)
+    space.headings.flags.writeable = False
+    assert space.reach([(0, 0, 0)], [(1, 69)]).reachable.sum() == 3 * 69
+    assert space.open_headings(1, 68).all()
+    assert not space.open_headings(1, 69).any()
+
+
+def test_a_lazy_layer_is_as_good_as_an_array():
+    blocked = np.random.default_rng(3).random((50, 70)) < 0.1
+    layer = LazyLayer(blocked.shape, np.bool_, lambda rows: blocked[rows], block_height=7)
+    runs = [as_spans([(0, 0, 2)]), as_spans([(0, 0, 1), (1, 0, 1)])]
+    np.testing.assert_array_equal(
+        ConfigurationSpace(layer, runs).headings, ConfigurationSpace(blocked, runs).headings
+    )
+
+
+@pytest.mark.parametrize(
+    "footprint",
+    [
+        [(0, 0, 71)],
+        [(0, -(2**40), -(2**40) + 1), (2**40, 0, 1)],
+        [(10**6, 0, 1)],
+        [(0, 80, 90)],
+        [(-3, 0, 1), (0, 0, 1)],
+    ],
+)
+def test_a_footprint_that_fits_nowhere_is_open_nowhere(footprint):
+    space = ConfigurationSpace(np.zeros((3, 70), dtype=bool), [as_spans(footprint)] * 2)
+    assert not space.headings.any()
+    assert not space.reach([(0, 1, 1)], [(1, 1)]).reachable.any()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 255])
+def test_any_count_of_headings_up_to_a_byte(count):
+    blocked = np.random.default_rng(count).random((9, 80)) < 0.1
+    space = ConfigurationSpace(blocked, [as_spans([(0, 0, 2)])] * count)
+    np.testing.assert_array_equal(space.headings, count * (space.headings > 0))
+    opened = oracles.open_poses(blocked, [{(0, 0), (0, 1)}])[0]
+    np.testing.assert_array_equal(space.headings > 0, opened)
+
+
+@pytest.mark.parametrize(
+    "footprints",
+    [[], [as_spans([(0, 0, 1)])] * 256, [as_spans([(0, 2, 2)])], [Spans(*[np.zeros(0)] * 3)]],
+)
+def test_what_is_no_set_of_headings_is_refused(footprints):
+    with pytest.raises(ValueError, match=r"heading|footprint"):
+        ConfigurationSpace(np.zeros((3, 7), dtype=bool), footprints)
+
+
+@pytest.mark.parametrize(
+    "pose", [(2, 0, 0), (0, 3, 0), (0, 0, 7), (-1, 0, 0), (0, -1, 0), (0, 0, -1)]
+)
+def test_poses_outside_are_refused(pose):
+    space = ConfigurationSpace(np.zeros((3, 7), dtype=bool), [as_spans([(0, 0, 1)])] * 2)
+    with pytest.raises(IndexError):
+        space.reach([pose])
+    if pose[0] == 0:
+        with pytest.raises(IndexError):
+            space.reach([], [pose[1:]])
+        with pytest.raises(IndexError):
+            space.open_headings(*pose[1:])

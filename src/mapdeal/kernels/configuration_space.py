@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels import configuration_twin
 from mapdeal.kernels.blocks import Layer
+from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.spans import Spans
 
 Pose = tuple[int, int, int]
@@ -54,6 +56,11 @@ class ConfigurationSpace:
         Of each heading the cells that the footprint covers, relative to the robot's cell; at
         least one heading with at least one cell each, at most `MOST_HEADINGS`.
 
+    Raises
+    ------
+    ValueError
+        If there is no heading, or too many, or one without cells.
+
     Attributes
     ----------
     headings : numpy.ndarray of uint8, shape (H, W)
@@ -79,12 +86,20 @@ class ConfigurationSpace:
         if not all(len(spans.rows) and (spans.starts < spans.stops).all() for spans in footprints):
             raise ValueError("a footprint without cells, or with an empty run")
         self.shape = blocked.shape
-        self._planes = configuration_twin.OpenPoses(blocked, footprints)
-        self.headings = self._planes.counted()
+        self._count = len(footprints)
+        self._poses = _open_poses(blocked, footprints)
+        self.headings = self._poses.headings
 
     def open_headings(self, row: int, col: int) -> NDArray[np.bool_]:
-        """Return in which headings a cell is open, shape (K,)."""
-        return self._planes.at(row, col)
+        """Return in which headings a cell is open, shape (K,).
+
+        Raises
+        ------
+        IndexError
+            If the grid has no such cell.
+        """
+        self._check(row, col)
+        return self._poses.at(row, col)
 
     def reach(self, seeds: Sequence[Pose], cells: Sequence[tuple[int, int]] = ()) -> Reached:
         """Return what can be reached.
@@ -96,5 +111,65 @@ class ConfigurationSpace:
             nowhere.
         cells : sequence of tuple of int
             Row and column of cells whose headings are asked for.
+
+        Raises
+        ------
+        IndexError
+            If the grid has no such cell, or there is no such heading.
+
+        Notes
+        -----
+        The first call takes the planes of open poses; a later one makes them again.
         """
-        return Reached(*self._planes.reach(seeds, cells))
+        for heading, row, col in seeds:
+            self._check(row, col, heading)
+        for row, col in cells:
+            self._check(row, col)
+        return Reached(*self._poses.reach(seeds, cells))
+
+    def _check(self, row: int, col: int, heading: int = 0) -> None:
+        height, width = self.shape
+        if not (0 <= row < height and 0 <= col < width and 0 <= heading < self._count):
+            raise IndexError("no such cell, or no such heading")
+
+
+def memory(shape: tuple[int, int], heading_count: int, extent: int) -> int:
+    """Return how many bytes a `ConfigurationSpace` and what can be reached take at most.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of the grid.
+    heading_count : int
+        K.
+    extent : int
+        Cells across the footprint, at most, in any heading.
+
+    Notes
+    -----
+    Without the cells that are blocked, of which the caller has one byte each, or a lazy layer.
+    """
+    if engine_name() == "compiled":
+        from mapdeal.kernels import compiled_configuration
+
+        return compiled_configuration.memory(shape, heading_count, extent)
+    return configuration_twin.memory(shape, heading_count, extent)
+
+
+class _OpenPoses(Protocol):
+    """What both engines make."""
+
+    headings: NDArray[np.uint8]
+
+    def at(self, row: int, col: int) -> NDArray[np.bool_]: ...
+    def reach(
+        self, seeds: Sequence[Pose], cells: Sequence[tuple[int, int]]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]: ...
+
+
+def _open_poses(blocked: Layer, footprints: Sequence[Spans]) -> _OpenPoses:
+    if engine_name() == "compiled":
+        from mapdeal.kernels import compiled_configuration
+
+        return compiled_configuration.OpenPoses(blocked, footprints)
+    return configuration_twin.OpenPoses(blocked, footprints)

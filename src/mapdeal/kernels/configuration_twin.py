@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels.blocks import Layer
 from mapdeal.kernels.groups import least_joined
-from mapdeal.kernels.spans import Indices, Spans
+from mapdeal.kernels.spans import Indices, Spans, halves
 
 Bits = NDArray[np.uint8]
 Labels = NDArray[np.int32]
@@ -34,13 +34,9 @@ class OpenPoses:
         self.shape = blocked.shape
         dilations = _Dilations(np.asarray(blocked))
         self._planes = [np.packbits(dilations.open_cells(spans), axis=1) for spans in footprints]
-
-    def counted(self) -> NDArray[np.uint8]:
-        """Return how many headings are open in each cell."""
-        counts = np.zeros(self.shape, dtype=np.uint8)
-        for k in range(len(self._planes)):
-            counts += self._plane(k)
-        return counts
+        self.headings = np.zeros(self.shape, dtype=np.uint8)
+        for k in self._all():
+            self.headings += self._plane(k)
 
     def at(self, row: int, col: int) -> Mask:
         """Return which headings are open in a cell, shape (K,)."""
@@ -104,6 +100,16 @@ class OpenPoses:
         return counts, np.concatenate(pairs, axis=1)
 
 
+def memory(shape: tuple[int, int], heading_count: int, extent: int) -> int:
+    """Return what `mapdeal.kernels.configuration_space.memory` does."""
+    height, width = shape
+    planes = heading_count * height * (width // 8 + 1)
+    dilations = height * width * (extent.bit_length() + 3)
+    # three headings' labels, and pairs of those that touch, which are sorted
+    labels = height * width * (3 * 4 + 3 * 8 + 6)
+    return planes + max(dilations, labels) + 2 * height * width
+
+
 class _Dilations:
     """Blocked cells, and for each power of two where such a run of cells has a blocked one."""
 
@@ -134,31 +140,6 @@ class _Dilations:
             step = 1 << (len(self._of_exponents) - 1)
             self._of_exponents.append(last[:, :-step] | last[:, step:])
         return self._of_exponents[exponent]
-
-
-def halves(spans: Spans) -> tuple[Indices, Indices, Indices]:
-    """Return two runs for each, as long as a power of two, that overlap and together are it.
-
-    Returns
-    -------
-    rows, starts, exponents : numpy.ndarray of int64, shape (N,)
-        A run whose length is such a power comes once.
-
-    Examples
-    --------
-    >>> spans = Spans(np.array([4, 5]), np.array([0, -1]), np.array([4, 4]))
-    >>> [column.tolist() for column in halves(spans)]
-    [[4, 5, 5], [0, -1, 0], [2, 2, 2]]
-    """
-    lengths = spans.stops - spans.starts
-    exponents = np.frexp(lengths.astype(np.float64))[1].astype(np.int64) - 1
-    second = np.flatnonzero(lengths != 1 << exponents)
-    others = (spans.stops - (1 << exponents))[second]
-    return (
-        np.concatenate([spans.rows, spans.rows[second]]),
-        np.concatenate([spans.starts, others]),
-        np.concatenate([exponents, exponents[second]]),
-    )
 
 
 def _held(starts: Indices, stops: Indices, size: int) -> slice:

@@ -46,6 +46,7 @@ def compiled_module() -> ModuleType | None:
         from mapdeal.kernels import (  # type: ignore[attr-defined,unused-ignore]
             _clearance_tree,  # noqa: F401 - whoever asks for the one may import the others
             _compiled,
+            _configuration_space,  # noqa: F401 - as above
             _rays,  # noqa: F401 - as above
         )
     except ImportError:

@@ -132,6 +132,31 @@ def enumerated(starts: Indices, stops: Indices) -> tuple[Indices, Indices]:
     return whose, np.arange(len(whose)) - before[whose] + starts[whose]
 
 
+def halves(spans: Spans) -> tuple[Indices, Indices, Indices]:
+    """Return two runs for each, as long as a power of two, that overlap and together are it.
+
+    Returns
+    -------
+    rows, starts, exponents : numpy.ndarray of int64, shape (N,)
+        A run whose length is such a power comes once.
+
+    Examples
+    --------
+    >>> spans = Spans(np.array([4, 5]), np.array([0, -1]), np.array([4, 4]))
+    >>> [column.tolist() for column in halves(spans)]
+    [[4, 5, 5], [0, -1, 0], [2, 2, 2]]
+    """
+    lengths = spans.stops - spans.starts
+    exponents = np.frexp(lengths.astype(np.float64))[1].astype(np.int64) - 1
+    second = np.flatnonzero(lengths != 1 << exponents)
+    others = (spans.stops - (1 << exponents))[second]
+    return (
+        np.concatenate([spans.rows, spans.rows[second]]),
+        np.concatenate([spans.starts, others]),
+        np.concatenate([exponents, exponents[second]]),
+    )
+
+
 def bands(starts: Indices, stops: Indices, height: int) -> Iterator[tuple[int, int]]:
     """Return ranges of rows that hold about `MOST_TOGETHER` rows of all given ranges each.
 
