@@ -50,11 +50,28 @@ def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> s
     cell : tuple of int
         Row and column.
     """
-    cells = np.argwhere(is_open)
-    if len(cells) == 0:
+    nearest = _nearest(is_open, cell)
+    if nearest is None:
         return "no cell of the map is open"
-    squares = ((cells - np.array(cell)) ** 2).sum(axis=1)
-    nearest = cells[int(np.argmin(squares))]
     x, y = frame.xy_from_rowcol([nearest])[0].round(6).tolist()
-    metres = math.sqrt(squares.min()) * frame.resolution
+    metres = math.dist(nearest, cell) * frame.resolution
     return f"the nearest open cell is {metres:.3g} m away, at {x + 0.0:.10g},{y + 0.0:.10g}"
+
+
+def _nearest(marked: NDArray[np.bool_], cell: Cell) -> Cell | None:
+    """Return the marked cell nearest to a cell, the first of several, row by row.
+
+    It is sought in a window that grows: a list of all marked cells would take much memory.
+    """
+    reach = 16
+    while True:
+        first = [max(at - reach, 0) for at in cell]
+        rows, cols = (slice(low, at + reach + 1) for low, at in zip(first, cell, strict=True))
+        found = np.argwhere(marked[rows, cols]) + first
+        squares = ((found - np.array(cell)) ** 2).sum(axis=1)
+        if len(found) and squares.min() <= reach * reach:
+            row, col = found[int(np.argmin(squares))].tolist()
+            return row, col
+        if reach >= max(marked.shape):
+            return None
+        reach *= 2
