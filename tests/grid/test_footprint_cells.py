@@ -2,7 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
+import shapely
+import shapely.affinity
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,6 +13,7 @@ import oracles
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.footprint_cells import footprint_spans
 from mapdeal.grid.frame import Frame
+from mapdeal.kernels.configuration_space import ConfigurationSpace
 
 RECTANGLE = ((0.45, 0.225), (0.45, -0.225), (-0.45, -0.225), (-0.45, 0.225))
 SHAPES = [
@@ -90,3 +94,124 @@ def test_of_a_footprint_larger_than_the_grid_there_are_corners_alone(resolution)
         assert (
             spans.rows.max() - spans.rows.min() >= 19 or max(spans.stops) - min(spans.starts) > 12
         )
+
+
+ACROSS = np.arange(-45, 46)
+X, Y = np.meshgrid(ACROSS, ACROSS)
+SQUARES = shapely.box(X - 0.5, Y - 0.5, X + 0.5, Y + 0.5)
+
+
+def touched(polygon):
+    """Of the cells around (0, 0), those whose squares a polygon touches."""
+    shapely.prepare(polygon)
+    return shapely.intersects(polygon, SQUARES)
+
+
+def turned(corners, turn, resolution):
+    """The polygon in cells, turned exactly."""
+    polygon = shapely.Polygon(np.array(corners) / resolution)
+    return shapely.affinity.rotate(polygon, turn, origin=(0, 0), use_radians=True)
+
+
+@pytest.mark.parametrize(
+    ("length", "width", "resolution", "yaw"),
+    [(0.9, 0.45, 0.05, 0.0), (0.83, 0.41, 0.0504, 0.1), (1.5, 1.1, 0.05, -0.4)],
+)
+def test_a_rectangle_in_72_headings_is_the_exact_one_but_for_a_cell(length, width, resolution, yaw):
+    """Corners move by up to half a cell, and lines by another; cells are squares."""
+    corners = [(sx * length / 2, sy * width / 2) for sx, sy in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
+    frame = Frame(500, 400, resolution, (1.5, -2.0, yaw))
+    for k, spans in enumerate(footprint_spans(Footprint.polygon(corners), frame, 72)):
+        cells = np.zeros(X.shape, dtype=bool)
+        for col, row in drawn(spans):
+            cells[row + 45, col + 45] = True
+        exact = turned(corners, 2 * math.pi * k / 72 - yaw, resolution)
+        assert not (cells & ~touched(exact.buffer(1, join_style="mitre"))).any()
+        assert not (touched(exact.buffer(-1, join_style="mitre")) & ~cells).any()
+
+
+@pytest.mark.parametrize("every", [14, pytest.param(1, marks=pytest.mark.thorough)])
+def test_poses_are_open_where_exact_geometry_is_clear_but_for_a_cell(every):
+    rng = np.random.default_rng(7)
+    blocked = rng.random((40, 51)) < 0.003
+    frame = Frame(*blocked.shape, 0.05, (1.5, -2.0, 0.4))
+    space = ConfigurationSpace(blocked, footprint_spans(Footprint.polygon(RECTANGLE), frame, 72))
+    rows, cols = np.nonzero(np.pad(blocked, 1, constant_values=True))
+    obstacles = shapely.union_all(shapely.box(cols - 1.5, rows - 1.5, cols - 0.5, rows - 0.5))
+    shapely.prepare(obstacles)
+    opened = np.array([[space.open_headings(*at) for at in row] for row in _cells_of(blocked)])
+    differing = 0
+    for k in range(0, 72, every):
+        exact = turned(RECTANGLE, 2 * math.pi * k / 72 - 0.4, 0.05)
+        clear = [
+            ~shapely.intersects(obstacles, _at_all(exact.buffer(by, join_style="mitre"), blocked))
+            for by in (1, 0, -1)
+        ]
+        assert not (clear[0] & ~opened[:, :, k]).any()
+        assert not (opened[:, :, k] & ~clear[2]).any()
+        assert clear[0].any()
+        assert not clear[2].all()
+        differing += int((clear[1] != opened[:, :, k]).sum())
+    assert differing > 0  # so that the cell more or less is not for nothing
+
+
+def _cells_of(grid):
+    return [[(row, col) for col in range(grid.shape[1])] for row in range(grid.shape[0])]
+
+
+def _at_all(polygon, grid):
+    """The polygon around the middle of each cell."""
+    return np.array(
+        [
+            [shapely.affinity.translate(polygon, col, row) for row, col in at]
+            for at in _cells_of(grid)
+        ]
+    )
+
+
+LENGTHWISE, CROSSWISE, BACKWARDS = 4, 22, 40
+
+
+def two_rooms(corridor):
+    """Rooms of 1.5 m x 1.5 m and a corridor between, so many cells wide, 2 m long."""
+    free = np.zeros((34, 104), dtype=bool)
+    free[2:32, 2:32] = free[2:32, 72:102] = True
+    low = 17 - corridor // 2
+    free[low : low + corridor, 32:72] = True
+    # yaw of 20 degrees, four headings of 72
+    frame = Frame(*free.shape, 0.05, (1.5, -2.0, math.radians(20)))
+    robot = Footprint.polygon(RECTANGLE)
+    return free, ConfigurationSpace(~free, footprint_spans(robot, frame, 72))
+
+
+@pytest.mark.parametrize(
+    ("corridor", "is_passed"), [(9, False), (10, True), (12, True), (17, True)]
+)
+def test_a_robot_passes_lengthwise_where_it_cannot_turn(corridor, is_passed):
+    """0.9 m x 0.45 m covers 10 cells across; a corridor of 0.6 m has 12."""
+    _, space = two_rooms(corridor)
+    room, middle, other = (17, 17), (16, 52), (17, 87)
+    assert space.open_headings(*room).all()
+    opened = space.open_headings(*middle)
+    assert opened[LENGTHWISE] == opened[BACKWARDS] == is_passed
+    assert not opened[CROSSWISE]
+    assert space.headings[middle] == opened.sum() < 36
+    found = space.reach([(CROSSWISE, *room)], [middle, other])
+    assert found.reachable[other] == found.reachable[middle] == is_passed
+    assert found.headings[1].all() == found.headings[1].any() == is_passed
+    np.testing.assert_array_equal(found.headings[0], opened)  # it turned before it went in
+
+
+def test_a_robot_that_starts_in_a_corridor_cannot_turn_there():
+    free, space = two_rooms(12)
+    closed = ~free
+    closed[:, [33, 70]] = True  # shut behind it, and in front
+    frame = Frame(*free.shape, 0.05, (1.5, -2.0, math.radians(20)))
+    shut = ConfigurationSpace(closed, footprint_spans(Footprint.polygon(RECTANGLE), frame, 72))
+    middle = (16, 52)
+    there = shut.reach([(LENGTHWISE, *middle)], [middle]).headings[0]
+    back = shut.reach([(BACKWARDS, *middle)], [middle]).headings[0]
+    assert there[LENGTHWISE]
+    assert not there[BACKWARDS]
+    assert not (there & back).any()
+    np.testing.assert_array_equal(there | back, space.open_headings(*middle))
