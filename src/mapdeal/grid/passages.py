@@ -1,0 +1,390 @@
+"""Which narrow places of a map matter to a robot, and where they are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.coordinates import Point
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.reach import Bottleneck, Passage, width_of
+from mapdeal.kernels.gaps import gap_at
+from mapdeal.kernels.meetings import joined, sums_behind
+from mapdeal.kernels.squares import SquaredDistances, unreachable
+from mapdeal.kernels.threads import for_rows
+
+if TYPE_CHECKING:
+    from mapdeal.kernels.clearance_tree import ClearanceTree, RootedTree
+
+DEFAULT_MARGIN = 0.1
+"""Of radius, metres: a robot that is larger by as much would be stopped."""
+
+DEFAULT_MIN_AREA = 1.0
+"""Square metres on each side of a passage."""
+
+Cell = tuple[int, int]
+
+
+class OpenRegion(NamedTuple):
+    """An area in which a robot gets everywhere: its widest place and its size."""
+
+    x: float
+    """Metres in the map frame, as `y`."""
+    y: float
+    area: float
+    """Square metres of the cells that its centre can stand in."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clearances:
+    """The clearance tree of a map, with all that is needed to say it in metres.
+
+    Parameters
+    ----------
+    tree : ClearanceTree
+        Of `squared` and the cells that ways may use.
+    squared : numpy.ndarray of int32 or int64, shape (H, W)
+        Squared distance of each cell to the nearest obstacle, in cells.
+    frame : Frame
+        The map's geometry.
+    """
+
+    tree: ClearanceTree
+    squared: SquaredDistances
+    frame: Frame
+
+    @property
+    def cell_area(self) -> float:
+        """Square metres of a cell."""
+        return self.frame.resolution * self.frame.resolution
+
+    def metres(self, squares: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the distances of squares, +inf for "no obstacle"."""
+        metres: NDArray[np.float64] = np.sqrt(squares.astype(np.float64))
+        metres *= self.frame.resolution
+        metres[squares == unreachable(self.squared)] = math.inf
+        return metres
+
+    def areas(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return how many square metres of a mask lie in each basin."""
+        counts = _counts(self.tree.basins, mask, len(self.tree.peaks))
+        return counts.astype(np.float64) * self.cell_area
+
+    def gap(self, edge: int) -> tuple[Point, Point]:
+        """Return the ends of the gap that an edge leads through."""
+        row, col = divmod(int(self.tree.cells[edge]), self.frame.width)
+        ends = gap_at(self.squared, self.tree.basins, (row, col))
+        first, second = self.frame.xy_from_rowcol(ends).tolist()
+        return (first[0], first[1]), (second[0], second[1])
+
+
+def passages(
+    clearances: Clearances,
+    is_open: NDArray[np.bool_],
+    start: Cell,
+    *,
+    radius: float,
+    margin: float = DEFAULT_MARGIN,
+    min_area: float = DEFAULT_MIN_AREA,
+    circumscribed_radius: float | None = None,
+    is_reached: NDArray[np.bool_] | None = None,
+) -> tuple[Passage, ...]:
+    """Return the passages that stop a robot, or all but stop it, the narrowest first.
+
+    Parameters
+    ----------
+    clearances : Clearances
+        How wide the ways of the map are.
+    is_open : numpy.ndarray of bool, shape (H, W)
+        Where the robot's centre can stand in some heading.
+    start : tuple of int
+        Row and column of its start, a cell that ways may use.
+    radius : float
+        Of the largest circle around its centre that the robot covers, metres.
+    margin : float
+        A passage all but stops the robot if it would stop one whose radius is larger by as much,
+        metres.
+    min_area : float
+        What there must be on both sides of a passage, square metres: of open cells that are
+        connected without it. The start's side may be smaller.
+    circumscribed_radius : float, optional
+        Of the smallest circle around its centre that covers the robot, metres. Up to here it may
+        be stopped if it is not round.
+    is_reached : numpy.ndarray of bool, shape (H, W), optional
+        Where its centre gets to, of a robot that is not round.
+
+    Returns
+    -------
+    tuple of Passage
+        One for each two areas between which there is a way: the narrowest place of the widest
+        way. Areas without any way have none.
+    """
+    tree = clearances.tree
+    root = int(tree.basins[start])
+    if root < 0 or not len(tree.squares):
+        return ()
+    edge_radii, peak_radii = clearances.metres(tree.squares), clearances.metres(tree.peaks)
+    areas = clearances.areas(is_open)
+    limits = [(radius, -math.inf), (radius + margin, radius)]
+    if is_reached is not None and circumscribed_radius is not None:
+        limits.append((max(circumscribed_radius, radius + margin), radius + margin))
+    found = [
+        _meetings(tree, edge_radii, peak_radii, areas, root, wide, narrow, min_area)
+        for wide, narrow in limits
+        if wide > narrow
+    ]
+    edges = np.concatenate(found)
+    values = areas[:, np.newaxis]
+    if is_reached is not None:
+        values = np.column_stack([areas, clearances.areas(is_reached)])
+    behind, near = _behind(tree, edges, root, values)
+    is_passed = edge_radii[edges] > radius
+    is_kept = behind[:, 0] > 0  # nan: there is no way
+    if is_reached is not None:
+        is_passed = behind[:, 1] >= np.minimum(min_area, behind[:, 0] / 2)
+        is_kept &= (edge_radii[edges] <= radius + margin) | (~is_passed & (near[:, 1] > 0))
+    made = [
+        _passage(clearances, int(edge), float(area), passed)
+        for edge, area, passed in zip(
+            edges[is_kept], behind[is_kept, 0], is_passed[is_kept].tolist(), strict=True
+        )
+    ]
+    return tuple(sorted(made, key=lambda one: (one.width, -one.cut_off, one.ends)))
+
+
+def open_regions(
+    grid: OccupancyGrid, radius: float, min_area: float = DEFAULT_MIN_AREA
+) -> list[OpenRegion]:
+    """Return the areas of a map in each of which a round robot gets everywhere.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map; ways lead over free cells.
+    radius : float
+        The robot's radius, metres.
+    min_area : float
+        Square metres; smaller ones are left out.
+
+    Returns
+    -------
+    list of OpenRegion
+        The largest first.
+    """
+    clearances, is_open = _clearances_of(grid, radius)
+    areas, basins = _regions(clearances, is_open, radius)
+    basins = basins[areas[basins] >= min_area]
+    cells = np.unravel_index(clearances.tree.peak_cells[basins], grid.shape)
+    places = grid.frame.xy_from_rowcol(np.stack(cells, axis=1)).tolist()
+    return [
+        OpenRegion(x, y, area)
+        for (x, y), area in zip(places, areas[basins].tolist(), strict=True)
+    ]  # fmt: skip
+
+
+def disconnected(
+    grid: OccupancyGrid, radius: float, min_area: float = DEFAULT_MIN_AREA
+) -> list[Passage]:
+    """Return the passages that stop a round robot on its way from the largest area of a map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map; ways lead over free cells.
+    radius : float
+        The robot's radius, metres.
+    min_area : float
+        What there must be on both sides, square metres, as of `passages`.
+
+    Returns
+    -------
+    list of Passage
+        The narrowest first; all of them are closed.
+    """
+    clearances, is_open = _clearances_of(grid, radius)
+    _, basins = _regions(clearances, is_open, radius)
+    if not len(basins):
+        return []
+    start = divmod(int(clearances.tree.peak_cells[basins[0]]), grid.frame.width)
+    return list(passages(clearances, is_open, start, radius=radius, margin=0.0, min_area=min_area))
+
+
+def bottleneck_on_way(
+    clearances: Clearances, rooted: RootedTree, start: Cell, goal: Cell
+) -> Bottleneck | None:
+    """Return the narrowest place of the widest way from the start to a goal.
+
+    Parameters
+    ----------
+    clearances : Clearances
+        How wide the ways of the map are.
+    rooted : RootedTree
+        Its tree, seen from the start's basin.
+    start, goal : tuple of int
+        Row and column of cells in the grid.
+
+    Returns
+    -------
+    Bottleneck or None
+        A passage where one is as narrow as the start and the goal themselves; of several that are
+        equally narrow the one nearest to the goal. None where nothing limits the way, or there is
+        none.
+    """
+    tree, squared = clearances.tree, clearances.squared
+    basin = int(tree.basins[goal])
+    if basin < 0 or rooted.bottlenecks[basin] < 0:
+        return None
+    at_start, at_goal, on_way = (
+        int(square) for square in (squared[start], squared[goal], rooted.bottlenecks[basin])
+    )
+    square = min(at_start, at_goal, on_way)
+    resolution = clearances.frame.resolution
+    if square == unreachable(squared):
+        return None
+    width = width_of(square, resolution)
+    edge = _first_edge(tree, rooted, basin, square)
+    if edge is not None:
+        x, y = _middle(clearances.gap(edge))
+        return Bottleneck(x, y, width, "passage")
+    place = start if at_start == square else goal
+    x, y = clearances.frame.xy_from_rowcol([place])[0].tolist()
+    return Bottleneck(x, y, width, "start" if at_start == square else "goal")
+
+
+def _first_edge(tree: ClearanceTree, rooted: RootedTree, basin: int, square: int) -> int | None:
+    """Return the first edge on the way to the root that is as narrow as a square."""
+    while (edge := int(rooted.parent_edges[basin])) >= 0:
+        if tree.squares[edge] <= square:
+            return edge
+        basin = int(tree.one[edge]) + int(tree.other[edge]) - basin
+    return None
+
+
+def _meetings(
+    tree: ClearanceTree,
+    edge_radii: NDArray[np.float64],
+    peak_radii: NDArray[np.float64],
+    areas: NDArray[np.float64],
+    root: int,
+    wide: float,
+    narrow: float,
+    min_area: float,
+) -> NDArray[np.intp]:
+    """Return the edges at which large regions meet, above `narrow` and up to `wide`.
+
+    A region is what is connected by wider edges; that of the root may be small.
+    """
+    first, end = (_first_not_above(edge_radii, limit) for limit in (wide, narrow))
+    labels, _ = joined(len(areas), tree.one[:first], tree.other[:first])
+    is_large = np.bincount(labels, areas, minlength=len(areas)) >= min_area
+    is_large[labels[root]] = True
+    is_large &= peak_radii > wide
+    narrower = slice(first, end)
+    _, edges = joined(
+        len(areas), labels[tree.one[narrower]], labels[tree.other[narrower]], is_large
+    )
+    return first + edges
+
+
+def _behind(
+    tree: ClearanceTree, edges: NDArray[np.intp], root: int, values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the sum of what lies behind each of some edges, and what is right before it."""
+    is_other = np.ones(len(tree.one), dtype=np.bool_)
+    is_other[edges] = False
+    labels, _ = joined(len(values), tree.one[is_other], tree.other[is_other])
+    ends = labels[np.array([tree.one[edges], tree.other[edges], np.full(len(edges), root)])]
+    used, ends = np.unique(ends, return_inverse=True)
+    ends = ends.reshape(3, -1)
+    sums = np.column_stack(
+        [np.bincount(labels, column, minlength=len(values))[used] for column in values.T]
+    )
+    if not len(edges):
+        return sums[:0], sums[:0]
+    behind, near, _ = sums_behind(ends[0], ends[1], int(ends[2, 0]), sums)
+    return behind, sums[near]
+
+
+def _passage(clearances: Clearances, edge: int, cut_off: float, is_open: bool) -> Passage:
+    ends = clearances.gap(edge)
+    x, y = _middle(ends)
+    width = width_of(int(clearances.tree.squares[edge]), clearances.frame.resolution)
+    return Passage(x, y, width, cut_off, is_open, ends)
+
+
+def _middle(ends: tuple[Point, Point]) -> Point:
+    (x, y), (other_x, other_y) = ends
+    return (x + other_x) / 2, (y + other_y) / 2
+
+
+def _first_not_above(falling: NDArray[np.float64], limit: float) -> int:
+    return int(np.searchsorted(-falling, -limit, side="left"))
+
+
+def _clearances_of(grid: OccupancyGrid, radius: float) -> tuple[Clearances, NDArray[np.bool_]]:
+    """Return how wide the ways over the free cells of a map are, and where a robot fits."""
+    from mapdeal.kernels.clearance_tree import clearance_tree
+    from mapdeal.kernels.distance import squared_distance
+
+    occupied = grid.occupied()
+    squared = squared_distance(occupied)
+    is_free = ~(occupied | grid.unknown())
+    clearances = Clearances(clearance_tree(squared, is_free), squared, grid.frame)
+    return clearances, is_free & _is_wider(squared, radius, grid.resolution)
+
+
+def _regions(
+    clearances: Clearances, is_open: NDArray[np.bool_], radius: float
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the area that each basin's region has, and one basin for each, the largest first.
+
+    A region's basin is the one with its widest place.
+    """
+    tree = clearances.tree
+    end = _first_not_above(clearances.metres(tree.squares), radius)
+    labels, _ = joined(len(tree.peaks), tree.one[:end], tree.other[:end])
+    own = clearances.areas(is_open)
+    areas: NDArray[np.float64] = np.bincount(labels, own, len(labels))[labels].astype(np.float64)
+    order = np.lexsort((-tree.peaks, labels))
+    widest = order[np.flatnonzero(np.diff(labels[order], prepend=-1))]
+    widest = widest[areas[widest] > 0]
+    return areas, widest[np.lexsort((widest, -areas[widest]))]
+
+
+def _is_wider(squared: SquaredDistances, radius: float, resolution: float) -> NDArray[np.bool_]:
+    """Return where a round robot fits, by the rule of costs: the distance is above its radius."""
+    highest = _highest_closed(radius, resolution, unreachable(squared) - 1)
+    return squared > highest
+
+
+def _highest_closed(radius: float, resolution: float, most: int) -> int:
+    """Return the largest square whose distance is not above a radius, `most` at most."""
+    square = int(min((radius / resolution) ** 2 + 1, most))
+    while square >= 0 and np.sqrt(np.float64(square)) * resolution > radius:
+        square -= 1
+    return square
+
+
+def _counts(basins: NDArray[np.int32], mask: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
+    """Return how many cells of a mask lie in each basin."""
+    from threading import Lock
+
+    counts = np.zeros(count, dtype=np.int64)
+    lock = Lock()
+
+    def add(rows: slice) -> None:
+        inside = basins[rows][mask[rows]]
+        if not len(inside):
+            return
+        first = int(inside.min())  # basins are numbered by rows: those of a few are near together
+        found = np.bincount(inside - first)
+        with lock:
+            counts[first : first + len(found)] += found
+
+    for_rows(add, basins.shape)
+    return counts

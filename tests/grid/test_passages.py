@@ -1,0 +1,440 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from conftest import SHARED
+from drawn import cells
+from mapdeal import OccupancyGrid, read_map
+from mapdeal.grid.passages import (
+    Clearances,
+    bottleneck_on_way,
+    disconnected,
+    open_regions,
+    passages,
+)
+from mapdeal.kernels.clearance_tree import clearance_tree, rooted
+from mapdeal.kernels.distance import squared_distance
+
+RESOLUTION, ORIGIN = 0.07, (3.0, -2.0, 0.4)
+
+
+def clearances_of(grid):
+    occupied = grid.occupied()
+    squared = squared_distance(occupied)
+    return Clearances(clearance_tree(squared, ~occupied & ~grid.unknown()), squared, grid.frame)
+
+
+def open_cells(clearances, radius):
+    distance = np.sqrt(clearances.squared.astype(float)) * clearances.frame.resolution
+    return (clearances.tree.basins >= 0) & (distance > radius)
+
+
+def found(grid, start, radius, **rest):
+    clearances = clearances_of(grid)
+    return passages(clearances, open_cells(clearances, radius), start, radius=radius, **rest)
+
+
+def flooded(is_open, start):
+    """Return the cells that straight steps over open ones get to."""
+    labels, _ = ndimage.label(is_open)
+    return is_open & (labels == labels[start])
+
+
+def climbed(squared, is_traversable, cell):
+    """Return the top of the hill that a cell lies on, by the steepest steps; ties by index."""
+    while True:
+        row, col = cell
+        around = [
+            (squared[place], place)
+            for place in (cell, (row - 1, col), (row, col - 1), (row, col + 1), (row + 1, col))
+            if 0 <= place[0] < squared.shape[0]
+            and 0 <= place[1] < squared.shape[1]
+            and is_traversable[place]
+        ]
+        _, highest = max(around)
+        if highest == cell:
+            return cell
+        cell = highest
+
+
+def rooms(*doors, thickness=1, side=21):
+    """Return rooms in a row, each `side` cells wide, with a door of so many cells between them.
+
+    0 is a wall without a door.
+    """
+    occupancy = np.full((side + 2, 1 + (len(doors) + 1) * (side + thickness)), 100, dtype=np.int8)
+    for index in range(len(doors) + 1):
+        left = 1 + index * (side + thickness)
+        occupancy[1:-1, left : left + side] = 0
+        if index:
+            first = 5
+            occupancy[first : first + doors[index - 1], left - thickness : left] = 0
+    return OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
+
+
+@pytest.mark.parametrize("thickness", [1, 2, 5])
+@pytest.mark.parametrize("door", [3, 4])
+def test_a_closed_door_is_where_it_is_and_cuts_off_the_room_behind(door, thickness):
+    grid = rooms(door, thickness=thickness)
+    radius = 0.2  # 2.9 cells; the doors have 2 cells on each side of their middle
+    (passage,) = found(grid, (3, 3), radius)
+    assert not passage.is_open
+    assert passage.width == pytest.approx(2 * 2 * RESOLUTION)
+    # rows 4 and 5 + door are obstacles; so is the middle column of the wall, or one of two
+    ends = grid.frame.continuous_rowcol_from_xy(passage.ends) - 0.5
+    assert ends[:, 0] == pytest.approx([4, 5 + door])
+    assert ends[:, 1] == pytest.approx([ends[0, 1]] * 2)
+    assert abs(ends[0, 1] - (22 + (thickness - 1) / 2)) <= 0.51
+    assert (passage.x, passage.y) == pytest.approx(tuple(np.mean(passage.ends, axis=0)))
+    # 21 cells less 2 that are too near on each side; a bulge before the door of thin walls
+    behind = flooded(open_cells(clearances_of(grid), radius), (10, grid.shape[1] - 10))
+    assert behind.sum() >= 17 * 17
+    assert passage.cut_off == pytest.approx(behind.sum() * RESOLUTION**2)
+
+
+def test_a_door_is_open_below_half_its_width_and_tight_up_to_a_margin():
+    grid = rooms(7)  # four cells to each side
+    half = 4 * RESOLUTION
+    for radius, margin, told in (
+        (half + 1e-6, 0.1, [False]),
+        (half, 0.1, [False]),
+        (half - 1e-6, 0.1, [True]),
+        (half - 0.1, 0.1, [True]),
+        (half - 0.1 - 1e-6, 0.1, []),
+        (half - 0.1 - 1e-6, 0.11, [True]),
+        (0.0, 0.1, []),
+    ):
+        assert [
+            one.is_open for one in found(grid, (3, 3), radius, margin=margin, min_area=0.5)
+        ] == told
+
+
+def test_passages_are_told_the_narrowest_first_with_all_that_lies_behind():
+    grid = rooms(5, 3, 7)
+    radius = 0.3
+    told = found(grid, (3, 3), radius, min_area=0.5)
+    assert [one.width for one in told] == pytest.approx([k * 2 * RESOLUTION for k in (2, 3, 4)])
+    assert [one.is_open for one in told] == [False] * 3
+    is_open = open_cells(clearances_of(grid), radius)
+    sizes = [is_open[:, first : first + 22].sum() for first in (0, 22, 44, 66)]
+    assert sum(sizes) == is_open.sum()
+    behind = [sum(sizes[2:]), sum(sizes[1:]), sizes[3]]
+    assert [one.cut_off for one in told] == pytest.approx([n * RESOLUTION**2 for n in behind])
+    seen_from_the_end = found(grid, (3, 80), radius, min_area=0.5)
+    assert [one.width for one in seen_from_the_end] == [one.width for one in told]
+    assert [one.ends for one in seen_from_the_end] == [one.ends for one in told]
+    cut_off = [sum(sizes[:2]), sizes[0], sum(sizes[:3])]
+    assert [one.cut_off for one in seen_from_the_end] == pytest.approx(
+        [n * RESOLUTION**2 for n in cut_off]
+    )
+
+
+def test_a_room_without_a_door_has_no_passage():
+    assert found(rooms(0), (3, 3), 0.2) == ()
+    assert [one.width for one in found(rooms(0, 3), (3, 30), 0.2)] == pytest.approx([0.28])
+    assert found(rooms(0, 3), (3, 3), 0.2) == ()
+
+
+def test_of_two_doors_into_a_room_the_wider_one_counts():
+    grid = rooms(3)
+    occupancy = grid.occupancy.copy()
+    occupancy[13:18, 22] = 0
+    (passage,) = found(OccupancyGrid(occupancy, RESOLUTION, ORIGIN), (3, 3), 0.25)
+    assert passage.width == pytest.approx(2 * 3 * RESOLUTION)
+    row, col = grid.frame.continuous_rowcol_from_xy([(passage.x, passage.y)])[0]
+    assert (row, col) == pytest.approx((15.5, 22.5))
+
+
+def test_what_is_too_small_on_either_side_is_no_passage_but_for_the_start():
+    grid = rooms(3, side=9)
+    radius = 0.2
+    own = open_cells(clearances_of(grid), radius)[:, :10].sum() * RESOLUTION**2
+    assert own == pytest.approx(25 * RESOLUTION**2)
+    assert len(found(grid, (4, 4), radius, min_area=own)) == 1
+    assert found(grid, (4, 4), radius, min_area=own * 1.01) == ()
+    occupancy = grid.occupancy.copy()
+    occupancy[1:-1, 1:4] = 100  # the start's side is smaller than the area asked for
+    smaller = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
+    assert len(found(smaller, (4, 6), radius, min_area=own)) == 1
+    assert found(smaller, (4, 16), radius, min_area=own) == ()
+
+
+def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through():
+    grid = rooms(7, 7, 5)
+    radius, around = 0.15, 0.4  # doors of 4, 4 and 3 cells to each side: 0.28, 0.28, 0.21 m
+    clearances = clearances_of(grid)
+    is_open = open_cells(clearances, radius)
+
+    def told(reached):
+        is_reached = np.zeros(grid.shape, dtype=bool)
+        is_reached[:, :reached] = is_open[:, :reached]
+        return [
+            (round(one.width / RESOLUTION / 2), one.is_open)
+            for one in passages(
+                clearances, is_open, (3, 3), radius=radius, circumscribed_radius=around,
+                is_reached=is_reached,
+            )
+        ]  # fmt: skip
+
+    # Only what is within the margin is told where it gets through,
+    assert told(88) == [(3, True)]
+    # and of what it does not get through only what it stands before.
+    assert told(66) == [(3, False)]
+    assert told(44) == [(3, False), (4, False)]
+    assert told(22) == [(3, False), (4, False)]
+
+
+def test_nothing_that_limits_has_no_passages():
+    grid = OccupancyGrid(np.zeros((9, 14), np.int8), RESOLUTION, ORIGIN)
+    assert found(grid, (3, 3), 0.2) == ()
+    assert disconnected(grid, 0.2, 0.1) == []
+    assert disconnected(OccupancyGrid(np.full((9, 14), 100, np.int8), RESOLUTION), 0.2) == []
+    grid = OccupancyGrid(np.full((9, 14), 100, np.int8), RESOLUTION, ORIGIN)
+    assert found(grid, (3, 3), 0.2) == ()
+
+
+def test_areas_of_a_map_that_a_robot_does_not_get_between():
+    grid = rooms(3, 7, 0)
+    radius = 0.2
+    assert [one.width for one in disconnected(grid, radius)] == pytest.approx([4 * RESOLUTION])
+    regions = open_regions(grid, radius)
+    is_open = open_cells(clearances_of(grid), radius)
+    sizes = [is_open[:, 22:66].sum(), is_open[:, 66:].sum(), is_open[:, :22].sum()]
+    assert sizes[0] > 2 * 17 * 17
+    assert [one.area for one in regions] == pytest.approx(
+        sorted((n * RESOLUTION**2 for n in sizes), reverse=True)
+    )
+    places = grid.frame.bounded_rowcol_from_xy([one[:2] for one in regions])[0]
+    assert [is_open[tuple(place)] for place in places] == [True] * 3
+    assert len(open_regions(grid, radius, regions[0].area)) == 1
+    assert open_regions(grid, 2.0) == []
+
+
+@st.composite
+def heights(draw):
+    """Any order of cells by height; some are closed. Not distances: none are equal."""
+    height, width = draw(st.integers(1, 9)), draw(st.integers(1, 9))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    squared = rng.permutation(height * width).reshape(height, width).astype(np.int32) + 1
+    closed = rng.random((height, width)) < draw(st.sampled_from([0, 0.1, 0.4]))
+    return squared, ~closed
+
+
+def brute(squared, is_open, is_traversable, start, radius, margin, min_cells):
+    """Return the passages by adding cells one by one, the highest first: (square, cells behind).
+
+    And whether there is one answer: not if a cell is the highest between the hill that it belongs
+    to and two others that are joined already, since then it may join it to either.
+
+    The areas are joined as rings of a tree; what is behind a passage is found by walking there.
+    """
+    order = sorted(
+        (tuple(cell) for cell in np.argwhere(is_traversable).tolist()), key=lambda c: -squared[c]
+    )
+    told = []
+    start = climbed(squared, is_traversable, start)
+    is_certain = True
+    hills = {
+        cell: climbed(squared, is_traversable, cell)
+        for cell in map(tuple, np.argwhere(is_open).tolist())
+    }
+    for wide, narrow in ((radius, -1.0), (radius + margin, radius)):
+        # what is connected by cells that are wider, and large enough
+        wider = is_traversable & (np.sqrt(squared) > wide)
+        large = set()
+        for cell in map(tuple, np.argwhere(wider).tolist()):
+            area = flooded(wider, cell)
+            if sum(area[hill] for hill in hills.values()) >= min_cells or area[start]:
+                large.add(frozenset(map(tuple, np.argwhere(area).tolist())))
+        group = {}
+        links = []  # of cells that joined two groups
+        for cell in order:
+            row, col = cell
+            group[cell] = {cell}
+            # a cell belongs to its highest neighbour, and joins others to that
+            places = ((row + 1, col), (row - 1, col), (row, col + 1), (row, col - 1))
+            places = sorted((p for p in places if p in group), key=lambda p: -squared[p])
+            others = [id(group[p]) for p in places[1:] if group[p] is not group[places[0]]]
+            is_certain &= len(others) == len(set(others))
+            for place in places:
+                if group[place] is group[cell]:
+                    continue
+                sides = [group[cell], group[place]]
+                is_meeting = all(any(one <= side for one in large) for side in sides)
+                within = narrow < math.sqrt(squared[cell]) <= wide
+                links.append((cell, place, is_meeting and within))
+                both = sides[0] | sides[1]
+                for member in both:
+                    group[member] = both
+        for index, (cell, _, is_meeting) in enumerate(links):
+            if not is_meeting or start not in group or group[cell] is not group[start]:
+                continue
+            tree = {}
+            for other, (a, b, _) in enumerate(links):
+                if other != index:
+                    tree.setdefault(a, []).append(b)
+                    tree.setdefault(b, []).append(a)
+            ahead, waiting = {start}, [start]
+            while waiting:
+                for near in tree.get(waiting.pop(), ()):
+                    if near not in ahead:
+                        ahead.add(near)
+                        waiting.append(near)
+            behind = [one for one in group[start] if one not in ahead and is_open[one]]
+            if behind:
+                told.append((int(squared[cell]), len(behind)))
+    return sorted(told), is_certain
+
+
+@settings(max_examples=150)
+@given(heights(), st.floats(0, 9), st.sampled_from([0.0, 0.7, 3.0]), st.integers(1, 12), st.data())
+def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, data):
+    squared, is_traversable = drawn
+    if not is_traversable.any():
+        return
+    places = [tuple(cell) for cell in np.argwhere(is_traversable).tolist()]
+    start = data.draw(st.sampled_from(places))
+    grid = OccupancyGrid(np.zeros(squared.shape, np.int8), 1.0)
+    clearances = Clearances(clearance_tree(squared, is_traversable), squared, grid.frame)
+    is_open = is_traversable & (np.sqrt(squared) > radius)
+    told = passages(
+        clearances, is_open, start, radius=radius, margin=margin, min_area=float(min_cells)
+    )
+    expected, is_certain = brute(squared, is_open, is_traversable, start, radius, margin, min_cells)
+    squares = [round((one.width / 2) ** 2) for one in told]
+    assert sorted(squares) == [square for square, _ in expected]
+    if is_certain:
+        behind = [round(one.cut_off) for one in told]
+        assert sorted(zip(squares, behind, strict=True)) == expected
+    assert [one.width for one in told] == sorted(one.width for one in told)
+    assert all(one.is_open == (one.width / 2 > radius) for one in told)
+
+
+def split_by(grid, passage, start, radius, min_area):
+    """Assert that a robot a hair narrower than a passage passes, and one a hair wider does not."""
+    clearances = clearances_of(grid)
+    resolution = grid.resolution
+    distance = np.sqrt(clearances.squared.astype(float)) * resolution
+    is_traversable = clearances.tree.basins >= 0
+    width = passage.width
+    start = climbed(clearances.squared, is_traversable, start)
+    row, col = grid.frame.continuous_rowcol_from_xy([(passage.x, passage.y)])[0].astype(int)
+    near = np.argwhere(abs(distance - width / 2) < 1e-9)
+    away = np.hypot(*(near - (row, col)).T)
+    cell = tuple(near[np.argmin(away)])
+    assert away.min() <= 2.5
+    narrower = flooded(is_traversable & (distance > width / 2 - 1e-6), cell)
+    wider = narrower & (distance > width / 2 + 1e-6)
+    is_open = distance > radius
+    sides = 0
+    left = wider.copy()
+    while left.any():
+        side = flooded(wider, tuple(np.argwhere(left)[0]))
+        left &= ~side
+        hills = np.isin(clearances.tree.basins, np.unique(clearances.tree.basins[side]))
+        sides += (hills & is_open).sum() * resolution**2 >= min_area - 1e-9 or side[start]
+    assert sides >= 2
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.1, 0.15, 0.25]))
+@settings(max_examples=25)
+def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radius):
+    rng = np.random.default_rng(seed)
+    occupancy = np.where(rng.random((30, 43)) < 0.04, 100, 0).astype(np.int8)
+    occupancy[:, 20] = np.where(rng.random(30) < 0.8, 100, 0)
+    grid = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
+    free = np.argwhere(occupancy == 0)
+    start = tuple(free[rng.integers(len(free))].tolist())
+    for passage in found(grid, start, radius, min_area=0.1):
+        split_by(grid, passage, start, radius, 0.1)
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="needs the shared data")
+@pytest.mark.parametrize(
+    ("name", "count", "closed"),
+    [
+        pytest.param(
+            "mit-racecar__racecar_simulator/maps/building_31", 12, 8, marks=pytest.mark.thorough
+        ),
+        ("turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10", 9, 4),
+        ("ros-navigation__navigation2/nav2_bringup/maps/warehouse", 0, 0),
+    ],
+)
+def test_doors_of_real_maps(name, count, closed):
+    grid = read_map(SHARED / "data" / f"{name}.yaml")
+    region = open_regions(grid, 0.45)[0]
+    start = tuple(grid.frame.bounded_rowcol_from_xy([region[:2]])[0][0].tolist())
+    told = found(grid, start, 0.45)
+    assert len(told) == count
+    assert sum(not one.is_open for one in told) == closed
+    assert told[:closed] == tuple(one for one in told if not one.is_open)
+    assert [one.width for one in disconnected(grid, 0.45)] == [one.width for one in told[:closed]]
+    for passage in told[:2]:
+        split_by(grid, passage, start, 0.45, 1.0)
+
+
+def on_way(text, start, goal):
+    grid = OccupancyGrid(cells(text), RESOLUTION, ORIGIN)
+    clearances = clearances_of(grid)
+    seen = rooted(clearances.tree, int(clearances.tree.basins[start]))
+    told = bottleneck_on_way(clearances, seen, start, goal)
+    if told is None:
+        return None
+    row, col = grid.frame.continuous_rowcol_from_xy([(told.x, told.y)])[0] - 0.5
+    return (
+        round(row, 6) + 0.0,
+        round(col, 6) + 0.0,
+        round((told.width / 2 / RESOLUTION) ** 2),
+        told.at,
+    )
+
+
+def test_a_way_is_limited_by_a_passage_the_start_or_the_goal():
+    narrow = """
+        #############
+        #.....#.....#
+        #.....#.....#
+        #...........#
+        #.....#.....#
+        #.....#.....#
+        #############
+    """
+    assert on_way(narrow, (3, 3), (3, 9)) == (3.0, 6.0, 1, "passage")
+    assert on_way(narrow, (3, 3), (1, 1)) == (1.0, 1.0, 1, "goal")
+    assert on_way(narrow, (1, 1), (3, 3)) == (1.0, 1.0, 1, "start")
+    assert on_way(narrow, (1, 1), (3, 9)) == (3.0, 6.0, 1, "passage")  # before the start itself
+    assert on_way(narrow, (3, 3), (0, 0)) is None
+
+
+def test_a_way_over_nothing_is_limited_by_nothing():
+    assert on_way("...\n...", (0, 0), (1, 2)) is None
+    assert on_way("..#..", (0, 0), (0, 4)) is None
+
+
+@settings(max_examples=80)
+@given(st.integers(0, 2**32 - 1))
+def test_the_width_of_a_way_is_that_at_which_floods_end(seed):
+    rng = np.random.default_rng(seed)
+    occupancy = np.where(rng.random((9, 13)) < 0.15, 100, 0).astype(np.int8)
+    occupancy[rng.random((9, 13)) < 0.05] = -1
+    occupancy[4, 6] = 100
+    grid = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
+    free = [tuple(cell) for cell in np.argwhere(occupancy == 0).tolist()]
+    start, goal = (free[k] for k in rng.integers(len(free), size=2))
+    clearances = clearances_of(grid)
+    seen = rooted(clearances.tree, int(clearances.tree.basins[start]))
+    told = bottleneck_on_way(clearances, seen, start, goal)
+    is_traversable = occupancy == 0
+    if told is None:
+        assert not flooded(is_traversable, start)[goal]
+        return
+    distance = np.sqrt(clearances.squared.astype(float)) * RESOLUTION
+    assert flooded(is_traversable & (distance > told.width / 2 - 1e-6), start)[goal]
+    assert not flooded(is_traversable & (distance > told.width / 2 + 1e-6), start)[goal]
+    row, col = grid.frame.continuous_rowcol_from_xy([(told.x, told.y)])[0] - 0.5
+    if told.at != "passage":
+        assert (row, col) == pytest.approx(start if told.at == "start" else goal)
