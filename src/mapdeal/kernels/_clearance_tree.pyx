@@ -133,13 +133,14 @@ cdef class Basins:
     def point(self, int64_t first, int64_t end):
         """Point the cells of the bands first..end, and find their peaks and saddles."""
         cdef int64_t band
-        cdef int done = 1
+        cdef int done
         self._check_bands(first, end)
-        with nogil:
-            for band in range(first, end):
-                done = done and point_band(&self.forest, band)
-        if not done:
-            raise MemoryError
+        for band in range(first, end):
+            with nogil:
+                done = point_band(&self.forest, band)
+            if not done:
+                raise MemoryError
+            PyErr_CheckSignals()
 
     def counts(self):
         """Count the peaks and the edges at saddles, once all bands are pointed."""
@@ -175,13 +176,14 @@ cdef class Basins:
     def label(self, int64_t first, int64_t end):
         """Label the cells of the bands first..end, after join."""
         cdef int64_t band
-        cdef int done = 1
+        cdef int done
         self._check_bands(first, end)
-        with nogil:
-            for band in range(first, end):
-                done = done and label_band(&self.forest, band)
-        if not done:
-            raise MemoryError
+        for band in range(first, end):
+            with nogil:
+                done = label_band(&self.forest, band)
+            if not done:
+                raise MemoryError
+            PyErr_CheckSignals()
 
     def take_edges(self, uint64_t[::1] keys):
         """Move the edges at saddles, by rising cell, from the bands to an array, after counts."""
