@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 import shapely.affinity
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles
@@ -215,3 +215,38 @@ def test_a_robot_that_starts_in_a_corridor_cannot_turn_there():
     assert not there[BACKWARDS]
     assert not (there & back).any()
     np.testing.assert_array_equal(there | back, space.open_headings(*middle))
+
+
+@st.composite
+def robots_on_maps(draw):
+    """A small map, a footprint of any form, headings, and poses to start from."""
+    height, width = draw(st.integers(1, 20)), draw(st.integers(1, 28))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    blocked = rng.random((height, width)) < draw(st.sampled_from([0.0, 0.02, 0.1]))
+    corners = draw(st.sampled_from(SHAPES))
+    count = draw(st.integers(4, 24))
+    yaw = draw(st.floats(-3.2, 3.2))
+    seeds = [
+        (int(rng.integers(count)), int(rng.integers(height)), int(rng.integers(width)))
+        for _ in range(draw(st.integers(1, 5)))
+    ]
+    return blocked, corners, count, yaw, draw(st.sampled_from([0.1, 0.13, 0.3])), seeds
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+@settings(max_examples=40)
+@given(robots_on_maps())
+def test_ways_of_a_robot_are_those_of_a_search_with_polygons_drawn_cell_by_cell(case):
+    blocked, corners, count, yaw, resolution, seeds = case
+    frame = Frame(*blocked.shape, resolution, (1.5, -2.0, yaw))
+    space = ConfigurationSpace(blocked, footprint_spans(Footprint.polygon(corners), frame, count))
+    turns = [2 * math.pi * k / count - yaw for k in range(count)]
+    covered = [{(y, x) for x, y in cells_of(corners, turn, resolution)} for turn in turns]
+    opened = oracles.open_poses(blocked, covered)
+    reached = oracles.reached_poses(opened, seeds)
+    cells = [(row, col) for _, row, col in seeds]
+    found = space.reach(seeds, cells)
+    np.testing.assert_array_equal(space.headings, opened.sum(axis=0))
+    np.testing.assert_array_equal(found.reachable, reached.any(axis=0))
+    for headings, (row, col) in zip(found.headings, cells, strict=True):
+        np.testing.assert_array_equal(headings, reached[:, row, col])

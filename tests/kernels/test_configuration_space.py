@@ -1,13 +1,17 @@
 """Open poses and ways between them against a search pose by pose."""
 
+import gc
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 import oracles
 from mapdeal.kernels.blocks import LazyLayer
-from mapdeal.kernels.configuration_space import ConfigurationSpace
+from mapdeal.kernels.configuration_space import ConfigurationSpace, memory
 from mapdeal.kernels.spans import Spans
 
 pytestmark = pytest.mark.usefixtures("each_engine")
@@ -133,3 +137,21 @@ def test_poses_outside_are_refused(pose):
             space.reach([], [pose[1:]])
         with pytest.raises(IndexError):
             space.open_headings(*pose[1:])
+
+
+@pytest.mark.parametrize("count", [5, 40])
+def test_it_takes_the_memory_that_it_says(count):
+    shape = (400, 500)
+    blocked = np.zeros(shape, dtype=bool)
+    robot = as_spans([(-5, -9, 10), (0, -20, 19)])
+    ndimage.label(blocked)  # modules take memory, too
+    gc.collect()
+    tracemalloc.start()
+    try:
+        space = ConfigurationSpace(blocked, [robot] * count)
+        found = space.reach([(0, 200, 300)])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert found.reachable.any()
+    assert 0.5 * memory(shape, count, 39) < peak <= memory(shape, count, 39)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,7 @@ class OpenPoses:
         counts, pairs = [], []
         before = first = self._labels(0)
         start = 0
-        for labels in [*map(self._labels, range(1, len(self._planes))), first]:
+        for labels in chain(map(self._labels, range(1, len(self._planes))), [first]):
             counts.append(int(before.max(initial=0)))
             following = start + counts[-1] if len(counts) < len(self._planes) else 0
             both = (before > 0) & (labels > 0)
