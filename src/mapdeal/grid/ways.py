@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.open_cells import Cell
+from mapdeal.grid.passages import Clearances
 from mapdeal.kernels.clearance_tree import (
-    ClearanceTree,
     RootedTree,
     basin_areas,
     clearance_metres,
@@ -21,30 +21,13 @@ from mapdeal.kernels.clearance_tree import (
 )
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.groups import least_joined
-from mapdeal.kernels.squares import SquaredDistances, unreachable
+from mapdeal.kernels.squares import dtype_of_squares, unreachable
 from mapdeal.kernels.threads import for_rows
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
-    """The clearance of each cell of a map, and how wide the ways between them are.
-
-    Parameters
-    ----------
-    frame : Frame
-        Where the map lies.
-    squared : numpy.ndarray of int32 or int64, shape (H, W)
-        Squared distance of each cell to the nearest obstacle cell.
-    is_traversable : numpy.ndarray of bool, shape (H, W)
-        The cells that ways may lead through.
-    tree : ClearanceTree
-        Of both.
-    """
-
-    frame: Frame
-    squared: SquaredDistances
-    is_traversable: NDArray[np.bool_]
-    tree: ClearanceTree
+class Ways(Clearances):
+    """How wide the ways between the cells of a map are; see `Clearances`."""
 
     @classmethod
     def of(
@@ -52,7 +35,18 @@ class Ways:
     ) -> Ways:
         """Return the ways of a map of obstacles; no cell of these may be traversable."""
         squared = squared_distance(obstacles)
-        return cls(frame, squared, is_traversable, clearance_tree(squared, is_traversable))
+        return cls(clearance_tree(squared, is_traversable), squared, frame)
+
+    def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
+        """Return the cells that ways may use above a square, shape (H, W)."""
+        found = np.empty(self.squared.shape, dtype=np.bool_)
+
+        def fill(rows: slice) -> None:
+            np.greater(self.squared[rows], closed_up_to, out=found[rows])
+            found[rows] &= self.tree.basins[rows] >= 0
+
+        for_rows(fill, found.shape)
+        return found
 
     def metres_of(self, square: int) -> float:
         """Return a squared distance as metres; +inf if it stands for "no obstacle"."""
@@ -86,8 +80,9 @@ class Ways:
         return row, col
 
     def begun_at(self, start: Cell) -> WaysFrom:
-        """Return the ways from a cell, which must be traversable."""
-        return WaysFrom(self, start, rooted(self.tree, int(self.tree.basins[start])))
+        """Return the ways from a cell."""
+        basin = int(self.tree.basins[start])
+        return WaysFrom(self, start, None if basin < 0 else rooted(self.tree, basin))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,18 +95,19 @@ class WaysFrom:
         All ways.
     start : tuple of int
         Row and column.
-    rooted : RootedTree
-        The tree, seen from the start's basin.
+    rooted : RootedTree, optional
+        The tree, seen from the start's basin; None if no way may use the start, so that there is
+        none. A robot whose centre lies outside of its footprint can start there.
     """
 
     ways: Ways
     start: Cell
-    rooted: RootedTree
+    rooted: RootedTree | None
 
     def widest_square_at(self, cell: Cell) -> int:
         """Return the least square on the widest way to a cell, 0 if there is no way."""
         basin = int(self.ways.tree.basins[cell])
-        if basin < 0 or self.rooted.bottlenecks[basin] < 0:
+        if self.rooted is None or basin < 0 or self.rooted.bottlenecks[basin] < 0:
             return 0
         ends = min(int(self.ways.squared[self.start]), int(self.ways.squared[cell]))
         return min(ends, int(self.rooted.bottlenecks[basin]))
@@ -119,9 +115,9 @@ class WaysFrom:
     def reachable(self, closed_up_to: int) -> NDArray[np.uint8]:
         """Return where a way leads that stays above a square: 1, else 0, shape (H, W)."""
         tree, squared = self.ways.tree, self.ways.squared
+        if self.rooted is None or squared[self.start] <= closed_up_to:
+            return np.zeros(squared.shape, dtype=np.uint8)
         reached = self.rooted.bottlenecks > closed_up_to
-        if squared[self.start] <= closed_up_to:
-            reached[:] = False
         by_basin = np.append(reached, False)  # -1 is the last one
         found = np.empty(squared.shape, dtype=np.uint8)
 
@@ -138,6 +134,8 @@ class WaysFrom:
 
         It may take the memory of the basins, which are lost then.
         """
+        if self.rooted is None:
+            return np.zeros(self.ways.squared.shape, dtype=np.float32)
         return widest_metres(
             self.ways.tree,
             self.ways.squared,
@@ -148,25 +146,28 @@ class WaysFrom:
         )
 
 
-def largest_closed_square(radius: float, resolution: float) -> int:
+def largest_closed_square(radius: float, frame: Frame) -> int:
     """Return the largest squared distance in cells that is closed to a round robot.
 
     A cell is open if the root of its square, times the resolution, is larger than the radius; the
-    costs of such cells are below 253.
+    costs of such cells are below 253. Where there is no obstacle no radius closes a cell.
 
     Parameters
     ----------
-    radius, resolution : float
+    radius : float
         Metres.
+    frame : Frame
+        The map's geometry.
 
     Examples
     --------
-    >>> largest_closed_square(0.25, 0.05), largest_closed_square(0.0, 0.05)
+    >>> largest_closed_square(0.25, Frame(20, 30, 0.05)), largest_closed_square(0.0, Frame(1, 1, 1))
     (25, 0)
     """
-    square = math.floor((radius / resolution) ** 2)
-    while math.sqrt(square + 1) * resolution <= radius:
+    most = int(np.iinfo(dtype_of_squares(frame.shape)).max) - 1
+    square = math.floor(min((radius / frame.resolution) ** 2, most))
+    while square < most and math.sqrt(square + 1) * frame.resolution <= radius:
         square += 1
-    while square > 0 and math.sqrt(square) * resolution > radius:
+    while square > 0 and math.sqrt(square) * frame.resolution > radius:
         square -= 1
     return square

@@ -18,12 +18,12 @@ from mapdeal.grid.footprint_cells import footprint_spans
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_open_text
+from mapdeal.grid.passages import bottleneck_on_way, passages
 from mapdeal.grid.reach import Goal, GoalReach, Reach, closed_text, reach_radius, robot_text
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
 from mapdeal.grid.ways import Ways, WaysFrom, largest_closed_square
 from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reached
 from mapdeal.kernels.distance import squared_distance
-from mapdeal.kernels.threads import for_rows
 from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
 from mapdeal.stages.goal_parameters import Goals
 from mapdeal.stages.obstacle_source import (
@@ -135,50 +135,45 @@ def reach(
     (19, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
     """
     ground = _Ground.of(source, lethal_threshold, through_unknown=through_unknown)
-    frame = source.frame
     robot = _shape_of({"footprint": footprint, "radius": radius})
-    closed_up_to = largest_closed_square(reach_radius(robot), frame.resolution)
-    goal_cells = [cell_of_point(frame, (goal.x, goal.y), "goal") for goal in goals]
     asked = None if start is None else _checked_pose(start)
-    first = None if asked is None else cell_of_point(frame, (asked[0], asked[1]), "start")
-    ways = None
-    poses: _RoundPoses | ConfigurationSpace
-    if robot is None or not robot.vertices:
-        ways = ground.ways(frame)
-        poses = _RoundPoses(ways, closed_up_to, headings)
-    else:  # before all ways: both at once would take twice the memory
-        poses = ConfigurationSpace(~ground.is_traversable, footprint_spans(robot, frame, headings))
-    if not poses.headings.any():
-        raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
-    if asked is None or first is None:
-        ways = ground.ways(frame) if ways is None else ways
-        first = _widest_open(poses.headings, ways, closed_up_to)
-        asked = tuple(frame.xy_from_rowcol([first])[0].round(_DECIMALS).tolist())
-    chosen = _headings_at(poses, first, asked, ground, robot, frame)
-    reached = poses.reach([(heading, *first) for heading in chosen], goal_cells)
-    open_headings = poses.headings
-    del poses
-    ways = ground.ways(frame) if ways is None else ways
-    from_start = ways.begun_at(first)
+    first = None if asked is None else cell_of_point(ground.frame, (asked[0], asked[1]), "start")
+    cells = [cell_of_point(ground.frame, (goal.x, goal.y), "goal") for goal in goals]
+    # robots with corners first: what both need at once would take twice the memory
+    stood = _stood(ground, robot, headings, first, asked, cells)
+    ways = ground.ways() if stood.ways is None else stood.ways
+    from_start = ways.begun_at(stood.first)
     answers = [
-        _answer(goal, cell, counts, from_start)
-        for goal, cell, counts in zip(goals, goal_cells, reached.headings.sum(axis=1), strict=True)
+        _answer(goal, cell, int(counts.sum()), from_start)
+        for goal, cell, counts in zip(goals, cells, stood.reached.headings, strict=True)
     ]
-    widest = from_start.widest(in_place=True)  # the basins are of no more use, and then the squares
+    has_corners = robot is not None and bool(robot.vertices)
+    found = passages(
+        ways,
+        ways.is_open(0) & (stood.headings > 0),
+        stood.first,
+        radius=reach_radius(robot),
+        margin=margin,
+        min_area=min_area,
+        circumscribed_radius=robot.circumscribed_radius if robot is not None else None,
+        is_reached=stood.reached.reachable.view(np.bool_) if has_corners else None,
+    )
+    widest = from_start.widest(in_place=True)  # the basins are of no more use, nor the squares
     clearance = ways.clearance(in_place=True)
     return Reach(
-        reached.reachable,
-        open_headings,
+        stood.reached.reachable,
+        stood.headings,
         clearance,
         widest,
         ground.occupancy,
-        frame.resolution,
-        frame.origin,
-        start=asked,
+        ground.frame.resolution,
+        ground.frame.origin,
+        start=stood.start,
         robot=robot,
         heading_count=headings,
         through_unknown=through_unknown,
         goals=tuple(answers),
+        passages=found,
     )
 
 
@@ -189,6 +184,7 @@ class _Ground:
     occupancy: NDArray[np.int8]
     obstacles: NDArray[np.bool_]
     is_traversable: NDArray[np.bool_]
+    frame: Frame
 
     @classmethod
     def of(
@@ -208,11 +204,11 @@ class _Ground:
         is_traversable = ~obstacles
         if not through_unknown:
             is_traversable &= occupancy != UNKNOWN
-        return cls(occupancy, obstacles, is_traversable)
+        return cls(occupancy, obstacles, is_traversable, source.frame)
 
-    def ways(self, frame: Frame) -> Ways:
+    def ways(self) -> Ways:
         """Return how wide the ways are."""
-        return Ways.of(self.obstacles, self.is_traversable, frame)
+        return Ways.of(self.obstacles, self.is_traversable, self.frame)
 
 
 def _of_costs(
@@ -235,12 +231,9 @@ class _RoundPoses:
 
     def __init__(self, ways: Ways, closed_up_to: int, heading_count: int) -> None:
         self._ways, self._closed_up_to = ways, closed_up_to
-        self.headings = np.where(
-            ways.is_traversable & (ways.squared > closed_up_to),
-            np.uint8(heading_count),
-            np.uint8(0),
-        )
         self._heading_count = heading_count
+        self.headings = ways.is_open(closed_up_to).view(np.uint8)
+        self.headings *= np.uint8(heading_count)
 
     def open_headings(self, row: int, col: int) -> NDArray[np.bool_]:
         """Return in which headings a cell is open."""
@@ -254,6 +247,67 @@ class _RoundPoses:
         for index, cell in enumerate(cells):
             headings[index] = reachable[cell]
         return Reached(reachable, headings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stood:
+    """Where a robot can stand, and where it gets to from its start.
+
+    Parameters
+    ----------
+    headings : numpy.ndarray of uint8, shape (H, W)
+        In how many headings it can stand in each cell.
+    start : tuple of float
+        The start in the map frame.
+    first : tuple of int
+        Row and column of the start.
+    reached : Reached
+        What it reaches.
+    ways : Ways, optional
+        The ways of round robots, if they are known already.
+    """
+
+    headings: NDArray[np.uint8]
+    start: tuple[float, ...]
+    first: Cell
+    reached: Reached
+    ways: Ways | None
+
+
+def _stood(
+    ground: _Ground,
+    robot: Footprint | None,
+    heading_count: int,
+    first: Cell | None,
+    start: tuple[float, ...] | None,
+    cells: Sequence[Cell],
+) -> _Stood:
+    """Return where a robot can stand, and what it reaches from its start, or a chosen one.
+
+    Raises
+    ------
+    MalformedInputError
+        If it can stand nowhere.
+    ParameterError
+        If it cannot stand at its start.
+    """
+    ways = None
+    closed_up_to = largest_closed_square(reach_radius(robot), ground.frame)
+    poses: _RoundPoses | ConfigurationSpace
+    if robot is None or not robot.vertices:
+        ways = ground.ways()
+        poses = _RoundPoses(ways, closed_up_to, heading_count)
+    else:
+        poses = ConfigurationSpace(
+            ~ground.is_traversable, footprint_spans(robot, ground.frame, heading_count)
+        )
+    if not poses.headings.any():
+        raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
+    if first is None or start is None:
+        first = _widest_open(poses.headings, ways or ground.ways(), closed_up_to)
+        start = tuple(ground.frame.xy_from_rowcol([first])[0].round(_DECIMALS).tolist())
+    seeds = [(heading, *first) for heading in _headings_at(poses, first, start, ground, robot)]
+    return _Stood(poses.headings, start, first, poses.reach(seeds, cells), ways)
 
 
 def _checked_pose(start: Sequence[float]) -> tuple[float, ...]:
@@ -276,10 +330,9 @@ def _widest_open(headings: NDArray[np.uint8], ways: Ways, closed_up_to: int) -> 
 def _headings_at(
     poses: _RoundPoses | ConfigurationSpace,
     first: Cell,
-    asked: Sequence[float],
+    start: Sequence[float],
     ground: _Ground,
     robot: Footprint | None,
-    frame: Frame,
 ) -> list[int]:
     """Return the headings to start in: the one that is asked for, or all that are open.
 
@@ -291,28 +344,30 @@ def _headings_at(
     is_open = poses.open_headings(*first)
     if not is_open.any():
         square = int(squared_distance(ground.obstacles)[first])
-        clearance = math.sqrt(square) * frame.resolution
+        clearance = math.sqrt(square) * ground.frame.resolution
         what = closed_text(int(ground.occupancy[first]), clearance, robot)
-        hint = nearest_open_text(frame, poses.headings > 0, first)
+        hint = nearest_open_text(ground.frame, poses.headings > 0, first)
         raise ParameterError(
-            f"lies in a closed cell ({what})", place="start", got=tuple(asked[:2]), hint=hint
+            f"lies in a closed cell ({what})", place="start", got=tuple(start[:2]), hint=hint
         )
-    if len(asked) == 2:
-        return [int(heading) for heading in np.flatnonzero(is_open)]
-    heading = round(asked[2] / _TURN * len(is_open)) % len(is_open)
+    turns = np.flatnonzero(is_open)
+    if len(start) == 2:
+        return [int(heading) for heading in turns]
+    count = len(is_open)
+    heading = round(start[2] / _TURN * count) % count
     if not is_open[heading]:
-        turns = np.flatnonzero(is_open)
-        away = np.abs((turns - heading + len(is_open) // 2) % len(is_open) - len(is_open) // 2)
-        nearest = float(turns[np.argmin(away)]) * _TURN / len(is_open)
-        rule = (
-            f"the robot cannot stand there in this heading, only in {len(turns)} of {len(is_open)}"
-        )
+        away = np.abs((turns - heading + count // 2) % count - count // 2)
+        nearest = float(turns[np.argmin(away)]) * _TURN / count
+        rule = f"the robot cannot stand there in this heading, only in {len(turns)} of {count}"
         hint = f"the nearest open heading is {nearest:.4g}; without a yaw all that are open count"
-        raise ParameterError(rule, place="start", got=tuple(asked), hint=hint)
+        raise ParameterError(rule, place="start", got=tuple(start), hint=hint)
     return [heading]
 
 
 def _answer(goal: Goal, cell: Cell, heading_count: int, from_start: WaysFrom) -> GoalReach:
     """Return the answer for a goal."""
     widest = from_start.ways.metres_of(from_start.widest_square_at(cell))
-    return GoalReach(goal, bool(heading_count), int(heading_count), widest)
+    limited_by = None
+    if from_start.rooted is not None:
+        limited_by = bottleneck_on_way(from_start.ways, from_start.rooted, from_start.start, cell)
+    return GoalReach(goal, bool(heading_count), int(heading_count), widest, limited_by)
