@@ -30,7 +30,7 @@
 #include "lanes.h"
 
 #define NUMBERED INT32_MIN
-#define FIRST_NUMBERED_BEYOND (-(1 << 30)) /* numbers are below, ends of ways are not */
+#define LEAST_END (-(1 << 30)) /* numbers are below, ends of ways are not */
 
 enum { CLOSED = -1, UP = 0, LEFT = 1, RIGHT = 2, DOWN = 3 };
 
@@ -282,7 +282,7 @@ static void number_band(const Forest *forest, int64_t number, int64_t *peaks, in
 static void follow_exit(int32_t *p, int32_t cell)
 {
     int32_t last = cell;
-    while (p[last] >= FIRST_NUMBERED_BEYOND) last = p[last] > 0 ? p[last] - 1 : -1 - p[last];
+    while (p[last] >= LEAST_END) last = p[last] > 0 ? p[last] - 1 : -1 - p[last];
     const int32_t numbered = p[last];
     for (int32_t at = cell, next; at != last; at = next) {
         const int is_exit = p[at] > 0;
@@ -309,7 +309,7 @@ MANY_LANES static void look_up_ends(const int32_t *p, const int32_t *row, int32_
 {
     for (int64_t x = 0; x < width; x++) {
         const int32_t held = row[x];
-        labels[x] = held < 0 && held >= FIRST_NUMBERED_BEYOND ? p[-1 - held] : held;
+        labels[x] = held < 0 && held >= LEAST_END ? p[-1 - held] : held;
     }
 }
 
