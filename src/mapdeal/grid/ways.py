@@ -15,11 +15,9 @@ from mapdeal.kernels.clearance_tree import (
     RootedTree,
     basin_areas,
     clearance_metres,
-    clearance_tree,
     rooted,
     widest_metres,
 )
-from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.groups import least_joined
 from mapdeal.kernels.squares import dtype_of_squares, unreachable
 from mapdeal.kernels.threads import for_rows
@@ -28,14 +26,6 @@ from mapdeal.kernels.threads import for_rows
 @dataclass(frozen=True, eq=False)
 class Ways(Clearances):
     """How wide the ways between the cells of a map are; see `Clearances`."""
-
-    @classmethod
-    def of(
-        cls, obstacles: NDArray[np.bool_], is_traversable: NDArray[np.bool_], frame: Frame
-    ) -> Ways:
-        """Return the ways of a map of obstacles; no cell of these may be traversable."""
-        squared = squared_distance(obstacles)
-        return cls(clearance_tree(squared, is_traversable), squared, frame)
 
     def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
         """Return the cells that ways may use above a square, shape (H, W)."""

@@ -22,8 +22,10 @@ from mapdeal.grid.passages import bottleneck_on_way, passages
 from mapdeal.grid.reach import Goal, GoalReach, Reach, closed_text, reach_radius, robot_text
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
 from mapdeal.grid.ways import Ways, WaysFrom, largest_closed_square
+from mapdeal.kernels.clearance_tree import clearance_tree
 from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reached
 from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.threads import for_rows
 from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
 from mapdeal.stages.goal_parameters import Goals
 from mapdeal.stages.obstacle_source import (
@@ -148,9 +150,12 @@ def reach(
         for goal, cell, counts in zip(goals, cells, stood.reached.headings, strict=True)
     ]
     has_corners = robot is not None and bool(robot.vertices)
+    is_open = stood.headings > 0
+    if has_corners:  # whose centre may lie outside of them, in an obstacle
+        is_open &= ways.is_open(0)
     found = passages(
         ways,
-        ways.is_open(0) & (stood.headings > 0),
+        is_open,
         stood.first,
         radius=reach_radius(robot),
         margin=margin,
@@ -158,6 +163,7 @@ def reach(
         circumscribed_radius=robot.circumscribed_radius if robot is not None else None,
         is_reached=stood.reached.reachable.view(np.bool_) if has_corners else None,
     )
+    del is_open
     widest = from_start.widest(in_place=True)  # the basins are of no more use, nor the squares
     clearance = ways.clearance(in_place=True)
     return Reach(
@@ -179,12 +185,21 @@ def reach(
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """What a robot meets: the map, its obstacles, and the cells that ways may lead through."""
+    """What a robot meets.
+
+    Parameters
+    ----------
+    occupancy : numpy.ndarray of int8, shape (H, W)
+        The map: 100 is an obstacle, -1 unknown.
+    frame : Frame
+        Where it lies.
+    through_unknown : bool
+        Whether ways may lead through unknown cells.
+    """
 
     occupancy: NDArray[np.int8]
-    obstacles: NDArray[np.bool_]
-    is_traversable: NDArray[np.bool_]
     frame: Frame
+    through_unknown: bool
 
     @classmethod
     def of(
@@ -196,34 +211,52 @@ class _Ground:
     ) -> _Ground:
         """Return the ground of a map, a field or costs."""
         if isinstance(source, Costmap):
-            occupancy, obstacles = _of_costs(source, lethal_threshold)
+            occupancy = _of_costs(source, lethal_threshold)
         else:
             lethal_threshold = check_lethal_threshold(source, lethal_threshold)
-            obstacles = np.asarray(obstacles_of(source, lethal_threshold))
-            occupancy = occupancy_with_obstacles(source.occupancy, obstacles)
-        is_traversable = ~obstacles
-        if not through_unknown:
-            is_traversable &= occupancy != UNKNOWN
-        return cls(occupancy, obstacles, is_traversable, source.frame)
+            occupancy = np.asarray(source.occupancy)
+            if isinstance(source, DistanceField) or lethal_threshold < OCCUPIED:
+                obstacles = np.asarray(obstacles_of(source, lethal_threshold))
+                occupancy = occupancy_with_obstacles(occupancy, obstacles)
+        return cls(occupancy, source.frame, through_unknown)
+
+    @property
+    def obstacles(self) -> NDArray[np.bool_]:
+        """The mask of obstacles, made anew each time: masks would take memory all the while."""
+        obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
+        return obstacles
+
+    @property
+    def blocked(self) -> NDArray[np.bool_]:
+        """The mask of cells that no way leads through, made anew each time."""
+        blocked = self.obstacles
+        if not self.through_unknown:
+            for_rows(
+                lambda rows: np.logical_or(
+                    blocked[rows], self.occupancy[rows] == UNKNOWN, out=blocked[rows]
+                ),
+                blocked.shape,
+            )
+        return blocked
 
     def ways(self) -> Ways:
         """Return how wide the ways are."""
-        return Ways.of(self.obstacles, self.is_traversable, self.frame)
+        squared = squared_distance(self.obstacles)
+        traversable = self.blocked
+        np.logical_not(traversable, out=traversable)
+        return Ways(clearance_tree(squared, traversable), squared, self.frame)
 
 
-def _of_costs(
-    costs: Costmap, lethal_threshold: int | None
-) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
-    """Return the map of a costmap's lethal and unknown cells, and the mask of the lethal ones."""
+def _of_costs(costs: Costmap, lethal_threshold: int | None) -> NDArray[np.int8]:
+    """Return the map of a costmap's lethal and unknown cells."""
     lethal = LETHAL_OBSTACLE if costs.scale == "costmap2d" else OCCUPIED
     if lethal_threshold not in (None, OCCUPIED):
         rule = f"is for maps: of costs the lethal cells are obstacles, {lethal}"
         raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
-    obstacles = np.asarray(costs.cost == lethal)
     occupancy = np.full(costs.shape, FREE, dtype=np.int8)
     occupancy[costs.cost == costs.unknown_value] = UNKNOWN
-    occupancy[obstacles] = OCCUPIED
-    return occupancy, obstacles
+    occupancy[costs.cost == lethal] = OCCUPIED
+    return occupancy
 
 
 class _RoundPoses:
@@ -299,7 +332,7 @@ def _stood(
         poses = _RoundPoses(ways, closed_up_to, heading_count)
     else:
         poses = ConfigurationSpace(
-            ~ground.is_traversable, footprint_spans(robot, ground.frame, heading_count)
+            ground.blocked, footprint_spans(robot, ground.frame, heading_count)
         )
     if not poses.headings.any():
         raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
