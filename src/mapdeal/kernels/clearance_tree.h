@@ -41,7 +41,7 @@ static const int64_t MOST_TREE_CELLS = (int64_t)1 << 30;
 typedef struct {
     int32_t *peaks;
     uint64_t *saddles;
-    int64_t peak_count, saddle_count, saddle_space;
+    int64_t peak_count, peak_space, saddle_count, saddle_space;
     int64_t first_number, first_saddle; /* among all bands */
 } Band;
 
@@ -110,10 +110,10 @@ static void fill_row(const Forest *forest, int64_t y, int32_t *heights)
         fill_heights(forest->squared + y * width, forest->traversable + y * width, heights, width);
 }
 
-/* Point the cells of a row, of which `base` is the first, and tell which are saddles. */
+/* Point the cells of a row, of which `base` is the first, and tell which are peaks or saddles. */
 MANY_LANES static void point_row(const int32_t *up, const int32_t *here, const int32_t *down,
                                  int32_t base, int32_t width, int32_t *restrict towards,
-                                 uint8_t *restrict is_saddle)
+                                 uint8_t *restrict is_critical)
 {
     for (int32_t x = 0; x < width; x++) {
         const int32_t c = here[x + 1], u = up[x + 1], l = here[x], r = here[x + 2], d = down[x + 1];
@@ -126,24 +126,35 @@ MANY_LANES static void point_row(const int32_t *up, const int32_t *here, const i
         to = r >= most ? 1 : to;
         most = r >= most ? r : most;
         to = d >= most ? width : to;
-        towards[x] = c == CLOSED ? 0 : base + x + to + 1;
         const int32_t is_u = u > c, is_l = l > c, is_r = r >= c, is_d = d >= c;
+        /* -1 - n of a peak, which nothing is larger than, else n + 1; without a branch */
+        const int32_t sign = (is_u | is_l | is_r | is_d) - 1;
+        towards[x] = c == CLOSED ? 0 : ((base + x + to) ^ sign) + 1 + sign;
         const int32_t groups = is_u + is_l + is_r + is_d - (is_u & is_l & (up[x] > c)) -
                                (is_u & is_r & (up[x + 2] > c)) - (is_d & is_l & (down[x] >= c)) -
                                (is_d & is_r & (down[x + 2] >= c));
-        is_saddle[x] = (uint8_t)((groups > 1) & (c != CLOSED));
+        is_critical[x] = (uint8_t)(((groups > 1) | (sign != 0)) & (c != CLOSED));
     }
 }
 
-static int make_space(Band *band, int64_t more)
+/* Make space for what so many critical cells may add: each is a peak, or has up to 3 edges. */
+static int make_space(Band *band, int64_t cells)
 {
-    const int64_t wanted = band->saddle_count + more;
-    if (wanted <= band->saddle_space) return 1;
-    const int64_t space = wanted + wanted / 2;
-    uint64_t *larger = realloc(band->saddles, (size_t)space * sizeof(uint64_t));
-    if (larger == NULL) return 0;
-    band->saddles = larger;
-    band->saddle_space = space;
+    const int64_t peaks = band->peak_count + cells, saddles = band->saddle_count + 3 * cells;
+    if (peaks > band->peak_space) {
+        const int64_t space = peaks + peaks / 2;
+        int32_t *larger = realloc(band->peaks, (size_t)space * sizeof(int32_t));
+        if (larger == NULL) return 0;
+        band->peaks = larger;
+        band->peak_space = space;
+    }
+    if (saddles > band->saddle_space) {
+        const int64_t space = saddles + saddles / 2;
+        uint64_t *larger = realloc(band->saddles, (size_t)space * sizeof(uint64_t));
+        if (larger == NULL) return 0;
+        band->saddles = larger;
+        band->saddle_space = space;
+    }
     return 1;
 }
 
@@ -169,18 +180,25 @@ static void add_saddle(Band *band, const int32_t *up, const int32_t *here, const
         if (last >> k & 1) band->saddles[band->saddle_count++] = key_of(c, cell, k);
 }
 
-static int add_saddles(Band *band, const int32_t *up, const int32_t *here, const int32_t *down,
-                       const uint8_t *is_saddle, int64_t base, int64_t width)
+/* Note the peaks and saddles of a row. */
+static int note_critical(Band *band, const int32_t *up, const int32_t *here, const int32_t *down,
+                         const int32_t *towards, const uint8_t *is_critical, int64_t base,
+                         int64_t width)
 {
     enum { TOGETHER = 256 };
     for (int64_t from = 0; from < width; from += TOGETHER) {
         const int64_t end = from + TOGETHER < width ? from + TOGETHER : width;
         int64_t count = 0;
-        for (int64_t x = from; x < end; x++) count += is_saddle[x];
+        for (int64_t x = from; x < end; x++) count += is_critical[x];
         if (count == 0) continue;
-        if (!make_space(band, 3 * count)) return 0;
-        for (int64_t x = from; x < end; x++)
-            if (is_saddle[x]) add_saddle(band, up + x, here + x, down + x, base + x);
+        if (!make_space(band, count)) return 0;
+        for (int64_t x = from; x < end; x++) {
+            if (!is_critical[x]) continue;
+            if (towards[x] < 0)
+                band->peaks[band->peak_count++] = (int32_t)(base + x);
+            else
+                add_saddle(band, up + x, here + x, down + x, base + x);
+        }
     }
     return 1;
 }
@@ -192,11 +210,7 @@ static void follow(int32_t *p, int32_t first, int32_t end)
         int32_t last = cell, to;
         for (;;) {
             to = p[last] - 1;
-            if (to < 0) break;           /* followed before: p holds where it ends */
-            if (to == last) {            /* a peak */
-                p[last] = -1 - last;
-                break;
-            }
+            if (to < 0) break;                  /* a peak, or followed before */
             if (to < first || to >= end) break; /* an exit */
             last = to;
         }
@@ -208,30 +222,6 @@ static void follow(int32_t *p, int32_t first, int32_t end)
     }
 }
 
-/* List the peaks of a band, which end their own ways. */
-static int list_peaks(Band *band, const int32_t *p, int32_t first, int32_t end)
-{
-    enum { TOGETHER = 64 };
-    for (int turn = 0; turn < 2; turn++) {
-        int64_t count = 0;
-        for (int32_t from = first; from < end; from += TOGETHER) {
-            const int32_t stop = end - from > TOGETHER ? from + TOGETHER : end;
-            int32_t here = 0;
-            for (int32_t cell = from; cell < stop; cell++) here += p[cell] == -1 - cell;
-            if (turn == 1 && here > 0)
-                for (int32_t cell = from; cell < stop; cell++)
-                    if (p[cell] == -1 - cell) band->peaks[count++] = cell;
-            if (turn == 0) count += here;
-        }
-        if (turn == 0) {
-            band->peak_count = count;
-            band->peaks = malloc((size_t)(count ? count : 1) * sizeof(int32_t));
-            if (band->peaks == NULL) return 0;
-        }
-    }
-    return 1;
-}
-
 /* Point the cells of a band and follow them within it, and note its peaks and saddles; return 0
  * if there is no memory. */
 static int point_band(const Forest *forest, int64_t number)
@@ -240,17 +230,17 @@ static int point_band(const Forest *forest, int64_t number)
     const int64_t bottom = first_row(forest, number), top = row_beyond(forest, number);
     Band *band = forest->found + number;
     int32_t *rows = malloc((size_t)(3 * space) * sizeof(int32_t));
-    uint8_t *is_saddle = malloc((size_t)width);
-    int done = rows != NULL && is_saddle != NULL;
+    uint8_t *is_critical = malloc((size_t)width);
+    int done = rows != NULL && is_critical != NULL;
     if (done) {
         int32_t *up = rows, *here = rows + space, *down = rows + 2 * space;
         fill_row(forest, bottom - 1, up);
         fill_row(forest, bottom, here);
         for (int64_t y = bottom; done && y < top; y++) {
             fill_row(forest, y + 1, down);
-            point_row(up, here, down, (int32_t)(y * width), (int32_t)width,
-                      forest->basins + y * width, is_saddle);
-            done = add_saddles(band, up, here, down, is_saddle, y * width, width);
+            int32_t *towards = forest->basins + y * width;
+            point_row(up, here, down, (int32_t)(y * width), (int32_t)width, towards, is_critical);
+            done = note_critical(band, up, here, down, towards, is_critical, y * width, width);
             int32_t *free_row = up;
             up = here;
             here = down;
@@ -258,11 +248,9 @@ static int point_band(const Forest *forest, int64_t number)
         }
     }
     free(rows);
-    free(is_saddle);
-    if (!done) return 0;
-    const int32_t first = (int32_t)(bottom * width), end = (int32_t)(top * width);
-    follow(forest->basins, first, end);
-    return list_peaks(band, forest->basins, first, end);
+    free(is_critical);
+    if (done) follow(forest->basins, (int32_t)(bottom * width), (int32_t)(top * width));
+    return done;
 }
 
 /* Number the peaks of a band, and fill in what is known of them. */
