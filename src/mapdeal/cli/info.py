@@ -165,8 +165,12 @@ def _rows_of_map(report: dict[str, Any]) -> list[tuple[str, str]]:
     if "layers" in report:
         rows.append(("layers", ", ".join(report["layers"])))
         unknown = "open" if report["through_unknown"] else "closed"
-        robot = report["robot"] or "a point"
-        rows.append(("made for", f"{robot}, {report['heading_count']} headings, unknown {unknown}"))
+        rows.append(
+            (
+                "made for",
+                f"{report['robot']}, {report['heading_count']} headings, unknown {unknown}",
+            )
+        )
     if "attractive_gain" in report:
         names = ("attractive_gain", "repulsive_gain", "repulsive_cap")
         rows.append(("made with", ", ".join(f"{name} {report[name]:g}" for name in names)))

@@ -16,6 +16,7 @@ from mapdeal.formats.npz import holds_reach, read_reach
 from mapdeal.formats.source import exists, is_folder, sha256_of, status_of, sums_of_reads
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reach import robot_text
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.manifest import manifest_in, stages_behind
@@ -98,8 +99,7 @@ def _describe_reach(path: Path, max_cells: int | None) -> dict[str, Any]:
     }
     told = grid.figures()
     report |= {key: told[key] for key in told if key not in _ANSWERS}
-    robot = None if grid.robot is None else repr(grid.robot)
-    report |= {"robot": robot, "heading_count": grid.heading_count}
+    report |= {"robot": robot_text(grid.robot), "heading_count": grid.heading_count}
     report |= {"through_unknown": grid.through_unknown, "known_box": _known_box(grid.occupancy)}
     report["sha256"] = hashlib.sha256(grid.layer.data).hexdigest()
     stages = stages_behind(path.name, path.parent, {path.name: sha256_of(path)})

@@ -15,7 +15,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.recipe_file import Draft, Given, read_recipe_file
-from mapdeal.pipeline.robot import draft_for, put_value
+from mapdeal.pipeline.robot import draft_for, put_map_rules, put_value
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
@@ -89,7 +89,8 @@ def load_recipe(
     footprint : Footprint, optional
         The robot's shape: inflate's radius, or the radii of cost if nothing is inflated.
     robot : RobotParameters, optional
-        A robot's own parameters. A recipe that is named takes its shape alone.
+        A robot's own parameters. A recipe that is named takes its shape alone, but for stages that
+        only look: they take the map as the robot's static layer does.
     settings : sequence of str
         ``stage.parameter=value``, stronger than all else.
     changes : mapping of str to object, optional
@@ -119,10 +120,14 @@ def load_recipe(
     else:
         name = DEFAULT if name is None else name
         draft = _read_draft(name)
+        if robot is not None:
+            put_map_rules(draft, robot)
     if sim:
         _adapt_to_sim(draft)
     if footprint is not None:
-        _adapt_to_footprint(draft, footprint, name)
+        round_one = None if robot is None or robot.robot_radius is None else robot.inscribed_radius
+        seen = footprint if round_one is None else Footprint.circle(round_one)
+        _adapt_to_footprint(draft, footprint, seen, name)
     for setting in settings:
         _apply_setting(draft, setting, name, f"{prefix}set")
     for target, given in (changes or {}).items():
@@ -175,11 +180,12 @@ def _adapt_to_sim(draft: Draft) -> None:
             given.put(rule.parameters)
 
 
-def _adapt_to_footprint(draft: Draft, footprint: Footprint, name: str) -> None:
+def _adapt_to_footprint(draft: Draft, footprint: Footprint, seen: Footprint, name: str) -> None:
     """Give the robot's shape to the first stage that it matters to, and to those that only look.
 
     These are the ones that hand nothing on. In what a stage has made with the shape they would
-    count it twice; only costs tell obstacles from what is around them.
+    count it twice; only costs tell obstacles from what is around them. What they are given, `seen`,
+    is of a robot that its own files say is round a circle, as its planner has it.
     """
     shaped: Stage | None = None
     grown, is_used = False, False
@@ -188,7 +194,7 @@ def _adapt_to_footprint(draft: Draft, footprint: Footprint, name: str) -> None:
         if stage.robot is None or grown or (stage.hands_on and shaped is not None):
             continue
         item[1].pop(stage.robot.replaces, None)
-        item[1].put(stage.robot.parameters(footprint))
+        item[1].put(stage.robot.parameters(footprint if stage.hands_on else seen))
         is_used = True
         if stage.hands_on:
             shaped, grown = stage, stage.makes is not Costmap

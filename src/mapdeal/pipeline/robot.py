@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
 from mapdeal.pipeline.recipe_file import Draft, Given
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
@@ -87,6 +89,35 @@ def _own_of(name: str, robot: RobotParameters, model: object) -> Given | None:
         hint = f"model {own['model']} can, which is taken without it"
         raise ParameterError(rule, place=f"{name}.model", got=model, hint=hint)
     return None if values is None else Given({"model": model, **values})
+
+
+def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
+    """Have stages that look at a map for a robot take it as the robot's static layer does.
+
+    That is from which occupancy on a cell is lethal, and whether unknown cells are free. What the
+    draft says itself stays, and what is made of a field or of costs knows it already.
+
+    Parameters
+    ----------
+    draft : list of (str, Given)
+        The stages, which are changed.
+    robot : RobotParameters
+        The robot.
+    """
+    if not robot.static_layers:
+        return
+    layer = robot.static_layers[-1]
+    threshold = max(layer.lethal_cost_threshold, 1)
+    of_map = {} if threshold == DEFAULT_LETHAL_THRESHOLD else {"lethal_threshold": threshold}
+    of_all = {} if layer.track_unknown_space else {"through_unknown": True}
+    works_on: type[Any] = OccupancyGrid
+    for name, given in draft:
+        stage = next(iter(models_of(name).values()))
+        if stage.hands_on:
+            works_on = stage.makes
+        elif stage.robot is not None:
+            rules = {**of_all, **(of_map if works_on is OccupancyGrid else {})}
+            given.put({k: v for k, v in rules.items() if k in stage.parameters and k not in given})
 
 
 def put_value(
