@@ -174,6 +174,7 @@ def test_a_check_finds_what_it_is_about(checks, name, map_):
 def test_every_check_has_a_case():
     covered = {name for name, _ in CASES} | {"image.depth", "image.outside-folder"}
     covered |= {"run.no-manifest", "run.missing-file", "run.other-file", "run.uniform-cost"}
+    covered |= {"map.disconnected", "lint.left-out"}  # test_room_checks.py
     covered |= {"lint.not-checked", "lint.unused-ignore"}  # tests/pipeline/test_lint.py
     covered |= {name for name in CHECKS if name.startswith("params.")}  # test_lint_parameters.py
     assert covered == set(CHECKS)

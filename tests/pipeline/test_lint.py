@@ -251,11 +251,11 @@ def test_a_map_that_its_worker_dies_of_is_a_finding(many, workers):
 def test_a_map_that_only_its_share_of_memory_refuses_is_checked_alone(many, workers, monkeypatch):
     before = []
 
-    def refused(path, *, max_cells=None):
+    def refused(path, *, max_cells=None, radius=None):
         before.append(path.name)
         if before.count(path.name) == 1 and path.name == "2.yaml":
             raise MalformedInputError(f"needs too much{SHARE_OF_JOB}", source=path)
-        return lint_file(path, max_cells=max_cells)
+        return lint_file(path, max_cells=max_cells, radius=radius)
 
     monkeypatch.setattr(module, "lint_file", refused)
     report = lint_maps(many, NO_RULES, jobs=2)
@@ -271,10 +271,10 @@ def test_a_map_that_only_its_share_of_memory_refuses_is_checked_alone(many, work
     ],
 )
 def test_a_bug_met_by_one_map_is_a_finding_of_it(maps, monkeypatch, problem, told):
-    def fails(path, *, max_cells=None):
+    def fails(path, *, max_cells=None, radius=None):
         if path.name == "plain.yaml":
             raise problem
-        return lint_file(path, max_cells=max_cells)
+        return lint_file(path, max_cells=max_cells, radius=radius)
 
     monkeypatch.setattr(module, "lint_file", fails)
     report = lint_maps([Path(one) for one in listed("maps")], NO_RULES)
@@ -299,7 +299,7 @@ def test_large_maps_are_worth_workers(maps, monkeypatch):
             file.truncate(19 + 11000 * 11000)
     called = []
 
-    def taken(paths, settings, jobs, done):
+    def taken(paths, settings, radii, jobs, done):
         called.append(jobs)
         for index in range(len(paths)):
             done(index, module._Found(()))

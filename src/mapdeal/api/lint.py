@@ -9,6 +9,7 @@ from typing import get_args
 
 from mapdeal.checks.reports.report import LintReport
 from mapdeal.errors import ParameterError
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed
 from mapdeal.pipeline.lint import LintRules, ParameterFiles, lint_maps, list_sources
 from mapdeal.pipeline.settings import Settings
@@ -21,6 +22,7 @@ def lint(
     params_file: str | PathLike[str] | Iterable[str | PathLike[str]] = (),
     costmap: CostmapName | None = None,
     namespace: str | None = None,
+    footprint: Footprint | None = None,
     select: str | Iterable[str] = (),
     ignore: str | Iterable[str] = (),
     strict: bool = False,
@@ -42,6 +44,10 @@ def lint(
         Which of its costmaps to look at; both, as far as the files have them, if not given.
     namespace : str, optional
         Which robot, if the files hold several.
+    footprint : Footprint, optional
+        The shape of a robot that is to get through the maps, by its inscribed radius: areas that
+        only passages too narrow for it join are a finding. That of the parameter files, if any, if
+        not given.
     select, ignore : str or several
         Names of checks, or of their areas such as ``image``: those that count, all if not given,
         and those that do not.
@@ -65,7 +71,7 @@ def lint(
     ------
     ParameterError
         If there are neither maps nor parameter files, a check is not known, a pattern matches no
-        map, or a configuration says what cannot be.
+        map, the shape is none or without a map, or a configuration says what cannot be.
     FileAccessError, MalformedInputError
         If a list or a file of configuration cannot be read.
 
@@ -93,10 +99,14 @@ def lint(
         raise ParameterError("costmap and namespace need params_file", place="lint")
     if costmap not in (None, *get_args(CostmapName)):
         raise ParameterError("must be global or local", place="costmap", got=costmap)
+    if footprint is not None and not isinstance(footprint, Footprint):
+        raise ParameterError("must be a Footprint", place="footprint", got=footprint)
+    if footprint is not None and not names:
+        raise ParameterError("needs paths of maps", place="footprint")
     with settings.memory():
         listing = list_sources(names, _no_standard_input)
         paths_of = [one.path for one in listing.maps]
-        return lint_maps(paths_of, rules, settings, parameters=parameters)
+        return lint_maps(paths_of, rules, settings, parameters=parameters, footprint=footprint)
 
 
 def _names(

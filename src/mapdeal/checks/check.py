@@ -6,16 +6,17 @@ import inspect
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar, get_type_hints
 
-from mapdeal.checks.facts import GridFacts, PairFacts
+from mapdeal.checks.facts import GridFacts, PairFacts, RoomFacts
 from mapdeal.checks.finding import Check, Remark, Severity, add_check
 from mapdeal.checks.parameter_facts import ParameterFacts, RobotFacts
 
-_FACTS = (PairFacts, GridFacts, ParameterFacts, RobotFacts)
+_FACTS = (PairFacts, GridFacts, RoomFacts, ParameterFacts, RobotFacts)
 
 CheckFunction = TypeVar(
     "CheckFunction",
     bound=Callable[[PairFacts], Iterator[Remark | str]]
     | Callable[[GridFacts], Iterator[Remark | str]]
+    | Callable[[RoomFacts], Iterator[Remark | str]]
     | Callable[[ParameterFacts], Iterator[Remark | str]]
     | Callable[[RobotFacts], Iterator[Remark | str]],
 )
@@ -37,8 +38,8 @@ def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction]
     -------
     callable
         The decorator. The function takes the facts that its parameter is annotated with, one of
-        `PairFacts`, `GridFacts`, `ParameterFacts` and `RobotFacts`, and yields its remarks; it is
-        not called for files that have no such facts.
+        `PairFacts`, `GridFacts`, `RoomFacts`, `ParameterFacts` and `RobotFacts`, and yields its
+        remarks; it is not called for files that have no such facts.
 
     Raises
     ------

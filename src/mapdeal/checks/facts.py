@@ -17,7 +17,7 @@ from mapdeal.errors import (
     kept_warnings,
 )
 from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
-from mapdeal.formats.budget import holding
+from mapdeal.formats.budget import claim, holding
 from mapdeal.formats.dialects import reader_of
 from mapdeal.formats.image import open_strips, read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
@@ -25,6 +25,7 @@ from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import remark_on_lost, warn_of_cost_figures, warn_of_one_cost
 from mapdeal.formats.map_server import costs_of, find_image
 from mapdeal.formats.map_yaml import MapMetadata, metadata_of
+from mapdeal.formats.maps import as_occupancy, open_map
 from mapdeal.formats.npz import read_npz
 from mapdeal.formats.picture import Picture
 from mapdeal.formats.source import head_of
@@ -36,6 +37,9 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.components import Cells
 
 _HEAD = 1 << 16
+
+_OF_ROOMS = 105
+"""Bytes for each cell that looking for passages takes at its peak, reading not counted."""
 
 _PIXELS_TOGETHER = 1 << 17
 """Colours become wide numbers on the way to cells: not those of many pixels at once."""
@@ -73,6 +77,22 @@ class GridFacts:
         others = counts.copy()
         others[-1:] -= 1
         return sizes, others
+
+
+@dataclass(frozen=True, eq=False)
+class RoomFacts:
+    """A map in memory, and a robot that is to get through it.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map, as dialect nav2 reads it.
+    radius : float
+        The robot's inscribed radius, metres: a round robot of it gets wherever the robot may.
+    """
+
+    grid: OccupancyGrid
+    radius: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +164,23 @@ def gather(
         text = str(error) + (f" ({error.hint})" if error.hint else "")
         findings.append(_finding(name, path, text, entries))
     return pair, cells, findings
+
+
+def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> RoomFacts:
+    """Return a map that `gather` has gone through, for checks that need all of it in memory.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read again.
+    MalformedInputError
+        If it takes too much memory.
+    """
+    with kept_warnings(), open_map(path, max_cells=max_cells) as file:
+        height, width = file.shape()
+        count = file.memory_to_read() + _OF_ROOMS * height * width
+        claim(path, count, what=f"{width} x {height} cells")
+        return RoomFacts(as_occupancy(file.read().grid), radius)
 
 
 def _of_npz(path: Path, max_cells: int | None) -> GridFacts | None:

@@ -13,15 +13,23 @@ from mapdeal.checks import (  # noqa: F401
     map_checks,
     parameter_problems,
     robot_checks,
+    room_checks,
     yaml_checks,
 )
-from mapdeal.checks.facts import PairFacts, gather
-from mapdeal.checks.finding import CHECKS, SEVERITIES, Check, Finding, Remark
+from mapdeal.checks.facts import PairFacts, RoomFacts, gather, gather_rooms
+from mapdeal.checks.finding import CHECKS, SEVERITIES, Check, Finding, Remark, declare_check
 from mapdeal.checks.run_checks import lint_run
+from mapdeal.errors import MalformedInputError
 from mapdeal.formats.source import is_folder
 
+LEFT_OUT = "lint.left-out"
 
-def lint_file(path: Path, *, max_cells: int | None = None) -> list[Finding]:
+declare_check(LEFT_OUT, "note", "a check that takes more memory than it may was left out")
+
+
+def lint_file(
+    path: Path, *, max_cells: int | None = None, radius: float | None = None
+) -> list[Finding]:
     """Return what all checks find in a map or a folder of outputs, the worst first.
 
     Parameters
@@ -31,16 +39,32 @@ def lint_file(path: Path, *, max_cells: int | None = None) -> list[Finding]:
         that a run has written.
     max_cells : int, optional
         Cells up to which an image is read.
+    radius : float, optional
+        Inscribed radius of the robot that is to get through the map, metres. Checks of that are
+        left out without one.
     """
     if is_folder(path):
         return lint_run(path)
     pair, cells, findings = gather(path, max_cells=max_cells)
     path = path if pair is None else pair.path
-    facts_by_type = {type(facts): facts for facts in (pair, cells) if facts is not None}
+    facts_by_type: dict[type, Any] = {
+        type(facts): facts for facts in (pair, cells) if facts is not None
+    }
+    if radius is not None and cells is not None:
+        try:
+            facts_by_type[RoomFacts] = gather_rooms(path, radius, max_cells=max_cells)
+        except MalformedInputError as error:  # which reading by strips is not: there is too little
+            text = f"{', '.join(checks_of(RoomFacts))}: {error.rule}"
+            findings.append(Finding(LEFT_OUT, CHECKS[LEFT_OUT].severity, str(path), text))
     for check in CHECKS.values():
         if check.facts in facts_by_type:
             findings += _findings_of(check, facts_by_type[check.facts], path, pair)
     return sorted(dict.fromkeys(findings), key=lambda found: SEVERITIES.index(found.severity))
+
+
+def checks_of(facts: type) -> list[str]:
+    """Return the names of the checks that look at facts of a type."""
+    return [check.name for check in CHECKS.values() if check.facts is facts]
 
 
 def _findings_of(check: Check, facts: Any, path: Path, pair: PairFacts | None) -> Iterator[Finding]:

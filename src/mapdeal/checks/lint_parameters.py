@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from mapdeal.checks import layer_checks, robot_checks  # noqa: F401
 from mapdeal.checks.finding import CHECKS, Check, Finding, Remark
 from mapdeal.checks.parameter_facts import ParameterFacts, RobotFacts
 from mapdeal.checks.parameter_problems import finding_of
+from mapdeal.errors import MapdealError
 from mapdeal.formats.ros_parameters.problem import Problem
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.robot.load import found_in
@@ -75,6 +77,25 @@ def lint_parameters(
     for found in dict.fromkeys(findings):
         by_file.setdefault(Path(found.file), []).append(found)
     return {path: sorted(found, key=lambda f: f.line or 0) for path, found in by_file.items()}
+
+
+def robot_in(
+    paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None
+) -> RobotParameters | None:
+    """Return the robot of parameter files, as its global costmap has it if there are both.
+
+    Parameters
+    ----------
+    paths, costmap, namespace
+        As of `lint_parameters`, which tells why there is none, if there is none.
+    """
+    names: tuple[CostmapName, ...] = ("global", "local") if costmap is None else (costmap,)
+    for name in names:
+        with suppress(MapdealError):
+            one = _resolve(paths, name, namespace)
+            if one.robot is not None and not _is_absent(one):
+                return one.robot
+    return None
 
 
 def _resolve(paths: Sequence[Path], costmap: CostmapName, namespace: str | None) -> _Costmap:

@@ -42,7 +42,12 @@ class Selection:
     severity: Mapping[str, Severity] = field(default_factory=dict)
 
     def judged(
-        self, file: Path, findings: Iterable[Finding], comments: Sequence[IgnoreComment] = ()
+        self,
+        file: Path,
+        findings: Iterable[Finding],
+        comments: Sequence[IgnoreComment] = (),
+        *,
+        without: Iterable[str] = (),
     ) -> tuple[tuple[Finding, ...], int]:
         """Return the findings of a map that count, the worst first, and how many were suppressed.
 
@@ -54,6 +59,8 @@ class Selection:
             All that were found.
         comments : sequence of IgnoreComment
             Those of its YAML file.
+        without : iterable of str
+            Names of checks that were not done: nobody knows what comments ignore of them.
 
         Notes
         -----
@@ -68,7 +75,7 @@ class Selection:
         kept = [found for found in wanted if found.check not in ignored | spared]
         unused = []
         if UNUSED in self.checks - spared:
-            unused = list(_unused(file, comments, {found.check for found in findings}))
+            unused = list(_unused(file, comments, {*without, *(found.check for found in findings)}))
         weighed = [
             replace(found, severity=self.severity.get(found.check, found.severity))
             for found in [*kept, *unused]

@@ -17,16 +17,29 @@ from mapdeal.cli.options import OR_STDIN
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import MapdealError, ParameterError
+from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.lint import LintRules, ParameterFiles, lint_maps, list_sources, repair_maps
 from mapdeal.pipeline.repair import repair_file
 from mapdeal.pipeline.settings import Settings
 from mapdeal.robot.parameters import CostmapName
 
+_SHAPE = ("footprint", "robot_radius", "footprint_padding", "robot_16_gon")
+
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 
 @app.command()
-@shared_options("max_cells", "force", "max_memory")
+@shared_options(
+    *_SHAPE,
+    "max_cells",
+    "force",
+    "max_memory",
+    help_texts={
+        "footprint": "The robot's corners around its centre: look for rooms that it is cut off "
+        "from, by its inscribed radius.",
+        "robot_radius": "The radius of a round robot: look for rooms that it is cut off from.",
+    },
+)
 def lint(
     sources: Annotated[
         list[str] | None,
@@ -116,6 +129,7 @@ def lint(
         typer.Option("--in-place", help="Repair maps in their own files, and say what is left."),
     ] = False,
     *,
+    footprint: Footprint | None,
     settings: Settings,
 ) -> None:
     """Report what is wrong with maps, and with a robot's parameter files, by named checks.
@@ -130,6 +144,9 @@ def lint(
     With --params-file a robot's own parameters are looked at, too: what ROS refuses, or passes over
     in silence, and what its shape and its costs make of one another. A MAP is not needed then.
 
+    With a robot's shape, of options or of parameter files, areas of a map are looked for that only
+    passages too narrow for the robot join.
+
     A comment "# mapdeal: ignore ID, ID" in a map's .yaml takes these checks out for that map, and
     in a parameter file for that file.
     """
@@ -139,7 +156,11 @@ def lint(
         has_output=output is not None,
         in_place=in_place,
         has_parameters=parameters is not None,
+        has_shape=footprint is not None,
     )
+    if footprint is not None and not sources:
+        option = "--footprint" if footprint.vertices else "--robot-radius"
+        raise ParameterError("needs a MAP", source=option)
     if not sources and parameters is None:
         raise ParameterError("needs a MAP, or --params-file", source="lint")
     listing = list_sources(sources or (), terminal.input_chunks)
@@ -159,7 +180,13 @@ def lint(
             report, problems = repair_maps(paths, rules, settings, jobs=at_once, done=done)
         else:
             report = lint_maps(
-                paths, rules, settings, parameters=parameters, jobs=at_once, done=done
+                paths,
+                rules,
+                settings,
+                parameters=parameters,
+                footprint=footprint,
+                jobs=at_once,
+                done=done,
             )
     for line in REPORTS[form](report):
         terminal.result(line)
@@ -192,10 +219,13 @@ def _parameters_of(
     return None
 
 
-def _check_fix(*, fix: bool, has_output: bool, in_place: bool, has_parameters: bool) -> None:
-    if fix and has_parameters:
-        rule = "cannot be given together with --fix"
-        raise ParameterError(rule, source="--params-file", hint="--fix repairs maps alone")
+def _check_fix(
+    *, fix: bool, has_output: bool, in_place: bool, has_parameters: bool, has_shape: bool
+) -> None:
+    for option, is_given in (("--params-file", has_parameters), ("a robot's shape", has_shape)):
+        if fix and is_given:
+            rule = "cannot be given together with --fix"
+            raise ParameterError(rule, source=option, hint="--fix repairs maps alone")
     if has_output and in_place:
         raise ParameterError("cannot be given together with -o", source="--in-place")
     if fix and not (has_output or in_place):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mapdeal.checks.facts import RoomFacts
 from mapdeal.checks.finding import CHECKS, Finding
-from mapdeal.checks.lint import lint_file
+from mapdeal.checks.lint import LEFT_OUT, checks_of, lint_file
 from mapdeal.checks.reports.report import LintReport, MapReport
 from mapdeal.checks.run_checks import RUN_FOLDERS
 from mapdeal.checks.selection import Selection, selection_of
@@ -21,6 +22,7 @@ from mapdeal.formats.map_listing import MapListing, list_maps
 from mapdeal.formats.maps import open_map
 from mapdeal.formats.source import is_folder, normal_path
 from mapdeal.formats.yaml_comments import IgnoreComment, read_ignore_comments
+from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
 from mapdeal.robot.parameters import CostmapName
 from mapdeal.version import __version__
@@ -144,6 +146,7 @@ def lint_maps(
     settings: Settings = DEFAULT_SETTINGS,
     *,
     parameters: ParameterFiles | None = None,
+    footprint: Footprint | None = None,
     jobs: int = 1,
     done: Callable[[int], object] = lambda _: None,
 ) -> LintReport:
@@ -159,6 +162,9 @@ def lint_maps(
         How maps are read.
     parameters : ParameterFiles, optional
         A robot's parameter files.
+    footprint : Footprint, optional
+        The shape of the robot that is to get through the maps; that of the parameter files if not
+        given.
     jobs : int
         Processes to share the maps out to, if there is enough to be done.
     done : callable
@@ -179,6 +185,13 @@ def lint_maps(
     selections = _Selections(rules)
     wanted = [selections.of(path) for path in paths]
     reports = [] if parameters is None else _reports_of(parameters, paths, selections, settings)
+    radius = _radius_of(footprint, parameters) if paths else None
+    of_robot = checks_of(RoomFacts)
+    radii = {
+        path: radius
+        for path, selection in zip(paths, wanted, strict=True)
+        if radius is not None and not selection.checks.isdisjoint(of_robot)
+    }
     found: dict[int, _Found] = {}
 
     def take(index: int, one: _Found) -> None:
@@ -186,16 +199,32 @@ def lint_maps(
         done(1)
 
     if jobs > 1 and _are_worth_workers(paths, settings):
-        _lint_in_processes(paths, settings, min(jobs, len(paths)), take)
+        _lint_in_processes(paths, settings, radii, min(jobs, len(paths)), take)
     else:
         for index, path in enumerate(paths):
-            take(index, _lint_one(path, settings))
+            take(index, _lint_one(path, settings, radii.get(path)))
     for index, (path, selection) in enumerate(zip(paths, wanted, strict=True)):
-        findings, suppressed = selection.judged(path, found[index].findings, found[index].comments)
+        is_left_out = any(one.check == LEFT_OUT for one in found[index].findings)
+        without = of_robot if is_left_out or path not in radii else ()
+        findings, suppressed = selection.judged(
+            path, found[index].findings, found[index].comments, without=without
+        )
         reports.append(
             MapReport(str(path), findings, suppressed, selection.strict, is_folder(path))
         )
     return LintReport(tuple(reports), __version__)
+
+
+def _radius_of(footprint: Footprint | None, parameters: ParameterFiles | None) -> float | None:
+    """Return the inscribed radius of the robot whose shape, or whose files, are given."""
+    if footprint is not None:
+        return footprint.inscribed_radius
+    if parameters is None:
+        return None
+    from mapdeal.checks.lint_parameters import robot_in  # few calls look at any
+
+    robot = robot_in(parameters.paths, costmap=parameters.costmap, namespace=parameters.namespace)
+    return None if robot is None else robot.inscribed_radius
 
 
 def repair_maps(
@@ -290,10 +319,10 @@ def _resolution_of(path: Path, settings: Settings) -> tuple[str, float] | None:
             return None
 
 
-def _lint_one(path: Path, settings: Settings) -> _Found:
+def _lint_one(path: Path, settings: Settings, radius: float | None = None) -> _Found:
     """Return what is found in a map, also if it cannot be checked."""
     try:
-        findings = lint_file(path, max_cells=settings.max_cells)
+        findings = lint_file(path, max_cells=settings.max_cells, radius=radius)
     except MapdealError as error:
         return _not_checked(path, str(error))
     except MemoryError:
@@ -337,7 +366,11 @@ def _cells_of(path: Path, settings: Settings) -> int:
 
 
 def _lint_in_processes(
-    paths: Sequence[Path], settings: Settings, jobs: int, done: Callable[[int, _Found], None]
+    paths: Sequence[Path],
+    settings: Settings,
+    radii: Mapping[Path, float],
+    jobs: int,
+    done: Callable[[int, _Found], None],
 ) -> None:
     from mapdeal.pipeline.dispatch import dispatch
     from mapdeal.pipeline.jobs import Job, Outcome, attempt
@@ -349,7 +382,9 @@ def _lint_in_processes(
         if not isinstance(found, _Found):
             found = _not_checked(paths[index], str(found))
         elif any(SHARE_OF_JOB in one.message for one in found.findings):
-            found = _lint_one(paths[index], settings)  # alone it may have all of it
+            found = _lint_one(
+                paths[index], settings, radii.get(paths[index])
+            )  # alone it may have all of it
         done(index, found)
 
     work = _LintJob(
@@ -357,7 +392,8 @@ def _lint_in_processes(
             settings,
             max_memory=memory_budget(settings.max_memory, jobs),
             memory_is_chosen=settings.max_memory is not None,
-        )
+        ),
+        radii,
     )
     all_jobs = [Job(path, path, str(path), str(path)) for path in paths]
     dispatch(len(paths), all_jobs.__getitem__, partial(attempt, work), ProcessWorkers(jobs), take)
@@ -368,7 +404,8 @@ class _LintJob:
     """Lint with its options, as it is sent to workers."""
 
     settings: Settings
+    radii: Mapping[Path, float]
 
     def __call__(self, job: Job) -> _Found:
         with self.settings.memory(anew=True):
-            return _lint_one(job.path, self.settings)
+            return _lint_one(job.path, self.settings, self.radii.get(job.path))

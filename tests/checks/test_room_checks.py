@@ -1,0 +1,283 @@
+"""Rooms that a robot of some size cannot get to."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mapdeal
+from drawn import grid_from_text
+from mapdeal import Footprint, OccupancyGrid, ParameterError, write_map
+from mapdeal.checks import facts, room_checks
+from mapdeal.checks.facts import RoomFacts
+from mapdeal.checks.lint import lint_file
+from mapdeal.formats.budget import use_memory
+from mapdeal.pipeline import lint as module
+from mapdeal.pipeline.lint import LintRules, lint_maps
+from oracles import flooded, squared_distance
+
+SIDE, DOOR = 12, 3
+WALL = "#" * (2 * SIDE + 3)
+ROWS = ["#" + "." * SIDE + "#" + "." * SIDE + "#"] * 4
+OPEN = ["#" + "." * (2 * SIDE + 1) + "#"] * DOOR
+TWO_ROOMS = grid_from_text("\n".join([WALL, *ROWS, *OPEN, *ROWS, ROWS[0], WALL]), 0.25)
+"""Two rooms of 3 x 3 m, and a door three cells wide: the middle of it is 2 cells, 0.5 m, from the
+next obstacle. Of a robot of 0.5 m the centre can be in 8 x 8 cells of a room, 4 m2, and in four in
+front of the door, where the posts are sqrt(5) cells away or more: 4.25 m2."""
+RULES = LintRules(ignore=("yaml",))
+CLOSED, PASSING = Footprint.circle(0.5), Footprint.circle(0.499)
+
+
+@pytest.fixture
+def room(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_map("m.yaml", TWO_ROOMS)
+    return Path("m.yaml")
+
+
+def said(radius, grid=TWO_ROOMS):
+    return list(room_checks.disconnected(RoomFacts(grid, radius)))
+
+
+def mask_of(is_open, seed):
+    """Return the cells that a flood of open ones from the first of a mask gets to."""
+    mask = np.zeros(is_open.shape, dtype=bool)
+    first, *_ = np.argwhere(seed).tolist()
+    mask[tuple(np.transpose(list(flooded(is_open, tuple(first)))))] = True
+    return mask
+
+
+def checks_of(report):
+    return [found.check for found in report]
+
+
+def test_the_door_is_told_that_stops_the_robot_and_by_how_much():
+    (text,) = said(0.5)
+    found = re.fullmatch(
+        r"(.*) m2 are cut off by a passage of 1 m at (.*), (.*); "
+        r"the robot needs more than 1 m",
+        text,
+    )
+    assert float(found[1]) == 4.25
+    # the door's column is that of the wall between; its rows are 6 to 8 from the south
+    (expected,) = TWO_ROOMS.frame.xy_from_rowcol([[7, SIDE + 1]])
+    assert (float(found[2]), float(found[3])) == pytest.approx(tuple(expected), abs=0.006)
+    assert said(0.499) == []
+    assert said(0.55)[0].endswith(" at 3.88, 1.04; the robot needs more than 1.1 m")
+
+
+def test_less_than_a_room_is_no_finding():
+    """0.75 m leave 6 x 6 cells of each room, 2.25 m2."""
+    assert said(0.74) != said(0.75) == []
+
+
+def test_rooms_without_a_way_are_islands_and_no_matter_of_size():
+    closed = TWO_ROOMS.occupancy.copy()
+    closed[:, SIDE + 1] = 100
+    assert said(0.5, TWO_ROOMS.with_values(closed)) == []
+
+
+def test_unknown_cells_are_no_way():
+    unknown = TWO_ROOMS.occupancy.copy()
+    unknown[6:9, SIDE + 1] = -1
+    assert said(0.5, TWO_ROOMS.with_values(unknown)) == []
+
+
+def test_many_passages_are_counted(monkeypatch):
+    monkeypatch.setattr(room_checks, "_SHOWN", 2)
+    row = np.concatenate([TWO_ROOMS.occupancy[:, :-1]] * 3 + [TWO_ROOMS.occupancy[:, -1:]], axis=1)
+    row[6:9, 2 * (SIDE + 1)] = row[6:9, 4 * (SIDE + 1)] = 0
+    texts = said(0.5, TWO_ROOMS.with_values(row))
+    assert len(texts) == 3
+    # from the third of six rooms, of which inner ones have two doors: 4.5 + 4.25 behind two of five
+    assert texts[2] == "3 more passages cut off 8.75 m2 or less each"
+    areas = [float(text.partition(" ")[0]) for text in texts[:2]]
+    assert areas == sorted(areas, reverse=True)
+
+
+@given(
+    st.integers(0, 2**32 - 1), st.integers(8, 26), st.integers(8, 26),
+    st.sampled_from([0.3, 0.5, 0.6, 1.0, 1.2]),
+)  # fmt: skip
+def test_found_where_a_flood_of_the_robot_s_size_finds_two_rooms(seed, height, width, radius):
+    """By hand: open cells at the radius, flooded; two areas of 4 m2 that a flood of all joins."""
+    dice = np.random.default_rng(seed)
+    cells = np.where(dice.random((height, width)) < 0.02, 100, 0).astype(np.int8)
+    for _ in range(dice.integers(1, 4)):
+        if dice.random() < 0.5:
+            cells[dice.integers(height), dice.random(width) > 0.15] = 100
+        else:
+            cells[dice.random(height) > 0.15, dice.integers(width)] = 100
+    grid = OccupancyGrid(cells, 0.5, (1.5, -2.0, 0.4))
+    squared = squared_distance(cells == 100)
+    is_free = cells == 0
+    is_open = is_free & (np.sqrt(squared.astype(float)) * 0.5 > radius)
+    areas, left = [], is_open.copy()
+    while left.any():
+        area = mask_of(is_open, left)
+        left &= ~area
+        areas.append(area)
+    rooms = [area for area in areas if area.sum() * 0.25 >= 4]
+    joined = [mask_of(is_free, area) for area in rooms]
+    largest = max(areas, key=np.sum, default=None)
+    texts = said(radius, grid)
+    if largest is not None and largest.sum() * 0.25 >= 4:
+        whole = mask_of(is_free, largest)
+        others = [area for area in rooms if area is not largest and (area & whole).any()]
+        if others:
+            assert texts
+        behind = sum(area.sum() for area in areas if (area & whole).any()) - largest.sum()
+        if behind * 0.25 < 4:
+            assert not texts
+    if len(joined) < 2 and is_open.sum() * 0.25 < 8:
+        assert not texts
+    for text in texts:
+        found = re.match(r"(.*) m2 are cut off by a passage of (.*) m at", text)
+        assert float(found[1]) >= 4
+        assert float(found[2]) <= 2 * radius + 1e-9
+
+
+# Only where it is asked for
+
+
+def test_nothing_is_looked_for_without_a_robot_or_unless_it_counts(room, monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError("looked for rooms")
+
+    monkeypatch.setattr("mapdeal.checks.lint.gather_rooms", refuse)
+    assert "map.disconnected" not in checks_of(lint_maps([room], RULES))
+    for rules in (LintRules(ignore=("map.disconnected",)), LintRules(select=("yaml",))):
+        assert "map.disconnected" not in checks_of(lint_maps([room], rules, footprint=CLOSED))
+    with pytest.raises(AssertionError, match="looked for rooms"):
+        lint_file(room, radius=0.5)
+
+
+def test_the_project_s_rules_count(room):
+    Path("mapdeal.toml").write_text('[lint.severity]\n"map.disconnected" = "error"\n')
+    report = lint_maps([room], RULES, footprint=CLOSED)
+    assert (report[0].check, report[0].severity) == ("map.disconnected", "error")
+    assert not report.passes
+
+
+def test_a_comment_that_spares_the_map_is_unused_only_where_it_was_looked_at(room):
+    room.write_text(room.read_text() + "# mapdeal: ignore map.disconnected\n")
+    assert checks_of(lint_maps([room], RULES)) == []
+    stopped = lint_maps([room], RULES, footprint=CLOSED)
+    assert (checks_of(stopped), stopped.maps[0].suppressed) == ([], 1)
+    assert checks_of(lint_maps([room], RULES, footprint=PASSING)) == ["lint.unused-ignore"]
+    ignoring = LintRules(ignore=("map.disconnected", "yaml"))
+    assert checks_of(lint_maps([room], ignoring, footprint=PASSING)) == []
+
+
+def test_costs_and_runs_have_no_rooms(room, tmp_path):
+    write_map("c.npz", mapdeal.exponential_cost(TWO_ROOMS))
+    assert "map.disconnected" not in [one.check for one in lint_file(Path("c.npz"), radius=0.5)]
+
+
+@pytest.mark.parametrize("name", ["m.npz", "f.npz", "b.pbm"])
+def test_every_kind_of_map(room, name):
+    if name == "b.pbm":
+        mapdeal.write_bit_map(name, mapdeal.BitMap.from_occupancy(TWO_ROOMS))
+    else:
+        write_map(name, TWO_ROOMS if name == "m.npz" else mapdeal.esdf(TWO_ROOMS))
+    found = [one.message for one in lint_file(Path(name), radius=0.5)]
+    assert said(0.5)[0] in found
+
+
+def test_a_map_that_takes_too_much_memory_is_left_out_with_one_note(room, monkeypatch):
+    monkeypatch.setattr(facts, "_OF_ROOMS", 10**9)
+    with use_memory(100_000_000):
+        found, *_ = (one for one in lint_file(room, radius=0.5) if one.check[:4] != "yaml")
+    assert (found.check, found.severity) == ("lint.left-out", "note")
+    cells = f"{TWO_ROOMS.shape[1]} x {TWO_ROOMS.shape[0]} cells need"
+    assert found.message.startswith(f"map.disconnected: {cells} ")
+    room.write_text(room.read_text() + "# mapdeal: ignore map.disconnected\n")
+    settings = module.Settings(max_memory=100_000_000)
+    with settings.memory():
+        report = lint_maps([room], RULES, settings, footprint=CLOSED)
+    assert checks_of(report) == ["lint.left-out"]  # and no unused comment
+
+
+def test_processes_look_for_them_too(room, monkeypatch):
+    monkeypatch.setattr(module, "_CELLS_WORTH_WORKERS", 0)
+    write_map("n.yaml", TWO_ROOMS)
+    paths = [room, Path("n.yaml")]
+    reports = [lint_maps(paths, RULES, footprint=CLOSED, jobs=jobs) for jobs in (1, 2)]
+    assert reports[0] == reports[1]
+    assert checks_of(reports[0]) == ["map.disconnected"] * 2
+
+
+# On the command line and from Python
+
+PARAMETERS = """
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      footprint: "[[0.9, 0.5], [0.9, -0.5], [-0.9, -0.5], [-0.9, 0.5]]"
+      footprint_padding: 0.0
+      plugins: [static_layer]
+      static_layer: {plugin: "nav2_costmap_2d::StaticLayer"}
+"""
+POLYGON = "[[0.9,0.5],[0.9,-0.5],[-0.9,-0.5],[-0.9,0.5]]"
+
+
+@pytest.mark.parametrize(
+    ("words", "is_found"),
+    [
+        ([], False),
+        (["--robot-radius", 0.5], True),
+        (["--robot-radius", 0.499], False),
+        (["--robot-radius", 0.499, "--footprint-padding", 0.01], True),
+        (["--robot-radius", 0.5, "--robot-16-gon"], False),  # whose inscribed radius is 0.49
+        (["--footprint", POLYGON], True),
+        (["--params-file", "p.yaml"], True),
+        (["--params-file", "p.yaml", "--robot-radius", 0.3], False),
+        (["--params-file", "p.yaml", "--costmap", "local"], False),
+    ],
+)
+def test_the_robot_is_that_of_the_options_or_of_its_files(command, room, words, is_found):
+    Path("p.yaml").write_text(PARAMETERS)
+    _, out, _ = command("lint", room, *words, "--select", "map")
+    assert ("map.disconnected: 4.25 m2 are cut off by a passage of 1 m" in out) is is_found
+
+
+@pytest.mark.parametrize("form", ["json", "github", "sarif", "junit"])
+def test_every_form_of_the_report_tells_it(command, room, form):
+    code, out, _ = command("lint", room, "--robot-radius", 0.5, "--strict", "--format", form)
+    assert code == 1
+    assert "map.disconnected" in out
+    assert "4.25 m2 are cut off by a passage of 1 m" in out
+    if form in ("json", "sarif"):
+        json.loads(out)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--robot-radius", 0.5], "--robot-radius: needs a MAP"),
+        (["--footprint", POLYGON, "--params-file", "p.yaml"], "--footprint: needs a MAP"),
+        (["m.yaml", "--robot-radius", 0], "robot radius must be a finite number"),
+        (["m.yaml", "--robot-radius", 1, "--footprint", POLYGON], "together with --robot-radius"),
+        (["m.yaml", "--robot-radius", 1, "--fix", "--in-place"], "together with --fix"),
+    ],
+)
+def test_shapes_that_cannot_be_are_refused(command, room, words, said):
+    code, out, err = command("lint", *words)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert err.startswith("error: ")
+
+
+def test_from_python(room):
+    report = mapdeal.lint(room, footprint=CLOSED, ignore="yaml")
+    assert checks_of(report) == ["map.disconnected"]
+    assert list(mapdeal.lint(room, footprint=PASSING, ignore="yaml")) == []
+    with pytest.raises(ParameterError, match="footprint: must be a Footprint"):
+        mapdeal.lint(room, footprint=0.5)
+    with pytest.raises(ParameterError, match="footprint: needs paths"):
+        Path("p.yaml").write_text(PARAMETERS)
+        mapdeal.lint(params_file="p.yaml", footprint=CLOSED)
