@@ -9,6 +9,7 @@ import pytest
 from drawn import grid_from_text
 from mapdeal import (
     Costmap,
+    Footprint,
     Frame,
     OccupancyGrid,
     Route,
@@ -18,6 +19,7 @@ from mapdeal import (
     potential,
 )
 from mapdeal.grid.canvas import on_canvas
+from mapdeal.grid.reach import Goal, GoalReach, Passage, Reach
 from mapdeal.render import colours, pen
 from mapdeal.render.canvas import ColourBar, Swatch, _Pen, sheet
 from mapdeal.render.colours import interpolated, mixed
@@ -27,6 +29,7 @@ from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster
+from mapdeal.render.reach import reach_image
 from mapdeal.render.route import RouteOverlay
 
 
@@ -408,8 +411,24 @@ def test_pictures_are_the_same_wherever_they_are_drawn():
             cost_curve(0.05, inscribed_radius=0.2, circumscribed_radius=0.36), title="Curve"
         ),
         "rings": cost_curve_image(cost_curve(0.05, model="rings"), title="Rings"),
+        "reach": reach_image(reach_of_three_rooms(), title="Reach"),
     }
     assert {name: digest(image) for name, image in pictures.items()} == RECORDED
+
+
+def reach_of_three_rooms():
+    drawn = np.array([list("########"), list("#..#.#.#"), list("#....#.#"), list("########")])
+    occupancy = np.where(drawn == "#", 100, 0).astype(np.int8)
+    headings = np.where(drawn == ".", 8, 0).astype(np.uint8)
+    headings[2, 3] = 0
+    reachable = (headings > 0) & (np.arange(8) < 3)
+    headings[2, 1] = 3
+    passage = Passage(1.375, -1.375, 0.2, 0.125, False, ((1.375, -1.625), (1.375, -1.125)))
+    return Reach(
+        reachable.astype(np.uint8), headings, occupancy * 0.0, occupancy * 0.0, occupancy, 0.25,
+        (0.5, -2.0, 0.0), (0.9, -1.6, 0.7), Footprint.polygon([(0.2, 0.1), (-0.2, 0.1), (0, -0.2)]),
+        8, goals=(GoalReach(Goal(2.1, -1.4, "Caf\u00e9"), False, 0, 0.0),), passages=(passage,),
+    )  # fmt: skip
 
 
 RECORDED = {
@@ -419,6 +438,7 @@ RECORDED = {
     "route": "73b9119568bebc8e",
     "curve": "3f3e680320848121",
     "rings": "fb63e0603780afe0",
+    "reach": "9811b98b3345f31b",
 }
 
 

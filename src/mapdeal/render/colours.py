@@ -33,6 +33,27 @@ REMOVED = (225, 30, 60)
 CHANGED = (250, 220, 130)
 OUTSIDE = (225, 225, 225)
 
+# What a robot reaches: told apart by people without one kind of cones, too.
+REACHABLE = (110, 215, 190)
+NO_TURN = (172, 230, 208)
+REACHABLE_UNKNOWN = (80, 178, 150)
+TOO_NARROW = (246, 246, 242)
+CUT_OFF = (166, 162, 156)
+CUT_OFF_AREAS = [
+    (255, 224, 96),
+    (146, 168, 250),
+    (206, 118, 190),
+    (255, 176, 124),
+    (140, 92, 200),
+    (158, 98, 84),
+]
+CLOSED_PASSAGE = (200, 0, 30)
+TIGHT_PASSAGE = (235, 125, 0)
+REACH_START = (0, 60, 200)
+ROBOT_OUTLINE = (0, 40, 110)
+GOAL_REACHED = (0, 110, 90)
+GOAL_MISSED = (130, 0, 110)
+
 _COST_ANCHORS = [(255, 247, 188), (254, 196, 79), (236, 112, 20), (190, 30, 70), (92, 12, 92)]
 _POTENTIAL_ANCHORS = [
     (250, 250, 235),

@@ -95,6 +95,14 @@ class Brush:
             fill_polygons(self._pixels, thick_lines(points[:-1], points[1:], thickness), index)
             fill_discs(self._pixels, points, thickness / 2, index)
 
+    def segments(
+        self, starts: NDArray[np.float64], ends: NDArray[np.float64], index: int, *,
+        thickness: int,
+    ) -> None:  # fmt: skip
+        """Draw lines between points, shape (N, 2) each, with round ends."""
+        fill_polygons(self._pixels, thick_lines(starts, ends, thickness), index)
+        fill_discs(self._pixels, np.concatenate([starts, ends]), thickness / 2, index)
+
     def dot(self, centre: NDArray[np.float64], index: int, *, radius: float) -> None:
         """Draw a filled circle."""
         fill_discs(self._pixels, centre[np.newaxis], radius, index)
