@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 
 import mapdeal
 from drawn import cells
-from mapdeal import Costmap, DistanceField, MapdealError, MapdealWarning, OccupancyGrid
+from mapdeal import (
+    Costmap,
+    DistanceField,
+    Footprint,
+    MapdealError,
+    MapdealWarning,
+    OccupancyGrid,
+)
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.stages.catalogue import STAGES
 from strategies import occupancies
@@ -51,6 +58,11 @@ DRAWN = {
             (SPREADS, {"static": {"use_maximum": True}}, SPREADS),
         ],
         "default_cost": [0, 255], "circumscribed_radius": [0.4],
+    },
+    ("reach", None): {
+        "start": [None, (1.5, -2.0)], "radius": [0.0, 0.3], "headings": [8],
+        "footprint": [None, Footprint.polygon([[0.3, 0.1], [-0.2, 0.1], [-0.2, -0.1]])],
+        "through_unknown": [True, False], "lethal_threshold": [None, 50], "min_area": [0.1],
     },
     ("cost", "rings"): {"values": [(60,), (90, 70, 50, 30, 10)]},
 }  # fmt: skip

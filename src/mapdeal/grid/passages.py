@@ -379,6 +379,7 @@ def _counts(basins: NDArray[np.int32], mask: NDArray[np.bool_], count: int) -> N
 
     def add(rows: slice) -> None:
         inside = basins[rows][mask[rows]]
+        inside = inside[inside >= 0]  # a robot may stand beside its centre, which is in an obstacle
         if not len(inside):
             return
         first = int(inside.min())  # basins are numbered by rows: those of a few are near together

@@ -13,6 +13,7 @@ from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npy import write_npy
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.png import write_indexed_png
+from mapdeal.formats.reach_json import reach_json
 from mapdeal.formats.transaction import Transaction
 from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.cost_curve import CostCurve
@@ -22,6 +23,7 @@ from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reach import Reach
 from mapdeal.pipeline.step import Step
 from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
@@ -29,6 +31,7 @@ from mapdeal.render.overlay import Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+from mapdeal.render.reach import reach_image
 
 PICTURE = ".png"
 
@@ -83,6 +86,10 @@ _FILES: dict[type[Any], GridFiles] = {
     PotentialField: GridFiles(
         "OUT.npz", "The field, with all its layers.",
         (".npz",), (".npz",), potential_image, {".npz": 1, PICTURE: 1},
+    ),
+    Reach: GridFiles(
+        "OUT", "The answer as .json, or its layers as .npz.",
+        (".json", ".npz"), (".npz", ".json"), reach_image, {".npz": 1, ".json": 1, PICTURE: 1},
     ),
 }  # fmt: skip
 
@@ -144,6 +151,8 @@ def write_product(
         transaction.write(output, lambda file: write_npy(file, grid.distance))
         document = yaml_document(geometry_of_npy(grid, grid, output))
         transaction.write_bytes(output.with_suffix(".yaml"), document)
+    elif isinstance(grid, Reach) and output.suffix == ".json":
+        transaction.write_bytes(output, f"{reach_json(grid)}\n".encode())
     elif isinstance(grid, DistanceField) and output.suffix != ".npz":
         write_grid(transaction, output, step.view_of(grid), mode="raw")
     else:

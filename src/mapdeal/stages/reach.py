@@ -151,8 +151,6 @@ def reach(
     ]
     has_corners = robot is not None and bool(robot.vertices)
     is_open = stood.headings > 0
-    if has_corners:  # whose centre may lie outside of them, in an obstacle
-        is_open &= ways.is_open(0)
     found = passages(
         ways,
         is_open,
