@@ -55,3 +55,17 @@ def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stag
     over = int(measured.stdout) * 1024 - promised
     needed = stage.memory + over / (SIDES[0] * SIDES[1])
     assert over < 0, f"{stage.name}: memory= must be at least {needed:.1f} bytes a cell"
+
+
+@pytest.mark.skipif(engine_name() != "compiled", reason="the records are of the compiled kernels")
+def test_many_headings_take_no_more_memory_than_is_said(site, tmp_path):
+    corners = [[0.45, 0.2], [0.45, -0.2], [-0.45, -0.2], [-0.45, 0.2]]
+    measured = subprocess.run(
+        [sys.executable, "-c", MEASURE, "-m", "mapdeal", "reach", str(site), "-q",
+         "-o", str(tmp_path / "out.json"), "--footprint", str(corners), "--headings", "255"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    step = make_step("reach", {"footprint": corners, "headings": 255})
+    assert int(measured.stdout) * 1024 < bytes_in_memory(SIDES, [step], None)
+    few = make_step("reach", {"footprint": corners})
+    assert int(measured.stdout) * 1024 > bytes_in_memory(SIDES, [few], None)

@@ -50,7 +50,7 @@ def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> s
     cell : tuple of int
         Row and column.
     """
-    nearest = _nearest(is_open, cell)
+    nearest = nearest_marked(is_open, cell)
     if nearest is None:
         return "no cell of the map is open"
     x, y = frame.xy_from_rowcol([nearest])[0].round(6).tolist()
@@ -58,8 +58,8 @@ def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> s
     return f"the nearest open cell is {metres:.3g} m away, at {x + 0.0:.10g},{y + 0.0:.10g}"
 
 
-def _nearest(marked: NDArray[np.bool_], cell: Cell) -> Cell | None:
-    """Return the marked cell nearest to a cell, the first of several, row by row.
+def nearest_marked(marked: NDArray[np.bool_], cell: Cell) -> Cell | None:
+    """Return the marked cell nearest to a cell, the first of several, row by row; None if none is.
 
     It is sought in a window that grows: a list of all marked cells would take much memory.
     """

@@ -51,8 +51,8 @@ class Ways(Clearances):
         """
         return clearance_metres(self.squared, self.frame.resolution, in_place=in_place)
 
-    def widest_place(self, closed_up_to: int) -> Cell:
-        """Return the widest place of the largest area of cells above a square.
+    def widest_place(self, closed_up_to: int) -> Cell | None:
+        """Return the widest place of the largest area of cells above a square; None if none is.
 
         Areas are of one piece by the four straight neighbours. Of equal ones the first counts,
         row by row from the south.
@@ -60,6 +60,8 @@ class Ways(Clearances):
         tree = self.tree
         is_wider = tree.squares > closed_up_to
         areas = basin_areas(tree, self.squared, closed_up_to)
+        if not areas.any():
+            return None
         of_basins = least_joined(
             tree.one[is_wider].astype(np.int64), tree.other[is_wider].astype(np.int64), len(areas)
         )

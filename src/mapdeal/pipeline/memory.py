@@ -85,7 +85,7 @@ def bytes_in_memory(
     reading : int
         Bytes that reading the map takes, which is over when the stages begin.
     """
-    products = sum(step.stage.memory for step in steps)
+    products = sum(step.memory for step in steps)
     if canvas == "full":
         products *= 1 + _ON_CANVAS
     per_cell = _DEMANDS[engine_name()].more + _READ + products

@@ -91,7 +91,7 @@ def reach_file(
     step = _step_for(robot, footprint, parameters or {})
     source = read_input(path, options)
     with options.memory():
-        claim_work(path, source.grid, step.stage.memory + _COSTS_PER_CELL * (robot is not None))
+        claim_work(path, source.grid, step.memory + _COSTS_PER_CELL * (robot is not None))
     outputs = [one for one in (output, layers) if one is not None]
     inputs = [*source.files, *(robot.paths if robot else ()), *also_read]
     with outputs_of(outputs, inputs, options) as transaction:

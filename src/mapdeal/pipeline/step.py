@@ -56,6 +56,11 @@ class Step:
         return self.stage.title(self.parameters)
 
     @property
+    def memory(self) -> float:
+        """Bytes for each cell of a map in memory, see `Stage`."""
+        return self.stage.memory + self.stage.more_memory(self.parameters)
+
+    @property
     def is_whole(self) -> bool:
         """Whether the whole map must be in memory at once."""
         return self.stage.is_whole(self.parameters)

@@ -120,6 +120,8 @@ class Stage:
     memory : float
         Bytes for each cell of a map in memory, outputs that wait to be written included: the
         peak of whole commands on 4000 x 4000 cells, measured and rounded up.
+    more_memory : callable
+        Returns, given all parameters, the bytes for each cell that they take beyond that.
     product : str, optional
         What its files are called, without their endings; `name` if not given.
     details : str
@@ -173,6 +175,7 @@ class Stage:
     model: str | None = None
     view: Callable[..., Any] | None = None
     view_passes: Callable[[Parameters], int] = lambda _: 1
+    more_memory: Callable[[Parameters], float] = lambda _: 0.0
     is_whole: Callable[[Parameters], bool] = lambda _: False
     is_smaller: Callable[[Parameters], bool] = lambda _: False
     hands_on: bool = True

@@ -17,7 +17,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.footprint_cells import footprint_spans
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_open_text
+from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_marked, nearest_open_text
 from mapdeal.grid.passages import bottleneck_on_way, passages
 from mapdeal.grid.reach import Goal, GoalReach, Reach, closed_text, reach_radius, robot_text
 from mapdeal.grid.values import FREE, LETHAL_OBSTACLE, OCCUPIED, UNKNOWN
@@ -45,6 +45,9 @@ from mapdeal.stages.parameters import (
 _TURN = 2 * math.pi
 _DECIMALS = 9
 
+_MEMORY = 14.0
+"""Bytes for each cell: squares and basins take four each."""
+
 
 def _shape_of(parameters: Parameters) -> Footprint | None:
     footprint: Footprint | None = parameters["footprint"]
@@ -52,11 +55,24 @@ def _shape_of(parameters: Parameters) -> Footprint | None:
     return footprint or (Footprint.circle(radius) if radius > 0 else None)
 
 
+def _memory_of_headings(parameters: Parameters) -> float:
+    """Return the bytes for each cell that a robot with corners takes beyond `_MEMORY`.
+
+    There is a bit for each heading.
+    """
+    shape = _shape_of(parameters)
+    if shape is None or not shape.vertices:
+        return 0.0
+    count: int = parameters["headings"]
+    return max(0.0, count / 8 + 5.0 - _MEMORY)
+
+
 @stage(
     name="reach",
     summary="Tell where a robot can go from a start, and which passages stop it.",
     title=lambda parameters: f"reach of {robot_text(_shape_of(parameters))}",
-    memory=24.0,
+    memory=_MEMORY,
+    more_memory=_memory_of_headings,
     is_whole=lambda _: True,
     hands_on=False,
     robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
@@ -327,15 +343,17 @@ def _stood(
     poses: _RoundPoses | ConfigurationSpace
     if robot is None or not robot.vertices:
         ways = ground.ways()
+        widest = ways.widest_place(closed_up_to) if start is None else None
         poses = _RoundPoses(ways, closed_up_to, heading_count)
     else:
-        poses = ConfigurationSpace(
-            ground.blocked, footprint_spans(robot, ground.frame, heading_count)
-        )
+        widest = ground.ways().widest_place(closed_up_to) if start is None else None
+        footprints = footprint_spans(robot, ground.frame, heading_count)
+        poses = ConfigurationSpace(ground.blocked, footprints)
     if not poses.headings.any():
         raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
     if first is None or start is None:
-        first = _widest_open(poses.headings, ways or ground.ways(), closed_up_to)
+        # there may be no room for the robot's corners, or none for a circle within them
+        first = nearest_marked(poses.headings > 0, widest or (0, 0)) or (0, 0)
         start = tuple(ground.frame.xy_from_rowcol([first])[0].round(_DECIMALS).tolist())
     seeds = [(heading, *first) for heading in _headings_at(poses, first, start, ground, robot)]
     return _Stood(poses.headings, start, first, poses.reach(seeds, cells), ways)
@@ -346,16 +364,6 @@ def _checked_pose(start: Sequence[float]) -> tuple[float, ...]:
     if len(start) not in (2, 3):
         raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
     return tuple(start)
-
-
-def _widest_open(headings: NDArray[np.uint8], ways: Ways, closed_up_to: int) -> Cell:
-    """Return the cell to start from if none is asked for."""
-    cell = ways.widest_place(closed_up_to)
-    if headings[cell]:
-        return cell
-    squares = np.where(headings > 0, ways.squared, -1)  # no room there for the robot's corners
-    row, col = divmod(int(np.argmax(squares)), squares.shape[1])
-    return row, col
 
 
 def _headings_at(
