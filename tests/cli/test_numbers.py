@@ -22,6 +22,7 @@ WORKING = {
               "--force"],
     "active": IN_OUT, "inflate": IN_OUT, "esdf": IN_OUT, "cost": IN_OUT, "potential": IN_OUT,
     "query": ["m.yaml", "--at", "1.2,2.1"],
+    "reach": ["m.yaml", "--from", "1.3,2.4", "--to", "2.3,3.4", "-o", "o.json", "--force"],
     "route": ["m.yaml", "--from", "1.3,2.4", "--to", "2.3,3.4"],
     "edit circle": [*IN_OUT, *DRAWN, "--radius", "0.1"],
     "edit line": [*IN_OUT, *DRAWN, "--point", "1.3,2.3"],

@@ -28,6 +28,7 @@ LINES = {
     "cost": ["cost", "m.yaml", "-o", "o.npz"],
     "potential": ["potential", "m.yaml", "-o", "o.npz"],
     "query": ["query", "m.yaml", "--at", "3,0"],
+    "reach": ["reach", "m.yaml", "--from", "3,0", "--to", "3.3,0", "-o", "o.json"],
     "route": ["route", "m.yaml", "--from", "3,0", "--to", "3.3,0"],
     "edit": ["edit", "circle", "m.yaml", "-o", "o.yaml", "--point", "3,0", "--radius", "0.2",
              "--value", "100"],
