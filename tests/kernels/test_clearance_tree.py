@@ -10,6 +10,7 @@ from scipy import ndimage
 
 import oracles
 from drawn import cells
+from mapdeal import read_map
 from mapdeal.kernels.clearance_tree import (
     basin_areas,
     clearance_metres,
@@ -249,6 +250,29 @@ def test_large_grids_are_worked_on_in_bands_and_threads():
     assert np.array_equal(metres, (np.sqrt(widest) * 0.05).astype(np.float32))
     counts = np.bincount(tree.basins[is_open & (squared > 9)], minlength=len(tree.peaks))
     assert np.array_equal(basin_areas(tree, squared, 9), counts)
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "ros-navigation__navigation2/nav2_bringup/maps/depot.yaml",
+        "turtlebot__turtlebot_apps/turtlebot_navigation/maps/willow-2010-02-18-0.10.yaml",
+        "mit-racecar__racecar_simulator/maps/building_31.yaml",
+    ],
+)
+def test_widest_ways_through_real_buildings_are_those_of_labels(real_maps, name):
+    """From the widest place: what robots reach that are as wide as some passages, or wider."""
+    values = read_map(real_maps / name).occupancy
+    is_free = values == 0
+    squared = squared_distance(values == 100)
+    tree = clearance_tree(squared, is_free)
+    start = divmod(int(tree.peak_cells[np.argmax(tree.peaks)]), squared.shape[1])
+    widest = widest_from(tree, squared, start)
+    some = tree.squares[:: max(1, len(tree.squares) // 12)].tolist()
+    for square in {least for one in some for least in (one, one + 1)}:
+        labels, _ = ndimage.label(is_free & (squared >= square))
+        assert np.array_equal(widest >= square, (labels == labels[start]) & (labels > 0))
 
 
 def assert_same(one, other):
