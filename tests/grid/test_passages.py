@@ -188,6 +188,25 @@ def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through():
     assert told(22) == [(3, False), (4, False)]
 
 
+def test_a_robot_got_through_if_it_reaches_the_area_asked_for_or_half_of_what_is_behind():
+    grid = rooms(5)
+    clearances = clearances_of(grid)
+    is_open = open_cells(clearances, 0.15)
+    behind = np.argwhere(is_open & (np.arange(grid.shape[1]) > 22)).tolist()
+    for min_area, share, expected in (
+        (0.2, 0.21, True), (0.2, 0.19, False), (1.2, 0.76, True), (1.2, 0.66, False)
+    ):  # fmt: skip
+        is_reached = is_open & (np.arange(grid.shape[1]) < 22)
+        for row, col in behind[: round(share / RESOLUTION**2)]:
+            is_reached[row, col] = True
+        (passage,) = passages(
+            clearances, is_open, (3, 3), radius=0.15, min_area=min_area, circumscribed_radius=0.4,
+            is_reached=is_reached,
+        )  # fmt: skip
+        assert passage.is_open == expected
+        assert 1.4 < passage.cut_off < 1.5
+
+
 def test_nothing_that_limits_has_no_passages():
     grid = OccupancyGrid(np.zeros((9, 14), np.int8), RESOLUTION, ORIGIN)
     assert found(grid, (3, 3), 0.2) == ()
@@ -209,7 +228,9 @@ def test_areas_of_a_map_that_a_robot_does_not_get_between():
         sorted((n * RESOLUTION**2 for n in sizes), reverse=True)
     )
     places = grid.frame.bounded_rowcol_from_xy([one[:2] for one in regions])[0]
-    assert [is_open[tuple(place)] for place in places] == [True] * 3
+    squared = clearances_of(grid).squared
+    for place in map(tuple, places.tolist()):
+        assert squared[place] == squared[flooded(is_open, place)].max() > 0
     assert len(open_regions(grid, radius, regions[0].area)) == 1
     assert open_regions(grid, 2.0) == []
 

@@ -139,6 +139,8 @@ def passages(
         if wide > narrow
     ]
     edges = np.concatenate(found)
+    if not len(edges):
+        return ()
     values = areas[:, np.newaxis]
     if is_reached is not None:
         values = np.column_stack([areas, clearances.areas(is_reached)])
@@ -304,8 +306,6 @@ def _behind(
     sums = np.column_stack(
         [np.bincount(labels, column, minlength=len(values))[used] for column in values.T]
     )
-    if not len(edges):
-        return sums[:0], sums[:0]
     behind, near, _ = sums_behind(ends[0], ends[1], int(ends[2, 0]), sums)
     return behind, sums[near]
 
