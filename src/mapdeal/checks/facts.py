@@ -35,11 +35,12 @@ from mapdeal.grid.costmap import Costmap, figures_of_costs
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.components import Cells
+from mapdeal.kernels.engine import engine_name
 
 _HEAD = 1 << 16
 
-_OF_ROOMS = 105
-"""Bytes for each cell that looking for passages takes at its peak, reading not counted."""
+_OF_ROOMS = {"compiled": 22, "scipy": 106}
+"""Bytes for each cell that looking for passages takes at its peak, by engine."""
 
 _PIXELS_TOGETHER = 1 << 17
 """Colours become wide numbers on the way to cells: not those of many pixels at once."""
@@ -178,7 +179,7 @@ def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> 
     """
     with kept_warnings(), open_map(path, max_cells=max_cells) as file:
         height, width = file.shape()
-        count = file.memory_to_read() + _OF_ROOMS * height * width
+        count = file.memory_to_read() + _OF_ROOMS[engine_name()] * height * width
         claim(path, count, what=f"{width} x {height} cells")
         return RoomFacts(as_occupancy(file.read().grid), radius)
 
