@@ -281,6 +281,8 @@ def _default_of(parameter: Parameter) -> str:
         return "yes" if default else "no"
     if default is None:
         return "none"
+    if default == ():
+        return "[]"
     if parameter.kind == LayerList:
         layers: Any = default
         return ", ".join(f"`{kind}`" for layer in layers for kind in described_layer(layer))

@@ -24,6 +24,7 @@ from mapdeal.grid.display import OneLine
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reach import Reach
 from mapdeal.grid.route import Route
 from mapdeal.mapping.build import BuiltMap
 from mapdeal.mapping.local_map import LocalMap
@@ -41,7 +42,7 @@ from mapdeal.render.route import RouteOverlay
 Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | CostCurve
 """What there are pictures of."""
 
-_GRIDS = (OccupancyGrid, Costmap, DistanceField, PotentialField)
+_GRIDS = (OccupancyGrid, Costmap, DistanceField, PotentialField, Reach)
 
 _IN_NOTEBOOKS = 1200
 """Pixels along the longest side: a notebook keeps its pictures, and shows few more. Maps of up to

@@ -271,6 +271,12 @@ def _kind_of_json(path: Path, head: bytes) -> FileKind | None:
         length = {"points": len(value["points"]), "length_m": value.get("length_m")}
         use = "mapdeal route wrote it; no command takes it"
         return FileKind("route", "a route (JSON)", use, lambda: length)
+    if "reachable_m2" in value and isinstance(value.get("passages"), list):
+        told = {"reachable_m2": value["reachable_m2"], "passages": len(value["passages"])}
+        goals = value.get("goals")
+        told |= {"goals": len(goals)} if isinstance(goals, list) else {}
+        use = "mapdeal reach wrote it; no command takes it"
+        return FileKind("reach", "what a robot can reach (JSON)", use, lambda: told)
     return None
 
 

@@ -1,0 +1,156 @@
+"""The stage reach in recipes: files, manifests, golden runs, and where a robot's shape goes."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mapdeal
+from mapdeal import read_map, write_map
+from mapdeal.pipeline.recipe import load_recipe
+
+ROOT = Path(__file__).parents[2]
+RECIPE = "examples/recipes/reach.yaml"
+OFFICE = "examples/maps/office.yaml"
+FILES = {"reach.json", "reach.npz", "reach.png"}
+DOOR = ["--point", "0.9,-0.825", "--point", "2.2,-0.825", "--value", "100"]
+"""Across the kitchen's door."""
+
+
+@pytest.fixture
+def office(tmp_path, monkeypatch):
+    """A folder with the example map and its recipe."""
+    monkeypatch.chdir(tmp_path)
+    for name in (RECIPE, OFFICE, OFFICE.replace(".yaml", ".pgm")):
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, name)
+    return tmp_path
+
+
+@pytest.fixture
+def run(command, office):
+    """Run the recipe; return exit code, lines, and the manifest if there is one."""
+
+    def ran(*words, source=OFFICE, folder="out"):
+        code, out, err = command("run", source, "-o", folder, "--recipe", RECIPE, *words)
+        path = Path(folder) / "office" / "manifest.json"
+        return code, out + err, json.loads(path.read_text()) if path.exists() else None
+
+    return ran
+
+
+def test_the_example_reaches_its_goals(run):
+    code, said, manifest = run()
+    assert code == 0, said
+    assert "; 3 of 3 goals; " in said
+    assert FILES | {"cost.npz", "inflated.pgm"} <= set(manifest["outputs"])
+    assert manifest["figures"]["reach"]["goals"] == dict.fromkeys(["kitchen", "lab", "store"], True)
+    answer = json.loads(Path("out/office/reach.json").read_text())
+    assert [goal["reachable"] for goal in answer["goals"]] == [True] * 3
+    with np.load("out/office/reach.npz") as layers:
+        area = np.count_nonzero(layers["reachable"]) * 0.05**2
+    assert answer["reachable_m2"] == pytest.approx(area)
+    assert manifest["figures"]["reach"]["reachable_m2"] == pytest.approx(area)
+    # it only looks: the rest is what it is without it
+    inflated = read_map("out/office/inflated.yaml").occupancy
+    expected = mapdeal.inflate(read_map(OFFICE), radius=0.3).occupancy
+    np.testing.assert_array_equal(inflated == 100, expected == 100)
+
+
+def test_what_is_there_is_not_made_again_and_shows_how_it_was_made(run, command):
+    run("--no-images")
+    assert "unchanged" in run("--no-images")[1]
+    code, out, _ = command("info", "out/office/reach.npz")
+    assert code == 0
+    assert "made by     reach: start" in out
+    assert command("lint", "out")[0] == 0
+    assert "office" in run("--dry-run", folder="new")[1]
+    assert not Path("new").exists()
+
+
+def test_the_stages_of_its_manifest_are_a_recipe(run):
+    manifest = run("--no-images")[2]
+    Path("again.yaml").write_text(json.dumps({"stages": manifest["stages"]}))
+    assert load_recipe("again.yaml").described() == manifest["stages"]
+    assert manifest["stages"][0]["reach"]["goals"]["store"] == [7.5, 3.0]
+
+
+def test_ci_sees_that_the_kitchen_is_no_longer_reachable(run, command):
+    golden = ["--golden", "gold", "--no-images"]
+    assert run(*golden, "--update-golden")[0] == 0
+    assert run(*golden, folder="same")[0] == 0
+    code, _, err = command("edit", "line", OFFICE, "-o", "new/office.yaml", *DOOR)
+    assert code == 0, err
+    code, said, manifest = run(*golden, source="new/office.yaml", folder="changed")
+    assert code == 1
+    (line,) = (line for line in said.splitlines() if line.startswith("office: reach: "))
+    told = "office: reach: reach.json, reach.npz differ: kitchen no longer reachable, reachable_m2 "
+    assert line.startswith(told)
+    assert manifest["figures"]["reach"]["goals"] == {"kitchen": False, "lab": True, "store": True}
+
+
+def test_goals_are_set_on_the_command_line(run):
+    goals = "reach.goals={lift: [-7, 3], 'room 2': [7.5, -4.5]}"
+    code, said, manifest = run("--set", goals, "--set", "reach.start=-8,0", "--no-images")
+    assert code == 0, said
+    assert manifest["figures"]["reach"]["goals"] == {"lift": True, "room 2": True}
+    code, said, _ = run("--set", "reach.goals={lift: [-7]}", folder="none")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "--set: reach.goals lift: must be a list of 2 numbers" in said
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_on_a_larger_canvas_it_is_what_it_is_on_the_active_region(office, command):
+    stages = "stages:\n  - active:\n  - esdf:\n  - reach: {start: [-8, 0], radius: 0.3}\n"
+    Path("r.yaml").write_text(stages)
+    words = ("run", OFFICE, "--recipe", "r.yaml", "--no-images")
+    assert command(*words, "-o", "crop")[0] == command(*words, "-o", "full", "--canvas", "full")[0]
+    figures = [
+        json.loads(Path(f"{name}/office/manifest.json").read_text())["figures"]["reach"]
+        for name in ("crop", "full")
+    ]
+    assert figures[1]["width"] == 544 > figures[0]["width"]
+    for name in ("reachable_m2", "open_m2", "free_m2", "share"):
+        assert figures[0][name] == pytest.approx(figures[1][name])
+    full = np.load("full/office/reach.npz")["reachable"]
+    assert full.shape == (544, 544)
+    assert full.sum() * 0.05**2 == pytest.approx(figures[0]["reachable_m2"])
+
+
+PARAMETERS = """
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      robot_radius: 0.25
+      footprint_padding: 0.0
+      plugins: [static_layer]
+      static_layer: {plugin: "nav2_costmap_2d::StaticLayer"}
+      lethal_cost_threshold: 65
+"""
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_a_run_with_the_robot_s_files_reaches_what_the_command_does(run, command):
+    Path("p.yaml").write_text(PARAMETERS)
+    code, said, manifest = run("--params-file", "p.yaml", "--no-images")
+    assert code == 0, said
+    code, out, err = command("reach", OFFICE, "--params-file", "p.yaml", "--from", "-8,0",
+                             "--to", "kitchen=3,-4", "--layers", "l.npz")  # fmt: skip
+    assert code == 0, err
+    found = json.loads(out)
+    assert manifest["figures"]["reach"]["reachable_m2"] == pytest.approx(found["reachable_m2"])
+    with np.load("l.npz") as one, np.load("out/office/reach.npz") as other:
+        for name in ("reachable", "headings", "clearance", "widest"):
+            np.testing.assert_array_equal(one[name], other[name])
+
+
+def test_from_python(office):
+    made = mapdeal.apply_recipe(read_map(OFFICE), RECIPE, {"reach.goals": {"lift": (-7, 3)}})
+    assert [one.goal.name for one in made["reach"].goals] == ["lift"]
+    assert mapdeal.draw_picture(made["reach"]).indices.ndim == 2
+    assert made["reach"]._repr_png_()[:4] == b"\x89PNG"
+    write_map("r.npz", made["reach"])
+    report = mapdeal.run(OFFICE, "out", RECIPE, images=False)
+    assert report.figures["reach"]["goals"]["kitchen"]
