@@ -4,12 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import mapdeal
 from drawn import grid_from_text
-from mapdeal import Costmap, DistanceField, OccupancyGrid, ParameterError, PotentialField
+from mapdeal import Costmap, DistanceField, OccupancyGrid, ParameterError, PotentialField, Reach
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.blocks import lazy_layer
@@ -21,14 +21,18 @@ pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
 OUTSIDE = {"i": -1, "u": 255, "f": np.nan}
 """What is written around a grid, by the kind of number of a layer: the rule of the contract."""
 
+NOT_REACHED = {"reachable": 0, "headings": 0, "widest": 0.0}
+"""What says of a cell that no robot gets there."""
+
 WALL = grid_from_text("#...?\n#....\n##..#", 0.25, (1.5, -2.0, 0.4))
 
 
-def padded(array, margins):
+def padded(array, margins, outside=None):
     """Pad the last two axes of an array by hand: south, north, west, east."""
     south, north, west, east = margins
     axes = [(0, 0)] * (array.ndim - 2) + [(south, north), (west, east)]
-    return np.pad(array, axes, constant_values=OUTSIDE[array.dtype.kind])
+    value = OUTSIDE[array.dtype.kind] if outside is None else outside
+    return np.pad(array, axes, constant_values=value)
 
 
 def larger(frame, margins):
@@ -38,7 +42,7 @@ def larger(frame, margins):
 
 
 def arrays_of(grid):
-    return {k: v for k, v in grid.entries().items() if np.ndim(v) >= 2}
+    return {k: v for k, v in grid.entries().items() if np.shape(v)[-2:] == grid.shape}
 
 
 def assert_padded(whole, part, margins):
@@ -49,7 +53,8 @@ def assert_padded(whole, part, margins):
     for name, layer in layers.items():
         found = np.asarray(arrays_of(whole)[name])
         assert found.dtype == layer.dtype
-        np.testing.assert_array_equal(found, padded(np.asarray(layer), margins), err_msg=name)
+        expected = padded(np.asarray(layer), margins, NOT_REACHED.get(name))
+        np.testing.assert_array_equal(found, expected, err_msg=name)
     for name in (*part.parameter_names, "convention", "scale", "circumscribed_cost", "goal"):
         assert getattr(whole, name, None) == getattr(part, name, None)
 
@@ -63,6 +68,9 @@ def kinds_of(grid, goal=(1.6, -1.9)):
     yield PotentialField(np.abs(field.distance).astype(float).clip(0, 9), grid.occupancy,
                          grid.resolution, grid.origin, goal=goal)  # fmt: skip
     yield PotentialField(np.ones(grid.shape), grid.occupancy, grid.resolution, grid.origin)
+    some, metres = (grid.occupancy == 0).astype(np.uint8), np.abs(field.distance).clip(0, 9)
+    yield Reach(some, 7 * some, metres, metres * some, grid.occupancy, grid.resolution,
+                grid.origin, start=goal, heading_count=7)  # fmt: skip
 
 
 MARGINS = st.tuples(*[st.integers(0, 5)] * 4)
@@ -142,7 +150,8 @@ CHOSEN = {
     "threshold": {"view": "seed", "down": 10, "up": 40},
     "rings": {"values": (90, 70, 50)},
     "layers": {"layers": ["static", {"inflation": {"inflation_radius": 0.8}}]},
-    None: {"goal": (9.5, -7.0)},
+    "potential": {"goal": (9.5, -7.0)},
+    "reach": {"radius": 0.2, "min_area": 0.1},
 }  # fmt: skip
 
 
@@ -165,9 +174,11 @@ def test_a_stage_makes_of_it_what_it_makes_of_the_box(
         np.array(whole.distance), np.array(whole.occupancy), whole.resolution, whole.origin,
         convention=convention, strength=2.0, unknown=unknown,
     )  # fmt: skip
-    made = stage.function(field, **CHOSEN[stage.model])
+    chosen = CHOSEN[stage.model or stage.name]
+    assume(stage.name != "reach" or not field.obstacles().all() and (occupancy == 0).any())
+    made = stage.function(field, **chosen)
     for one in (whole, again):
-        assert_padded(stage.function(one, **CHOSEN[stage.model]), made, margins)
+        assert_padded(stage.function(one, **chosen), made, margins)
         view = mapdeal.field_view(one, view="seed").occupancy
         expected = mapdeal.field_view(field, view="seed").occupancy
         np.testing.assert_array_equal(view, padded(expected, margins))
