@@ -175,7 +175,7 @@ def test_a_stage_makes_of_it_what_it_makes_of_the_box(
         convention=convention, strength=2.0, unknown=unknown,
     )  # fmt: skip
     chosen = CHOSEN[stage.model or stage.name]
-    assume(stage.name != "reach" or not field.obstacles().all() and (occupancy == 0).any())
+    assume(stage.name != "reach" or (not field.obstacles().all() and (occupancy == 0).any()))
     made = stage.function(field, **chosen)
     for one in (whole, again):
         assert_padded(stage.function(one, **chosen), made, margins)
