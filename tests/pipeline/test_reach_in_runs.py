@@ -91,6 +91,16 @@ def test_ci_sees_that_the_kitchen_is_no_longer_reachable(run, command):
     assert manifest["figures"]["reach"]["goals"] == {"kitchen": False, "lab": True, "store": True}
 
 
+def test_a_goal_that_is_not_reached_is_warned_of(run):
+    words = ["--set", "reach.goals={cupboard: [9, 3], lift: [-7, 3]}", "--no-images"]
+    code, said, manifest = run(*words)
+    assert code == 0
+    told = "reach: not reachable: cupboard"
+    assert said.count(told) == 1
+    assert [text.endswith(told) for text in manifest["warnings"]] == [True]
+    assert run(*words, "--strict", folder="strict")[0] == 1
+
+
 def test_goals_are_set_on_the_command_line(run):
     goals = "reach.goals={lift: [-7, 3], 'room 2': [7.5, -4.5]}"
     code, said, manifest = run("--set", goals, "--set", "reach.start=-8,0", "--no-images")

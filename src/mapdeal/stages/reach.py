@@ -16,6 +16,7 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.footprint_cells import footprint_spans
 from mapdeal.grid.frame import Frame
+from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_marked, nearest_open_text
 from mapdeal.grid.passages import bottleneck_on_way, passages
@@ -44,6 +45,7 @@ from mapdeal.stages.parameters import (
 
 _TURN = 2 * math.pi
 _DECIMALS = 9
+_SHOWN = 3
 
 _MEMORY = 14.0
 """Bytes for each cell: squares and basins take four each."""
@@ -67,6 +69,17 @@ def _memory_of_headings(parameters: Parameters) -> float:
     return max(0.0, count / 8 + 5.0 - _MEMORY)
 
 
+def _remark(_: Parameters, figures: Figures) -> str | None:
+    """Return which goals a run does not reach, None if it reaches all."""
+    missed = [name for name, is_reached in figures["goals"].items() if not is_reached]
+    if not missed:
+        return None
+    names = ", ".join(missed[:_SHOWN]) + f" and {len(missed) - _SHOWN} more" * (
+        len(missed) > _SHOWN
+    )
+    return f"not reachable: {names}"
+
+
 @stage(
     name="reach",
     summary="Tell where a robot can go from a start, and which passages stop it.",
@@ -75,6 +88,7 @@ def _memory_of_headings(parameters: Parameters) -> float:
     more_memory=_memory_of_headings,
     is_whole=lambda _: True,
     hands_on=False,
+    remark=_remark,
     robot=RobotShape("radius", ("footprint",), lambda footprint: {"footprint": footprint}),
     in_place_of={"footprint": InPlaceOf("radius", lambda p: reach_radius(p["footprint"]))},
 )
