@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise, starmap
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.polygons import polygon_spans
+from mapdeal.kernels.polygons import stacked_spans
 from mapdeal.kernels.spans import Spans
 
 _ROUNDING = 1e-9
@@ -55,10 +56,16 @@ def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> t
     [[-2, -1, 0, 1, 2], [0, 0, 0, 0, 0], [1, 1, 1, 1, 1]]
     """
     shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
-    corners = np.array(shape.vertices, dtype=np.float64)
+    vertices = np.array(shape.vertices, dtype=np.float64)
     yaw = frame.origin[2]
     turns = [2 * math.pi * k / heading_count - yaw for k in range(heading_count)]
-    return tuple(_drawn(_corner_cells(corners, turn, frame.resolution), frame) for turn in turns)
+    corners = [_corner_cells(vertices, turn, frame.resolution) for turn in turns]
+    fitting = [k for k, cells in enumerate(corners) if _fits(cells, frame)]
+    spans = [Spans(cells[:, 0], cells[:, 1], cells[:, 1] + 1) for cells in corners]
+    drawn = _drawn([corners[k] for k in fitting]) if fitting else []
+    for k, found in zip(fitting, drawn, strict=True):
+        spans[k] = found
+    return tuple(spans)
 
 
 def _corner_cells(
@@ -73,15 +80,27 @@ def _corner_cells(
     return np.clip(cells, -_FARTHEST, _FARTHEST).astype(np.int64)
 
 
-def _drawn(corners: NDArray[np.int64], frame: Frame) -> Spans:
-    """Return the cells of a polygon between these cells."""
-    least = corners.min(axis=0)
-    height, width = (corners.max(axis=0) - least + 1).tolist()
-    if height > frame.height or width > frame.width:
-        rows, cols = corners.T
-        return Spans(rows, cols, cols + 1)
-    ring = [(row, col) for row, col in (corners - least).tolist()]
-    parts = list(polygon_spans([ring], (height, width)))
+def _fits(corners: NDArray[np.int64], frame: Frame) -> bool:
+    """Return whether a polygon between these cells is no larger than the grid."""
+    height, width = (np.ptp(corners, axis=0) + 1).tolist()
+    return bool(height <= frame.height and width <= frame.width)
+
+
+def _drawn(polygons: list[NDArray[np.int64]]) -> list[Spans]:
+    """Return the cells of polygons between these cells, each around its own (0, 0).
+
+    They are drawn at once, one above the other.
+    """
+    least = np.array([cells.min(axis=0) for cells in polygons])
+    sizes = np.array([cells.max(axis=0) for cells in polygons]) - least + 1
+    tops = np.cumsum(sizes[:, 0])
+    shifts = least.copy()
+    shifts[:, 0] -= tops - sizes[:, 0]
+    rings = [(cells - shift).tolist() for cells, shift in zip(polygons, shifts, strict=True)]
+    parts = list(stacked_spans(rings, (int(tops[-1]), int(sizes[:, 1].max()))))
     rows, starts, stops = map(np.concatenate, zip(*parts, strict=True))
-    row, col = least.tolist()
-    return Spans(rows + row, starts + col, stops + col)
+    edges = np.searchsorted(rows, [0, *tops.tolist()])
+    return [
+        Spans(rows[some] + row, starts[some] + col, stops[some] + col)
+        for some, (row, col) in zip(starmap(slice, pairwise(edges)), shifts.tolist(), strict=True)
+    ]

@@ -44,9 +44,37 @@ def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> It
     >>> [column.tolist() for column in spans]  # rows, starts, stops
     [[0, 1, 2, 3], [0, 0, 0, 0], [5, 4, 3, 1]]
     """
-    of_rings = [edges_through(ring, closed=True) for ring in rings]
-    edges = Edges(*(np.concatenate(columns) for columns in zip(*of_rings, strict=True)))
     ring_of = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+    yield from _drawn(_edges_of(rings), ring_of, shape)
+
+
+def stacked_spans(outlines: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Iterator[Spans]:
+    """Return the cells of many polygons that share no rows: as `polygon_spans` does of each.
+
+    Parameters
+    ----------
+    outlines : sequence of sequences of tuple of int
+        Row and column of each corner's cell.
+    shape : tuple of int
+        Rows and columns of the grid.
+
+    Examples
+    --------
+    >>> (spans,) = stacked_spans([[(0, 0), (0, 4), (1, 0)], [(2, 1), (3, 1), (3, 2)]], (4, 9))
+    >>> [column.tolist() for column in spans]
+    [[0, 1, 2, 3], [0, 0, 1, 1], [5, 3, 2, 3]]
+    """
+    edges = _edges_of(outlines)
+    yield from _drawn(edges, np.zeros(len(edges.row), dtype=np.int64), shape)
+
+
+def _edges_of(rings: Sequence[Sequence[Cell]]) -> Edges:
+    of_rings = [edges_through(ring, closed=True) for ring in rings]
+    return Edges(*(np.concatenate(columns) for columns in zip(*of_rings, strict=True)))
+
+
+def _drawn(edges: Edges, ring_of: Indices, shape: tuple[int, int]) -> Iterator[Spans]:
+    """Return the cells of rings, of which the first may have any number of parts."""
     for bottom, top in bands(edges.bottom, edges.top + 1, shape[0]):
         which, outline = runs(edges, bottom, top)
         rim = ring_of[which]
