@@ -3,7 +3,7 @@
 Run it as ``python tests/benchmarks/robot_poses.py [--sides 300 1000 4000] [--threads 1 2]
 [--runs 5]``; it needs the extra ``bench``. A robot's footprint in 72 headings: the cells in which
 it can stand in any of them, and those that it reaches from one. OpenCV erodes the free cells by
-the footprint of each heading; scipy, too, on the smallest map (both take minutes on the largest).
+the footprint of each heading; scipy, too, on the smallest map, as both take minutes on large ones.
 scipy labels what is left, and joins the components of neighbouring headings where they overlap.
 Prints a table in Markdown: medians, the median of the pairwise ratios, and whether all reach the
 same cells. Fails on nothing.
