@@ -21,6 +21,9 @@ from mapdeal.grid.values import OCCUPIED, UNKNOWN
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
 
+_DECIMALS = 9
+"""Of figures: what is beyond is the rounding of binary fractions."""
+
 MOST_HEADINGS = 255
 """As many as a byte of the layer `Reach.headings` can count."""
 
@@ -247,10 +250,10 @@ class Reach(Framed):
     def _own_figures(self) -> Figures:
         return {
             "start": list(self.start),
-            "reachable_m2": self.reachable_area,
-            "open_m2": self.open_area,
-            "free_m2": self.free_area,
-            "share": self.share,
+            "reachable_m2": round(self.reachable_area, _DECIMALS),
+            "open_m2": round(self.open_area, _DECIMALS),
+            "free_m2": round(self.free_area, _DECIMALS),
+            "share": round(self.share, _DECIMALS),
             "goals": {_key_of(one.goal): one.reachable for one in self.goals},
             "passages": len(self.passages),
             "closed_passages": sum(not one.is_open for one in self.passages),
