@@ -10,32 +10,32 @@ from conftest import SHARED
 from drawn import cells
 from mapdeal import OccupancyGrid, read_map
 from mapdeal.grid.passages import (
-    Clearances,
     bottleneck_on_way,
     disconnected,
     open_regions,
     passages,
 )
+from mapdeal.grid.ways import Ways
 from mapdeal.kernels.clearance_tree import clearance_tree, rooted
 from mapdeal.kernels.distance import squared_distance
 
 RESOLUTION, ORIGIN = 0.07, (3.0, -2.0, 0.4)
 
 
-def clearances_of(grid):
+def ways_of(grid):
     occupied = grid.occupied()
     squared = squared_distance(occupied)
-    return Clearances(clearance_tree(squared, ~occupied & ~grid.unknown()), squared, grid.frame)
+    return Ways(clearance_tree(squared, ~occupied & ~grid.unknown()), squared, grid.frame)
 
 
-def open_cells(clearances, radius):
-    distance = np.sqrt(clearances.squared.astype(float)) * clearances.frame.resolution
-    return (clearances.tree.basins >= 0) & (distance > radius)
+def open_cells(ways, radius):
+    distance = np.sqrt(ways.squared.astype(float)) * ways.frame.resolution
+    return (ways.tree.basins >= 0) & (distance > radius)
 
 
 def found(grid, start, radius, **rest):
-    clearances = clearances_of(grid)
-    return passages(clearances, open_cells(clearances, radius), start, radius=radius, **rest)
+    ways = ways_of(grid)
+    return passages(ways, open_cells(ways, radius), start, radius=radius, **rest)
 
 
 def flooded(is_open, start):
@@ -91,7 +91,7 @@ def test_a_closed_door_is_where_it_is_and_cuts_off_the_room_behind(door, thickne
     assert abs(ends[0, 1] - (22 + (thickness - 1) / 2)) <= 0.51
     assert (passage.x, passage.y) == pytest.approx(tuple(np.mean(passage.ends, axis=0)))
     # 21 cells less 2 that are too near on each side; a bulge before the door of thin walls
-    behind = flooded(open_cells(clearances_of(grid), radius), (10, grid.shape[1] - 10))
+    behind = flooded(open_cells(ways_of(grid), radius), (10, grid.shape[1] - 10))
     assert behind.sum() >= 17 * 17
     assert passage.cut_off == pytest.approx(behind.sum() * RESOLUTION**2)
 
@@ -119,7 +119,7 @@ def test_passages_are_told_the_narrowest_first_with_all_that_lies_behind():
     told = found(grid, (3, 3), radius, min_area=0.5)
     assert [one.width for one in told] == pytest.approx([k * 2 * RESOLUTION for k in (2, 3, 4)])
     assert [one.is_open for one in told] == [False] * 3
-    is_open = open_cells(clearances_of(grid), radius)
+    is_open = open_cells(ways_of(grid), radius)
     sizes = [is_open[:, first : first + 22].sum() for first in (0, 22, 44, 66)]
     assert sum(sizes) == is_open.sum()
     behind = [sum(sizes[2:]), sum(sizes[1:]), sizes[3]]
@@ -152,7 +152,7 @@ def test_of_two_doors_into_a_room_the_wider_one_counts():
 def test_what_is_too_small_on_either_side_is_no_passage_but_for_the_start():
     grid = rooms(3, side=9)
     radius = 0.2
-    own = open_cells(clearances_of(grid), radius)[:, :10].sum() * RESOLUTION**2
+    own = open_cells(ways_of(grid), radius)[:, :10].sum() * RESOLUTION**2
     assert own == pytest.approx(25 * RESOLUTION**2)
     assert len(found(grid, (4, 4), radius, min_area=own)) == 1
     assert found(grid, (4, 4), radius, min_area=own * 1.01) == ()
@@ -166,8 +166,8 @@ def test_what_is_too_small_on_either_side_is_no_passage_but_for_the_start():
 def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through():
     grid = rooms(7, 7, 5)
     radius, around = 0.15, 0.4  # doors of 4, 4 and 3 cells to each side: 0.28, 0.28, 0.21 m
-    clearances = clearances_of(grid)
-    is_open = open_cells(clearances, radius)
+    ways = ways_of(grid)
+    is_open = open_cells(ways, radius)
 
     def told(reached):
         is_reached = np.zeros(grid.shape, dtype=bool)
@@ -175,7 +175,7 @@ def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through():
         return [
             (round(one.width / RESOLUTION / 2), one.is_open)
             for one in passages(
-                clearances, is_open, (3, 3), radius=radius, circumscribed_radius=around,
+                ways, is_open, (3, 3), radius=radius, circumscribed_radius=around,
                 is_reached=is_reached,
             )
         ]  # fmt: skip
@@ -190,8 +190,8 @@ def test_a_robot_that_turns_is_stopped_where_it_does_not_get_through():
 
 def test_a_robot_got_through_if_it_reaches_the_area_asked_for_or_half_of_what_is_behind():
     grid = rooms(5)
-    clearances = clearances_of(grid)
-    is_open = open_cells(clearances, 0.15)
+    ways = ways_of(grid)
+    is_open = open_cells(ways, 0.15)
     behind = np.argwhere(is_open & (np.arange(grid.shape[1]) > 22)).tolist()
     for min_area, share, expected in (
         (0.2, 0.21, True), (0.2, 0.19, False), (1.2, 0.76, True), (1.2, 0.66, False)
@@ -200,7 +200,7 @@ def test_a_robot_got_through_if_it_reaches_the_area_asked_for_or_half_of_what_is
         for row, col in behind[: round(share / RESOLUTION**2)]:
             is_reached[row, col] = True
         (passage,) = passages(
-            clearances, is_open, (3, 3), radius=0.15, min_area=min_area, circumscribed_radius=0.4,
+            ways, is_open, (3, 3), radius=0.15, min_area=min_area, circumscribed_radius=0.4,
             is_reached=is_reached,
         )  # fmt: skip
         assert passage.is_open == expected
@@ -221,14 +221,14 @@ def test_areas_of_a_map_that_a_robot_does_not_get_between():
     radius = 0.2
     assert [one.width for one in disconnected(grid, radius)] == pytest.approx([4 * RESOLUTION])
     regions = open_regions(grid, radius)
-    is_open = open_cells(clearances_of(grid), radius)
+    is_open = open_cells(ways_of(grid), radius)
     sizes = [is_open[:, 22:66].sum(), is_open[:, 66:].sum(), is_open[:, :22].sum()]
     assert sizes[0] > 2 * 17 * 17
     assert [one.area for one in regions] == pytest.approx(
         sorted((n * RESOLUTION**2 for n in sizes), reverse=True)
     )
     places = grid.frame.bounded_rowcol_from_xy([one[:2] for one in regions])[0]
-    squared = clearances_of(grid).squared
+    squared = ways_of(grid).squared
     for place in map(tuple, places.tolist()):
         assert squared[place] == squared[flooded(is_open, place)].max() > 0
     assert len(open_regions(grid, radius, regions[0].area)) == 1
@@ -320,11 +320,9 @@ def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, 
     places = [tuple(cell) for cell in np.argwhere(is_traversable).tolist()]
     start = data.draw(st.sampled_from(places))
     grid = OccupancyGrid(np.zeros(squared.shape, np.int8), 1.0)
-    clearances = Clearances(clearance_tree(squared, is_traversable), squared, grid.frame)
+    ways = Ways(clearance_tree(squared, is_traversable), squared, grid.frame)
     is_open = is_traversable & (np.sqrt(squared) > radius)
-    told = passages(
-        clearances, is_open, start, radius=radius, margin=margin, min_area=float(min_cells)
-    )
+    told = passages(ways, is_open, start, radius=radius, margin=margin, min_area=float(min_cells))
     expected, is_certain = brute(squared, is_open, is_traversable, start, radius, margin, min_cells)
     squares = [round((one.width / 2) ** 2) for one in told]
     assert sorted(squares) == [square for square, _ in expected]
@@ -337,12 +335,12 @@ def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, 
 
 def split_by(grid, passage, start, radius, min_area):
     """Assert that a robot a hair narrower than a passage passes, and one a hair wider does not."""
-    clearances = clearances_of(grid)
+    ways = ways_of(grid)
     resolution = grid.resolution
-    distance = np.sqrt(clearances.squared.astype(float)) * resolution
-    is_traversable = clearances.tree.basins >= 0
+    distance = np.sqrt(ways.squared.astype(float)) * resolution
+    is_traversable = ways.tree.basins >= 0
     width = passage.width
-    start = climbed(clearances.squared, is_traversable, start)
+    start = climbed(ways.squared, is_traversable, start)
     row, col = grid.frame.continuous_rowcol_from_xy([(passage.x, passage.y)])[0].astype(int)
     near = np.argwhere(abs(distance - width / 2) < 1e-9)
     away = np.hypot(*(near - (row, col)).T)
@@ -356,7 +354,7 @@ def split_by(grid, passage, start, radius, min_area):
     while left.any():
         side = flooded(wider, tuple(np.argwhere(left)[0]))
         left &= ~side
-        hills = np.isin(clearances.tree.basins, np.unique(clearances.tree.basins[side]))
+        hills = np.isin(ways.tree.basins, np.unique(ways.tree.basins[side]))
         sides += (hills & is_open).sum() * resolution**2 >= min_area - 1e-9 or side[start]
     assert sides >= 2
 
@@ -400,9 +398,9 @@ def test_doors_of_real_maps(name, count, closed):
 
 def on_way(text, start, goal):
     grid = OccupancyGrid(cells(text), RESOLUTION, ORIGIN)
-    clearances = clearances_of(grid)
-    seen = rooted(clearances.tree, int(clearances.tree.basins[start]))
-    told = bottleneck_on_way(clearances, seen, start, goal)
+    ways = ways_of(grid)
+    seen = rooted(ways.tree, int(ways.tree.basins[start]))
+    told = bottleneck_on_way(ways, seen, start, goal)
     if told is None:
         return None
     row, col = grid.frame.continuous_rowcol_from_xy([(told.x, told.y)])[0] - 0.5
@@ -446,14 +444,14 @@ def test_the_width_of_a_way_is_that_at_which_floods_end(seed):
     grid = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
     free = [tuple(cell) for cell in np.argwhere(occupancy == 0).tolist()]
     start, goal = (free[k] for k in rng.integers(len(free), size=2))
-    clearances = clearances_of(grid)
-    seen = rooted(clearances.tree, int(clearances.tree.basins[start]))
-    told = bottleneck_on_way(clearances, seen, start, goal)
+    ways = ways_of(grid)
+    seen = rooted(ways.tree, int(ways.tree.basins[start]))
+    told = bottleneck_on_way(ways, seen, start, goal)
     is_traversable = occupancy == 0
     if told is None:
         assert not flooded(is_traversable, start)[goal]
         return
-    distance = np.sqrt(clearances.squared.astype(float)) * RESOLUTION
+    distance = np.sqrt(ways.squared.astype(float)) * RESOLUTION
     assert flooded(is_traversable & (distance > told.width / 2 - 1e-6), start)[goal]
     assert not flooded(is_traversable & (distance > told.width / 2 + 1e-6), start)[goal]
     row, col = grid.frame.continuous_rowcol_from_xy([(told.x, told.y)])[0] - 0.5

@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.coordinates import Point
-from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.open_cells import Cell
 from mapdeal.grid.reach import Bottleneck, Passage, width_of
-from mapdeal.kernels.gaps import gap_at
+from mapdeal.grid.ways import Ways, largest_closed_square
+from mapdeal.kernels.clearance_tree import ClearanceTree, RootedTree, clearance_tree
+from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.meetings import joined, sums_behind
-from mapdeal.kernels.squares import SquaredDistances, unreachable
-from mapdeal.kernels.threads import for_rows
-
-if TYPE_CHECKING:
-    from mapdeal.kernels.clearance_tree import ClearanceTree, RootedTree
+from mapdeal.kernels.squares import unreachable
 
 DEFAULT_MARGIN = 0.1
 """Of radius, metres: a robot that is larger by as much would be stopped."""
 
 DEFAULT_MIN_AREA = 1.0
 """Square metres on each side of a passage."""
-
-Cell = tuple[int, int]
 
 
 class OpenRegion(NamedTuple):
@@ -40,51 +35,8 @@ class OpenRegion(NamedTuple):
     """Square metres of the cells that its centre can stand in."""
 
 
-@dataclass(frozen=True, eq=False)
-class Clearances:
-    """The clearance tree of a map, with all that is needed to say it in metres.
-
-    Parameters
-    ----------
-    tree : ClearanceTree
-        Of `squared` and the cells that ways may use.
-    squared : numpy.ndarray of int32 or int64, shape (H, W)
-        Squared distance of each cell to the nearest obstacle, in cells.
-    frame : Frame
-        The map's geometry.
-    """
-
-    tree: ClearanceTree
-    squared: SquaredDistances
-    frame: Frame
-
-    @property
-    def cell_area(self) -> float:
-        """Square metres of a cell."""
-        return self.frame.resolution * self.frame.resolution
-
-    def metres(self, squares: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the distances of squares, +inf for "no obstacle"."""
-        metres: NDArray[np.float64] = np.sqrt(squares.astype(np.float64))
-        metres *= self.frame.resolution
-        metres[squares == unreachable(self.squared)] = math.inf
-        return metres
-
-    def areas(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return how many square metres of a mask lie in each basin."""
-        counts = _counts(self.tree.basins, mask, len(self.tree.peaks))
-        return counts.astype(np.float64) * self.cell_area
-
-    def gap(self, edge: int) -> tuple[Point, Point]:
-        """Return the ends of the gap that an edge leads through."""
-        row, col = divmod(int(self.tree.cells[edge]), self.frame.width)
-        ends = gap_at(self.squared, self.tree.basins, (row, col))
-        first, second = self.frame.xy_from_rowcol(ends).tolist()
-        return (first[0], first[1]), (second[0], second[1])
-
-
 def passages(
-    clearances: Clearances,
+    ways: Ways,
     is_open: NDArray[np.bool_],
     start: Cell,
     *,
@@ -98,7 +50,7 @@ def passages(
 
     Parameters
     ----------
-    clearances : Clearances
+    ways : Ways
         How wide the ways of the map are.
     is_open : numpy.ndarray of bool, shape (H, W)
         Where the robot's centre can stand in some heading.
@@ -124,12 +76,12 @@ def passages(
         One for each two areas between which there is a way: the narrowest place of the widest
         way. Areas without any way have none.
     """
-    tree = clearances.tree
+    tree = ways.tree
     root = int(tree.basins[start])
     if root < 0 or not len(tree.squares):
         return ()
-    edge_radii, peak_radii = clearances.metres(tree.squares), clearances.metres(tree.peaks)
-    areas = clearances.areas(is_open)
+    edge_radii, peak_radii = ways.metres(tree.squares), ways.metres(tree.peaks)
+    areas = ways.areas(is_open)
     limits = [(radius, -math.inf), (radius + margin, radius)]
     if is_reached is not None and circumscribed_radius is not None:
         limits.append((max(circumscribed_radius, radius + margin), radius + margin))
@@ -143,7 +95,7 @@ def passages(
         return ()
     values = areas[:, np.newaxis]
     if is_reached is not None:
-        values = np.column_stack([areas, clearances.areas(is_reached)])
+        values = np.column_stack([areas, ways.areas(is_reached)])
     behind, near = _behind(tree, edges, root, values)
     is_passed = edge_radii[edges] > radius
     is_kept = behind[:, 0] > 0  # nan: there is no way
@@ -151,7 +103,7 @@ def passages(
         is_passed = behind[:, 1] >= np.minimum(min_area, behind[:, 0] / 2)
         is_kept &= (edge_radii[edges] <= radius + margin) | (~is_passed & (near[:, 1] > 0))
     made = [
-        _passage(clearances, int(edge), float(area), passed)
+        _passage(ways, int(edge), float(area), passed)
         for edge, area, passed in zip(
             edges[is_kept], behind[is_kept, 0], is_passed[is_kept].tolist(), strict=True
         )
@@ -178,10 +130,10 @@ def open_regions(
     list of OpenRegion
         The largest first.
     """
-    clearances, is_open = _clearances_of(grid, radius)
-    areas, basins = _regions(clearances, is_open, radius)
+    ways, is_open = _ways_of(grid, radius)
+    areas, basins = _regions(ways, is_open, radius)
     basins = basins[areas[basins] >= min_area]
-    cells = np.unravel_index(clearances.tree.peak_cells[basins], grid.shape)
+    cells = np.unravel_index(ways.tree.peak_cells[basins], grid.shape)
     places = grid.frame.xy_from_rowcol(np.stack(cells, axis=1)).tolist()
     return [
         OpenRegion(x, y, area)
@@ -208,22 +160,20 @@ def disconnected(
     list of Passage
         The narrowest first; all of them are closed.
     """
-    clearances, is_open = _clearances_of(grid, radius)
-    _, basins = _regions(clearances, is_open, radius)
+    ways, is_open = _ways_of(grid, radius)
+    _, basins = _regions(ways, is_open, radius)
     if not len(basins):
         return []
-    start = divmod(int(clearances.tree.peak_cells[basins[0]]), grid.frame.width)
-    return list(passages(clearances, is_open, start, radius=radius, margin=0.0, min_area=min_area))
+    start = divmod(int(ways.tree.peak_cells[basins[0]]), grid.frame.width)
+    return list(passages(ways, is_open, start, radius=radius, margin=0.0, min_area=min_area))
 
 
-def bottleneck_on_way(
-    clearances: Clearances, rooted: RootedTree, start: Cell, goal: Cell
-) -> Bottleneck | None:
+def bottleneck_on_way(ways: Ways, rooted: RootedTree, start: Cell, goal: Cell) -> Bottleneck | None:
     """Return the narrowest place of the widest way from the start to a goal.
 
     Parameters
     ----------
-    clearances : Clearances
+    ways : Ways
         How wide the ways of the map are.
     rooted : RootedTree
         Its tree, seen from the start's basin.
@@ -237,7 +187,7 @@ def bottleneck_on_way(
         equally narrow the one nearest to the goal. None where nothing limits the way, or there is
         none.
     """
-    tree, squared = clearances.tree, clearances.squared
+    tree, squared = ways.tree, ways.squared
     basin = int(tree.basins[goal])
     if basin < 0 or rooted.bottlenecks[basin] < 0:
         return None
@@ -245,16 +195,16 @@ def bottleneck_on_way(
         int(square) for square in (squared[start], squared[goal], rooted.bottlenecks[basin])
     )
     square = min(at_start, at_goal, on_way)
-    resolution = clearances.frame.resolution
+    resolution = ways.frame.resolution
     if square == unreachable(squared):
         return None
     width = width_of(square, resolution)
     edge = _first_edge(tree, rooted, basin, square)
     if edge is not None:
-        x, y = _middle(clearances.gap(edge))
+        x, y = _middle(ways.gap(edge))
         return Bottleneck(x, y, width, "passage")
     place = start if at_start == square else goal
-    x, y = clearances.frame.xy_from_rowcol([place])[0].tolist()
+    x, y = ways.frame.xy_from_rowcol([place])[0].tolist()
     return Bottleneck(x, y, width, "start" if at_start == square else "goal")
 
 
@@ -310,10 +260,10 @@ def _behind(
     return behind, sums[near]
 
 
-def _passage(clearances: Clearances, edge: int, cut_off: float, is_open: bool) -> Passage:
-    ends = clearances.gap(edge)
+def _passage(ways: Ways, edge: int, cut_off: float, is_open: bool) -> Passage:
+    ends = ways.gap(edge)
     x, y = _middle(ends)
-    width = width_of(int(clearances.tree.squares[edge]), clearances.frame.resolution)
+    width = width_of(int(ways.tree.squares[edge]), ways.frame.resolution)
     return Passage(x, y, width, cut_off, is_open, ends)
 
 
@@ -326,66 +276,28 @@ def _first_not_above(falling: NDArray[np.float64], limit: float) -> int:
     return int(np.searchsorted(-falling, -limit, side="left"))
 
 
-def _clearances_of(grid: OccupancyGrid, radius: float) -> tuple[Clearances, NDArray[np.bool_]]:
+def _ways_of(grid: OccupancyGrid, radius: float) -> tuple[Ways, NDArray[np.bool_]]:
     """Return how wide the ways over the free cells of a map are, and where a robot fits."""
-    from mapdeal.kernels.clearance_tree import clearance_tree
-    from mapdeal.kernels.distance import squared_distance
-
     occupied = grid.occupied()
     squared = squared_distance(occupied)
-    is_free = ~(occupied | grid.unknown())
-    clearances = Clearances(clearance_tree(squared, is_free), squared, grid.frame)
-    return clearances, is_free & _is_wider(squared, radius, grid.resolution)
+    occupied |= grid.unknown()
+    ways = Ways(clearance_tree(squared, ~occupied), squared, grid.frame)
+    return ways, ways.is_open(largest_closed_square(radius, grid.frame))
 
 
 def _regions(
-    clearances: Clearances, is_open: NDArray[np.bool_], radius: float
+    ways: Ways, is_open: NDArray[np.bool_], radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Return the area that each basin's region has, and one basin for each, the largest first.
 
     A region's basin is the one with its widest place.
     """
-    tree = clearances.tree
-    end = _first_not_above(clearances.metres(tree.squares), radius)
+    tree = ways.tree
+    end = _first_not_above(ways.metres(tree.squares), radius)
     labels, _ = joined(len(tree.peaks), tree.one[:end], tree.other[:end])
-    own = clearances.areas(is_open)
+    own = ways.areas(is_open)
     areas: NDArray[np.float64] = np.bincount(labels, own, len(labels))[labels].astype(np.float64)
     order = np.lexsort((-tree.peaks, labels))
     widest = order[np.flatnonzero(np.diff(labels[order], prepend=-1))]
     widest = widest[areas[widest] > 0]
     return areas, widest[np.lexsort((widest, -areas[widest]))]
-
-
-def _is_wider(squared: SquaredDistances, radius: float, resolution: float) -> NDArray[np.bool_]:
-    """Return where a round robot fits, by the rule of costs: the distance is above its radius."""
-    highest = _highest_closed(radius, resolution, unreachable(squared) - 1)
-    return squared > highest
-
-
-def _highest_closed(radius: float, resolution: float, most: int) -> int:
-    """Return the largest square whose distance is not above a radius, `most` at most."""
-    square = int(min((radius / resolution) ** 2 + 1, most))
-    while square >= 0 and np.sqrt(np.float64(square)) * resolution > radius:
-        square -= 1
-    return square
-
-
-def _counts(basins: NDArray[np.int32], mask: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
-    """Return how many cells of a mask lie in each basin."""
-    from threading import Lock
-
-    counts = np.zeros(count, dtype=np.int64)
-    lock = Lock()
-
-    def add(rows: slice) -> None:
-        inside = basins[rows][mask[rows]]
-        inside = inside[inside >= 0]  # a robot may stand beside its centre, which is in an obstacle
-        if not len(inside):
-            return
-        first = int(inside.min())  # basins are numbered by rows: those of a few are near together
-        found = np.bincount(inside - first)
-        with lock:
-            counts[first : first + len(found)] += found
-
-    for_rows(add, basins.shape)
-    return counts

@@ -4,28 +4,69 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid.coordinates import Point
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.open_cells import Cell
-from mapdeal.grid.passages import Clearances
 from mapdeal.kernels.clearance_tree import (
+    ClearanceTree,
     RootedTree,
     basin_areas,
     clearance_metres,
     rooted,
     widest_metres,
 )
+from mapdeal.kernels.gaps import gap_at
 from mapdeal.kernels.groups import least_joined
-from mapdeal.kernels.squares import dtype_of_squares, unreachable
+from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares, unreachable
 from mapdeal.kernels.threads import for_rows
 
 
 @dataclass(frozen=True, eq=False)
-class Ways(Clearances):
-    """How wide the ways between the cells of a map are; see `Clearances`."""
+class Ways:
+    """How wide the ways between the cells of a map are: its clearance tree, in metres.
+
+    Parameters
+    ----------
+    tree : ClearanceTree
+        Of `squared` and the cells that ways may use.
+    squared : numpy.ndarray of int32 or int64, shape (H, W)
+        Squared distance of each cell to the nearest obstacle, in cells.
+    frame : Frame
+        The map's geometry.
+    """
+
+    tree: ClearanceTree
+    squared: SquaredDistances
+    frame: Frame
+
+    @property
+    def cell_area(self) -> float:
+        """Square metres of a cell."""
+        return self.frame.resolution * self.frame.resolution
+
+    def metres(self, squares: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the distances of squares, +inf for "no obstacle"."""
+        metres: NDArray[np.float64] = np.sqrt(squares.astype(np.float64))
+        metres *= self.frame.resolution
+        metres[squares == unreachable(self.squared)] = math.inf
+        return metres
+
+    def areas(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return how many square metres of a mask lie in each basin."""
+        counts = _counts(self.tree.basins, mask, len(self.tree.peaks))
+        return counts.astype(np.float64) * self.cell_area
+
+    def gap(self, edge: int) -> tuple[Point, Point]:
+        """Return the ends of the gap that an edge leads through."""
+        row, col = divmod(int(self.tree.cells[edge]), self.frame.width)
+        ends = gap_at(self.squared, self.tree.basins, (row, col))
+        first, second = self.frame.xy_from_rowcol(ends).tolist()
+        return (first[0], first[1]), (second[0], second[1])
 
     def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
         """Return the cells that ways may use above a square, shape (H, W)."""
@@ -163,3 +204,22 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
     while square > 0 and math.sqrt(square) * frame.resolution > radius:
         square -= 1
     return square
+
+
+def _counts(basins: NDArray[np.int32], mask: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
+    """Return how many cells of a mask lie in each basin."""
+    counts = np.zeros(count, dtype=np.int64)
+    lock = Lock()
+
+    def add(rows: slice) -> None:
+        inside = basins[rows][mask[rows]]
+        inside = inside[inside >= 0]  # a robot may stand beside its centre, which is in an obstacle
+        if not len(inside):
+            return
+        first = int(inside.min())  # basins are numbered by rows: those of a few are near together
+        found = np.bincount(inside - first)
+        with lock:
+            counts[first : first + len(found)] += found
+
+    for_rows(add, basins.shape)
+    return counts
