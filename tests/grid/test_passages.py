@@ -16,7 +16,7 @@ from mapdeal.grid.passages import (
     passages,
 )
 from mapdeal.grid.ways import Ways
-from mapdeal.kernels.clearance_tree import clearance_tree, rooted
+from mapdeal.kernels.clearance_tree import clearance_tree
 from mapdeal.kernels.distance import squared_distance
 
 RESOLUTION, ORIGIN = 0.07, (3.0, -2.0, 0.4)
@@ -399,8 +399,7 @@ def test_doors_of_real_maps(name, count, closed):
 def on_way(text, start, goal):
     grid = OccupancyGrid(cells(text), RESOLUTION, ORIGIN)
     ways = ways_of(grid)
-    seen = rooted(ways.tree, int(ways.tree.basins[start]))
-    told = bottleneck_on_way(ways, seen, start, goal)
+    told = bottleneck_on_way(ways.begun_at(start), goal)
     if told is None:
         return None
     row, col = grid.frame.continuous_rowcol_from_xy([(told.x, told.y)])[0] - 0.5
@@ -445,8 +444,7 @@ def test_the_width_of_a_way_is_that_at_which_floods_end(seed):
     free = [tuple(cell) for cell in np.argwhere(occupancy == 0).tolist()]
     start, goal = (free[k] for k in rng.integers(len(free), size=2))
     ways = ways_of(grid)
-    seen = rooted(ways.tree, int(ways.tree.basins[start]))
-    told = bottleneck_on_way(ways, seen, start, goal)
+    told = bottleneck_on_way(ways.begun_at(start), goal)
     is_traversable = occupancy == 0
     if told is None:
         assert not flooded(is_traversable, start)[goal]

@@ -12,7 +12,7 @@ from mapdeal.grid.coordinates import Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.open_cells import Cell
 from mapdeal.grid.reach import Bottleneck, Passage, width_of
-from mapdeal.grid.ways import Ways, largest_closed_square
+from mapdeal.grid.ways import Ways, WaysFrom, largest_closed_square
 from mapdeal.kernels.clearance_tree import ClearanceTree, RootedTree, clearance_tree
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.meetings import joined, sums_behind
@@ -168,17 +168,15 @@ def disconnected(
     return list(passages(ways, is_open, start, radius=radius, margin=0.0, min_area=min_area))
 
 
-def bottleneck_on_way(ways: Ways, rooted: RootedTree, start: Cell, goal: Cell) -> Bottleneck | None:
+def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
     """Return the narrowest place of the widest way from the start to a goal.
 
     Parameters
     ----------
-    ways : Ways
-        How wide the ways of the map are.
-    rooted : RootedTree
-        Its tree, seen from the start's basin.
-    start, goal : tuple of int
-        Row and column of cells in the grid.
+    from_start : WaysFrom
+        The ways from the start.
+    goal : tuple of int
+        Row and column of a cell in the grid.
 
     Returns
     -------
@@ -187,9 +185,10 @@ def bottleneck_on_way(ways: Ways, rooted: RootedTree, start: Cell, goal: Cell) -
         equally narrow the one nearest to the goal. None where nothing limits the way, or there is
         none.
     """
+    ways, start, rooted = from_start.ways, from_start.start, from_start.rooted
     tree, squared = ways.tree, ways.squared
     basin = int(tree.basins[goal])
-    if basin < 0 or rooted.bottlenecks[basin] < 0:
+    if rooted is None or basin < 0 or rooted.bottlenecks[basin] < 0:
         return None
     at_start, at_goal, on_way = (
         int(square) for square in (squared[start], squared[goal], rooted.bottlenecks[basin])

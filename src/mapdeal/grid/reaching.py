@@ -1,0 +1,286 @@
+"""How it is found where a robot can go: what it meets, where it can stand, what it reaches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint_cells import footprint_spans
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_marked, nearest_open_text
+from mapdeal.grid.passages import bottleneck_on_way, passages
+from mapdeal.grid.reach import Goal, GoalReach, Reach, closed_text, reach_radius, robot_text
+from mapdeal.grid.values import OCCUPIED, UNKNOWN
+from mapdeal.grid.ways import Ways, WaysFrom, largest_closed_square
+from mapdeal.kernels.clearance_tree import clearance_tree
+from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reached
+from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.threads import for_rows
+
+_TURN = 2 * math.pi
+_DECIMALS = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What a robot meets.
+
+    Parameters
+    ----------
+    occupancy : numpy.ndarray of int8, shape (H, W)
+        The map: 100 is an obstacle, -1 unknown.
+    frame : Frame
+        Where it lies.
+    through_unknown : bool
+        Whether ways may lead through unknown cells.
+    """
+
+    occupancy: NDArray[np.int8]
+    frame: Frame
+    through_unknown: bool
+
+    @property
+    def obstacles(self) -> NDArray[np.bool_]:
+        """The mask of obstacles, made anew each time: masks would take memory all the while."""
+        obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
+        return obstacles
+
+    @property
+    def blocked(self) -> NDArray[np.bool_]:
+        """The mask of cells that no way leads through, made anew each time."""
+        blocked = self.obstacles
+        if not self.through_unknown:
+            for_rows(
+                lambda rows: np.logical_or(
+                    blocked[rows], self.occupancy[rows] == UNKNOWN, out=blocked[rows]
+                ),
+                blocked.shape,
+            )
+        return blocked
+
+    def ways(self) -> Ways:
+        """Return how wide the ways are."""
+        squared = squared_distance(self.obstacles)
+        traversable = self.blocked
+        np.logical_not(traversable, out=traversable)
+        return Ways(clearance_tree(squared, traversable), squared, self.frame)
+
+
+def reach_on(
+    ground: Ground,
+    robot: Footprint | None,
+    *,
+    start: Sequence[float] | None,
+    goals: Sequence[Goal],
+    headings: int,
+    margin: float,
+    min_area: float,
+) -> Reach:
+    """Return where a robot can go; see the stage ``reach``.
+
+    Parameters
+    ----------
+    ground : Ground
+        What it meets.
+    robot : Footprint, optional
+        Its shape; None for a point.
+    start : sequence of float, optional
+        x, y or x, y, yaw in the map frame; without it the widest place of the largest open area.
+    goals : sequence of Goal
+        Where it should get to.
+    headings : int
+        How many headings a robot with corners can have.
+    margin, min_area : float
+        Which passages are told, see `passages`.
+
+    Raises
+    ------
+    ParameterError
+        If start or goal lies outside of the map, or the robot cannot stand at the start.
+    MalformedInputError
+        If it cannot stand anywhere.
+    """
+    asked = None if start is None else _checked_pose(start)
+    first = None if asked is None else cell_of_point(ground.frame, (asked[0], asked[1]), "start")
+    cells = [cell_of_point(ground.frame, (goal.x, goal.y), "goal") for goal in goals]
+    # robots with corners first: what both need at once would take twice the memory
+    stood = _stood(ground, robot, headings, first, asked, cells)
+    ways = ground.ways() if stood.ways is None else stood.ways
+    from_start = ways.begun_at(stood.first)
+    answers = [
+        _answer(goal, cell, int(counts.sum()), from_start)
+        for goal, cell, counts in zip(goals, cells, stood.reached.headings, strict=True)
+    ]
+    has_corners = robot is not None and bool(robot.vertices)
+    is_open = stood.headings > 0
+    found = passages(
+        ways,
+        is_open,
+        stood.first,
+        radius=reach_radius(robot),
+        margin=margin,
+        min_area=min_area,
+        circumscribed_radius=robot.circumscribed_radius if robot is not None else None,
+        is_reached=stood.reached.reachable.view(np.bool_) if has_corners else None,
+    )
+    del is_open
+    widest = from_start.widest(in_place=True)  # the basins are of no more use, nor the squares
+    clearance = ways.clearance(in_place=True)
+    return Reach(
+        stood.reached.reachable,
+        stood.headings,
+        clearance,
+        widest,
+        ground.occupancy,
+        ground.frame.resolution,
+        ground.frame.origin,
+        start=stood.start,
+        robot=robot,
+        heading_count=headings,
+        through_unknown=ground.through_unknown,
+        goals=tuple(answers),
+        passages=found,
+    )
+
+
+class _RoundPoses:
+    """The poses of a round robot, which fits in all headings or none; as `ConfigurationSpace`."""
+
+    def __init__(self, ways: Ways, closed_up_to: int, heading_count: int) -> None:
+        self._ways, self._closed_up_to = ways, closed_up_to
+        self._heading_count = heading_count
+        self.headings = ways.is_open(closed_up_to).view(np.uint8)
+        self.headings *= np.uint8(heading_count)
+
+    def open_headings(self, row: int, col: int) -> NDArray[np.bool_]:
+        """Return in which headings a cell is open."""
+        return np.full(self._heading_count, self.headings[row, col] > 0)
+
+    def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> Reached:
+        """Return what can be reached from a cell, and in which headings some cells are."""
+        reachable = self._ways.begun_at(seeds[0][1:]).reachable(self._closed_up_to)
+        shape = (len(cells), self._heading_count)
+        headings = np.zeros(shape, dtype=np.bool_)
+        for index, cell in enumerate(cells):
+            headings[index] = reachable[cell]
+        return Reached(reachable, headings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stood:
+    """Where a robot can stand, and where it gets to from its start.
+
+    Parameters
+    ----------
+    headings : numpy.ndarray of uint8, shape (H, W)
+        In how many headings it can stand in each cell.
+    start : tuple of float
+        The start in the map frame.
+    first : tuple of int
+        Row and column of the start.
+    reached : Reached
+        What it reaches.
+    ways : Ways, optional
+        The ways of round robots, if they are known already.
+    """
+
+    headings: NDArray[np.uint8]
+    start: tuple[float, ...]
+    first: Cell
+    reached: Reached
+    ways: Ways | None
+
+
+def _stood(
+    ground: Ground,
+    robot: Footprint | None,
+    heading_count: int,
+    first: Cell | None,
+    start: tuple[float, ...] | None,
+    cells: Sequence[Cell],
+) -> _Stood:
+    """Return where a robot can stand, and what it reaches from its start, or a chosen one.
+
+    Raises
+    ------
+    MalformedInputError
+        If it can stand nowhere.
+    ParameterError
+        If it cannot stand at its start.
+    """
+    ways = None
+    closed_up_to = largest_closed_square(reach_radius(robot), ground.frame)
+    poses: _RoundPoses | ConfigurationSpace
+    if robot is None or not robot.vertices:
+        ways = ground.ways()
+        widest = ways.widest_place(closed_up_to) if start is None else None
+        poses = _RoundPoses(ways, closed_up_to, heading_count)
+    else:
+        widest = ground.ways().widest_place(closed_up_to) if start is None else None
+        footprints = footprint_spans(robot, ground.frame, heading_count)
+        poses = ConfigurationSpace(ground.blocked, footprints)
+    if not poses.headings.any():
+        raise MalformedInputError(f"no cell is open to {robot_text(robot)}")
+    if first is None or start is None:
+        # there may be no room for the robot's corners, or none for a circle within them
+        first = nearest_marked(poses.headings > 0, widest or (0, 0)) or (0, 0)
+        start = tuple(ground.frame.xy_from_rowcol([first])[0].round(_DECIMALS).tolist())
+    seeds = [(heading, *first) for heading in _headings_at(poses, first, start, ground, robot)]
+    return _Stood(poses.headings, start, first, poses.reach(seeds, cells), ways)
+
+
+def _checked_pose(start: Sequence[float]) -> tuple[float, ...]:
+    """Return a start as x, y or x, y, yaw."""
+    if len(start) not in (2, 3):
+        raise ParameterError("must be x,y or x,y,yaw", place="start", got=tuple(start))
+    return tuple(start)
+
+
+def _headings_at(
+    poses: _RoundPoses | ConfigurationSpace,
+    first: Cell,
+    start: Sequence[float],
+    ground: Ground,
+    robot: Footprint | None,
+) -> list[int]:
+    """Return the headings to start in: the one that is asked for, or all that are open.
+
+    Raises
+    ------
+    ParameterError
+        If that is closed, or all are.
+    """
+    is_open = poses.open_headings(*first)
+    if not is_open.any():
+        square = int(squared_distance(ground.obstacles)[first])
+        clearance = math.sqrt(square) * ground.frame.resolution
+        what = closed_text(int(ground.occupancy[first]), clearance, robot)
+        hint = nearest_open_text(ground.frame, poses.headings > 0, first)
+        raise ParameterError(
+            f"lies in a closed cell ({what})", place="start", got=tuple(start[:2]), hint=hint
+        )
+    turns = np.flatnonzero(is_open)
+    if len(start) == 2:
+        return [int(heading) for heading in turns]
+    count = len(is_open)
+    heading = round(start[2] / _TURN * count) % count
+    if not is_open[heading]:
+        away = np.abs((turns - heading + count // 2) % count - count // 2)
+        nearest = float(turns[np.argmin(away)]) * _TURN / count
+        rule = f"the robot cannot stand there in this heading, only in {len(turns)} of {count}"
+        hint = f"the nearest open heading is {nearest:.4g}; without a yaw all that are open count"
+        raise ParameterError(rule, place="start", got=tuple(start), hint=hint)
+    return [heading]
+
+
+def _answer(goal: Goal, cell: Cell, heading_count: int, from_start: WaysFrom) -> GoalReach:
+    """Return the answer for a goal."""
+    widest = from_start.ways.metres_of(from_start.widest_square_at(cell))
+    limited_by = bottleneck_on_way(from_start, cell)
+    return GoalReach(goal, bool(heading_count), int(heading_count), widest, limited_by)
