@@ -26,6 +26,7 @@ from mapdeal.render.overlay import Brush, Overlay, place_of
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster
+from mapdeal.render.reach import reach_image
 from mapdeal.render.route import RouteOverlay
 
 DOCS = Path(__file__).parent
@@ -34,6 +35,8 @@ MAPS = DOCS.parent / "examples" / "maps"
 WARTHOG = [(0.76, 0.69), (0.76, -0.69), (-0.76, -0.69), (-0.76, 0.69)]
 ROBOT = DOCS.parent / "examples" / "robots" / "nav2_params.yaml"
 
+SHELF = [(0.975, -0.825), (1.5, -0.825)]
+LONG_ROBOT = [(0.45, 0.225), (0.45, -0.225), (-0.45, -0.225), (-0.45, 0.225)]
 FOOTPRINT = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
 LONG_SIDE = 900  # pixels of a picture of a map
 
@@ -78,6 +81,7 @@ def main() -> None:
     draw_cost_curve(IMAGES / "cost_curve.png")
     draw_arena()
     draw_office()
+    draw_reach()
     for log in sys.argv[1:]:
         draw_intel(Path(log))
 
@@ -162,6 +166,20 @@ def draw_office() -> None:
     _picture("office_mask.png", masked, "office: cost, inscribed 0.22 m, with a keepout mask")
 
 
+def draw_reach() -> None:
+    """Draw where robots get to in the office, before and after a shelf stands in a door."""
+    office = mapdeal.active_region(mapdeal.read_map(MAPS / "office.yaml"), margin=0.5)
+    shelf = mapdeal.draw(office, mapdeal.Line(SHELF), value=100)
+    asked = {"start": (-8.0, 0.0), "goals": {"kitchen": (3.0, -4.0), "lab": (9.0, 4.0)}}
+    before = mapdeal.reach(office, radius=0.28, **asked)
+    after = mapdeal.reach(shelf, radius=0.28, **asked)
+    robot = mapdeal.Footprint.polygon(LONG_ROBOT)
+    of_long = mapdeal.reach(shelf, start=(-8.0, 0.0, 0.0), footprint=robot)
+    _picture("reach_before.png", before, "office: reach of a robot of radius 0.28 m")
+    _picture("reach_after.png", after, "shelf: reach of a robot of radius 0.28 m")
+    _picture("reach_long.png", of_long, "shelf: reach of a robot of 0.9 x 0.45 m")
+
+
 def draw_intel(log: Path) -> None:
     """Draw a corner of the Intel Research Lab as each method sees it, and what differs."""
     scans = [mapdeal.Scans(*arrays) for arrays in open_log(log).scans()]
@@ -204,7 +222,7 @@ def _local_pictures(office: mapdeal.OccupancyGrid) -> None:
 
 def _picture(
     name: str,
-    grid: mapdeal.OccupancyGrid | mapdeal.DistanceField | mapdeal.Costmap | mapdeal.PotentialField,
+    grid: mapdeal.Grid,
     title: str,
     *,
     side: int = LONG_SIDE,
@@ -215,6 +233,7 @@ def _picture(
         mapdeal.DistanceField: partial(field_image, overlay=overlay),
         mapdeal.Costmap: partial(cost_image, overlay=overlay),
         mapdeal.PotentialField: potential_image,
+        mapdeal.Reach: reach_image,
     }[type(grid)]
     image = draw(grid, title=title, image_max=side)
     with (IMAGES / name).open("wb") as file:

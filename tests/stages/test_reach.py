@@ -251,3 +251,15 @@ def test_real_maps_are_reached_as_over_inscribed_costs(real_maps, every):
             assert np.array_equal(found.reachable, groups == group)
             seen += 1
     assert seen > 5
+
+
+def test_a_stray_beam_is_no_place_to_start():
+    # the end of the beam is farther from the obstacles than the middle of the room
+    occupancy = np.full((25, 60), -1, np.int8)
+    occupancy[8:17, 2:11] = 100
+    occupancy[9:16, 3:10] = 0
+    occupancy[12, 10:50] = 0
+    grid = OccupancyGrid(occupancy, 0.1, (2.0, 1.0, math.pi / 6))
+    found = reach(grid, radius=0.09)
+    assert found.start == pytest.approx(centre(grid, 12, 6), abs=1e-9)
+    assert found.reachable[12, 49]

@@ -219,10 +219,12 @@ def _stood(
     poses: _RoundPoses | ConfigurationSpace
     if robot is None or not robot.vertices:
         ways = ground.ways()
-        widest = ways.widest_place(closed_up_to) if start is None else None
+        widest = _widest_place(ground, ways, closed_up_to) if start is None else None
         poses = _RoundPoses(ways, closed_up_to, heading_count)
     else:
-        widest = ground.ways().widest_place(closed_up_to) if start is None else None
+        widest = None
+        if start is None:
+            widest = _widest_place(ground, ground.ways(), closed_up_to)
         footprints = footprint_spans(robot, ground.frame, heading_count)
         poses = ConfigurationSpace(ground.blocked, footprints)
     if not poses.headings.any():
@@ -233,6 +235,22 @@ def _stood(
         start = tuple(ground.frame.xy_from_rowcol([first])[0].round(_DECIMALS).tolist())
     seeds = [(heading, *first) for heading in _headings_at(poses, first, start, ground, robot)]
     return _Stood(poses.headings, start, first, poses.reach(seeds, cells), ways)
+
+
+def _widest_place(ground: Ground, ways: Ways, closed_up_to: int) -> Cell | None:
+    """Return where to start if nobody says: in the largest area, the place with the most room.
+
+    Unknown cells that are closed count here, too: a stray beam far from all obstacles is no room.
+    """
+    inside = ways.in_largest_area(closed_up_to)
+    if inside is None:
+        return None
+    room = squared_distance(ground.blocked)
+    room[~inside] = -1
+    places = np.flatnonzero(room == room.max())
+    best = places[np.argmax(ways.squared.reshape(-1)[places])]  # of equal ones away from walls
+    row, col = divmod(int(best), room.shape[1])
+    return row, col
 
 
 def _checked_pose(start: Sequence[float]) -> tuple[float, ...]:

@@ -21,7 +21,7 @@ from mapdeal.kernels.clearance_tree import (
     widest_metres,
 )
 from mapdeal.kernels.gaps import gap_at
-from mapdeal.kernels.groups import least_joined
+from mapdeal.kernels.meetings import joined
 from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares, unreachable
 from mapdeal.kernels.threads import for_rows
 
@@ -92,25 +92,32 @@ class Ways:
         """
         return clearance_metres(self.squared, self.frame.resolution, in_place=in_place)
 
-    def widest_place(self, closed_up_to: int) -> Cell | None:
-        """Return the widest place of the largest area of cells above a square; None if none is.
+    def in_largest_area(self, closed_up_to: int) -> NDArray[np.bool_] | None:
+        """Return the cells of the largest area above a square, shape (H, W); None if none is.
 
-        Areas are of one piece by the four straight neighbours. Of equal ones the first counts,
-        row by row from the south.
+        Areas are of one piece by the four straight neighbours. Of equal ones the one counts whose
+        first basin comes first.
         """
         tree = self.tree
-        is_wider = tree.squares > closed_up_to
         areas = basin_areas(tree, self.squared, closed_up_to)
         if not areas.any():
             return None
-        of_basins = least_joined(
-            tree.one[is_wider].astype(np.int64), tree.other[is_wider].astype(np.int64), len(areas)
-        )
-        largest = int(np.argmax(np.bincount(of_basins, weights=areas)))
-        members = np.flatnonzero(of_basins == largest)
-        cell = int(tree.peak_cells[members[np.argmax(tree.peaks[members])]])
-        row, col = divmod(cell, self.squared.shape[1])
-        return row, col
+        is_wider = tree.squares > closed_up_to
+        labels, _ = joined(len(areas), tree.one[is_wider], tree.other[is_wider])
+        largest = np.argmax(np.bincount(labels, weights=areas))
+        return self.cells_of(labels == largest, closed_up_to)
+
+    def cells_of(self, is_chosen: NDArray[np.bool_], closed_up_to: int) -> NDArray[np.bool_]:
+        """Return the cells above a square that are in some of the basins, shape (H, W)."""
+        by_basin = np.append(is_chosen, False)  # -1 is the last one
+        found = np.empty(self.squared.shape, dtype=np.bool_)
+
+        def fill(rows: slice) -> None:
+            np.greater(self.squared[rows], closed_up_to, out=found[rows])
+            found[rows] &= by_basin[self.tree.basins[rows]]
+
+        for_rows(fill, found.shape)
+        return found
 
     def begun_at(self, start: Cell) -> WaysFrom:
         """Return the ways from a cell."""
@@ -147,20 +154,11 @@ class WaysFrom:
 
     def reachable(self, closed_up_to: int) -> NDArray[np.uint8]:
         """Return where a way leads that stays above a square: 1, else 0, shape (H, W)."""
-        tree, squared = self.ways.tree, self.ways.squared
+        squared = self.ways.squared
         if self.rooted is None or squared[self.start] <= closed_up_to:
             return np.zeros(squared.shape, dtype=np.uint8)
-        reached = self.rooted.bottlenecks > closed_up_to
-        by_basin = np.append(reached, False)  # -1 is the last one
-        found = np.empty(squared.shape, dtype=np.uint8)
-
-        def fill(rows: slice) -> None:
-            np.logical_and(
-                by_basin[tree.basins[rows]], squared[rows] > closed_up_to, out=found[rows]
-            )
-
-        for_rows(fill, found.shape)
-        return found
+        is_reached = self.rooted.bottlenecks > closed_up_to
+        return self.ways.cells_of(is_reached, closed_up_to).view(np.uint8)
 
     def widest(self, *, in_place: bool = False) -> NDArray[np.float32]:
         """Return the least clearance on the widest way to each cell, metres, 0 if there is none.
