@@ -15,7 +15,8 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.formats.points import read_points
 from mapdeal.formats.source import chunks_of
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.reach import Goal, Reach
+from mapdeal.grid.reach import Goal
+from mapdeal.pipeline.figures import summary_of
 from mapdeal.pipeline.reach import check_reached, reach_file
 from mapdeal.pipeline.settings import Settings
 from mapdeal.robot.parameters import RobotParameters
@@ -141,7 +142,7 @@ def reach(
     if output is None:
         terminal.result(report.text)
     else:
-        terminal.summary([f"{output}: {summary_of_reach(report.reach)}"])
+        terminal.summary([f"{output}: {summary_of(report.reach.figures())}"])
     check_reached(report.reach, source)
 
 
@@ -163,15 +164,3 @@ def _goals_in(path: Path) -> list[Goal]:
     if not found:
         raise MalformedInputError("holds no points", source=name)
     return found
-
-
-def summary_of_reach(found: Reach) -> str:
-    """Return in a line what a robot can reach."""
-    text = f"reaches {found.reachable_area:.4g} of {found.open_area:.4g} m2 that it fits into"
-    if found.goals:
-        got = sum(one.reachable for one in found.goals)
-        text += f", {got} of {len(found.goals)} goals"
-    closed = sum(not one.is_open for one in found.passages)
-    text += f", {closed} closed passage{'s' * (closed != 1)}"
-    tight = len(found.passages) - closed
-    return text + (f", {tight} tight" if tight else "")
