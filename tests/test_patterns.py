@@ -30,7 +30,8 @@ REASONS = {
     ("checks/image_checks.py",
      r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"):
         ("search", "every repeat is bounded, so a try is, too"),
-    ("cli/main.py", r"[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}"): ("fullmatch", "no comma is in the class"),
+    ("cli/main.py", r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}"):
+        ("fullmatch", "a name ends at its =, and no comma is in the class of numbers"),
     ("cli/options.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
         ("fullmatch", "digits, white space and letters have nothing in common"),
     ("cli/shells.py", r"([\[\]:\\])"): ("sub", "one character"),

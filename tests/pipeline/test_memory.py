@@ -20,9 +20,7 @@ def _one_demand(monkeypatch):
 
 class Step:
     is_whole = False
-
-    class stage:  # noqa: N801
-        memory = 1.5
+    memory = 1.5
 
 
 def cut(left, *, base=500, threads=1, shape=(3000, 1000), steps=(Step,)):

@@ -47,7 +47,7 @@ _OF_STAGES = ("reach",)
 """Stages whose commands are not made from their parameters: they answer questions."""
 
 _OF_POINTS = {"query": "--at", "edit": "--point", "reach": "--to"}
-_POINT = re.compile(r"(?:[^=,]+=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
+_POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 _INTERRUPTED, _INTERNAL = 130, 70
 _EPOCH = "SOURCE_DATE_EPOCH"
