@@ -237,7 +237,23 @@ def robots_on_maps(draw):
 @settings(max_examples=40)
 @given(robots_on_maps())
 def test_ways_of_a_robot_are_those_of_a_search_with_polygons_drawn_cell_by_cell(case):
-    blocked, corners, count, yaw, resolution, seeds = case
+    assert_ways_are_those_of_a_search(*case)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(4))
+def test_ways_on_a_large_map_are_those_of_a_search_in_all_72_headings(seed):
+    rng = np.random.default_rng(seed)
+    blocked = rng.random((64, 61)) < 0.004
+    blocked[20, :50] = blocked[40, 12:] = True
+    blocked[20, 9:17] = blocked[40, 30:38] = False
+    long = [(0.45, 0.16), (0.45, -0.16), (-0.35, -0.16), (-0.35, 0.16)]
+    seeds = [(heading, 9, 9) for heading in range(0, 72, 5)]
+    reached = assert_ways_are_those_of_a_search(blocked, long, 72, 0.4, 0.1, seeds)
+    assert reached[:, 21:].any()  # it gets through the first door
+
+
+def assert_ways_are_those_of_a_search(blocked, corners, count, yaw, resolution, seeds):
     frame = Frame(*blocked.shape, resolution, (1.5, -2.0, yaw))
     space = ConfigurationSpace(blocked, footprint_spans(Footprint.polygon(corners), frame, count))
     turns = [2 * math.pi * k / count - yaw for k in range(count)]
@@ -250,3 +266,4 @@ def test_ways_of_a_robot_are_those_of_a_search_with_polygons_drawn_cell_by_cell(
     np.testing.assert_array_equal(found.reachable, reached.any(axis=0))
     for headings, (row, col) in zip(found.headings, cells, strict=True):
         np.testing.assert_array_equal(headings, reached[:, row, col])
+    return reached
