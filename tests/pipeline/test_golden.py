@@ -54,11 +54,12 @@ def test_bytes_that_differ_count_even_if_no_figure_does(command, golden):
     manifest = json.loads(path.read_text())
     manifest["outputs"]["cost.npz"] = "0" * 64
     path.write_text(json.dumps(manifest))
-    code, out, _ = command("run", "m.yaml", "-o", "new", "--golden", "gold")
+    code, out, err = command("run", "m.yaml", "-o", "new", "--golden", "gold")
     assert code == 1
     assert [line for line in out.splitlines() if line.startswith("m: ")] == [
         "m: cost: cost.npz differ"
     ]
+    assert "1 stage differs from the golden run" in err
 
 
 def test_stages_that_are_new_or_missing(command, golden):

@@ -20,6 +20,7 @@ from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import FindingError, ParameterError, one_line
 from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.source import absolute_path
+from mapdeal.grid.display import count_text
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.applied import LOCAL_RECIPE, around_in
 from mapdeal.pipeline.dispatch import Workers
@@ -218,6 +219,7 @@ def _compare_with_golden(
     for line in lines:
         terminal.result(one_line(line))
     if lines:
-        rule = f"{len(lines)} stages differ from the golden run"
+        verb = "differs" if len(lines) == 1 else "differ"
+        rule = f"{count_text(len(lines), 'stage')} {verb} from the golden run"
         raise FindingError(rule, source=golden, hint="--update-golden takes them over")
     terminal.summary([f"{golden}: all stages as stored"])
