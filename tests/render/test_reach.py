@@ -49,7 +49,7 @@ def legend(seen):
 def reach_of(text, **rest):
     """Return what a robot reaches of a drawing.
 
-    # obstacle, ? unknown, . reached, - reached without room to turn, : too narrow, o out of reach.
+    # obstacle, ? unknown, . reached, - reached without room to turn, : no room, o out of reach.
     """
     drawn = np.array([list(line.strip()) for line in text.strip().splitlines()])[::-1]
     occupancy = cells(
@@ -105,7 +105,7 @@ def test_each_kind_of_cell_has_its_colour(asked):
         f"cut off {42 * area:.3g} m2": one,
         f"cut off {4 * area:.3g} m2": other,
         f"cut off {2 * area:.3g} m2": third,
-        f"too narrow {22 * area:.3g} m2": colours.TOO_NARROW,
+        f"no room for the robot {22 * area:.3g} m2": colours.TOO_NARROW,
         "obstacle": (0, 0, 0),
         "unknown": colours.RVIZ_UNKNOWN,
         "start": colours.REACH_START,
@@ -118,11 +118,11 @@ def test_only_the_largest_areas_have_their_own_colours(asked):
     rooms = [f"#{'o' * k}{'#' * (30 - k)}" for k in range(2, 12)]
     reach = reach_of("\n".join(f"{room}\n{'#' * 31}" for room in rooms), start=(90.0, 9.0))
     reach_image(reach, title="t")
-    cut_off = [label for label in legend(asked) if label.startswith("cut off")]
+    cut_off = [label for label in legend(asked) if "cut" in label]
     area = RESOLUTION**2
     assert cut_off == [
         *(f"cut off {k * area:.3g} m2" for k in range(11, 5, -1)),
-        f"cut off, smaller {(2 + 3 + 4 + 5) * area:.3g} m2",
+        f"smaller cut-off areas {(2 + 3 + 4 + 5) * area:.3g} m2",
     ]
     assert at(asked, reach, 1, 2) == colours.CUT_OFF_AREAS[0]
     assert at(asked, reach, 19, 2) == colours.CUT_OFF

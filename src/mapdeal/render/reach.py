@@ -137,8 +137,8 @@ def _swatches_of_areas(codes: NDArray[np.uint8], areas: list[int], reach: Reach)
         Swatch(_NO_TURN, f"reachable, no room to turn {area(_NO_TURN)}"),
         Swatch(_REACHED_UNKNOWN, f"reachable, unknown {area(_REACHED_UNKNOWN)}"),
         *(Swatch(code, f"cut off {area(code)}") for code in _AREAS[: len(areas)]),
-        Swatch(_CUT_OFF, f"cut off, {'smaller' if areas else 'in parts'} {area(_CUT_OFF)}"),
-        Swatch(_NARROW, f"too narrow {area(_NARROW)}"),
+        Swatch(_CUT_OFF, f"{'smaller' if areas else 'small'} cut-off areas {area(_CUT_OFF)}"),
+        Swatch(_NARROW, f"no room for the robot {area(_NARROW)}"),
         Swatch(_OBSTACLE, "obstacle"),
         Swatch(_UNKNOWN, "unknown"),
     ]
