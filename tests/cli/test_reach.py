@@ -84,8 +84,10 @@ def test_a_goal_that_is_cut_off_ends_with_1(command, rooms, tmp_path):
     [
         (["--from", "50,50"], "start: lies outside of the map"),
         (["--to", "50,50"], "goal: lies outside of the map"),
+        (["--to", "2,-1", "kitchen=50,50"], "goal kitchen: lies outside of the map"),
         (["--headings", "3"], "headings"),
-        (["--from", "1"], "--from"),
+        (["--from", "1"], "--from: must be two numbers X,Y, got '1'"),
+        (["--from", "1,2,"], "--from: must be three numbers X,Y,YAW, got '1,2,'"),
         (["--to", "kitchen=1"], "--to"),
         (["-o", "out.txt"], "must end in .json"),
         (["--layers", "out.json"], "must end in .npz"),

@@ -26,6 +26,8 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 _STDIN = Path("-")
 
+_START_FORMS = {2: "X,Y", 3: "X,Y,YAW"}
+
 
 @app.command()
 @shared_options("robot", "files")
@@ -115,7 +117,7 @@ def reach(
         parameters["through_unknown"] = True
     if start is not None:
         count = 3 if start.count(",") > 1 else 2
-        parameters["start"] = tuple(opt.numbers(start, count, "X,Y,YAW"[: 2 * count], "--from"))
+        parameters["start"] = tuple(opt.numbers(start, count, _START_FORMS[count], "--from"))
     if footprint is None and robot is None:
         terminal.warn(
             "no robot is given, by --robot-radius, --footprint or --params-file: the answer is "

@@ -108,7 +108,7 @@ def reach_on(
     """
     asked = None if start is None else _checked_pose(start)
     first = None if asked is None else cell_of_point(ground.frame, (asked[0], asked[1]), "start")
-    cells = [cell_of_point(ground.frame, (goal.x, goal.y), "goal") for goal in goals]
+    cells = [cell_of_point(ground.frame, (goal.x, goal.y), _name_of(goal)) for goal in goals]
     # robots with corners first: what both need at once would take twice the memory
     stood = _stood(ground, robot, headings, first, asked, cells)
     ways = ground.ways() if stood.ways is None else stood.ways
@@ -295,6 +295,10 @@ def _headings_at(
         hint = f"the nearest open heading is {nearest:.4g}; without a yaw all that are open count"
         raise ParameterError(rule, place="start", got=tuple(start), hint=hint)
     return [heading]
+
+
+def _name_of(goal: Goal) -> str:
+    return "goal" if goal.name is None else f"goal {goal.name}"
 
 
 def _answer(goal: Goal, cell: Cell, heading_count: int, from_start: WaysFrom) -> GoalReach:
