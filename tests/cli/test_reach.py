@@ -134,6 +134,12 @@ def test_goals_from_a_file(command, rooms, tmp_path):
     code, out, _ = command("reach", path, "--points", goals, "--robot-radius", 0.2)
     assert code == 0
     assert [goal["reachable"] for goal in json.loads(out)["goals"]] == [True, True]
+    x, y = place(grid, 3, 12).split(",")
+    lab = f'{{"name": "lab", "x": {x}, "y": {y}}}'
+    goals.write_text(f"kitchen={place(grid, 3, 2)}\n{lab}\n")
+    code, out, _ = command("reach", path, "--points", goals, "--robot-radius", 0.2)
+    assert code == 0
+    assert [goal["name"] for goal in json.loads(out)["goals"]] == ["kitchen", "lab"]
     for text, told in (("1,2\nkitchen\n", "line 2"), ("", "holds no points")):
         goals.write_text(text)
         code, _, err = command("reach", path, "--points", goals, "--robot-radius", 0.2)

@@ -1,5 +1,6 @@
 """Points as lines of text."""
 
+import itertools
 import math
 
 import numpy as np
@@ -8,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import FileAccessError, MalformedInputError
-from mapdeal.formats.points import read_pairs, read_points, read_pose_lines
+from mapdeal.formats.points import read_named_points, read_pairs, read_points, read_pose_lines
 from mapdeal.formats.source import chunks_of
 
 TEXT = (
@@ -107,6 +108,49 @@ def test_numbers_beyond_all_bounds_are_infinite_and_told():
 def test_a_mark_of_byte_order_and_a_header_are_passed_over():
     assert _all([b'\xef\xbb\xbf"x","y"\n1,2'])[:2] == ([[1, 2]], [2])
     assert _all([b"\xef\xbb\xbf1,2"])[:2] == ([[1, 2]], [1])
+
+
+NAMED = (
+    'x,y\n1,2\n# why\nkitchen=3,4\n our = lab = -1, .5\n{"name": "Büro", "x": 5, "y": 6}\n'
+    '[7, 8]\n{"x": 9, "y": 0}\n'
+)
+
+
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=90))
+def test_points_may_have_names_wherever_the_text_is_cut(sizes):
+    text = NAMED.encode()
+    ends = np.cumsum([0, *sizes, len(text)])
+    chunks = [text[a:b] for a, b in itertools.pairwise(ends.tolist())]
+    assert [(one.line, one.name, one.point) for one in read_named_points(chunks, "p")] == [
+        (2, None, (1, 2)),
+        (4, "kitchen", (3, 4)),
+        (5, "our = lab", (-1, 0.5)),
+        (6, "Büro", (5, 6)),
+        (7, None, (7, 8)),
+        (8, None, (9, 0)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("", "empty line"),
+        ("kitchen", "must be x,y or NAME=x,y, got 'kitchen'"),
+        ("kitchen=1", "must be x,y or NAME=x,y"),
+        ("=1,2", "must be x,y or NAME=x,y"),
+        ("kitchen,1,2", "must be x,y or NAME=x,y"),
+        ("kitchen=1,inf", "must be finite"),
+        ('{"name": 5, "x": 1, "y": 2}', 'with a "name" if it has one'),
+        ('{"name": " ", "x": 1, "y": 2}', 'with a "name" if it has one'),
+        ('{"name": "a", "x": 1}', 'with a "name" if it has one'),
+        ("[1, 2, 3]", "or [x, y]"),
+    ],
+)
+def test_a_line_that_is_no_named_point_is_told_by_its_number(line, told):
+    first, bad, last = read_named_points([f"a=5,6\n{line}\n7,8\n".encode()], "p")
+    assert (first.point, first.name, last.point) == ((5, 6), "a", (7, 8))
+    assert (bad.line, bad.point, bad.name) == (2, None, None)
+    assert told in bad.error
 
 
 @pytest.mark.parametrize("text", [b"", b"\n", b"# nothing\n", b"x,y\n"])

@@ -12,7 +12,7 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.points import read_points
+from mapdeal.formats.points import read_named_points
 from mapdeal.formats.source import chunks_of
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Goal
@@ -61,7 +61,7 @@ def reach(
         Path | None,
         typer.Option(
             metavar="FILE|-",
-            help="Goals in lines x,y or of JSON, from a file, or - for standard input.",
+            help="Goals in lines [NAME=]x,y or of JSON, from a file, or - for standard input.",
         ),
     ] = None,
     headings: Annotated[
@@ -159,10 +159,10 @@ def _goals_in(path: Path) -> list[Goal]:
     chunks = terminal.input_chunks() if path == _STDIN else chunks_of(path)
     name = "standard input" if path == _STDIN else path
     found: list[Goal] = []
-    for some in read_points(chunks, name):
-        for index, error in some.errors.items():
-            raise MalformedInputError(error, source=name, place=f"line {some.lines[index]}")
-        found += [Goal(x, y) for x, y in some.points_xy.tolist()]
+    for one in read_named_points(chunks, name):
+        if one.point is None:
+            raise MalformedInputError(one.error or "", source=name, place=f"line {one.line}")
+        found.append(Goal(*one.point, one.name))
     if not found:
         raise MalformedInputError("holds no points", source=name)
     return found

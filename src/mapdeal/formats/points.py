@@ -82,6 +82,28 @@ class PairLine:
     error: str | None = None
 
 
+@dataclass(frozen=True)
+class NamedPointLine:
+    """A point with a name if it has one, or what is wrong with the line that should hold it.
+
+    Parameters
+    ----------
+    line : int
+        The number of the line, from 1 on.
+    point : tuple of float
+        x and y, finite; None if there is an error.
+    name : str, optional
+        What the line calls the point.
+    error : str, optional
+        What is wrong.
+    """
+
+    line: int
+    point: Point | None = None
+    name: str | None = None
+    error: str | None = None
+
+
 def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[PointLines]:
     """Yield the points of a text, those of each chunk as soon as its lines are complete.
 
@@ -146,6 +168,29 @@ def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine
             text = _text_of(raw)
             if not (text.startswith("#") or (number == 1 and _is_header_of_pairs(text))):
                 yield _pair_line(number, text)
+
+
+def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
+    """Yield points that may have names, each as soon as its line is complete.
+
+    Parameters
+    ----------
+    chunks : iterable of bytes
+        The text, cut anywhere. Lines are those of `read_points`, or ``NAME=x,y`` and
+        ``{"name": NAME, "x": x, "y": y}``.
+    source : Path or str
+        What to call it in an error.
+
+    Raises
+    ------
+    MalformedInputError
+        As `read_points`.
+    """
+    for lines, first in _complete_lines(chunks, source):
+        for number, raw in enumerate(lines, first):
+            text = _text_of(raw)
+            if not (text.startswith("#") or (number == 1 and _POINT.is_header(text))):
+                yield _named_point_line(number, text)
 
 
 def _complete_lines(
@@ -316,6 +361,34 @@ def _pair_of(text: str) -> tuple[Point, Point]:
         return _point_of_json(start), _point_of_json(goal)
     start_x, start_y, goal_x, goal_y = _numbers_of(text)
     return (start_x, start_y), (goal_x, goal_y)
+
+
+def _named_point_line(number: int, text: str) -> NamedPointLine:
+    try:
+        name, point = _named_point_of(text)
+    except _NO_NUMBERS:
+        form = "x,y or NAME=x,y"
+        if text[:1] in ("{", "["):
+            form = '{"x": x, "y": y}, with a "name" if it has one, or [x, y]'
+        error = f"must be {form}, got {shown(text)}" if text else "empty line"
+        return NamedPointLine(number, error=error)
+    if not all(map(math.isfinite, point)):
+        return NamedPointLine(number, error=f"must be finite, got {shown(text)}")
+    return NamedPointLine(number, point, name)
+
+
+def _named_point_of(text: str) -> tuple[str | None, Point]:
+    if text[:1] in ("{", "["):
+        value = json.loads(text)
+        name = value.get("name") if isinstance(value, dict) else None
+        if name is not None and not (isinstance(name, str) and name.strip()):
+            raise ValueError
+        return name, _point_of_json(value)
+    name, equals, place = text.rpartition("=")
+    if equals and not name.strip():
+        raise ValueError
+    x, y = _numbers_of(place)
+    return name.strip() or None, (x, y)
 
 
 def _is_header_of_pairs(text: str) -> bool:
