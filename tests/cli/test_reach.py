@@ -165,10 +165,12 @@ def test_the_map_of_a_robot_s_own_parameters(command, tmp_path):
             f"track_unknown_space: {str(tracks).lower()}, plugins: [static_layer], "
             'static_layer: {plugin: "nav2_costmap_2d::StaticLayer"}}}}\n'
         )
-        code, out, _ = command(
+        code, out, err = command(
             "reach", tmp_path / "map.yaml", "--from", place(grid, 1, 1), "--to", place(grid, 1, 3),
             "--params-file", parameters,
         )  # fmt: skip
         assert code == int(tracks)
+        told = "costmap takes unknown cells as free, 6.67 % of the map: the robot drives through"
+        assert (told in err) == (not tracks)
         radius = json.loads(out)["robot"]["radius"]
         assert radius == pytest.approx((0.2 + 0.01) * np.cos(np.pi / 16), abs=0.01)

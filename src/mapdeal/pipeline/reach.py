@@ -7,14 +7,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import FindingError, ParameterError
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.formats.maps import write_grid
+from mapdeal.formats.npz import Grid
 from mapdeal.formats.reach_json import reach_json
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.costmap_layers import InflationLayer
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.open_cells import nearest_open_text
 from mapdeal.grid.reach import Bottleneck, GoalReach, Reach, closed_text, reach_radius
+from mapdeal.grid.values import UNKNOWN
 from mapdeal.pipeline.files import (
     add_picture,
     errors_named,
@@ -101,8 +106,10 @@ def reach_file(
                 warn_of_published_costs(source, path)
                 warn_of_potential(grid, path)
             if robot is not None and not isinstance(grid, Costmap):
+                occupancy = np.asarray(grid.occupancy)
                 for one in load_recipe(None, robot=_without_inflation(robot)).steps:
                     grid = one.apply(grid, path)
+                _warn_of_free_unknown(occupancy, grid, path)
             found = step.apply(grid, path)
         if not isinstance(found, Reach):
             raise TypeError("the stage reach must make a Reach")
@@ -137,6 +144,18 @@ def _without_inflation(robot: RobotParameters) -> RobotParameters:
     """
     layers = (one for one in robot.layers if not isinstance(one.layer, InflationLayer))
     return replace(robot, layers=tuple(layers))
+
+
+def _warn_of_free_unknown(occupancy: NDArray[np.int8], costs: Grid, path: Path) -> None:
+    """Warn that a robot's costmap makes free space of the unknown cells of a map."""
+    unknown = np.count_nonzero(occupancy == UNKNOWN)
+    if unknown and isinstance(costs, Costmap) and not (costs.cost == costs.unknown_value).any():
+        text = (
+            f"{path}: the robot's costmap takes unknown cells as free, "
+            f"{100 * unknown / occupancy.size:.3g} % of the map: the robot drives through; "
+            "track_unknown_space: true closes them"
+        )
+        emit_warning(text, stacklevel=2)
 
 
 def _refuse_closed_goals(found: Reach) -> None:
