@@ -44,6 +44,12 @@ class Goal(OneLine):
     y: float
     name: str | None = None
 
+    @property
+    def label(self) -> str:
+        """Its name, or if it has none its place."""
+        place = f"{self.x + 0.0:.10g},{self.y + 0.0:.10g}"
+        return place if self.name is None else self.name
+
     def _told(self) -> Iterator[str]:
         if self.name is not None:
             yield self.name
@@ -69,6 +75,14 @@ class Bottleneck(OneLine):
     y: float
     width: float
     at: PlaceOfLimit = "passage"
+
+    @property
+    def text(self) -> str:
+        """What is how wide, in a few words."""
+        where = {"passage": "a passage", "start": "the start", "goal": "the goal"}[self.at]
+        if self.at == "passage":
+            where += f" at {self.x + 0.0:.4g},{self.y + 0.0:.4g}"
+        return f"{where} is {self.width:.4g} m wide"
 
     def _told(self) -> Iterator[str]:
         yield f"{self.width:.4g} m at {numbers_text((self.x, self.y))}"
@@ -254,9 +268,14 @@ class Reach(Framed):
             "open_m2": round(self.open_area, _DECIMALS),
             "free_m2": round(self.free_area, _DECIMALS),
             "share": round(self.share, _DECIMALS),
-            "goals": {_key_of(one.goal): one.reachable for one in self.goals},
+            "goals": {one.goal.label: one.reachable for one in self.goals},
             "passages": len(self.passages),
             "closed_passages": sum(not one.is_open for one in self.passages),
+            "stopped_by": {
+                one.goal.label: one.limited_by.text
+                for one in self.goals
+                if not one.reachable and one.limited_by is not None
+            },
         }
 
     def _told_of_parameters(self) -> Iterator[str]:
@@ -330,10 +349,6 @@ def closed_text(occupancy: int, clearance: float, robot: Footprint | None) -> st
         return "unknown"
     radius = 0.0 if robot is None else robot.radius
     return f"{clearance:.4g} m from an obstacle, the robot's radius is {radius:.4g} m"
-
-
-def _key_of(goal: Goal) -> str:
-    return goal.name if goal.name is not None else f"{goal.x + 0.0:.10g},{goal.y + 0.0:.10g}"
 
 
 def width_of(square: int, resolution: float) -> float:

@@ -18,7 +18,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.costmap_layers import InflationLayer
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.open_cells import nearest_open_text
-from mapdeal.grid.reach import Bottleneck, GoalReach, Reach, closed_text, reach_radius
+from mapdeal.grid.reach import GoalReach, Reach, closed_text, reach_radius
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.pipeline.files import (
     add_picture,
@@ -33,6 +33,8 @@ from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.robot.parameters import RobotParameters
+
+_SHOWN = 5
 
 _COSTS_PER_CELL = 8.0
 """Bytes for each cell that the costs of a robot's own layers take."""
@@ -160,15 +162,21 @@ def _warn_of_free_unknown(occupancy: NDArray[np.int8], costs: Grid, path: Path) 
 
 def _refuse_closed_goals(found: Reach) -> None:
     """Raise the error for goals that the robot cannot stand at, with the nearest open cell."""
-    for one in found.goals:
-        row, col = found.frame.clamped_rowcol_from_xy([(one.goal.x, one.goal.y)])[0].tolist()
-        if not found.headings[row, col]:
-            point = (one.goal.x, one.goal.y)
-            values = int(found.occupancy[row, col]), float(found.clearance[row, col])
-            rule = f"lies in a closed cell ({closed_text(*values, found.robot)})"
-            hint = nearest_open_text(found.frame, found.headings > 0, (row, col))
-            place = "goal" if one.goal.name is None else f"goal {one.goal.name}"
-            raise ParameterError(rule, place=place, got=point, hint=hint)
+    cells = found.frame.clamped_rowcol_from_xy(
+        np.array([(one.goal.x, one.goal.y) for one in found.goals]).reshape(-1, 2)
+    )
+    closed = np.flatnonzero(found.headings[cells[:, 0], cells[:, 1]] == 0).tolist()
+    if not closed:
+        return
+    first, (row, col) = found.goals[closed[0]].goal, cells[closed[0]].tolist()
+    values = int(found.occupancy[row, col]), float(found.clearance[row, col])
+    rule = f"lies in a closed cell ({closed_text(*values, found.robot)})"
+    if len(closed) > 1:
+        others = [found.goals[index].goal.label for index in closed[1 : 1 + _SHOWN]]
+        rule += f", and so do {len(closed) - 1} more: {'; '.join(others)}"
+    hint = nearest_open_text(found.frame, found.headings > 0, (row, col))
+    place = "goal" if first.name is None else f"goal {first.name}"
+    raise ParameterError(rule, place=place, got=(first.x, first.y), hint=hint)
 
 
 def check_reached(found: Reach, path: Path) -> None:
@@ -193,16 +201,10 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
         return f"{text} by any robot, however small: no way leads there"
     needs = 2 * reach_radius(found.robot)
     if limit.width <= needs:
-        return f"{text}: {_limit_text(limit)}; the robot needs more than {needs:.4g} m"
+        return f"{text}: {limit.text}; the robot needs more than {needs:.4g} m"
     return (
         f"{text} with this footprint, though a round robot of up to {limit.width:.4g} m gets there"
     )
-
-
-def _limit_text(limit: Bottleneck) -> str:
-    where = {"passage": "a passage", "start": "the start", "goal": "the goal"}[limit.at]
-    place = f" at {limit.x + 0.0:.4g},{limit.y + 0.0:.4g}" if limit.at == "passage" else ""
-    return f"{where}{place} is {limit.width:.4g} m wide"
 
 
 def _hint_for(missed: GoalReach, found: Reach) -> str | None:

@@ -56,14 +56,16 @@ def _memory_of_headings(parameters: Parameters) -> float:
 
 
 def _remark(_: Parameters, figures: Figures) -> str | None:
-    """Return which goals a run does not reach, None if it reaches all."""
+    """Return which goals a run does not reach, and what stops it; None if it reaches all."""
     missed = [name for name, is_reached in figures["goals"].items() if not is_reached]
     if not missed:
         return None
-    names = ", ".join(missed[:_SHOWN]) + f" and {len(missed) - _SHOWN} more" * (
-        len(missed) > _SHOWN
-    )
-    return f"not reachable: {names}"
+    stopped_by = figures["stopped_by"]
+    told = [
+        f"{name} ({stopped_by[name]})" if name in stopped_by else name for name in missed[:_SHOWN]
+    ]
+    more = f" and {len(missed) - _SHOWN} more" if len(missed) > _SHOWN else ""
+    return f"not reachable: {', '.join(told)}{more}"
 
 
 @stage(
