@@ -88,10 +88,13 @@ def test_a_goal_that_is_cut_off_ends_with_1(command, rooms, tmp_path):
         (["--headings", "3"], "headings"),
         (["--from", "1"], "--from: must be two numbers X,Y, got '1'"),
         (["--from", "1,2,"], "--from: must be three numbers X,Y,YAW, got '1,2,'"),
+        (["--from", "1,2,x"], "--from: must be three numbers X,Y,YAW, got '1,2,x'"),
+        (["--from", "1,2,3,4"], "--from: must be three numbers X,Y,YAW, got '1,2,3,4'"),
         (["--to", "kitchen=1"], "--to"),
         (["-o", "out.txt"], "must end in .json"),
         (["--layers", "out.json"], "must end in .npz"),
         (["--robot-radius", "-1"], "radius"),
+        (["--robot-radius", "1001"], "radius must be a finite number of metres above 0, 1000 at"),
         (["--points", "none.csv"], "none.csv"),
     ],
 )

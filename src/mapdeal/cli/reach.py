@@ -26,7 +26,6 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 _STDIN = Path("-")
 
-_START_FORMS = {2: "X,Y", 3: "X,Y,YAW"}
 
 
 @app.command()
@@ -116,8 +115,8 @@ def reach(
     if through_unknown:
         parameters["through_unknown"] = True
     if start is not None:
-        count = 3 if start.count(",") > 1 else 2
-        parameters["start"] = tuple(opt.numbers(start, count, _START_FORMS[count], "--from"))
+        form = "X,Y,YAW" if start.count(",") > 1 else "X,Y"
+        parameters["start"] = tuple(opt.numbers(start, form.count(",") + 1, form, "--from"))
     if footprint is None and robot is None:
         terminal.warn(
             "no robot is given, by --robot-radius, --footprint or --params-file: the answer is "

@@ -56,7 +56,8 @@ class Footprint(OneLine):
     def circle(cls, radius: float) -> Footprint:
         """Return a round robot of `radius` metres."""
         if not (math.isfinite(radius) and 0 < radius <= _LARGEST_COORDINATE):
-            rule = "robot radius must be a finite number of metres above 0"
+            most = f"{_LARGEST_COORDINATE:g} at most"
+            rule = f"robot radius must be a finite number of metres above 0, {most}"
             raise ParameterError(rule, got=radius)
         return cls(radius=radius)
 
