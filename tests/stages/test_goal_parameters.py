@@ -126,3 +126,18 @@ def test_settings_that_are_no_goals_are_refused(tmp_path, monkeypatch, text, sai
     path.write_text("stages:\n  - visit:\n")
     with pytest.raises(ParameterError, match=said):
         load_recipe(str(path), settings=[f"visit.goals={text}"])
+
+
+def test_names_of_a_hundred_thousand_goals_are_looked_at_once():
+    counted = []
+
+    class Name(str):
+        def __eq__(self, other):
+            counted.append(other)
+            return str.__eq__(self, other)
+
+        __hash__ = str.__hash__
+
+    goals = [Goal(0.0, 0.0, Name(f"n{number}")) for number in range(500)]
+    assert len(accept_goals("goals", goals)) == 500
+    assert len(counted) < 2000

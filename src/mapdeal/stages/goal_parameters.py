@@ -36,10 +36,12 @@ def accept_goals(name: str, value: object) -> tuple[Goal, ...]:
         If it is nothing of that, a number is not finite, or a name is given twice.
     """
     goals = tuple(_goals(name, value))
-    names = [goal.name for goal in goals if goal.name is not None]
-    for one in names:
-        if names.count(one) > 1:
-            raise ParameterError("two goals have this name", place=name, got=one)
+    names = set()
+    for goal in goals:
+        if goal.name in names:
+            raise ParameterError("two goals have this name", place=name, got=goal.name)
+        if goal.name is not None:
+            names.add(goal.name)
     return goals
 
 
