@@ -235,6 +235,98 @@ def test_areas_of_a_map_that_a_robot_does_not_get_between():
     assert open_regions(grid, 2.0) == []
 
 
+def test_of_equally_narrow_doors_the_one_that_cuts_off_more_comes_first():
+    grid = rooms(3, 3)
+    for start in ((3, 3), (3, 60)):
+        told = found(grid, start, 0.2)
+        assert [one.width for one in told] == [told[0].width] * 2
+        assert told[0].cut_off > 1.5 * told[1].cut_off
+    told = found(grid, (3, 30), 0.2)  # of equal areas that of the smaller ends
+    assert told[0].cut_off == told[1].cut_off
+    assert told[0].ends < told[1].ends
+
+
+def test_nothing_is_told_of_a_start_without_ways():
+    assert found(rooms(3), (0, 0), 0.2) == ()
+
+
+def test_a_place_without_any_obstacle_limits_no_robot_however_large():
+    occupancy = np.zeros((9, 9), np.int8)
+    occupancy[3:, 4] = -1  # two hills, as all cells are equally high
+    grid = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
+    assert len(ways_of(grid).tree.squares)
+    assert found(grid, (3, 3), 0.2, margin=1e9, min_area=0.0) == ()
+
+
+def test_a_larger_robot_must_fit_into_a_room_to_be_stopped_at_its_door():
+    grid = rooms(7)  # with 11 cells to each side of its middle
+    peak = 11 * RESOLUTION
+    assert found(grid, (3, 3), 0.2, margin=peak - 0.2) == ()
+    assert len(found(grid, (3, 3), 0.2, margin=peak - 0.2 - 1e-6)) == 1
+
+
+def test_a_robot_that_turns_is_through_with_half_of_what_lies_behind():
+    grid = rooms(7)
+    ways = ways_of(grid)
+    is_open = open_cells(ways, 0.15)
+    behind = int(is_open[:, 22:].sum())
+
+    def told(reached, cells):
+        is_reached = is_open.copy()
+        rows, cols = np.argwhere(is_open[:, 22:])[reached:].T
+        is_reached[rows, cols + 22] = False
+        return [
+            one.is_open
+            for one in passages(
+                ways, is_open, (3, 3), radius=0.2, margin=0.1, is_reached=is_reached,
+                min_area=cells * RESOLUTION**2, circumscribed_radius=0.4,
+            )
+        ]  # fmt: skip
+
+    assert told(behind // 2 + 1, behind - 25) == [True]
+    assert told(behind // 2 - 1, behind - 25) == [False]
+    assert told(50, 49.9) == [True]
+    assert told(49, 49.9) == [False]
+
+
+def test_an_area_is_named_by_its_widest_place_and_smaller_than_nothing_by_none():
+    occupancy = rooms(15).occupancy.copy()
+    occupancy[1:5, 1:22] = 100  # the first room is the smaller one
+    grid = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
+    (region,) = open_regions(grid, 0.2, 0.0)
+    row, col = grid.frame.continuous_rowcol_from_xy([region[:2]])[0]
+    squared = squared_distance(grid.occupied())
+    assert squared[int(row), int(col)] == squared.max()
+    assert col > 23
+    assert open_regions(grid, 2.0, 0.0) == []
+    mirrored = OccupancyGrid(np.ascontiguousarray(occupancy[:, ::-1]), RESOLUTION, ORIGIN)
+    (region,) = open_regions(mirrored, 0.2, 0.0)
+    assert mirrored.frame.continuous_rowcol_from_xy([region[:2]])[0][1] < 22
+
+
+@pytest.mark.parametrize("square", [1, 2, 5, 8, 10, 13, 17, 18, 20, 25, 26, 29])
+@pytest.mark.parametrize("resolution", [0.05, 0.07, 0.3])
+def test_a_distance_of_the_radius_itself_is_closed(square, resolution):
+    occupancy = np.zeros((21, 21), np.int8)
+    occupancy[10, 10] = 100
+    radius = math.sqrt(square) * resolution
+    (region,) = open_regions(OccupancyGrid(occupancy, resolution), radius, 0.0)
+    rows, cols = np.mgrid[-10:11, -10:11]
+    is_open = rows**2 + cols**2 > square
+    assert region.area == pytest.approx(is_open.sum() * resolution**2)
+
+
+def test_the_middle_of_a_passage_is_sought_once(monkeypatch):
+    ways = ways_of(rooms(3, 3))
+    seen = ways.begun_at((3, 3))
+    sought = []
+    gap = Ways.gap
+    monkeypatch.setattr(Ways, "gap", lambda self, edge: sought.append(edge) or gap(self, edge))
+    goals = [(row, col) for row in range(8, 12) for col in range(30, 34)]
+    told = {repr(bottleneck_on_way(seen, goal)) for goal in goals}
+    assert len(told) == len(sought) == 1
+
+
 @st.composite
 def heights(draw):
     """Any order of cells by height; some are closed. Not distances: none are equal."""

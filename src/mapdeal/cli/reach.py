@@ -27,7 +27,6 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 _STDIN = Path("-")
 
 
-
 @app.command()
 @shared_options("robot", "files")
 def reach(

@@ -200,7 +200,7 @@ def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
     width = width_of(square, resolution)
     edge = _first_edge(tree, rooted, basin, square)
     if edge is not None:
-        x, y = _middle(ways.gap(edge))
+        x, y = ways.middle(edge)
         return Bottleneck(x, y, width, "passage")
     place = start if at_start == square else goal
     x, y = ways.frame.xy_from_rowcol([place])[0].tolist()

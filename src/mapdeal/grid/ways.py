@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Lock
 
 import numpy as np
@@ -43,6 +43,7 @@ class Ways:
     tree: ClearanceTree
     squared: SquaredDistances
     frame: Frame
+    _middles: dict[int, Point] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def cell_area(self) -> float:
@@ -67,6 +68,13 @@ class Ways:
         ends = gap_at(self.squared, self.tree.basins, (row, col))
         first, second = self.frame.xy_from_rowcol(ends).tolist()
         return (first[0], first[1]), (second[0], second[1])
+
+    def middle(self, edge: int) -> Point:
+        """Return the middle of the gap that an edge leads through, sought once for each edge."""
+        if edge not in self._middles:
+            (x, y), (other_x, other_y) = self.gap(edge)
+            self._middles[edge] = (x + other_x) / 2, (y + other_y) / 2
+        return self._middles[edge]
 
     def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
         """Return the cells that ways may use above a square, shape (H, W)."""

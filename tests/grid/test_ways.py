@@ -1,0 +1,49 @@
+import math
+
+import numpy as np
+import pytest
+
+from drawn import cells
+from mapdeal import OccupancyGrid
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.ways import Ways, largest_closed_square
+from mapdeal.kernels.clearance_tree import clearance_tree
+from mapdeal.kernels.distance import squared_distance
+
+
+def ways_of(text):
+    grid = OccupancyGrid(cells(text), 0.25, (1.5, -2.0, 0.4))
+    squared = squared_distance(grid.occupied())
+    return Ways(clearance_tree(squared, ~grid.occupied() & ~grid.unknown()), squared, grid.frame)
+
+
+TWO_ROOMS_AND_A_LARGER_ONE = """
+    #########################
+    #.....#.....##.........##
+    #.....#.....##.........##
+    #...........##.........##
+    #.....#.....##.........##
+    #.....#.....##.........##
+    #########################
+    """
+
+
+def test_areas_that_only_a_closed_door_joins_are_not_one():
+    ways = ways_of(TWO_ROOMS_AND_A_LARGER_ONE)
+    cols = {limit: np.argwhere(ways.in_largest_area(limit))[:, 1] for limit in (0, 1)}
+    assert (len(cols[0]), cols[0].max() < 12) == (51, True)  # in two rooms, and 45 in one
+    assert (len(cols[1]), cols[1].min() > 13) == (21, True)  # 9 and 9, and 21
+
+
+def test_there_is_no_largest_area_where_nothing_is_open():
+    assert ways_of(TWO_ROOMS_AND_A_LARGER_ONE).in_largest_area(9) is None
+    assert ways_of("###").in_largest_area(0) is None
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.07, 0.3, 1e-6, 1e6])
+def test_a_distance_of_the_radius_itself_is_closed(resolution):
+    frame = Frame(100, 100, resolution)
+    for square in range(1, 2000):
+        radius = math.sqrt(square) * resolution
+        assert largest_closed_square(radius, frame) == square
+        assert largest_closed_square(np.nextafter(radius, 0), frame) == square - 1
