@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mapdeal import ParameterError
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.open_cells import cell_of_point, nearest_open_text
+from mapdeal.grid.open_cells import cell_of_point, nearest_marked, nearest_open_text
 
 FRAME = Frame(3, 5, 0.5, (2.0, 1.0, math.pi / 2))
 
@@ -36,3 +36,16 @@ def test_the_nearest_open_cell_is_that_of_a_search_through_all(height, width, co
     distance, row, col = cells[0]
     place = f"{-3.0 + (col + 0.5) * 0.5:.10g},{2.0 + (row + 0.5) * 0.5:.10g}"
     assert told == f"the nearest open cell is {distance * 0.5:.3g} m away, at {place}"
+
+
+def test_a_corner_of_the_window_is_farther_than_what_lies_beside_it():
+    marked = np.zeros((60, 60), dtype=bool)
+    marked[16, 16] = marked[0, 17] = True
+    assert nearest_marked(marked, (0, 0)) == (0, 17)
+
+
+def test_there_is_no_zero_below_zero():
+    frame = Frame(2, 2, 0.5, (-0.5 - 1e-9, -1e-9, 0.0))
+    with pytest.raises(ParameterError) as caught:
+        cell_of_point(frame, (9.0, 9.0), "goal")
+    assert caught.value.hint == "the map lies within x -0.5 .. 0.5, y 0 .. 1"

@@ -40,6 +40,17 @@ def test_there_is_no_largest_area_where_nothing_is_open():
     assert ways_of("###").in_largest_area(0) is None
 
 
+def test_from_where_no_robot_stands_nothing_is_reached():
+    ways = ways_of(TWO_ROOMS_AND_A_LARGER_ONE)
+    beside_a_wall = ways.begun_at((1, 1))
+    assert beside_a_wall.reachable(0)[5, 1] == 1
+    assert not beside_a_wall.reachable(1).any()
+    in_a_wall = ways.begun_at((0, 0))
+    assert not in_a_wall.reachable(0).any()
+    assert not in_a_wall.widest().any()
+    assert in_a_wall.widest_square_at((1, 1)) == 0
+
+
 @pytest.mark.parametrize("resolution", [0.05, 0.07, 0.3, 1e-6, 1e6])
 def test_a_distance_of_the_radius_itself_is_closed(resolution):
     frame = Frame(100, 100, resolution)

@@ -86,3 +86,13 @@ def test_without_an_obstacle_there_is_only_the_cell_itself():
     squared = squared_distance(np.zeros((5, 9), dtype=bool))
     basins = np.zeros((5, 9), dtype=np.int32)
     assert gap_at(squared[:1, :1], basins[:1, :1], (0, 0)) == ((0.0, 0.0), (0.0, 0.0))
+
+
+def test_the_bar_lies_in_the_middle_of_a_long_door():
+    occupied = np.ones((9, 300), dtype=bool)
+    occupied[1:8, 1:20] = occupied[1:8, 280:299] = False
+    occupied[3:6, 20:280] = False
+    squared = squared_distance(occupied)
+    for col in (25, 140, 275):
+        ends = gap_at(squared, basins_of(occupied), (4, col))
+        assert ends == ((2, pytest.approx(149.5, abs=1)), (6, pytest.approx(149.5, abs=1)))

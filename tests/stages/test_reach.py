@@ -263,3 +263,18 @@ def test_a_stray_beam_is_no_place_to_start():
     found = reach(grid, radius=0.09)
     assert found.start == pytest.approx(centre(grid, 12, 6), abs=1e-9)
     assert found.reachable[12, 49]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "##########\n#...######\n#.......##\n#...##...#\n######...#\n######...#\n##########",
+        "##########\n####.....#\n####.....#\n#........#\n####.....#\n####.....#\n##########",
+        "##########\n#.....####\n#.....####\n#........#\n#.....####\n#.....####\n##########",
+    ],
+)
+def test_a_start_that_is_not_given_is_in_the_widest_room(text):
+    grid = grid_from_text(text)
+    found = reach(grid)
+    cell = tuple(grid.frame.clamped_rowcol_from_xy([found.start])[0].tolist())
+    assert found.clearance[cell] == found.clearance.max()
