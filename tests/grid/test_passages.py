@@ -290,12 +290,12 @@ def test_a_robot_that_turns_is_through_with_half_of_what_lies_behind():
 
 
 def test_a_robot_that_turns_is_told_of_doors_up_to_the_margin():
-    clearances = clearances_of(rooms(7))
+    ways = ways_of(rooms(7))
     half = 4 * RESOLUTION
     for radius, told in ((half - 0.1, [True]), (half - 0.1 - 1e-6, [])):
-        is_open = open_cells(clearances, radius)
+        is_open = open_cells(ways, radius)
         found_by_it = passages(
-            clearances, is_open, (3, 3), radius=radius, margin=0.1, is_reached=is_open,
+            ways, is_open, (3, 3), radius=radius, margin=0.1, is_reached=is_open,
             circumscribed_radius=0.5,
         )  # fmt: skip
         assert [one.is_open for one in found_by_it] == told
