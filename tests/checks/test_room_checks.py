@@ -281,3 +281,19 @@ def test_from_python(room):
     with pytest.raises(ParameterError, match="footprint: needs paths"):
         Path("p.yaml").write_text(PARAMETERS)
         mapdeal.lint(params_file="p.yaml", footprint=CLOSED)
+
+
+def test_ten_passages_are_told_and_the_others_counted():
+    side, count = 13, 13
+    occupancy = np.full((side + 2, 1 + count * (side + 1)), 100, dtype=np.int8)
+    for index in range(count):
+        left = 1 + index * (side + 1)
+        occupancy[1:-1, left : left + side] = 0
+        if index:
+            occupancy[5:8, left - 1] = 0
+    told = said(0.5, OccupancyGrid(occupancy, 0.25))
+    assert len(told) == 11
+    assert told[-1].startswith("2 more passages cut off ")
+    areas = [float(text.split()[0]) for text in told[:-1]]
+    assert areas == sorted(areas, reverse=True)
+    assert areas[0] > 5 * areas[-1]

@@ -177,3 +177,24 @@ def test_the_map_of_a_robot_s_own_parameters(command, tmp_path):
         assert (told in err) == (not tracks)
         radius = json.loads(out)["robot"]["radius"]
         assert radius == pytest.approx((0.2 + 0.01) * np.cos(np.pi / 16), abs=0.01)
+
+
+def test_costs_around_obstacles_hide_no_unknown_cells(command, tmp_path):
+    grid = grid_from_text("#######\n#.....#\n#.....#\n#??...#\n#######", resolution=0.25)
+    write_map(tmp_path / "map.yaml", grid)
+    parameters = tmp_path / "robot.yaml"
+    parameters.write_text(
+        "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.2, "
+        "track_unknown_space: true, plugins: [static_layer, inflation_layer], "
+        'static_layer: {plugin: "nav2_costmap_2d::StaticLayer"}, '
+        'inflation_layer: {plugin: "nav2_costmap_2d::InflationLayer", inflate_unknown: true, '
+        "inflation_radius: 0.6}}}}\n"
+    )
+    layers = tmp_path / "out.npz"
+    code, out, _ = command(
+        "reach", tmp_path / "map.yaml", "--from", place(grid, 2, 2), "--params-file", parameters,
+        "--layers", layers,
+    )  # fmt: skip
+    assert code == 0
+    assert json.loads(out)["free_m2"] == 13 * 0.25**2
+    assert np.load(layers)["occupancy"][1].tolist() == [100, -1, -1, 0, 0, 0, 100]

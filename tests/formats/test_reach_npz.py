@@ -158,3 +158,9 @@ def test_on_a_larger_canvas_nothing_around_it_is_reached_or_counted(through_unkn
     for name in ("reachable_area", "open_area", "free_area", "share"):
         assert getattr(whole, name) == getattr(grid, name)
     assert math.isclose(whole.free_area, (7 if through_unknown else 5) / 16)
+
+
+@pytest.mark.parametrize("count", [0, 256])
+def test_a_byte_counts_no_more_headings(count):
+    with pytest.raises(ParameterError, match=r"heading_count: must be from 1 to 255"):
+        reach(heading_count=count)

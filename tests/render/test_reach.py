@@ -171,6 +171,7 @@ def test_a_bar_lies_across_its_door_and_its_width_stands_beside_it(asked, monkey
     bar = np.argwhere((asked["palette"][asked["pixels"]] == colour).all(axis=2)) / step - 0.5
     left, bottom, right, top = np.array(asked["boxes"][0]) / step - 0.5
     in_box = (bar >= (bottom - 1e-9, left - 1e-9)) & (bar <= (top, right))
+    assert in_box.all(axis=1).any()  # the text has the colour of the bar
     bar = bar[~in_box.all(axis=1)]
     assert (bar[:, 0].min(), bar[:, 0].max()) == pytest.approx((3, 5), abs=0.25)
     assert (bar[:, 1].min(), bar[:, 1].max()) == pytest.approx((11, 11), abs=0.25)
