@@ -108,7 +108,11 @@ def passages(
             edges[is_kept], behind[is_kept, 0], is_passed[is_kept].tolist(), strict=True
         )
     ]
-    return tuple(sorted(made, key=lambda one: (one.width, -one.cut_off, one.ends)))
+    return tuple(sorted(made, key=_order))
+
+
+def _order(one: Passage) -> tuple[object, ...]:
+    return one.width, -one.cut_off, one.ends
 
 
 def open_regions(
@@ -144,7 +148,10 @@ def open_regions(
 def disconnected(
     grid: OccupancyGrid, radius: float, min_area: float = DEFAULT_MIN_AREA
 ) -> list[Passage]:
-    """Return the passages that stop a round robot on its way from the largest area of a map.
+    """Return the passages that stop a round robot on its way between areas of a map.
+
+    Where no way at all leads from some areas to others, each of these parts of the map is seen from
+    its own largest area.
 
     Parameters
     ----------
@@ -161,11 +168,15 @@ def disconnected(
         The narrowest first; all of them are closed.
     """
     ways, is_open = _ways_of(grid, radius)
-    _, basins = _regions(ways, is_open, radius)
-    if not len(basins):
-        return []
-    start = divmod(int(ways.tree.peak_cells[basins[0]]), grid.frame.width)
-    return list(passages(ways, is_open, start, radius=radius, margin=0.0, min_area=min_area))
+    areas, basins = _regions(ways, is_open, radius)
+    basins = basins[areas[basins] >= min_area]
+    parts, _ = joined(len(areas), ways.tree.one, ways.tree.other)
+    first, counts = np.unique(parts[basins], return_index=True, return_counts=True)[1:]
+    found: list[Passage] = []
+    for basin in basins[first[counts > 1]].tolist():
+        start = divmod(int(ways.tree.peak_cells[basin]), grid.frame.width)
+        found += passages(ways, is_open, start, radius=radius, margin=0.0, min_area=min_area)
+    return sorted(found, key=_order)
 
 
 def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
