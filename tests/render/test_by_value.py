@@ -438,7 +438,7 @@ RECORDED = {
     "route": "73b9119568bebc8e",
     "curve": "3f3e680320848121",
     "rings": "fb63e0603780afe0",
-    "reach": "9811b98b3345f31b",
+    "reach": "c040ff03a9648e78",
 }
 
 

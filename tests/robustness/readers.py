@@ -191,6 +191,8 @@ READERS = [
            words=JSON_WORDS, is_file=False, share=0.7),
     Reader("poses as lines", _seeds(seeds.pose_line_files(), "p.csv"), reading.read_poses_of_lines,
            words=JSON_WORDS, is_file=False, share=0.5),
+    Reader("points with names", _seeds(seeds.named_point_files(), "p.csv"),
+           reading.read_named_point_lines, words=JSON_WORDS, is_file=False, share=0.5),
     Reader("pairs of points", _seeds(seeds.pair_files(), "p.csv"), reading.read_pair_lines,
            words=JSON_WORDS, is_file=False, share=0.5),
     _file("shapes yaml", _seeds(seeds.SHAPES_YAML, "s.yaml"), reading.read_all_shapes, YAML_WORDS,

@@ -41,7 +41,12 @@ from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.maps import open_map, read_map
 from mapdeal.formats.npz import npz_frame, read_reach
 from mapdeal.formats.pnm import decode_pbm, decode_pnm, pnm_comments
-from mapdeal.formats.points import read_pairs, read_points, read_pose_lines
+from mapdeal.formats.points import (
+    read_named_points,
+    read_pairs,
+    read_points,
+    read_pose_lines,
+)
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.ros_parameters.ros2 import read_ros2
 from mapdeal.formats.scans.reader import open_log
@@ -371,6 +376,19 @@ def read_poses_of_lines(path, data):
     whole = list(read_pose_lines([data], "poses"))
     for parts in _cut(data):
         assert _joined(read_pose_lines(parts, "poses"), 3) == _joined(whole, 3)
+    return whole
+
+
+def read_named_point_lines(path, data):
+    """Read named points of a text that comes in one piece and cut anywhere: all agree."""
+    whole = list(read_named_points([data], "goals"))
+    for parts in _cut(data):
+        assert list(read_named_points(parts, "goals")) == whole
+    assert [one.line for one in whole] == sorted({one.line for one in whole})
+    for one in whole:
+        assert (one.error is None) == (one.point is not None)
+        if one.error is None:
+            assert np.isfinite(one.point).all()
     return whole
 
 

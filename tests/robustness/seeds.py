@@ -331,6 +331,14 @@ def point_files():
     ]
 
 
+def named_point_files():
+    return [
+        b"kitchen=0.5,-1\n2,3e-1\na b = 1,2\n",
+        b'x,y\n# some\n{"name": "hall", "x": 1, "y": -2}\n[2, 3.5]\n=1,2\n',
+        b'dock=0.5\r\n{"name": 3, "x": 1, "y": 2}\r\na=b=1,2',
+    ]
+
+
 def pose_line_files():
     return [
         b"0.5,-1,0.1\n2,3e-1,-3\n",

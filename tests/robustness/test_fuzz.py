@@ -41,7 +41,10 @@ NOT_READERS = {
     "api.lint.lint", "api.recipe.load_recipe",  # call what commands call
 }  # fmt: skip
 
-TELLING = ("lint", "lint of parameters", "points", "poses as lines", "pairs of points")
+TELLING = (
+    "lint", "lint of parameters", "points", "points with names", "poses as lines",
+    "pairs of points",
+)  # fmt: skip
 """Readers that tell of damage in what they return."""
 
 every_reader = pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
