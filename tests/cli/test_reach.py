@@ -72,7 +72,8 @@ def test_a_goal_that_is_cut_off_ends_with_1(command, rooms, tmp_path):
     assert "is 0.5 m wide; the robot needs more than 0.5 m" in err
     answer = json.loads((tmp_path / "out.json").read_text())
     assert not answer["goals"][0]["reachable"]
-    layers = np.load(tmp_path / "out.npz")
+    with np.load(tmp_path / "out.npz") as file:
+        layers = dict(file)
     types = {"reachable": "uint8", "headings": "uint8", "clearance": "float32", "widest": "float32"}
     assert {name: str(layers[name].dtype) for name in types} == types
     assert layers["reachable"].sum() * 0.25**2 == answer["reachable_m2"]
@@ -197,4 +198,5 @@ def test_costs_around_obstacles_hide_no_unknown_cells(command, tmp_path):
     )  # fmt: skip
     assert code == 0
     assert json.loads(out)["free_m2"] == 13 * 0.25**2
-    assert np.load(layers)["occupancy"][1].tolist() == [100, -1, -1, 0, 0, 0, 100]
+    with np.load(layers) as file:
+        assert file["occupancy"][1].tolist() == [100, -1, -1, 0, 0, 0, 100]

@@ -124,7 +124,8 @@ def test_on_a_larger_canvas_it_is_what_it_is_on_the_active_region(office, comman
     assert figures[1]["width"] == 544 > figures[0]["width"]
     for name in ("reachable_m2", "open_m2", "free_m2", "share"):
         assert figures[0][name] == pytest.approx(figures[1][name])
-    full = np.load("full/office/reach.npz")["reachable"]
+    with np.load("full/office/reach.npz") as file:
+        full = file["reachable"]
     assert full.shape == (544, 544)
     assert full.sum() * 0.05**2 == pytest.approx(figures[0]["reachable_m2"])
 
