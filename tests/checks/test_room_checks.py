@@ -302,3 +302,11 @@ def test_ten_passages_are_told_and_the_others_counted():
     areas = [float(text.split()[0]) for text in told[:-1]]
     assert areas == sorted(areas, reverse=True)
     assert areas[0] > 5 * areas[-1]
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_of_a_robot_that_does_not_cover_its_centre_no_radius_is_known(room):
+    # its edges are 0.6 m from the centre and more, but that may pass where the robot does not
+    ahead = Footprint.polygon([[0.6, 1.0], [0.6, -1.0], [1.4, -1.0], [1.4, 1.0]])
+    assert ahead.inscribed_radius == pytest.approx(0.6)
+    assert checks_of(lint_maps([room], RULES, footprint=ahead)) == []

@@ -9,6 +9,7 @@ from scipy import ndimage
 from conftest import SHARED
 from drawn import cells
 from mapdeal import OccupancyGrid, read_map
+from mapdeal.grid import ways as ways_module
 from mapdeal.grid.passages import (
     bottleneck_on_way,
     disconnected,
@@ -332,8 +333,10 @@ def test_the_middle_of_a_passage_is_sought_once(monkeypatch):
     ways = ways_of(rooms(3, 3))
     seen = ways.begun_at((3, 3))
     sought = []
-    gap = Ways.gap
-    monkeypatch.setattr(Ways, "gap", lambda self, edge: sought.append(edge) or gap(self, edge))
+    gap_at = ways_module.gap_at
+    monkeypatch.setattr(
+        ways_module, "gap_at", lambda *given: sought.append(given) or gap_at(*given)
+    )
     goals = [(row, col) for row in range(8, 12) for col in range(30, 34)]
     told = {repr(bottleneck_on_way(seen, goal)) for goal in goals}
     assert len(told) == len(sought) == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -163,11 +163,8 @@ def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine
     MalformedInputError
         As `read_points`.
     """
-    for lines, first in _complete_lines(chunks, source):
-        for number, raw in enumerate(lines, first):
-            text = _text_of(raw)
-            if not (text.startswith("#") or (number == 1 and _is_header_of_pairs(text))):
-                yield _pair_line(number, text)
+    for number, text in _told_lines(chunks, source, _is_header_of_pairs):
+        yield _pair_line(number, text)
 
 
 def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
@@ -186,11 +183,19 @@ def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[N
     MalformedInputError
         As `read_points`.
     """
+    for number, text in _told_lines(chunks, source, _POINT.is_header):
+        yield _named_point_line(number, text)
+
+
+def _told_lines(
+    chunks: Iterable[bytes], source: Path | str, is_header: Callable[[str], bool]
+) -> Iterator[tuple[int, str]]:
+    """Yield number and text of the lines that are no comment, nor a header in the first place."""
     for lines, first in _complete_lines(chunks, source):
         for number, raw in enumerate(lines, first):
             text = _text_of(raw)
-            if not (text.startswith("#") or (number == 1 and _POINT.is_header(text))):
-                yield _named_point_line(number, text)
+            if not (text.startswith("#") or (number == 1 and is_header(text))):
+                yield number, text
 
 
 def _complete_lines(

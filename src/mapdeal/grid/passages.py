@@ -8,13 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.coordinates import Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.open_cells import Cell
 from mapdeal.grid.reach import Bottleneck, Passage, width_of
-from mapdeal.grid.ways import Ways, WaysFrom, largest_closed_square
-from mapdeal.kernels.clearance_tree import ClearanceTree, RootedTree, clearance_tree
-from mapdeal.kernels.distance import squared_distance
+from mapdeal.grid.ways import Ground, Ways, WaysFrom, largest_closed_square
+from mapdeal.kernels.clearance_tree import ClearanceTree, RootedTree
 from mapdeal.kernels.meetings import joined, sums_behind
 from mapdeal.kernels.squares import unreachable
 
@@ -271,15 +269,9 @@ def _behind(
 
 
 def _passage(ways: Ways, edge: int, cut_off: float, is_open: bool) -> Passage:
-    ends = ways.gap(edge)
-    x, y = _middle(ends)
+    x, y = ways.middle(edge)
     width = width_of(int(ways.tree.squares[edge]), ways.frame.resolution)
-    return Passage(x, y, width, cut_off, is_open, ends)
-
-
-def _middle(ends: tuple[Point, Point]) -> Point:
-    (x, y), (other_x, other_y) = ends
-    return (x + other_x) / 2, (y + other_y) / 2
+    return Passage(x, y, width, cut_off, is_open, ways.gap(edge))
 
 
 def _first_not_above(falling: NDArray[np.float64], limit: float) -> int:
@@ -288,10 +280,7 @@ def _first_not_above(falling: NDArray[np.float64], limit: float) -> int:
 
 def _ways_of(grid: OccupancyGrid, radius: float) -> tuple[Ways, NDArray[np.bool_]]:
     """Return how wide the ways over the free cells of a map are, and where a robot fits."""
-    occupied = grid.occupied()
-    squared = squared_distance(occupied)
-    occupied |= grid.unknown()
-    ways = Ways(clearance_tree(squared, ~occupied), squared, grid.frame)
+    ways = Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
     return ways, ways.is_open(largest_closed_square(radius, grid.frame))
 
 

@@ -12,64 +12,15 @@ from numpy.typing import NDArray
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.footprint_cells import footprint_spans
-from mapdeal.grid.frame import Frame
 from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_marked, nearest_open_text
 from mapdeal.grid.passages import bottleneck_on_way, passages
 from mapdeal.grid.reach import Goal, GoalReach, Reach, closed_text, reach_radius, robot_text
-from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.grid.ways import Ways, WaysFrom, largest_closed_square
-from mapdeal.kernels.clearance_tree import clearance_tree
+from mapdeal.grid.ways import Ground, Ways, WaysFrom, largest_closed_square
 from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reached
 from mapdeal.kernels.distance import squared_distance
-from mapdeal.kernels.threads import for_rows
 
 _TURN = 2 * math.pi
 _DECIMALS = 9
-
-
-@dataclass(frozen=True, eq=False)
-class Ground:
-    """What a robot meets.
-
-    Parameters
-    ----------
-    occupancy : numpy.ndarray of int8, shape (H, W)
-        The map: 100 is an obstacle, -1 unknown.
-    frame : Frame
-        Where it lies.
-    through_unknown : bool
-        Whether ways may lead through unknown cells.
-    """
-
-    occupancy: NDArray[np.int8]
-    frame: Frame
-    through_unknown: bool
-
-    @property
-    def obstacles(self) -> NDArray[np.bool_]:
-        """The mask of obstacles, made anew each time: masks would take memory all the while."""
-        obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
-        return obstacles
-
-    @property
-    def blocked(self) -> NDArray[np.bool_]:
-        """The mask of cells that no way leads through, made anew each time."""
-        blocked = self.obstacles
-        if not self.through_unknown:
-            for_rows(
-                lambda rows: np.logical_or(
-                    blocked[rows], self.occupancy[rows] == UNKNOWN, out=blocked[rows]
-                ),
-                blocked.shape,
-            )
-        return blocked
-
-    def ways(self) -> Ways:
-        """Return how wide the ways are."""
-        squared = squared_distance(self.obstacles)
-        traversable = self.blocked
-        np.logical_not(traversable, out=traversable)
-        return Ways(clearance_tree(squared, traversable), squared, self.frame)
 
 
 def reach_on(

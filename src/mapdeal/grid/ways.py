@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.open_cells import Cell
+from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.clearance_tree import (
     ClearanceTree,
     RootedTree,
     basin_areas,
     clearance_metres,
+    clearance_tree,
     rooted,
     widest_metres,
 )
+from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.gaps import gap_at
 from mapdeal.kernels.meetings import joined
 from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares, unreachable
@@ -43,7 +46,7 @@ class Ways:
     tree: ClearanceTree
     squared: SquaredDistances
     frame: Frame
-    _middles: dict[int, Point] = field(default_factory=dict, init=False, repr=False)
+    _gaps: dict[int, tuple[Point, Point]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def cell_area(self) -> float:
@@ -63,18 +66,18 @@ class Ways:
         return counts.astype(np.float64) * self.cell_area
 
     def gap(self, edge: int) -> tuple[Point, Point]:
-        """Return the ends of the gap that an edge leads through."""
-        row, col = divmod(int(self.tree.cells[edge]), self.frame.width)
-        ends = gap_at(self.squared, self.tree.basins, (row, col))
-        first, second = self.frame.xy_from_rowcol(ends).tolist()
-        return (first[0], first[1]), (second[0], second[1])
+        """Return the ends of the gap that an edge leads through, sought once for each edge."""
+        if edge not in self._gaps:
+            row, col = divmod(int(self.tree.cells[edge]), self.frame.width)
+            ends = gap_at(self.squared, self.tree.basins, (row, col))
+            first, second = self.frame.xy_from_rowcol(ends).tolist()
+            self._gaps[edge] = (first[0], first[1]), (second[0], second[1])
+        return self._gaps[edge]
 
     def middle(self, edge: int) -> Point:
-        """Return the middle of the gap that an edge leads through, sought once for each edge."""
-        if edge not in self._middles:
-            (x, y), (other_x, other_y) = self.gap(edge)
-            self._middles[edge] = (x + other_x) / 2, (y + other_y) / 2
-        return self._middles[edge]
+        """Return the middle of the gap that an edge leads through."""
+        (x, y), (other_x, other_y) = self.gap(edge)
+        return (x + other_x) / 2, (y + other_y) / 2
 
     def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
         """Return the cells that ways may use above a square, shape (H, W)."""
@@ -131,6 +134,51 @@ class Ways:
         """Return the ways from a cell."""
         basin = int(self.tree.basins[start])
         return WaysFrom(self, start, None if basin < 0 else rooted(self.tree, basin))
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What a robot meets.
+
+    Parameters
+    ----------
+    occupancy : numpy.ndarray of int8, shape (H, W)
+        The map: 100 is an obstacle, -1 unknown.
+    frame : Frame
+        Where it lies.
+    through_unknown : bool
+        Whether ways may lead through unknown cells.
+    """
+
+    occupancy: NDArray[np.int8]
+    frame: Frame
+    through_unknown: bool
+
+    @property
+    def obstacles(self) -> NDArray[np.bool_]:
+        """The mask of obstacles, made anew each time: masks would take memory all the while."""
+        obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
+        return obstacles
+
+    @property
+    def blocked(self) -> NDArray[np.bool_]:
+        """The mask of cells that no way leads through, made anew each time."""
+        blocked = self.obstacles
+        if not self.through_unknown:
+            for_rows(
+                lambda rows: np.logical_or(
+                    blocked[rows], self.occupancy[rows] == UNKNOWN, out=blocked[rows]
+                ),
+                blocked.shape,
+            )
+        return blocked
+
+    def ways(self) -> Ways:
+        """Return how wide the ways are."""
+        squared = squared_distance(self.obstacles)
+        traversable = self.blocked
+        np.logical_not(traversable, out=traversable)
+        return Ways(clearance_tree(squared, traversable), squared, self.frame)
 
 
 @dataclass(frozen=True, eq=False)

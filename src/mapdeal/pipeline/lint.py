@@ -23,6 +23,7 @@ from mapdeal.formats.maps import open_map
 from mapdeal.formats.source import is_folder, normal_path
 from mapdeal.formats.yaml_comments import IgnoreComment, read_ignore_comments
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.reach import reach_radius
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
 from mapdeal.robot.parameters import CostmapName
 from mapdeal.version import __version__
@@ -218,13 +219,13 @@ def lint_maps(
 def _radius_of(footprint: Footprint | None, parameters: ParameterFiles | None) -> float | None:
     """Return the inscribed radius of the robot whose shape, or whose files, are given."""
     if footprint is not None:
-        return footprint.inscribed_radius
+        return reach_radius(footprint)
     if parameters is None:
         return None
     from mapdeal.checks.lint_parameters import robot_in  # few calls look at any
 
     robot = robot_in(parameters.paths, costmap=parameters.costmap, namespace=parameters.namespace)
-    return None if robot is None else robot.inscribed_radius
+    return None if robot is None else reach_radius(robot.footprint)
 
 
 def repair_maps(
