@@ -13,10 +13,9 @@ from mapdeal.grid import ways as ways_module
 from mapdeal.grid.passages import (
     bottleneck_on_way,
     disconnected,
-    open_regions,
     passages,
 )
-from mapdeal.grid.ways import Ways
+from mapdeal.grid.ways import Ways, largest_closed_square
 from mapdeal.kernels.clearance_tree import clearance_tree
 from mapdeal.kernels.distance import squared_distance
 
@@ -221,19 +220,6 @@ def test_areas_of_a_map_that_a_robot_does_not_get_between():
     grid = rooms(3, 7, 0)
     radius = 0.2
     assert [one.width for one in disconnected(grid, radius)] == pytest.approx([4 * RESOLUTION])
-    regions = open_regions(grid, radius)
-    is_open = open_cells(ways_of(grid), radius)
-    sizes = [is_open[:, 22:66].sum(), is_open[:, 66:].sum(), is_open[:, :22].sum()]
-    assert sizes[0] > 2 * 17 * 17
-    assert [one.area for one in regions] == pytest.approx(
-        sorted((n * RESOLUTION**2 for n in sizes), reverse=True)
-    )
-    places = grid.frame.bounded_rowcol_from_xy([one[:2] for one in regions])[0]
-    squared = ways_of(grid).squared
-    for place in map(tuple, places.tolist()):
-        assert squared[place] == squared[flooded(is_open, place)].max() > 0
-    assert len(open_regions(grid, radius, regions[0].area)) == 1
-    assert open_regions(grid, 2.0) == []
 
 
 def test_of_equally_narrow_doors_the_one_that_cuts_off_more_comes_first():
@@ -300,33 +286,6 @@ def test_a_robot_that_turns_is_told_of_doors_up_to_the_margin():
             circumscribed_radius=0.5,
         )  # fmt: skip
         assert [one.is_open for one in found_by_it] == told
-
-
-def test_an_area_is_named_by_its_widest_place_and_smaller_than_nothing_by_none():
-    occupancy = rooms(15).occupancy.copy()
-    occupancy[1:5, 1:22] = 100  # the first room is the smaller one
-    grid = OccupancyGrid(occupancy, RESOLUTION, ORIGIN)
-    (region,) = open_regions(grid, 0.2, 0.0)
-    row, col = grid.frame.continuous_rowcol_from_xy([region[:2]])[0]
-    squared = squared_distance(grid.occupied())
-    assert squared[int(row), int(col)] == squared.max()
-    assert col > 23
-    assert open_regions(grid, 2.0, 0.0) == []
-    mirrored = OccupancyGrid(np.ascontiguousarray(occupancy[:, ::-1]), RESOLUTION, ORIGIN)
-    (region,) = open_regions(mirrored, 0.2, 0.0)
-    assert mirrored.frame.continuous_rowcol_from_xy([region[:2]])[0][1] < 22
-
-
-@pytest.mark.parametrize("square", [1, 2, 5, 8, 10, 13, 17, 18, 20, 25, 26, 29])
-@pytest.mark.parametrize("resolution", [0.05, 0.07, 0.3])
-def test_a_distance_of_the_radius_itself_is_closed(square, resolution):
-    occupancy = np.zeros((21, 21), np.int8)
-    occupancy[10, 10] = 100
-    radius = math.sqrt(square) * resolution
-    (region,) = open_regions(OccupancyGrid(occupancy, resolution), radius, 0.0)
-    rows, cols = np.mgrid[-10:11, -10:11]
-    is_open = rows**2 + cols**2 > square
-    assert region.area == pytest.approx(is_open.sum() * resolution**2)
 
 
 def test_the_middle_of_a_passage_is_sought_once(monkeypatch):
@@ -497,8 +456,10 @@ def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radi
 )
 def test_doors_of_real_maps(name, count, closed):
     grid = read_map(SHARED / "data" / f"{name}.yaml")
-    region = open_regions(grid, 0.45)[0]
-    start = tuple(grid.frame.bounded_rowcol_from_xy([region[:2]])[0][0].tolist())
+    ways = ways_of(grid)
+    largest = ways.in_largest_area(largest_closed_square(0.45, grid.frame))
+    height = np.where(largest, ways.squared, 0)
+    start = divmod(int(height.argmax()), grid.shape[1])
     told = found(grid, start, 0.45)
     assert len(told) == count
     assert sum(not one.is_open for one in told) == closed

@@ -6,8 +6,7 @@ import pytest
 from drawn import cells
 from mapdeal import OccupancyGrid
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.passages import open_regions
-from mapdeal.grid.ways import Ways, largest_closed_square
+from mapdeal.grid.ways import Ground, Ways, largest_closed_square
 from mapdeal.kernels.clearance_tree import clearance_tree
 from mapdeal.kernels.distance import squared_distance
 
@@ -66,5 +65,5 @@ def test_where_no_obstacle_is_no_radius_closes_a_cell():
     grid = OccupancyGrid(np.zeros((5, 5), np.int8), 1e-3)
     squared = squared_distance(grid.occupied())
     assert largest_closed_square(1000.0, frame) < squared.min()
-    (region,) = open_regions(grid, 1000.0, 0.0)
-    assert region.area == pytest.approx(25e-6)
+    ways = Ground(grid.occupancy, frame, through_unknown=False).ways()
+    assert ways.in_largest_area(largest_closed_square(1000.0, frame)).all()

@@ -34,7 +34,6 @@ READS = re.compile(
 )
 NOT_READERS = {
     "formats.temporary.Temporary.open",  # makes a file
-    "grid.passages.open_regions",  # of a map in memory
     "pipeline.files.read_input", "pipeline.local.read_global_map",  # call readers, with warnings
     "planning.terrain.Terrain.open_cell_of",  # a cell that is open
     "cli.lint.lint", "cli.terminal.input_chunks",  # the command line

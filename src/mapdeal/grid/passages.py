@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +20,6 @@ DEFAULT_MARGIN = 0.1
 
 DEFAULT_MIN_AREA = 1.0
 """Square metres on each side of a passage."""
-
-
-class OpenRegion(NamedTuple):
-    """An area in which a robot gets everywhere: its widest place and its size."""
-
-    x: float
-    """Metres in the map frame, as `y`."""
-    y: float
-    area: float
-    """Square metres of the cells that its centre can stand in."""
 
 
 def passages(
@@ -111,36 +100,6 @@ def passages(
 
 def _order(one: Passage) -> tuple[object, ...]:
     return one.width, -one.cut_off, one.ends
-
-
-def open_regions(
-    grid: OccupancyGrid, radius: float, min_area: float = DEFAULT_MIN_AREA
-) -> list[OpenRegion]:
-    """Return the areas of a map in each of which a round robot gets everywhere.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map; ways lead over free cells.
-    radius : float
-        The robot's radius, metres.
-    min_area : float
-        Square metres; smaller ones are left out.
-
-    Returns
-    -------
-    list of OpenRegion
-        The largest first.
-    """
-    ways, is_open = _ways_of(grid, radius)
-    areas, basins = _regions(ways, is_open, radius)
-    basins = basins[areas[basins] >= min_area]
-    cells = np.unravel_index(ways.tree.peak_cells[basins], grid.shape)
-    places = grid.frame.xy_from_rowcol(np.stack(cells, axis=1)).tolist()
-    return [
-        OpenRegion(x, y, area)
-        for (x, y), area in zip(places, areas[basins].tolist(), strict=True)
-    ]  # fmt: skip
 
 
 def disconnected(
