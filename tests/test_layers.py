@@ -13,7 +13,7 @@ import mapdeal
 PACKAGE = Path(mapdeal.__file__).parent
 
 MIDDLE = {"stages", "editing", "planning", "mapping", "formats", "render"}
-UPPER = {"robot", "checks"}
+UPPER = {"robot", "checks", "report"}
 ALLOWED = {
     "errors": set(),
     "version": set(),
@@ -28,6 +28,7 @@ ALLOWED = {
     "render": {"errors", "spelling", "grid", "kernels"},
     "robot": {"errors", "spelling", "grid", "kernels", "formats"},
     "checks": {"errors", "spelling", "grid", "kernels", "formats", "robot"},
+    "report": {"errors", "spelling", "grid", "kernels", "render"},
     "pipeline": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, *UPPER},
     "api": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, *UPPER, "pipeline"},
     "cli": {"errors", "spelling", "version", "grid", "kernels", *MIDDLE, *UPPER, "pipeline"},

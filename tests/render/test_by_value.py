@@ -21,7 +21,7 @@ from mapdeal import (
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.grid.reach import Goal, GoalReach, Passage, Reach
 from mapdeal.render import colours, pen
-from mapdeal.render.canvas import ColourBar, Swatch, _Pen, sheet
+from mapdeal.render.canvas import _Pen, sheet
 from mapdeal.render.colours import interpolated, mixed
 from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.difference import difference_image
@@ -31,6 +31,7 @@ from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster
 from mapdeal.render.reach import reach_image
 from mapdeal.render.route import RouteOverlay
+from mapdeal.render.style import ColourBar, Swatch
 
 
 @pytest.fixture

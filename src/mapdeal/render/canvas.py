@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,23 +13,7 @@ from mapdeal.kernels.lookup import histogram
 from mapdeal.render.colours import Colours
 from mapdeal.render.glyphs import capital_height, text_width
 from mapdeal.render.pen import Image, Pen
-
-
-@dataclass(frozen=True)
-class Swatch:
-    """A legend entry: a palette index and what it stands for."""
-
-    index: int
-    label: str
-
-
-@dataclass(frozen=True)
-class ColourBar:
-    """A scale: palette indices from bottom to top, and labels at heights 0..1."""
-
-    indices: Sequence[int]
-    ticks: Sequence[tuple[float, str]]
-    unit: str
+from mapdeal.render.style import ColourBar, Swatch
 
 
 def sheet(

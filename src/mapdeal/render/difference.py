@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
 from mapdeal.render import colours
-from mapdeal.render.canvas import Swatch, corner_of, frame_text, sheet, swatches_in
+from mapdeal.render.canvas import corner_of, frame_text, sheet, swatches_in
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
+from mapdeal.render.style import Swatch
 
 _KINDS = (
     ("only in one map", colours.OUTSIDE),

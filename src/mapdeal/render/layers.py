@@ -22,8 +22,6 @@ from mapdeal.kernels.lookup import histogram, look_up, set_where
 from mapdeal.kernels.threads import for_rows
 from mapdeal.render import colours
 from mapdeal.render.canvas import (
-    ColourBar,
-    Swatch,
     corner_of,
     frame_text,
     round_length,
@@ -34,6 +32,7 @@ from mapdeal.render.cost_palette import COST_LEVELS, CostPalette
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
+from mapdeal.render.style import ColourBar, Swatch
 
 _FREE_LEVELS, _OBSTACLE_LEVELS = 70, 49
 _FIELD_LEVELS = _FREE_LEVELS + _OBSTACLE_LEVELS

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.grid.frame import Frame
-from mapdeal.render.canvas import Swatch
 from mapdeal.render.colours import Colour
 from mapdeal.render.filling import fill_discs, fill_polygons, thick_lines
 from mapdeal.render.raster import Raster
+from mapdeal.render.style import Swatch
 
 
 class Overlay(Protocol):

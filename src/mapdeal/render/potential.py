@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.render import colours
-from mapdeal.render.canvas import ColourBar, Swatch, corner_of, frame_text, sheet
+from mapdeal.render.canvas import corner_of, frame_text, sheet
 from mapdeal.render.overlay import Brush, Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
+from mapdeal.render.style import ColourBar, Swatch
 
 _LEVELS = 100
 _OBSTACLE, _ARROW, _GOAL, _NOWHERE = range(2 * _LEVELS, 2 * _LEVELS + 4)

@@ -16,11 +16,12 @@ from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import for_rows
 from mapdeal.render import colours
-from mapdeal.render.canvas import Swatch, corner_of, frame_text, sheet
+from mapdeal.render.canvas import corner_of, frame_text, sheet
 from mapdeal.render.captions import Captions
 from mapdeal.render.overlay import Brush, Overlay, place_of
 from mapdeal.render.pen import WHITE, Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
+from mapdeal.render.style import Swatch
 
 _MOST_AREAS = 6
 """Cut-off areas that have a colour of their own."""

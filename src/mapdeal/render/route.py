@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.route import Route
 from mapdeal.render import colours
-from mapdeal.render.canvas import Swatch
 from mapdeal.render.colours import Colour
 from mapdeal.render.overlay import Brush, place_of
 from mapdeal.render.raster import Raster
+from mapdeal.render.style import Swatch
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,78 @@
+"""How the values of a layer become colours: one definition for pictures and for pages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.render.colours import Colours
+
+
+@dataclass(frozen=True)
+class Swatch:
+    """A legend entry: a palette index and what it stands for."""
+
+    index: int
+    label: str
+
+
+@dataclass(frozen=True)
+class ColourBar:
+    """A scale: palette indices from bottom to top, and labels at heights 0..1."""
+
+    indices: Sequence[int]
+    ticks: Sequence[tuple[float, str]]
+    unit: str
+
+
+@dataclass(frozen=True)
+class Scale:
+    """An even scale of numbers: `levels` palette indices from `first` on, from `low` to `high`.
+
+    Values beyond an end take its index, infinite ones, too.
+    """
+
+    low: float
+    high: float
+    first: int
+    levels: int
+
+
+@dataclass(frozen=True, eq=False)
+class LayerStyle:
+    """How the values of a layer become colours.
+
+    Parameters
+    ----------
+    colours : numpy.ndarray of uint8, shape (N, 3)
+        The palette.
+    by_value : numpy.ndarray of uint8, shape (256,), optional
+        Of a layer of bytes: the palette index of each value.
+    scale : Scale, optional
+        Of a layer of numbers.
+    swatches : tuple of Swatch
+        The legend, of values that stand apart.
+    bar : ColourBar, optional
+        The legend of values that are on a scale.
+    labels : mapping of int to str
+        Of a layer of bytes: what single values are called.
+    nowhere : int, optional
+        Of a layer of numbers: the palette index of cells without a value (nan).
+    line : int, optional
+        Of a distance field: the palette index of the outline of obstacles.
+    faded_by : int, optional
+        Of a distance field: how far behind the indices of known cells those of unknown ones are.
+    """
+
+    colours: Colours
+    by_value: NDArray[np.uint8] | None = None
+    scale: Scale | None = None
+    swatches: tuple[Swatch, ...] = ()
+    bar: ColourBar | None = None
+    labels: Mapping[int, str] = field(default_factory=dict)
+    nowhere: int | None = None
+    line: int | None = None
+    faded_by: int | None = None
