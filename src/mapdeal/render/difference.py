@@ -6,21 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
-from mapdeal.render import colours
 from mapdeal.render.canvas import corner_of, frame_text, sheet, swatches_in
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
-from mapdeal.render.style import Swatch
+from mapdeal.render.styles import difference_style
 
-_KINDS = (
-    ("only in one map", colours.OUTSIDE),
-    ("unknown", colours.RVIZ_UNKNOWN),
-    ("free", colours.RVIZ_FREE),
-    ("free or unknown", colours.CHANGED),
-    ("wall", colours.RVIZ_OCCUPIED),
-    ("wall removed", colours.REMOVED),
-    ("wall added", colours.ADDED),
-)
 _SMALL_SIDE = 1200
 """Pixels to which maps that differ by single cells are enlarged."""
 
@@ -54,17 +44,13 @@ def difference_image(
     more = {} if only_in is None else {"small_side": _SMALL_SIDE}
     raster = Raster.fitting(frame.shape, image_max, **more)
     pixels = raster.largest(changes)
-    names = [name for name, _ in _KINDS]
-    if only_in is not None:
-        names[3] = "free by one of them"
-        names[-2:] = [f"wall only by {name}" for name in only_in]
-    swatches = [Swatch(index, name) for index, name in enumerate(names)]
+    style = difference_style(only_in)
     return sheet(
         raster.enlarged(pixels),
-        np.array([colour for _, colour in _KINDS], dtype=np.uint8),
+        style.colours,
         title=title,
         subtitle=frame_text(frame),
         metres_per_pixel=raster.metres_per_pixel(frame.resolution),
         corner_xy=corner_of(frame),
-        swatches=swatches_in(pixels, swatches[::-1]),
+        swatches=swatches_in(pixels, style.swatches),
     )

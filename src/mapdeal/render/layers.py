@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import (
-    INSCRIBED_INFLATED_OBSTACLE,
-    OCCUPIED,
-    UNKNOWN,
-)
+from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import blocks_of, looked_up
 from mapdeal.kernels.lookup import histogram, look_up, set_where
 from mapdeal.kernels.threads import for_rows
@@ -24,15 +21,15 @@ from mapdeal.render import colours
 from mapdeal.render.canvas import (
     corner_of,
     frame_text,
-    round_length,
     sheet,
     swatches_in,
 )
-from mapdeal.render.cost_palette import COST_LEVELS, CostPalette
+from mapdeal.render.cost_palette import CostPalette
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
 from mapdeal.render.style import ColourBar, Swatch
+from mapdeal.render.styles import bounds_circumscribed, cost_style, occupancy_style, round_values
 
 _FREE_LEVELS, _OBSTACLE_LEVELS = 70, 49
 _FIELD_LEVELS = _FREE_LEVELS + _OBSTACLE_LEVELS
@@ -53,26 +50,18 @@ def occupancy_image(
     Where cells share a pixel the most occupied one shows. An overlay is drawn over all.
     """
     raster = Raster.fitting(grid.shape, image_max)
+    style = occupancy_style()
     values = raster.largest(grid.occupancy)
-    unknown_index = OCCUPIED + 1
-    ramp = np.rint(255 - 255 * np.arange(OCCUPIED + 1) / OCCUPIED).astype(np.uint8)
-    palette = np.vstack([np.repeat(ramp[:, np.newaxis], 3, axis=1), [colours.RVIZ_UNKNOWN]])
-    by_value = np.full(256, unknown_index, dtype=np.uint8)
-    by_value[: OCCUPIED + 1] = np.arange(OCCUPIED + 1)
-    pixels = look_up(values, by_value)
-    swatches = [Swatch(OCCUPIED, "occupied"), Swatch(0, "free"), Swatch(unknown_index, "unknown")]
-    bar = None
-    if histogram(values)[1:OCCUPIED].any():
-        ticks = [(value / OCCUPIED, str(value)) for value in (0, 25, 50, 75, OCCUPIED)]
-        bar = ColourBar(range(OCCUPIED + 1), ticks, "occupancy")
+    pixels = look_up(values, cast("NDArray[np.uint8]", style.by_value))
+    is_graded = histogram(values)[1:OCCUPIED].any()
     return _on_sheet(
         raster.enlarged(pixels),
-        palette,
+        style.colours,
         grid.frame,
         raster,
         title=title,
-        bar=bar,
-        swatches=swatches_in(pixels, swatches),
+        bar=style.bar if is_graded else None,
+        swatches=swatches_in(pixels, style.swatches),
         overlay=overlay,
     )
 
@@ -183,34 +172,25 @@ def cost_image(
     line bounds the cells of that cost and more. An overlay is drawn over all.
     """
     raster = Raster.fitting(costmap.shape, image_max)
-    own = CostPalette.of(costmap.scale)
+    style = cost_style(costmap)
     # One more than the cost, so that unknown cells are the lowest: 255 + 1 is 0.
     one_more = (np.arange(256) + 1).astype(np.uint8)
     ranks = raster.largest(looked_up(costmap.cost, one_more))
-    pixels = look_up(ranks, np.roll(own.by_value, 1))
+    pixels = look_up(ranks, np.roll(cast("NDArray[np.uint8]", style.by_value), 1))
     pixels = raster.enlarged(pixels)
-    swatches = [Swatch(own.lethal, f"lethal {own.lethal_cost}")]
-    if costmap.scale == "costmap2d":
-        swatches.append(Swatch(own.inscribed, f"inscribed {INSCRIBED_INFLATED_OBSTACLE}"))
-    swatches += [Swatch(own.free, "free 0"), Swatch(own.unknown, "unknown")]
-    # Between the radii of a round robot there is nothing to bound: its cost is inscribed.
-    if costmap.circumscribed_cost and costmap.circumscribed_cost < INSCRIBED_INFLATED_OBSTACLE:
+    if bounds_circumscribed(costmap):
         above = raster.enlarged(ranks > costmap.circumscribed_cost)
         line = inner_outline(above)
         line |= inner_outline(above & ~line)
-        pixels[line] = own.contour
-        label = f"circumscribed {costmap.circumscribed_cost}"
-        swatches.append(Swatch(own.contour, label))
-    top = own.highest_graded
-    ticks = [(value / top, f"{value:g}") for value in (1, *_round_values(top, 5), top)]
+        pixels[line] = CostPalette.contour
     return _on_sheet(
         pixels,
-        own.colours,
+        style.colours,
         costmap.frame,
         raster,
         title=title,
-        bar=ColourBar(range(COST_LEVELS), ticks, "cost"),
-        swatches=swatches_in(pixels, swatches),
+        bar=style.bar,
+        swatches=swatches_in(pixels, style.swatches),
         overlay=overlay,
     )
 
@@ -302,16 +282,10 @@ def _field_bar(ends: _Ends) -> ColourBar:
     ticks = [(middle, "0")]
     if deep > 0:
         sign = "<-" if ends.lowest < -deep else "-"
-        ticks += [(middle * (1 - v / deep), f"-{v:g}") for v in _round_values(deep, 2)]
+        ticks += [(middle * (1 - v / deep), f"-{v:g}") for v in round_values(deep, 2)]
         ticks.append((0.0, f"{sign}{deep:.3g}"))
     if far > 0:
         sign = ">" if ends.highest > far else ""
-        ticks += [(middle + (1 - middle) * v / far, f"{v:g}") for v in _round_values(far, 5)]
+        ticks += [(middle + (1 - middle) * v / far, f"{v:g}") for v in round_values(far, 5)]
         ticks.append((1.0, f"{sign}{far:.3g}"))
     return ColourBar(indices.tolist(), ticks, "distance, m")
-
-
-def _round_values(end: float, about: int) -> list[float]:
-    """Return round numbers between 0 and `end`, both excluded, none close to the end."""
-    step = round_length(end / about * 1.5)
-    return [step * k for k in range(1, math.ceil(end / step)) if end - step * k > 0.35 * step]

@@ -9,15 +9,19 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.render import colours
 from mapdeal.render.canvas import corner_of, frame_text, sheet
 from mapdeal.render.overlay import Brush, Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
-from mapdeal.render.style import ColourBar, Swatch
+from mapdeal.render.styles import (
+    POTENTIAL_ARROW,
+    POTENTIAL_GOAL,
+    POTENTIAL_LEVELS,
+    POTENTIAL_NOWHERE,
+    POTENTIAL_OBSTACLE,
+    potential_style,
+)
 
-_LEVELS = 100
-_OBSTACLE, _ARROW, _GOAL, _NOWHERE = range(2 * _LEVELS, 2 * _LEVELS + 4)
 _ARROW_SPACING = 26.0
 """Pixels."""
 
@@ -36,47 +40,47 @@ def potential_image(
     lattice and tell the direction alone. An overlay is drawn over all.
     """
     raster = Raster.fitting(field.shape, image_max)
+    style = potential_style(field)
     obstacles = raster.largest(field.obstacles())
     normalised = raster.largest(field.normalised)
     nowhere = np.isnan(normalised)
-    levels = np.minimum(np.where(nowhere, 0, normalised) / 10 * _LEVELS, _LEVELS - 1)
-    levels = levels.astype(np.uint8)
+    levels = np.minimum(
+        np.where(nowhere, 0, normalised) / 10 * POTENTIAL_LEVELS, POTENTIAL_LEVELS - 1
+    ).astype(np.uint8)
     unknown = raster.smallest(field.occupancy == UNKNOWN) & ~nowhere
-    levels[unknown] += _LEVELS
-    levels[obstacles] = _OBSTACLE
-    levels[nowhere] = _NOWHERE
+    levels[unknown] += POTENTIAL_LEVELS
+    levels[obstacles] = POTENTIAL_OBSTACLE
+    levels[nowhere] = POTENTIAL_NOWHERE
     pixels = raster.enlarged(levels).copy()
     scale = raster.enlarge / raster.reduce  # pixels per cell
     brush = Brush(pixels)
     arrows = _draw_arrows(brush, field, scale, max(pixels.shape))
-    swatches = [Swatch(_OBSTACLE, "obstacle")] if obstacles.any() else []
-    swatches += [Swatch(_LEVELS + _LEVELS // 4, "unknown: faded")] if unknown.any() else []
-    swatches += [Swatch(_ARROW, "downhill")] if arrows else []
+    has_goal = False
     if field.goal is not None and field.frame.contains([field.goal])[0]:
+        has_goal = True
         place = field.frame.continuous_rowcol_from_xy([field.goal])[0, ::-1] * scale
-        brush.dot(place, _GOAL, radius=max(6.0, max(pixels.shape) / 80))
-        swatches.append(Swatch(_GOAL, "goal"))
-    special = [colours.LETHAL, colours.ARROW, colours.GOAL]
-    if nowhere.any():
-        special.append(colours.RVIZ_UNKNOWN)
-        swatches.append(Swatch(_NOWHERE, "no potential"))
-    scale_colours = colours.potential_scale(_LEVELS)
-    faded = colours.mixed(scale_colours, colours.RVIZ_UNKNOWN, 0.6)
-    palette = np.vstack([scale_colours, faded, special])
+        brush.dot(place, POTENTIAL_GOAL, radius=max(6.0, max(pixels.shape) / 80))
+    occurs = {
+        POTENTIAL_OBSTACLE: obstacles.any(),
+        POTENTIAL_ARROW: arrows,
+        POTENTIAL_GOAL: has_goal,
+        POTENTIAL_NOWHERE: nowhere.any(),
+    }
+    swatches = [swatch for swatch in style.swatches if occurs.get(swatch.index, unknown.any())]
+    palette = style.colours
     texts = [frame_text(field.frame), _range_text(field)]
     if overlay is not None:
         swatches = swatches + overlay.draw(pixels, field.frame, raster, len(palette))
-        palette = np.vstack([palette, overlay.colours])
+        palette = np.vstack([palette, overlay.colours]).astype(np.uint8)
         texts.append(overlay.text)
-    ticks = [(value / 10, f"{value}") for value in range(0, 11, 2)]
     return sheet(
         pixels,
-        palette.astype(np.uint8),
+        palette,
         title=title,
         subtitle="; ".join(texts),
         metres_per_pixel=raster.metres_per_pixel(field.resolution),
         corner_xy=corner_of(field.frame),
-        bar=ColourBar(range(_LEVELS), ticks, "normalised"),
+        bar=style.bar,
         swatches=swatches,
     )
 
@@ -103,7 +107,9 @@ def _draw_arrows(brush: Brush, field: PotentialField, scale: float, side: int) -
     centres = (np.stack([cols[j], rows[i]], axis=1) + 0.5) * np.float64(scale)
     length = 0.75 * step * scale
     thickness = max(1, round(length / 14))
-    brush.arrows(centres, directions[:, i, j].T, _ARROW, length=length, thickness=thickness)
+    brush.arrows(
+        centres, directions[:, i, j].T, POTENTIAL_ARROW, length=length, thickness=thickness
+    )
     return len(centres)
 
 

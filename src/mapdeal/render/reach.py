@@ -12,29 +12,25 @@ from mapdeal.grid.display import count_text
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.reach import GoalReach, Passage, Reach
-from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels.lookup import histogram
-from mapdeal.kernels.threads import for_rows
-from mapdeal.render import colours
 from mapdeal.render.canvas import corner_of, frame_text, sheet
 from mapdeal.render.captions import Captions
 from mapdeal.render.overlay import Brush, Overlay, place_of
 from mapdeal.render.pen import WHITE, Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
+from mapdeal.render.reach_style import (
+    CLOSED,
+    GOAL,
+    MISSED,
+    ROBOT,
+    START,
+    TIGHT,
+    area_text,
+    reach_codes,
+)
 from mapdeal.render.style import Swatch
 
-_MOST_AREAS = 6
-"""Cut-off areas that have a colour of their own."""
-_LEAST_SHARE = 0.001
-"""Of the open cells: what such an area must have."""
 _MOST_WIDTHS = 300
 """Passages whose width is written: those that cut off most."""
-
-# In the order in which the cells that share a pixel take precedence.
-_UNKNOWN, _NARROW, _REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF = range(6)
-_AREAS = range(_CUT_OFF + 1, _CUT_OFF + 1 + _MOST_AREAS)
-_OBSTACLE = _AREAS.stop
-_CLOSED, _TIGHT, _START, _ROBOT, _GOAL, _MISSED = range(_OBSTACLE + 1, _OBSTACLE + 7)
 
 _CORNERS_OF_CIRCLE = 48
 
@@ -55,21 +51,20 @@ def reach_image(
     """
     frame = reach.frame
     raster = Raster.fitting(reach.shape, image_max)
-    codes = _codes(reach)
-    areas = _colour_areas(codes)
+    codes, style = reach_codes(reach)
     pixels = np.array(raster.enlarged(raster.largest(codes)))
-    swatches = _swatches_of_areas(codes, areas, reach)
+    swatches = list(style.swatches)
     marks = _Marks(pixels, frame, raster)
     swatches += marks.draw(reach)
-    palette = np.array(_COLOURS)
+    palette = style.colours
     texts = [_summary(reach), frame_text(frame)]
     if overlay is not None:
         swatches += overlay.draw(pixels, frame, raster, len(palette))
-        palette = np.vstack([palette, overlay.colours])
+        palette = np.vstack([palette, overlay.colours]).astype(np.uint8)
         texts.append(overlay.text)
     return sheet(
         pixels,
-        palette.astype(np.uint8),
+        palette,
         title=title,
         subtitle="; ".join(texts),
         metres_per_pixel=raster.metres_per_pixel(frame.resolution),
@@ -78,81 +73,8 @@ def reach_image(
     )
 
 
-def _codes(reach: Reach) -> NDArray[np.uint8]:
-    """Return what each cell is; all cut-off areas are one yet."""
-    of_occupancy = np.full(256, _NARROW, dtype=np.uint8)
-    of_occupancy[OCCUPIED], of_occupancy[UNKNOWN] = _OBSTACLE, _UNKNOWN
-    codes = np.empty(reach.shape, dtype=np.uint8)
-    occupancies = reach.occupancy.view(np.uint8)
-
-    def fill(rows: slice) -> None:
-        occupancy, headings = occupancies[rows], reach.headings[rows]
-        part = codes[rows]
-        np.take(of_occupancy, occupancy, out=part)
-        is_reached = reach.reachable[rows] != 0
-        part[(headings != 0) & ~is_reached] = _CUT_OFF
-        part[is_reached] = _REACHED
-        part[is_reached & (headings < reach.heading_count)] = _NO_TURN
-        if reach.through_unknown:
-            part[is_reached & (occupancy == of_occupancy.size + UNKNOWN)] = _REACHED_UNKNOWN
-
-    for_rows(fill, reach.shape)
-    return codes
-
-
-def _colour_areas(codes: NDArray[np.uint8]) -> list[int]:
-    """Give the largest cut-off areas codes of their own, in place; return their sizes in cells."""
-    counts = histogram(codes)
-    if not counts[_CUT_OFF]:
-        return []
-    from scipy import ndimage
-
-    labels, count = ndimage.label(codes == _CUT_OFF)
-    sizes = np.zeros(count + 1, dtype=np.int64)
-    for row in range(0, len(labels), 256):
-        sizes += np.bincount(labels[row : row + 256].ravel(), minlength=count + 1)
-    sizes[0] = 0
-    least = _LEAST_SHARE * counts[[_REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF]].sum()
-    order = np.argsort(-sizes, kind="stable")[:_MOST_AREAS]
-    largest = [label for label in order.tolist() if sizes[label] >= max(least, 1)]
-    code_of = np.full(count + 1, _CUT_OFF, dtype=np.uint8)
-    code_of[largest] = _AREAS[: len(largest)]
-
-    def colour(rows: slice) -> None:
-        part = codes[rows]
-        np.copyto(part, code_of[labels[rows]], where=part == _CUT_OFF)
-
-    for_rows(colour, codes.shape)
-    return [int(size) for size in sizes[largest]]
-
-
-def _swatches_of_areas(codes: NDArray[np.uint8], areas: list[int], reach: Reach) -> list[Swatch]:
-    counts = histogram(codes)
-
-    def area(code: int) -> str:
-        return _area_text(int(counts[code]) * reach.cell_area)
-
-    room = ", room to turn" if counts[_NO_TURN] else ""
-    swatches = [
-        Swatch(_REACHED, f"reachable{room} {area(_REACHED)}"),
-        Swatch(_NO_TURN, f"reachable, no room to turn {area(_NO_TURN)}"),
-        Swatch(_REACHED_UNKNOWN, f"reachable, unknown {area(_REACHED_UNKNOWN)}"),
-        *(Swatch(code, f"cut off {area(code)}") for code in _AREAS[: len(areas)]),
-        Swatch(_CUT_OFF, f"{'smaller' if areas else 'small'} cut-off areas {area(_CUT_OFF)}"),
-        Swatch(_NARROW, f"no room for the robot {area(_NARROW)}"),
-        Swatch(_OBSTACLE, "obstacle"),
-        Swatch(_UNKNOWN, "unknown"),
-    ]
-    return [swatch for swatch in swatches if counts[swatch.index]]
-
-
-def _area_text(area: float) -> str:
-    """Return square metres in three digits, or as many as there are before the point."""
-    return f"{area:.3g} m2" if area < 999.5 else f"{area:.0f} m2"
-
-
 def _summary(reach: Reach) -> str:
-    reached, whole = _area_text(reach.reachable_area), _area_text(reach.open_area)
+    reached, whole = area_text(reach.reachable_area), area_text(reach.open_area)
     text = f"reaches {reached.removesuffix(' m2')} of {whole}"
     closed = sum(not passage.is_open for passage in reach.passages)
     if closed:
@@ -181,7 +103,7 @@ class _Marks:
             self._goal(goal)
         for goal in reach.goals:
             if goal.goal.name is not None:
-                index = _GOAL if goal.reachable else _MISSED
+                index = GOAL if goal.reachable else MISSED
                 place = self._place((goal.goal.x, goal.goal.y))
                 self._captions.write(goal.goal.name, place, index, away=1.4 * self._dot)
         most = sorted(reach.passages, key=lambda one: (one.is_open, -one.cut_off))
@@ -189,10 +111,10 @@ class _Marks:
             self._width(passage)
         closed = [passage for passage in reach.passages if not passage.is_open]
         shown = [
-            (closed, _CLOSED, "closed passage"),
-            (len(reach.passages) > len(closed), _TIGHT, "open, but tight"),
-            (any(goal.reachable for goal in reach.goals), _GOAL, "goal, reached"),
-            (any(not goal.reachable for goal in reach.goals), _MISSED, "goal, not reached"),
+            (closed, CLOSED, "closed passage"),
+            (len(reach.passages) > len(closed), TIGHT, "open, but tight"),
+            (any(goal.reachable for goal in reach.goals), GOAL, "goal, reached"),
+            (any(not goal.reachable for goal in reach.goals), MISSED, "goal, not reached"),
         ]
         return swatches + [Swatch(index, label) for is_there, index, label in shown if is_there]
 
@@ -214,8 +136,8 @@ class _Marks:
         for brush, which, index, more in (
             (self._captions.kept_free, slice(None), 1, 6),
             (self._brush, slice(None), WHITE, 4),
-            (self._brush, is_open, _TIGHT, 0),
-            (self._brush, ~is_open, _CLOSED, 0),
+            (self._brush, is_open, TIGHT, 0),
+            (self._brush, ~is_open, CLOSED, 0),
         ):
             thickness = self._thickness + more
             brush.segments(starts[which], stops[which], index, thickness=thickness)
@@ -227,14 +149,14 @@ class _Marks:
         self._captions.write(
             f"{100 * passage.width:.0f} cm",
             ends.mean(axis=0),
-            _TIGHT if passage.is_open else _CLOSED,
+            TIGHT if passage.is_open else CLOSED,
             away=2 * self._thickness + 2,
             towards=towards,
         )
 
     def _goal(self, goal: GoalReach) -> None:
         place = self._place((goal.goal.x, goal.goal.y))
-        index = _GOAL if goal.reachable else _MISSED
+        index = GOAL if goal.reachable else MISSED
         self._brush.dot(place, WHITE, radius=self._dot + 2)
         self._brush.dot(place, index, radius=self._dot)
         if not goal.reachable:
@@ -249,15 +171,15 @@ class _Marks:
         yaw = reach.start[2] if len(reach.start) > 2 else None
         place = self._place((x, y))
         self._brush.dot(place, WHITE, radius=self._dot + 2)
-        self._brush.dot(place, _START, radius=self._dot)
+        self._brush.dot(place, START, radius=self._dot)
         self._captions.kept_free.dot(place, 1, radius=self._dot + 3)
-        swatches = [Swatch(_START, "start")]
+        swatches = [Swatch(START, "start")]
         if reach.robot is not None:
             outline = place_of(_outline(reach.robot, (x, y, yaw or 0.0)), self._frame, self._raster)
-            for index, thickness in ((WHITE, 4), (_ROBOT, 2)):
+            for index, thickness in ((WHITE, 4), (ROBOT, 2)):
                 self._brush.polyline(outline, index, thickness=thickness)
             self._captions.kept_free.polyline(outline, 1, thickness=4)
-            swatches.append(Swatch(_ROBOT, "robot, to scale"))
+            swatches.append(Swatch(ROBOT, "robot, to scale"))
         if yaw is not None:
             ahead = self._place((x + math.cos(yaw), y + math.sin(yaw))) - place
             direction = ahead / math.hypot(*ahead)
@@ -276,21 +198,3 @@ def _outline(robot: Footprint, pose: tuple[float, float, float]) -> NDArray[np.f
     cos, sin = math.cos(yaw), math.sin(yaw)
     outline: NDArray[np.float64] = corners @ np.array([[cos, sin], [-sin, cos]]) + (x, y)
     return outline
-
-
-_COLOURS = [
-    colours.RVIZ_UNKNOWN,
-    colours.TOO_NARROW,
-    colours.REACHABLE,
-    colours.NO_TURN,
-    colours.REACHABLE_UNKNOWN,
-    colours.CUT_OFF,
-    *colours.CUT_OFF_AREAS,
-    colours.RVIZ_OCCUPIED,
-    colours.CLOSED_PASSAGE,
-    colours.TIGHT_PASSAGE,
-    colours.REACH_START,
-    colours.ROBOT_OUTLINE,
-    colours.GOAL_REACHED,
-    colours.GOAL_MISSED,
-]
