@@ -53,6 +53,8 @@ class PageLayer:
         Of a distance field; None for other layers.
     lethal_threshold : int
         Of a distance field and of a map: from which occupancy on a cell is an obstacle.
+    strength : float
+        Of a distance field: what positive distances were multiplied by.
     """
 
     name: str
@@ -66,6 +68,7 @@ class PageLayer:
     states: str | None = None
     convention: Convention | None = None
     lethal_threshold: int = 100
+    strength: float = 1.0
 
     def __post_init__(self) -> None:
         if self.values.shape != self.frame.shape:

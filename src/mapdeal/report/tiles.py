@@ -1,0 +1,348 @@
+"""The cells of layers as compressed tiles, in several resolutions: the data of a page."""
+
+from __future__ import annotations
+
+import zlib
+from base64 import b64encode
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.thread_pool import ThreadPool
+from mapdeal.kernels.threads import thread_count
+from mapdeal.report.coding import Way, packed, ways_of
+from mapdeal.report.document import PageLayer
+
+Cells = NDArray[Any]
+
+TILE = 512
+"""Cells of a tile's side; those at the north and east edges have fewer."""
+
+STEP = 4
+"""How many times coarser a level is than the one before it."""
+
+ALL_CELLS_SIDE = 4096
+"""Side up to which a layer's own cells are kept, if there is room for them."""
+
+MOST_CELLS = 1 << 26
+"""Cells of the finest level of a larger layer: of three layers they take some ten seconds."""
+
+_COARSEST_SIDE = 256
+_COMPRESSION = 6
+
+
+@dataclass(frozen=True)
+class Level:
+    """A layer in one of its resolutions.
+
+    Parameters
+    ----------
+    reduce : int
+        How many of the layer's cells lie along a side of a cell of this level.
+    shape : tuple of int
+        Rows and columns.
+    tiles : tuple of bytes
+        Each tile's zlib stream in base64, row by row from the south-west.
+    """
+
+    reduce: int
+    shape: tuple[int, int]
+    tiles: tuple[bytes, ...]
+
+    @property
+    def size(self) -> int:
+        """Characters of all tiles."""
+        return sum(map(len, self.tiles))
+
+
+@dataclass(frozen=True)
+class EncodedLayer:
+    """A layer in its resolutions, the coarsest first.
+
+    Parameters
+    ----------
+    coding : dict
+        What a reader must know of how tiles hold values.
+    levels : tuple of Level
+        At least one.
+    """
+
+    coding: dict[str, Any]
+    levels: tuple[Level, ...]
+
+    @property
+    def reduce(self) -> int:
+        """How many of the layer's cells lie along a side of the finest cells: 1 if all are kept."""
+        return self.levels[-1].reduce
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """Layers as a page holds them.
+
+    Parameters
+    ----------
+    encoded : tuple of EncodedLayer
+        One for each layer.
+    """
+
+    encoded: tuple[EncodedLayer, ...]
+
+    @property
+    def layers(self) -> list[dict[str, Any]]:
+        """What the page's header says of each layer: ``coding`` and ``levels``."""
+        headers, offset = [], 0
+        for layer in self.encoded:
+            levels = []
+            for level in layer.levels:
+                tiles = []
+                for tile in level.tiles:
+                    tiles.append([offset, len(tile)])
+                    offset += len(tile)
+                height, width = level.shape
+                levels.append(
+                    {"reduce": level.reduce, "width": width, "height": height, "tiles": tiles}
+                )
+            headers.append({"coding": layer.coding, "levels": levels})
+        return headers
+
+    @property
+    def data(self) -> list[bytes]:
+        """The base64 text of all tiles, in the order of their offsets."""
+        return [tile for one in self.encoded for level in one.levels for tile in level.tiles]
+
+    @property
+    def size(self) -> int:
+        """Characters of `data`."""
+        return sum(map(len, self.data))
+
+
+def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
+    """Return layers as levels of compressed tiles.
+
+    Parameters
+    ----------
+    layers : sequence of PageLayer
+        All layers of a page. Each is read once, some rows at a time.
+    size : int
+        Characters that they may take together; what exceeds it loses its finest levels, down to
+        one level of each layer.
+
+    Returns
+    -------
+    Encoded
+        The same for any number of threads.
+
+    Notes
+    -----
+    A level is four times coarser than the next; the coarsest is 256 cells a side or less. The
+    finest has the layer's own cells if none of its sides is longer than 4096, else as many as
+    2^26 allow. If all is too large, the finest level that takes most is left out, of all
+    layers of the same shape, so that those on one another agree.
+    """
+    threads = thread_count()
+    if threads == 1:
+        made = [_encoded_layer(layer, _Compressor(None, 1)) for layer in layers]
+    else:
+        with ThreadPool(threads) as pool:
+            compressor = _Compressor(pool, threads)
+            made = [_encoded_layer(layer, compressor) for layer in layers]
+    shapes = [layer.frame.shape for layer in layers]
+    return Encoded(tuple(_fitted(made, shapes, size)))
+
+
+def finest_reduce(shape: tuple[int, int]) -> int:
+    """Return how many cells share a side of the finest cells, as far as the shape tells.
+
+    Examples
+    --------
+    >>> finest_reduce((4096, 4096)), finest_reduce((10_000, 10_000)), finest_reduce((30_000, 9))
+    (1, 2, 1)
+    """
+    height, width = shape
+    reduce = 1
+    if max(shape) > ALL_CELLS_SIDE:
+        while -(-height // reduce) * -(-width // reduce) > MOST_CELLS:
+            reduce *= 2
+    return reduce
+
+
+def _fitted(
+    layers: list[EncodedLayer], shapes: Sequence[tuple[int, int]], size: int
+) -> list[EncodedLayer]:
+    """Leave out finest levels until all fits, or each layer has but one."""
+    layers = list(layers)
+    total = sum(level.size for layer in layers for level in layer.levels)
+    while total > size:
+        savings: dict[tuple[tuple[int, int], int], int] = {}
+        for layer, shape in zip(layers, shapes, strict=True):
+            if len(layer.levels) > 1:
+                key = shape, layer.reduce
+                savings[key] = savings.get(key, 0) + layer.levels[-1].size
+        if not savings:
+            break
+        key = max(savings, key=savings.__getitem__)  # the first of equals
+        total -= savings[key]
+        for place, layer in enumerate(layers):
+            if (shapes[place], layer.reduce) == key and len(layer.levels) > 1:
+                layers[place] = replace(layer, levels=layer.levels[:-1])
+    return layers
+
+
+class _Compressor:
+    """Makes tiles in threads, and holds no more cells than those are busy with."""
+
+    def __init__(self, pool: ThreadPool | None, threads: int) -> None:
+        self._pool = pool
+        self._most = 2 * threads
+        self._waiting: deque[Future[bytes]] = deque()
+
+    def submit(self, cells: Cells, ways: Sequence[Way]) -> Future[bytes]:
+        """Have a tile compressed."""
+        if self._pool is None:
+            done: Future[bytes] = Future()
+            done.set_result(_tile(cells, ways))
+            return done
+        while len(self._waiting) >= self._most:
+            self._waiting.popleft().result()
+        future = self._pool.submit(_tile, cells, ways)
+        self._waiting.append(future)
+        return future
+
+
+def _tile(cells: Cells, ways: Sequence[Way]) -> bytes:
+    data = packed(cells, ways) if ways else cells.tobytes()
+    return b64encode(zlib.compress(data, _COMPRESSION))
+
+
+def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
+    ways: tuple[Way, ...] = ()
+    coding: dict[str, Any] = {"kind": "bytes"}
+    if not layer.is_bytes:
+        are_metres = layer.unit == "m" or layer.convention is not None
+        ways = ways_of(
+            layer.frame.resolution, layer.convention, layer.strength, are_metres=are_metres
+        )
+        coding = {"kind": "numbers", "ways": [way.header() for way in ways]}
+    pooling = _Pooling.of(layer)
+    shape = layer.frame.shape
+    reduces = [finest_reduce(shape)]
+    while max(shape) > reduces[-1] * _COARSEST_SIDE:
+        reduces.append(STEP * reduces[-1])
+    maker: _LevelMaker | None = None
+    makers = []
+    for reduce in reversed(reduces):
+        maker = _LevelMaker(reduce, shape, pooling, ways, compressor, coarser=maker)
+        makers.append(maker)
+    finest = makers[-1]
+    for first in range(0, shape[0], TILE):  # a multiple of any `finest.reduce`
+        rows = np.asarray(layer.values[first : first + TILE])
+        finest.add(pooling.pooled(pooling.ranked(rows), finest.reduce))
+    return EncodedLayer(coding, tuple(maker.level() for maker in makers))
+
+
+@dataclass(frozen=True)
+class _Pooling:
+    """Which value stands for several cells.
+
+    Parameters
+    ----------
+    choose : numpy.ufunc
+        What two of them become.
+    order : numpy.ndarray of uint8, shape (256,), optional
+        Bytes in the order in which they are compared, if not in their own.
+    """
+
+    choose: np.ufunc
+    order: NDArray[np.uint8] | None
+
+    @classmethod
+    def of(cls, layer: PageLayer) -> _Pooling:
+        is_largest = layer.pooled == "largest"
+        if not layer.is_bytes:
+            return cls(np.fmax if is_largest else np.fmin, None)
+        order = None if layer.rank is None else np.argsort(layer.rank, kind="stable")
+        choose = np.maximum if is_largest else np.minimum
+        return cls(choose, None if order is None else order.astype(np.uint8))
+
+    def ranked(self, rows: Cells) -> Cells:
+        """Return bytes by their places in the order; of equal rank the larger comes later."""
+        if self.order is None:
+            return rows
+        return look_up(rows, np.argsort(self.order).astype(np.uint8))
+
+    def values(self, ranked: Cells) -> Cells:
+        """Return the bytes at places in the order."""
+        return ranked if self.order is None else look_up(ranked, self.order)
+
+    def pooled(self, cells: Cells, step: int) -> Cells:
+        """Return one cell for each square of `step` a side, fewer at the north and east edges."""
+        if step == 1:
+            return cells
+        return self._of_rows(self._of_rows(cells, step).T, step).T
+
+    def _of_rows(self, cells: Cells, step: int) -> Cells:
+        merged = cells[::step].copy()
+        for place in range(1, step):
+            more = cells[place::step]
+            self.choose(merged[: len(more)], more, out=merged[: len(more)])
+        return merged
+
+
+class _LevelMaker:
+    """Cuts the rows of a level into tiles, and hands them on to the next coarser one."""
+
+    def __init__(
+        self,
+        reduce: int,
+        shape: tuple[int, int],
+        pooling: _Pooling,
+        ways: Sequence[Way],
+        compressor: _Compressor,
+        *,
+        coarser: _LevelMaker | None,
+    ) -> None:
+        self.reduce = reduce
+        self._shape = -(-shape[0] // reduce), -(-shape[1] // reduce)
+        self._pooling = pooling
+        self._ways = ways
+        self._compressor = compressor
+        self._coarser = coarser
+        self._band = np.empty((0, 0))
+        self._filled = 0
+        self._done = 0
+        self._tiles: list[Future[bytes]] = []
+
+    def add(self, rows: Cells) -> None:
+        """Take the next rows, ranked."""
+        while len(rows):
+            if not self._filled:
+                height = min(TILE, self._shape[0] - self._done)
+                self._band = np.empty((height, self._shape[1]), dtype=rows.dtype)
+            part = rows[: len(self._band) - self._filled]
+            self._band[self._filled : self._filled + len(part)] = part
+            self._filled += len(part)
+            rows = rows[len(part) :]
+            if self._filled == len(self._band):
+                self._cut()
+
+    def _cut(self) -> None:
+        band, self._filled = self._band, 0
+        self._done += len(band)
+        if self._coarser is not None:
+            self._coarser.add(self._pooling.pooled(band, STEP))
+        values = self._pooling.values(band)
+        for first in range(0, values.shape[1], TILE):
+            tile = np.ascontiguousarray(values[:, first : first + TILE])
+            self._tiles.append(self._compressor.submit(tile, self._ways))
+
+    def level(self) -> Level:
+        """Return the level, all of whose rows were added."""
+        tiles = tuple(tile.result() for tile in self._tiles)
+        return Level(self.reduce, self._shape, tiles)
