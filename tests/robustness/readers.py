@@ -116,6 +116,10 @@ def _manifests():
     return [Seed("manifest.json", good, beside={"golden/run/manifest.json": other})]
 
 
+def _answers():
+    return [Seed(f"{name}.json", json.dumps(one).encode()) for name, one in seeds.ANSWERS.items()]
+
+
 def _of_all_kinds():
     files = [
         seeds.pcd_files()[0], seeds.ply_files()[0], seeds.npy_files()[0], seeds.carmen_logs()[0],
@@ -198,6 +202,7 @@ READERS = [
     _file("shapes yaml", _seeds(seeds.SHAPES_YAML, "s.yaml"), reading.read_all_shapes, YAML_WORDS,
           share=0.4),
     _file("GeoJSON", _seeds(seeds.geojson_files(), "s.json"), reading.read_all_shapes, JSON_WORDS),
+    _file("answers", _answers(), reading.read_one_answer, JSON_WORDS, share=0.5),
     _file("manifest", _manifests(), reading.compare_with_golden, JSON_WORDS),
     Reader("recipe", _seeds(seeds.RECIPES, "r.yaml"), reading.load_one_recipe, _USAGE, YAML_WORDS,
            is_file=False, share=0.4),

@@ -30,6 +30,7 @@ from mapdeal.errors import (
     MapdealError,
     ParameterError,
 )
+from mapdeal.formats.answers import LintAnswer, RouteAnswer, read_answer
 from mapdeal.formats.bit_maps import read_bit_map
 from mapdeal.formats.clouds.reader import cloud_chunks, read_cloud
 from mapdeal.formats.dialects import DIALECTS
@@ -425,6 +426,18 @@ def _joined(some, width=2):
 
 
 # What is drawn, done and asked for
+
+
+def read_one_answer(path, data):
+    answer = read_answer(path)
+    if isinstance(answer, LintAnswer):
+        places = [place for one in answer.files for found in one.findings for place in found.places]
+    elif isinstance(answer, RouteAnswer):
+        places = answer.route.points_xy.tolist()
+    else:
+        places = [end for one in getattr(answer, "passages", ()) for end in one.ends]
+    assert all(abs(value) <= FARTHEST for place in places for value in place)
+    return answer
 
 
 def read_all_shapes(path, data):

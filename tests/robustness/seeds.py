@@ -383,6 +383,68 @@ def geojson_files():
     return [json.dumps(shape).encode() for shape in shapes]
 
 
+ANSWERS = {
+    "lint": {
+        "parameter_files": [{"file": "nav2.yaml", "findings": [], "suppressed": 0}],
+        "maps": [
+            {
+                "file": "a<b>.yaml",
+                "findings": [
+                    {"check": "map.islands", "severity": "warning", "line": None,
+                     "message": "<img onerror=1>\n\x07", "places": [[1.5, -2], [0, 3]]},
+                    {"check": "yaml.origin-yaw", "severity": "note", "line": 3,
+                     "message": "turned"},
+                ],
+                "suppressed": 2,
+                "repairs": ["free_thresh 0.196"],
+            }
+        ],
+        "errors": 0, "warnings": 1, "notes": 1, "suppressed": 2,
+    },
+    "reach": {
+        "robot": {"footprint": [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]], "inscribed_radius": 0.1,
+                  "circumscribed_radius": 0.36, "headings": 16},
+        "start": {"x": 1.5, "y": -2, "yaw": 0.5},
+        "through_unknown": False,
+        "reachable_m2": 8.5, "open_m2": 12, "free_m2": 20.25, "share": 0.42,
+        "goals": [
+            {"name": "dock", "x": 3, "y": 4, "reachable": True, "heading_count": 7,
+             "widest_radius_m": None, "limited_by": None},
+            {"x": -3, "y": 4, "reachable": False, "heading_count": 0, "widest_radius_m": 0.31,
+             "limited_by": {"x": -2, "y": 1, "width_m": 0.62, "at": "passage"}},
+        ],
+        "passages": [{"x": -2, "y": 1, "width_m": 0.62, "cuts_off_m2": 12.3, "open": False,
+                      "ends": [[-2, 0.7], [-2, 1.3]]}],
+    },
+    "route": {
+        "method": "descent", "reached": False, "start": [0, 1], "goal": [2.5, 1], "length_m": 1.0,
+        "min_clearance_m": 0.4, "mean_clearance_m": None, "cost": 1.25, "expanded": None,
+        "optimal": False, "local_minimum": [1, 1], "points": [[0, 1], [1, 1]],
+    },
+    "diff": {
+        "first": {"file": "a.yaml", "sha256": {"a.yaml": "ab" * 32, "a.pgm": "0" * 64}},
+        "second": None,
+        "equal": False,
+        "geometry": {"width": [3, 4], "origin": [[0, 0, 0], [1, 0, 0.5]]},
+        "metadata": {"mode": ["trinary", "scale"]},
+        "common_cells": 12, "differing": 3, "beyond_tolerance": 2, "known_only_in_first": 1,
+        "confusion": {"free": {"free": 9, "occupied": 3}},
+        "symmetry": "transposed",
+        "walls": {"first_to_second": {"largest": 0.5, "percentile_95": 0.4, "mean": 0.1},
+                  "second_to_first": None},
+        "bounds": {"max_shift": {"allowed": 0.1, "found": None, "holds": False}},
+        "passes": False,
+    },
+    "comparison": {
+        "format": "mapdeal-comparison/1", "version": "0.1", "inputs": ["a.log"], "limits": {},
+        "width": 4, "height": 3, "resolution": 0.1, "origin": [1, 2, 0],
+        "methods": {"tsdf": {"parameters": {"k": 1}, "occupied": 3, "mean_thickness_m": None,
+                             "vanished": [{"x": 1.25, "y": 2.5, "cells": 4}]}},
+        "pairs": [{"first": "tsdf", "second": "beams", "differing": 5, "cells": {}}],
+    },
+}  # fmt: skip
+"""What mapdeal writes as JSON."""
+
 RECIPES = [
     b"stages:\n  - inflate:\n  - esdf:\n  - cost:\n",
     b"stages: [inflate: {kernel: square, radius: 0.5}, esdf: {unknown: free, view: seed}]\n",

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
-from mapdeal.formats.budget import OF_JSON, claim
-from mapdeal.formats.source import read_file
+from mapdeal.formats.json_values import JsonValue, read_document
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 
-_LARGEST_FILE = 1 << 26
 _PARTS = {
     "MultiPolygon": "Polygon",
     "MultiLineString": "LineString",
@@ -34,39 +31,15 @@ def read_geojson(path: Path) -> list[Shape]:
     MalformedInputError
         If it is no GeoJSON, or a shape in it is none; the error names the feature.
     """
-    data = read_file(path, limit=_LARGEST_FILE)
-    claim(path, OF_JSON * len(data))
+    return geojson_shapes(read_document(path))
+
+
+def geojson_shapes(document: JsonValue) -> list[Shape]:
+    """Return the shapes of a document that was read already, as `read_geojson` does."""
     try:
-        document = json.loads(
-            data.decode("utf-8-sig"),
-            parse_constant=_refuse_constant,
-            object_pairs_hook=_without_duplicates,
-        )
-        return _Reader(path).shapes(document)
-    except UnicodeDecodeError as error:
-        raise MalformedInputError("not UTF-8", source=path, place=f"byte {error.start}") from None
-    except json.JSONDecodeError as error:
-        place = f"line {error.lineno}, column {error.colno}"
-        raise MalformedInputError(f"no valid JSON: {error.msg}", source=path, place=place) from None
+        return _Reader(document.source).shapes(document.value)
     except RecursionError:
-        raise MalformedInputError("nested too deep", source=path) from None
-    except ValueError as error:
-        raise MalformedInputError(f"no valid JSON: {error}", source=path) from None
-
-
-def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number of JSON")
-
-
-def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        seen: set[str] = set()
-        for name, _ in pairs:
-            if name in seen:
-                raise ValueError(f"key {name!r} stands twice")
-            seen.add(name)
-    return found
+        raise MalformedInputError("nested too deep", source=document.source) from None
 
 
 class _Reader:

@@ -19,6 +19,7 @@ import yaml
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
 from mapdeal.formats.image import read_image_size
 from mapdeal.formats.images.catalogue import recognised as recognised_image
+from mapdeal.formats.json_kinds import document_kind
 from mapdeal.formats.json_text import read_json
 from mapdeal.formats.source import chunks_of, exists, head_of, is_folder, status_of
 from mapdeal.formats.text_rows import delimiter_of, is_number
@@ -60,6 +61,20 @@ _ROS2_USE = (
     "of a topic"
 )
 _PARAMETERS_USE = "mapdeal run MAP -o DIR --params-file {path} takes it"
+_REPORT_USE = "mapdeal report {path} -o OUT.html shows it"
+_OF_A_MAP_USE = "mapdeal report MAP {path} -o OUT.html shows it on its map"
+_DOCUMENTS = {
+    "manifest": ("the manifest of a run", "mapdeal info on its folder tells of the run"),
+    "summary": (
+        "the summary of a batch", "mapdeal info tells of the folder of each of its maps"
+    ),
+    "route": ("a route (JSON)", _OF_A_MAP_USE),
+    "reach": ("what a robot can reach (JSON)", _OF_A_MAP_USE),
+    "lint": ("what lint has found (JSON)", _REPORT_USE),
+    "diff": ("what differs between two maps (JSON)", _REPORT_USE),
+    "comparison": ("methods of mapping compared (JSON)", _REPORT_USE),
+}  # fmt: skip
+"""JSON that mapdeal writes: what it is, and which command takes it."""
 
 
 @dataclass(frozen=True)
@@ -252,32 +267,39 @@ def _kind_of_json(path: Path, head: bytes) -> FileKind | None:
     if head.lstrip()[:1] != b"{":
         return None
     value = read_json(path)
-    if not isinstance(value, dict):
+    name = document_kind(value)
+    figures: dict[str, Any]
+    if name is None:
         return None
-    if value.get("type") in ("FeatureCollection", "Feature", "Polygon", "LineString", "Point"):
-        features = value.get("features")
-        count = {"shapes": len(features)} if isinstance(features, list) else {}
-        return _shapes("GeoJSON", count)
-    if isinstance(value.get("outputs"), dict) and isinstance(value.get("stages"), list):
-        use = "mapdeal info on its folder tells of the run"
-        return FileKind("manifest", "the manifest of a run", use)
-    maps = value.get("maps")
-    if isinstance(maps, list) and all(isinstance(one, dict) and "status" in one for one in maps):
-        statuses = [str(one["status"]) for one in maps]
-        counts = {name: statuses.count(name) for name in dict.fromkeys(statuses)}
-        what, use = "the summary of a batch", "mapdeal info tells of the folder of each of its maps"
-        return FileKind("summary", what, use, lambda: {"maps": len(maps), **counts})
-    if "reached" in value and isinstance(value.get("points"), list):
-        length = {"points": len(value["points"]), "length_m": value.get("length_m")}
-        use = "mapdeal route wrote it; no command takes it"
-        return FileKind("route", "a route (JSON)", use, lambda: length)
-    if "reachable_m2" in value and isinstance(value.get("passages"), list):
-        told = {"reachable_m2": value["reachable_m2"], "passages": len(value["passages"])}
-        goals = value.get("goals")
-        told |= {"goals": len(goals)} if isinstance(goals, list) else {}
-        use = "mapdeal reach wrote it; no command takes it"
-        return FileKind("reach", "what a robot can reach (JSON)", use, lambda: told)
-    return None
+    if name == SHAPES:
+        return _shapes("GeoJSON", _counted(value, shapes="features"))
+    if name == "summary":
+        statuses = [str(one["status"]) for one in value["maps"]]
+        counts = {status: statuses.count(status) for status in dict.fromkeys(statuses)}
+        figures = {"maps": len(statuses), **counts}
+    elif name == "route":
+        figures = {"points": len(value["points"]), "length_m": value.get("length_m")}
+    elif name == "reach":
+        told = _counted(value, passages="passages", goals="goals")
+        figures = {"reachable_m2": value["reachable_m2"], **told}
+    elif name == "lint":
+        told = {key: value.get(key) for key in ("errors", "warnings", "notes")}
+        figures = {**_counted(value, maps="maps"), **told}
+    elif name == "diff":
+        figures = {"cells": value.get("common_cells"), "differing": value.get("differing")}
+    elif name == "comparison":
+        methods = value.get("methods")
+        figures = {"methods": ", ".join(methods)} if isinstance(methods, dict) else {}
+    else:
+        figures = {}
+    what, use = _DOCUMENTS[name]
+    return FileKind(name, what, use, lambda: figures)
+
+
+def _counted(value: dict[str, Any], **lists: str) -> dict[str, int]:
+    """Return how long some lists of a document are, by what to call them."""
+    found = {name: value.get(key) for name, key in lists.items()}
+    return {name: len(one) for name, one in found.items() if isinstance(one, list)}
 
 
 def _shapes(form: str, figures: dict[str, Any]) -> FileKind:

@@ -1,0 +1,438 @@
+"""The JSON documents of lint, reach, route, diff and build --compare, read back.
+
+They may come from elsewhere: each value is checked, and an error names the file and the key.
+Numbers that JSON does not have, an infinite width for instance, are null there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+import numpy as np
+
+from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.formats.geojson import geojson_shapes
+from mapdeal.formats.json_kinds import COMPARISON, DIFF, LINT, REACH, ROUTE, document_kind
+from mapdeal.formats.json_values import JsonValue, read_document
+from mapdeal.formats.kinds import SHAPES, recognised
+from mapdeal.formats.shapes import read_shapes
+from mapdeal.formats.source import head_of
+from mapdeal.grid.coordinates import FARTHEST, Origin, Point
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.outline import checked_corners
+from mapdeal.grid.reach import MOST_HEADINGS, Bottleneck, Goal, GoalReach, Passage, PlaceOfLimit
+from mapdeal.grid.route import Method, Route
+from mapdeal.grid.shapes import Shape
+
+Severity = Literal["error", "warning", "note"]
+
+_WIDEST = 1000.0
+"""Largest coordinate of a robot's corner, metres."""
+_MOST_CORNERS = 500
+_WANTED = "what lint, reach, route, diff or build --compare writes as JSON, nor a file of shapes"
+
+
+@dataclass(frozen=True)
+class ToldFinding:
+    """A finding of lint, as its JSON tells it.
+
+    Parameters
+    ----------
+    check : str
+        The check's name, ``area.name``.
+    severity : {'error', 'warning', 'note'}
+        How serious it is.
+    message : str
+        What it is; any characters may be in it.
+    line : int, optional
+        The line of the file, from 1 on.
+    places : tuple of (x, y)
+        Where it is, in the map frame, metres.
+    """
+
+    check: str
+    severity: Severity
+    message: str
+    line: int | None = None
+    places: tuple[Point, ...] = ()
+
+
+@dataclass(frozen=True)
+class LintedFile:
+    """A map, a folder of a run or a parameter file, and what lint has found in it."""
+
+    file: str
+    findings: tuple[ToldFinding, ...]
+    suppressed: int
+    is_parameters: bool = False
+    repairs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class LintAnswer:
+    """What ``mapdeal lint --format json`` has printed."""
+
+    files: tuple[LintedFile, ...]
+    errors: int
+    warnings: int
+    notes: int
+    suppressed: int
+
+
+@dataclass(frozen=True)
+class ReachAnswer:
+    """What ``mapdeal reach`` has written: `Reach` without its layers; areas in square metres."""
+
+    robot: Footprint | None
+    heading_count: int
+    start: tuple[float, ...]
+    through_unknown: bool
+    reachable_area: float
+    open_area: float
+    free_area: float
+    share: float
+    goals: tuple[GoalReach, ...]
+    passages: tuple[Passage, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class RouteAnswer:
+    """What ``mapdeal route`` has written."""
+
+    route: Route
+
+
+@dataclass(frozen=True)
+class NamedMap:
+    """A map that a document is about.
+
+    Parameters
+    ----------
+    file : str
+        Its name, relative to the working directory of then.
+    sha256 : mapping of str to str
+        The names of the files that it was read from, without folders, and their checksums.
+    """
+
+    file: str
+    sha256: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class DiffAnswer:
+    """What ``mapdeal diff --json`` has printed.
+
+    Parameters
+    ----------
+    first, second : NamedMap, optional
+        The maps; older documents name none.
+    is_equal, passes : bool
+        What was judged.
+    common_cells, differing, beyond_tolerance, known_only_in_first : int
+        Cells.
+    geometry, metadata : mapping of str to two texts
+        What differs of them, as JSON has it.
+    confusion : mapping of str to mapping of str to int
+        Cells by their state in the first map, and in the second.
+    symmetry : str, optional
+        How the second map is to be turned.
+    walls : tuple of mapping of str to float, or None
+        Of first to second, and of second to first: metres by ``largest`` and so on.
+    bounds : mapping of str to (float, float or None, bool)
+        What was allowed, what was found, and whether that holds.
+    """
+
+    first: NamedMap | None
+    second: NamedMap | None
+    is_equal: bool
+    passes: bool
+    common_cells: int
+    differing: int
+    beyond_tolerance: int
+    known_only_in_first: int
+    geometry: Mapping[str, tuple[str, str]]
+    metadata: Mapping[str, tuple[str, str]]
+    confusion: Mapping[str, Mapping[str, int]]
+    symmetry: str | None
+    walls: tuple[Mapping[str, float] | None, Mapping[str, float] | None]
+    bounds: Mapping[str, tuple[float, float | None, bool]]
+
+
+@dataclass(frozen=True)
+class ComparedMethod:
+    """What a method of mapping has made of the scans.
+
+    Parameters
+    ----------
+    figures : mapping of str to float or None
+        Its figures, by their names in the document.
+    vanished : tuple of (x, y, cells)
+        Where groups of hits are that it has nothing of, metres, the largest first.
+    """
+
+    figures: Mapping[str, float | None]
+    vanished: tuple[tuple[float, float, int], ...]
+
+
+@dataclass(frozen=True)
+class ComparisonAnswer:
+    """What ``mapdeal build --compare`` has written as ``comparison.json``."""
+
+    inputs: tuple[str, ...]
+    width: int
+    height: int
+    resolution: float
+    origin: Origin
+    methods: Mapping[str, ComparedMethod]
+    differing: Mapping[tuple[str, str], int]
+
+
+@dataclass(frozen=True)
+class ShapesAnswer:
+    """The shapes in a file."""
+
+    shapes: tuple[Shape, ...]
+
+
+Answer = LintAnswer | ReachAnswer | RouteAnswer | DiffAnswer | ComparisonAnswer | ShapesAnswer
+
+
+def read_answer(path: Path) -> Answer:
+    """Return what lint, reach, route, diff or build --compare has written, or a file's shapes.
+
+    Parameters
+    ----------
+    path : Path
+        A JSON document of 64 MiB at most; keys that are not known are passed over. Shapes may be
+        GeoJSON or YAML.
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If it is none of these, or holds what they cannot; the error names the key.
+    """
+    if not head_of(path, 1 << 10).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
+        return ShapesAnswer(tuple(read_shapes(path)))
+    document = read_document(path)
+    name = document_kind(document.value)
+    if name == SHAPES:
+        return ShapesAnswer(tuple(geojson_shapes(document)))
+    if name not in _READERS:
+        with recognised(path, _WANTED):
+            raise MalformedInputError(f"is not {_WANTED}", source=path)
+    try:
+        return _READERS[name](document)
+    except RecursionError:  # a value that is shown, or kept as it is
+        raise MalformedInputError("nested too deep", source=path) from None
+
+
+def _lint(document: JsonValue) -> LintAnswer:
+    files = document.get("parameter_files")
+    of_parameters = [] if files is None else files.items()
+    listed = [_linted(one, is_parameters=True) for one in of_parameters]
+    listed += [_linted(one, is_parameters=False) for one in document["maps"].items()]
+    counts = (document[key].whole() for key in ("errors", "warnings", "notes", "suppressed"))
+    return LintAnswer(tuple(listed), *counts)
+
+
+def _linted(one: JsonValue, *, is_parameters: bool) -> LintedFile:
+    repairs = one.get("repairs")
+    return LintedFile(
+        one["file"].text(),
+        tuple(_finding(found) for found in one["findings"].items()),
+        one["suppressed"].whole(),
+        is_parameters,
+        () if repairs is None else tuple(repair.text() for repair in repairs.items()),
+    )
+
+
+def _finding(one: JsonValue) -> ToldFinding:
+    line, places = one.get("line"), one.get("places")
+    return ToldFinding(
+        one["check"].text(),
+        cast("Severity", one["severity"].word(*get_args(Severity))),
+        one["message"].text(),
+        None if line is None or line.is_null else line.whole(),
+        () if places is None else tuple(place.point() for place in places.items()),
+    )
+
+
+def _reach(document: JsonValue) -> ReachAnswer:
+    start, yaw = document["start"], document["start"]["yaw"]
+    goals = document["goals"].items()
+    return ReachAnswer(
+        _robot(document["robot"]),
+        document["robot"]["headings"].whole(1, MOST_HEADINGS),
+        (*_place(start), *(() if yaw.is_null else (yaw.number(),))),
+        document["through_unknown"].flag(),
+        document["reachable_m2"].number(least=0),
+        document["open_m2"].number(least=0),
+        document["free_m2"].number(least=0),
+        document["share"].number(least=0, most=1),
+        tuple(_goal(one) for one in goals),
+        tuple(_passage(one) for one in document["passages"].items()),
+    )
+
+
+def _robot(robot: JsonValue) -> Footprint | None:
+    corners = robot.get("footprint")
+    if corners is None:
+        radius = robot["radius"].number(least=0, most=_WIDEST)
+        return Footprint.circle(radius) if radius else None
+    points = [one.point() for one in corners.items()]
+    try:
+        return Footprint(
+            checked_corners(points, "footprint", within=_WIDEST, least=3, most=_MOST_CORNERS)
+        )
+    except ParameterError as error:
+        raise error.in_file(corners.source, corners.place) from None
+
+
+def _goal(one: JsonValue) -> GoalReach:
+    name, limit = one.get("name"), one["limited_by"]
+    return GoalReach(
+        Goal(*_place(one), None if name is None else name.text()),
+        one["reachable"].flag(),
+        one["heading_count"].whole(),
+        one["widest_radius_m"].number_or(math.inf),
+        None if limit.is_null else _bottleneck(limit),
+    )
+
+
+def _bottleneck(one: JsonValue) -> Bottleneck:
+    at = cast("PlaceOfLimit", one["at"].word(*get_args(PlaceOfLimit)))
+    return Bottleneck(*_place(one), one["width_m"].number_or(math.inf), at)
+
+
+def _passage(one: JsonValue) -> Passage:
+    ends = [end.point() for end in one["ends"].items()]
+    if len(ends) != 2:
+        raise one["ends"].error("must be two points [x, y]")
+    return Passage(
+        *_place(one),
+        one["width_m"].number_or(math.inf),
+        one["cuts_off_m2"].number_or(math.inf),
+        one["open"].flag(),
+        (ends[0], ends[1]),
+    )
+
+
+def _place(one: JsonValue) -> Point:
+    return one["x"].number(), one["y"].number()
+
+
+def _route(document: JsonValue) -> RouteAnswer:
+    points = np.array([one.point() for one in document["points"].items()], dtype=np.float64)
+    nowhere = math.nan if not len(points) else math.inf
+    minimum, expanded = document.get("local_minimum"), document.get("expanded")
+    route = Route(
+        cast("Method", document["method"].word(*get_args(Method))),
+        document["reached"].flag(),
+        document["start"].point(),
+        document["goal"].point(),
+        points,
+        document["length_m"].number_or(nowhere),
+        document["cost"].number_or(nowhere),
+        document["min_clearance_m"].number_or(nowhere),
+        None if minimum is None or minimum.is_null else minimum.point(),
+        document["mean_clearance_m"].number_or(nowhere),
+        None if expanded is None or expanded.is_null else expanded.whole(),
+        document["optimal"].flag(),
+    )
+    return RouteAnswer(route)
+
+
+def _diff(document: JsonValue) -> DiffAnswer:
+    first, second, symmetry = document.get("first"), document.get("second"), document["symmetry"]
+    walls = document["walls"]
+    return DiffAnswer(
+        None if first is None else _named(first),
+        None if second is None else _named(second),
+        document["equal"].flag(),
+        document["passes"].flag(),
+        document["common_cells"].whole(),
+        document["differing"].whole(),
+        document["beyond_tolerance"].whole(),
+        document["known_only_in_first"].whole(),
+        _pairs(document["geometry"]),
+        _pairs(document["metadata"]),
+        {
+            state: {other: cells.whole() for other, cells in row.fields().items()}
+            for state, row in document["confusion"].fields().items()
+        },
+        None if symmetry.is_null else symmetry.text(),
+        (_shift(walls["first_to_second"]), _shift(walls["second_to_first"])),
+        {name: _bound(one) for name, one in document["bounds"].fields().items()},
+    )
+
+
+def _named(one: JsonValue) -> NamedMap | None:
+    """Return a map and its files; None of one that was no file."""
+    if one.is_null:
+        return None
+    sums = {name: digest.sha256() for name, digest in one["sha256"].fields().items()}
+    return NamedMap(one["file"].text(), sums)
+
+
+def _pairs(one: JsonValue) -> dict[str, tuple[str, str]]:
+    """Return values of both maps as they stand in the document."""
+    found = {}
+    for name, pair in one.fields().items():
+        values = pair.items()
+        if len(values) != 2:
+            raise pair.error("must be two values")
+        found[name] = (values[0].shown(), values[1].shown())
+    return found
+
+
+def _shift(one: JsonValue) -> dict[str, float] | None:
+    if one.is_null:
+        return None
+    return {name: one[name].number(least=0) for name in ("largest", "percentile_95", "mean")}
+
+
+def _bound(one: JsonValue) -> tuple[float, float | None, bool]:
+    found = one["found"]
+    return (
+        one["allowed"].number(least=0),
+        None if found.is_null else found.number(least=0),
+        one["holds"].flag(),
+    )
+
+
+def _comparison(document: JsonValue) -> ComparisonAnswer:
+    origin = [one.number() for one in document["origin"].items()]
+    if len(origin) != 3:
+        raise document["origin"].error("must be three numbers [x, y, yaw]")
+    return ComparisonAnswer(
+        tuple(one.text() for one in document["inputs"].items()),
+        document["width"].whole(1),
+        document["height"].whole(1),
+        document["resolution"].number(least=1e-6),
+        (origin[0], origin[1], origin[2]),
+        {name: _method(one) for name, one in document["methods"].fields().items()},
+        {
+            (one["first"].text(), one["second"].text()): one["differing"].whole()
+            for one in document["pairs"].items()
+        },
+    )
+
+
+def _method(one: JsonValue) -> ComparedMethod:
+    apart = ("parameters", "vanished")
+    figures = {name: told for name, told in one.fields().items() if name not in apart}
+    return ComparedMethod(
+        {name: None if f.is_null else f.number(most=FARTHEST**2) for name, f in figures.items()},
+        tuple((*_place(place), place["cells"].whole()) for place in one["vanished"].items()),
+    )
+
+
+_READERS: dict[str | None, Callable[[JsonValue], Answer]] = {
+    LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, COMPARISON: _comparison,
+}  # fmt: skip

@@ -1,0 +1,190 @@
+"""Values of a JSON document that somebody else may have written, checked as they are taken."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.budget import OF_JSON, claim
+from mapdeal.formats.source import read_file
+from mapdeal.grid.coordinates import FARTHEST, Point
+
+LARGEST_DOCUMENT = 1 << 26
+_LARGEST_WHOLE = 1 << 53
+"""Up to here floats, and so all readers of JSON, have every whole number."""
+
+
+@dataclass(frozen=True, eq=False)
+class JsonValue:
+    """A value, and where it stands.
+
+    Parameters
+    ----------
+    source : Path
+        The file.
+    value : object
+        What `json` has made of it.
+    place : str
+        The keys that lead to it, as ``goals[2].x``; empty for the whole document.
+    """
+
+    source: Path
+    value: Any
+    place: str = ""
+
+    def error(self, rule: str) -> MalformedInputError:
+        """Return the error for a value that must be something else."""
+        place = self.place or "the document"
+        return MalformedInputError(rule, source=self.source, place=place, got=self.value)
+
+    def __getitem__(self, key: str) -> JsonValue:
+        """Return the value of a key, which must be there."""
+        found = self.get(key)
+        if found is None:
+            rule = f"must have a key {key}"
+            raise MalformedInputError(rule, source=self.source, place=self.place or "the document")
+        return found
+
+    def get(self, key: str) -> JsonValue | None:
+        """Return the value of a key; None if there is no such key."""
+        fields = self._fields()
+        if key not in fields:
+            return None
+        return JsonValue(self.source, fields[key], f"{self.place}.{key}" if self.place else key)
+
+    def fields(self) -> dict[str, JsonValue]:
+        """Return the values of an object by their keys."""
+        return {key: self[key] for key in self._fields()}
+
+    def items(self) -> list[JsonValue]:
+        """Return the values of a list."""
+        if not isinstance(self.value, list):
+            raise self.error("must be a list")
+        return [
+            JsonValue(self.source, one, f"{self.place}[{index}]")
+            for index, one in enumerate(self.value)
+        ]
+
+    @property
+    def is_null(self) -> bool:
+        """Whether it is null."""
+        return self.value is None
+
+    def number(self, *, least: float = -FARTHEST, most: float = FARTHEST) -> float:
+        """Return a finite number."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float):
+            raise self.error("must be a number")
+        if not least <= self.value <= most:
+            raise self.error(f"must be a number from {least:g} to {most:g}")
+        return float(self.value)
+
+    def number_or(self, otherwise: float, *, least: float = 0.0) -> float:
+        """Return a finite number, or what null stands for."""
+        return otherwise if self.is_null else self.number(least=least)
+
+    def whole(self, least: int = 0, most: int = _LARGEST_WHOLE) -> int:
+        """Return a whole number."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int):
+            raise self.error("must be a whole number")
+        if not least <= self.value <= most:
+            raise self.error(f"must be a whole number from {least} to {most}")
+        return self.value
+
+    def flag(self) -> bool:
+        """Return true or false."""
+        if not isinstance(self.value, bool):
+            raise self.error("must be true or false")
+        return self.value
+
+    def text(self) -> str:
+        """Return a text, whatever characters are in it."""
+        if not isinstance(self.value, str):
+            raise self.error("must be a text")
+        return self.value
+
+    def word(self, *allowed: str) -> str:
+        """Return a text that is one of some."""
+        text = self.text()
+        if text not in allowed:
+            raise self.error(f"must be one of {', '.join(allowed)}")
+        return text
+
+    def sha256(self) -> str:
+        """Return the 64 hexadecimal digits of a checksum."""
+        text = self.text()
+        if len(text) != 64 or not set(text) <= set("0123456789abcdef"):
+            raise self.error("must be the 64 hexadecimal digits of a sha256")
+        return text
+
+    def shown(self) -> str:
+        """Return the value, whatever it is, as JSON on one line."""
+        return json.dumps(self.value, ensure_ascii=False)
+
+    def point(self) -> Point:
+        """Return two numbers [x, y], metres."""
+        numbers = self.items()
+        if len(numbers) != 2:
+            raise self.error("must be two numbers [x, y]")
+        return numbers[0].number(), numbers[1].number()
+
+    def _fields(self) -> dict[str, Any]:
+        if not isinstance(self.value, dict):
+            raise self.error("must be an object")
+        return self.value
+
+
+def read_document(path: Path) -> JsonValue:
+    """Return the value in a JSON file.
+
+    Raises
+    ------
+    FileAccessError
+        If the file cannot be read.
+    MalformedInputError
+        If it is no JSON, larger than 64 MiB, or has a key twice or a NaN. A number that no float
+        can hold is infinite, which no method of the value lets pass.
+    """
+    data = read_file(path, limit=LARGEST_DOCUMENT)
+    claim(path, OF_JSON * len(data))
+    return JsonValue(path, parse_document(path, data))
+
+
+def parse_document(path: Path, data: bytes, place: str = "") -> Any:
+    """Return the value of a JSON text, given where it stands in its file."""
+    within = f"{place}, " if place else ""
+    try:
+        return json.loads(
+            data.decode("utf-8-sig"),
+            parse_constant=_refuse_constant,
+            object_pairs_hook=_without_duplicates,
+        )
+    except UnicodeDecodeError as error:
+        where = f"{within}byte {error.start}"
+        raise MalformedInputError("not UTF-8", source=path, place=where) from None
+    except json.JSONDecodeError as error:
+        where = place or f"line {error.lineno}"
+        where = f"{where}, column {error.colno}"
+        raise MalformedInputError(f"no valid JSON: {error.msg}", source=path, place=where) from None
+    except RecursionError:
+        raise MalformedInputError("nested too deep", source=path, place=place or None) from None
+    except ValueError as error:
+        rule = f"no valid JSON: {error}"
+        raise MalformedInputError(rule, source=path, place=place or None) from None
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        seen: set[str] = set()
+        for name, _ in pairs:
+            if name in seen:
+                raise ValueError(f"key {name!r} stands twice")
+            seen.add(name)
+    return found
