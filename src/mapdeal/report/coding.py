@@ -67,7 +67,8 @@ class Squares:
         is_below = values < 0
         offset, unit = self._offset_and_unit(is_below)
         squares = np.rint((np.abs(values.astype(np.float64)) / unit + offset) ** 2)
-        return np.where(is_below, -squares, squares)
+        signed: NDArray[np.float64] = np.where(is_below, -squares, squares)
+        return signed
 
     def numbers(self, integers: NDArray[np.float64]) -> Numbers:
         """Return the distance of each signed square."""

@@ -1,0 +1,409 @@
+"""Tiles of layers, read back by a decoder that knows the format's description alone."""
+
+import base64
+import json
+import math
+import shutil
+import struct
+import subprocess
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mapdeal
+from mapdeal import OccupancyGrid, esdf
+from mapdeal.grid.frame import Frame
+from mapdeal.kernels.blocks import lazy_layer
+from mapdeal.kernels.threads import use_threads
+from mapdeal.render.style import LayerStyle
+from mapdeal.report.document import PageLayer
+from mapdeal.report.tiles import encoded, finest_reduce
+
+STYLE = LayerStyle(np.zeros((1, 3), dtype=np.uint8))
+ROOM = 1 << 40
+DECODER = Path(mapdeal.__file__).parent / "report" / "page" / "decode.js"
+
+
+def _layer(values, *, shape=None, resolution=0.05, **more):
+    height, width = shape or values.shape
+    frame = Frame(height, width, resolution, (-3.5, 7.25, 0.3))
+    return PageLayer("layer", "A layer", frame, values, STYLE, **more)
+
+
+def _decoded_tile(coding, data, width, height):
+    """Return the values of an inflated tile, as docs/report.md describes the format."""
+    if coding["kind"] == "bytes":
+        return np.frombuffer(data, dtype=np.uint8).reshape(height, width)
+    way_index, planes, top, count = struct.unpack_from("<4i", data)
+    others = struct.unpack_from(f"<{count}f", data, 16)
+    start, size = 16 + 4 * count, width * height
+    assert len(data) == start + planes * size
+    rest = np.zeros((height, width), dtype=np.int64)
+    for plane in range(planes):
+        part = np.frombuffer(data, dtype=np.uint8, count=size, offset=start + plane * size)
+        rest += part.reshape(height, width).astype(np.int64) * 256**plane
+    rest = np.where(rest % 2 == 1, -(rest + 1) // 2, rest // 2)
+    # each is left + below - below left + rest, so all of them are the sums of what is south-west
+    numbers = rest.cumsum(axis=0).cumsum(axis=1)
+    numbers = (numbers + 2**31) % 2**32 - 2**31
+    way, distinct = coding["ways"][way_index], np.unique(numbers)
+    meanings = [_meaning(way, n) if n <= top else others[n - top - 1] for n in distinct.tolist()]
+    return np.array(meanings, dtype=np.float32)[np.searchsorted(distinct, numbers)]
+
+
+def _meaning(way, number):
+    if way["kind"] == "steps":
+        return number * way["step"]
+    if way["kind"] == "squares":
+        offset, unit = way["above"] if number >= 0 else way["below"]
+        distance = (math.sqrt(abs(number)) - offset) * unit
+        return distance if number >= 0 else -distance
+    assert way["kind"] == "bits"
+    bits = number << way["hidden"]
+    pattern = bits if bits >= 0 else bits ^ 0x7FFFFFFF
+    return struct.unpack("<f", struct.pack("<i", pattern))[0]
+
+
+def _tiles_of(levels):
+    """Yield the place of each tile: level, the slices of its cells, and where its text is."""
+    for level in levels:
+        columns = math.ceil(level["width"] / 512)
+        assert len(level["tiles"]) == columns * math.ceil(level["height"] / 512)
+        for index, where in enumerate(level["tiles"]):
+            row, column = (512 * part for part in divmod(index, columns))
+            yield (
+                level,
+                slice(row, min(row + 512, level["height"])),
+                slice(column, min(column + 512, level["width"])),
+                where,
+            )
+
+
+def _decoded(result, place=0):
+    """Return the values of all levels of a layer, by how far each is reduced."""
+    text, header = b"".join(result.data), result.layers[place]
+    levels = {}
+    for level, rows, columns, (offset, length) in _tiles_of(header["levels"]):
+        dtype = np.uint8 if header["coding"]["kind"] == "bytes" else np.float32
+        shape = (level["height"], level["width"])
+        values = levels.setdefault(level["reduce"], np.zeros(shape, dtype=dtype))
+        data = zlib.decompress(base64.b64decode(text[offset : offset + length], validate=True))
+        width, height = columns.stop - columns.start, rows.stop - rows.start
+        values[rows, columns] = _decoded_tile(header["coding"], data, width, height)
+    return levels
+
+
+def _ways_taken(result, place=0):
+    """Return the kinds of ways that the tiles of the finest level took."""
+    text, header = b"".join(result.data), result.layers[place]
+    taken = set()
+    for offset, length in header["levels"][-1]["tiles"]:
+        data = zlib.decompress(base64.b64decode(text[offset : offset + length]))
+        taken.add(header["coding"]["ways"][struct.unpack_from("<i", data)[0]]["kind"])
+    return taken
+
+
+def _same(found, values, *, within=0.0, relative=0.0):
+    strange = ~np.isfinite(values)
+    np.testing.assert_array_equal(found[strange], values[strange])
+    wanted = values[~strange].astype(np.float64)
+    error = np.abs(found[~strange].astype(np.float64) - wanted)
+    assert np.all(error <= within + relative * np.abs(wanted)), error.max()
+
+
+SHAPES = st.one_of(
+    st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    st.sampled_from([(1, 1), (1, 700), (1100, 1), (512, 512), (513, 511), (1025, 3), (1100, 700)]),
+)
+
+
+@st.composite
+def _numbers(draw, scales=(1e-3, 0.05, 7.0, 3000.0)):
+    shape, seed = draw(SHAPES), draw(st.integers(0, 2**32 - 1))
+    random = np.random.default_rng(seed)
+    scale = draw(st.sampled_from(scales))
+    values = np.full(shape, random.normal() * scale)
+    if draw(st.booleans()):
+        values = random.normal(size=shape) * scale
+    for strange in draw(st.lists(st.sampled_from([np.nan, np.inf, -np.inf]), max_size=3)):
+        values[random.random(shape) < draw(st.sampled_from([0.01, 0.5, 1.0]))] = strange
+    return values.astype(np.float32)
+
+
+@settings(max_examples=30)
+@given(values=_numbers(), convention=st.sampled_from([None, "seed", "center", "border"]))
+def test_metres_are_told_to_half_a_millimetre_whatever_they_are(values, convention):
+    result = encoded([_layer(values, unit="m", convention=convention)], size=ROOM)
+    _same(_decoded(result)[1], values, within=0.00051, relative=2**-24)
+
+
+@settings(max_examples=15)
+@given(values=_numbers(scales=(1e-20, 1.0, 1e9, 1e37)))
+def test_other_numbers_are_told_to_four_digits_at_any_scale(values):
+    result = encoded([_layer(values)], size=ROOM)
+    _same(_decoded(result)[1], values, within=1e-30, relative=2**-15)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [[[3e6, -3e6, 0.001]], [[1e30, -1e30, 0.0]], [[2147483.5, -2147483.5, 1e-9]]],
+)
+def test_metres_beyond_the_range_of_steps_are_told(values):
+    values = np.array(values, dtype=np.float32)
+    result = encoded([_layer(values, unit="m")], size=ROOM)
+    _same(_decoded(result)[1], values, within=0.00051, relative=2**-24)
+
+
+@settings(max_examples=25)
+@given(
+    shape=SHAPES,
+    seed=st.integers(0, 2**32 - 1),
+    share=st.sampled_from([0.0, 0.001, 0.02, 0.6, 1.0]),
+    convention=st.sampled_from(["seed", "center", "border"]),
+    strength=st.sampled_from([1.0, 1.7, 1e-3]),
+    max_distance=st.sampled_from([None, 0.13, 1.03]),
+)
+def test_fields_are_told_by_their_squares(
+    shape, seed, share, convention, strength, max_distance
+):  # fmt: skip
+    random = np.random.default_rng(seed)
+    occupancy = np.where(random.random(shape) < share, 100, 0).astype(np.int8)
+    if share == 0.02:
+        occupancy[: shape[0] // 2] = 100  # deep inside
+    field = esdf(
+        OccupancyGrid(occupancy, 0.05),
+        convention=convention,
+        strength=strength,
+        max_distance=max_distance,
+    )
+    layer = _layer(field.distance, unit="m", convention=convention, strength=strength)
+    result = encoded([layer], size=ROOM)
+    _same(_decoded(result)[1], field.distance, within=1e-4)
+    assert _ways_taken(result) == {"squares"}
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_clearances_and_widths_are_told_by_their_squares(factor):
+    row, column = np.mgrid[:300, :600]
+    values = factor * 0.05 * np.sqrt((row - 70.0) ** 2 + (column - 20) ** 2)
+    values[:40, 500:] = np.nan
+    values = values.astype(np.float32)
+    result = encoded([_layer(values, unit="m")], size=ROOM)
+    _same(_decoded(result)[1], values, within=1e-4)
+    assert _ways_taken(result) == {"squares"}
+
+
+def test_squares_that_do_not_fit_are_not_used():
+    field = esdf(OccupancyGrid([[100, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]], 0.05), strength=1.23)
+    layer = _layer(field.distance, unit="m", convention="seed", resolution=0.05)
+    result = encoded([layer], size=ROOM)  # the factor is not told
+    _same(_decoded(result)[1], field.distance, within=0.00051)
+    assert _ways_taken(result) == {"steps"}
+
+
+def test_a_field_takes_a_quarter_of_npz_or_less():
+    random = np.random.default_rng(7)
+    occupancy = np.where(random.random((700, 600)) < 0.0001, 100, 0)
+    distance = esdf(OccupancyGrid(occupancy, 0.05)).distance
+    result = encoded([_layer(distance, unit="m", convention="seed")], size=ROOM)
+    npz = len(zlib.compress(distance.tobytes(), 6))
+    assert result.encoded[0].levels[-1].size < npz / 4
+
+
+def _pooled(values, reduce, choose):
+    """Return what stands for each square of cells, cell by cell."""
+    height, width = (math.ceil(length / reduce) for length in values.shape)
+    pooled = np.empty((height, width), dtype=values.dtype)
+    for row in range(height):
+        for column in range(width):
+            square = values[row * reduce :, column * reduce :][:reduce, :reduce]
+            pooled[row, column] = choose(square.ravel().tolist())
+    return pooled
+
+
+@pytest.mark.parametrize("pooled", ["largest", "smallest"])
+@pytest.mark.parametrize("has_rank", [False, True])
+def test_levels_of_bytes_hold_the_value_of_extreme_rank(pooled, has_rank):
+    random = np.random.default_rng(3)
+    values = random.integers(0, 256, (537, 1290), dtype=np.uint8)
+    rank = random.integers(0, 40, 256).astype(np.uint8) if has_rank else None
+
+    def choose(square):
+        key = (lambda v: (rank[v], v)) if has_rank else (lambda v: v)
+        return (max if pooled == "largest" else min)(square, key=key)
+
+    levels = _decoded(encoded([_layer(values, pooled=pooled, rank=rank)], size=ROOM))
+    assert list(levels) == [16, 4, 1]
+    np.testing.assert_array_equal(levels[1], values)
+    np.testing.assert_array_equal(levels[4], _pooled(values, 4, choose))
+    np.testing.assert_array_equal(levels[16], _pooled(values, 16, choose))
+
+
+@pytest.mark.parametrize("pooled", ["largest", "smallest"])
+def test_levels_of_numbers_hold_the_extreme_and_nan_only_where_there_is_no_other(pooled):
+    random = np.random.default_rng(4)
+    values = (random.integers(-40, 400, (301, 430)) / 8).astype(np.float32)
+    values[random.random(values.shape) < 0.3] = np.nan
+    values[8:24, 40:80] = np.nan
+    values[100, 100] = np.inf
+
+    def choose(square):
+        known = [value for value in square if value == value]
+        return (max if pooled == "largest" else min)(known) if known else math.nan
+
+    levels = _decoded(encoded([_layer(values, pooled=pooled)], size=ROOM))
+    assert list(levels) == [4, 1]
+    _same(levels[4], _pooled(values, 4, choose), relative=2**-15)
+    assert np.isnan(levels[4]).any()
+
+
+def _some_layers(make=lambda values: values):
+    random = np.random.default_rng(5)
+    occupancy = np.where(random.random((1100, 700)) < 0.003, 100, 0).astype(np.int8)
+    distance = esdf(OccupancyGrid(occupancy, 0.05)).distance
+    rank = np.roll(np.arange(256), 1).astype(np.uint8)
+    return [
+        _layer(make(occupancy.view(np.uint8)), shape=(1100, 700), rank=rank),
+        _layer(make(distance), shape=(1100, 700), unit="m", convention="seed", pooled="smallest"),
+    ]
+
+
+def test_bytes_do_not_depend_on_the_number_of_threads():
+    found = []
+    for threads in (1, 3):
+        with use_threads(threads):
+            result = encoded(_some_layers(), size=ROOM)
+        found.append((result.layers, result.data))
+    assert found[0] == found[1]
+
+
+def test_lazy_layers_are_read_once_in_order_and_give_the_same_bytes():
+    asked = []
+
+    def lazily(values):
+        def make(rows):
+            asked.append((rows.start, rows.stop))
+            return values[rows]
+
+        return lazy_layer(values.shape, values.dtype, make, block_height=37)
+
+    result, whole = encoded(_some_layers(lazily), size=ROOM), encoded(_some_layers(), size=ROOM)
+    assert (result.layers, result.data) == (whole.layers, whole.data)
+    assert asked == 2 * [(0, 512), (512, 1024), (1024, 1100)]
+
+
+def test_tiles_lie_one_behind_the_other_in_the_text():
+    result = encoded(_some_layers(), size=ROOM)
+    text = b"".join(result.data)
+    end = 0
+    for header in result.layers:
+        for _, _, _, (offset, length) in _tiles_of(header["levels"]):
+            assert offset == end
+            end += length
+    assert end == len(text) == result.size
+    assert json.loads(json.dumps(result.layers)) == result.layers
+
+
+def _noise(side, seed, **more):
+    values = np.random.default_rng(seed).integers(0, 256, (side, side), dtype=np.uint8)
+    return _layer(values, **more)
+
+
+def test_what_is_too_large_loses_the_finest_levels_of_the_largest_layers():
+    layers = [_noise(300, 1), _noise(600, 2), _noise(600, 3), _noise(450, 4)]
+    whole = encoded(layers, size=ROOM)
+    assert [layer.reduce for layer in whole.encoded] == [1, 1, 1, 1]
+    sizes = [[level.size for level in layer.levels] for layer in whole.encoded]
+    result = encoded(layers, size=whole.size - 1)
+    assert [layer.reduce for layer in result.encoded] == [1, 4, 4, 1]
+    assert result.size == whole.size - sizes[1][-1] - sizes[2][-1]
+    text = b"".join(result.data)
+    assert [len(text[a : a + b]) for *_, (a, b) in _tiles_of(result.layers[3]["levels"])] == [
+        len(tile) for level in whole.encoded[3].levels for tile in level.tiles
+    ]
+    assert encoded(layers, size=result.size).layers == result.layers
+    assert [one.reduce for one in encoded(layers, size=result.size - 1).encoded] == [1, 4, 4, 4]
+
+
+def test_each_layer_keeps_one_level_however_little_room_there_is():
+    result = encoded([_noise(600, 1), _noise(100, 2)], size=0)
+    assert [layer.reduce for layer in result.encoded] == [4, 1]
+    assert all(len(layer.levels) == 1 for layer in result.encoded)
+
+
+def test_no_layers_are_no_data():
+    result = encoded([], size=0)
+    assert (result.layers, result.data) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("shape", "reduce"),
+    [
+        ((1, 1), 1),
+        ((4096, 4096), 1),
+        ((4097, 30), 1),
+        ((8192, 8192), 1),
+        ((8193, 8192), 2),
+        ((30_000, 30_000), 4),
+        ((1, 1_000_000_000), 16),
+    ],
+)
+def test_the_finest_level_of_large_layers_has_so_many_cells(shape, reduce):
+    assert finest_reduce(shape) == reduce
+    assert math.ceil(shape[0] / reduce) * math.ceil(shape[1] / reduce) <= 2**26
+
+
+def test_a_large_layer_is_read_without_being_held():
+    side, rows_at_once = 40_000, []
+
+    def make(rows):
+        rows_at_once.append(rows.stop - rows.start)
+        values = np.zeros((rows.stop - rows.start, 4000), dtype=np.uint8)
+        values[:, ::100] = 100
+        values[0, 7] = 200
+        return values
+
+    values = lazy_layer((side, 4000), np.uint8, make, block_height=512)
+    result = encoded([_layer(values, shape=(side, 4000))], size=ROOM)
+    assert [level.reduce for level in result.encoded[0].levels] == [512, 128, 32, 8, 2]
+    finest = _decoded(result)[2]
+    wanted = np.zeros((20_000, 2000), dtype=np.uint8)
+    wanted[:, ::50] = 100
+    wanted[::256, 3] = 200
+    np.testing.assert_array_equal(finest, wanted)
+    assert max(rows_at_once) <= 512
+
+
+def test_the_page_reads_what_is_written(tmp_path):
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("node is not installed")
+    random = np.random.default_rng(6)
+    strange = random.normal(size=(530, 40)).astype(np.float32)
+    strange[3:7], strange[0, 0], strange[0, 1] = np.nan, np.inf, -np.inf
+    layers = [*_some_layers(), _layer(strange, unit="m"), _layer(1e7 * strange)]
+    layers.append(_layer(strange * 1e30, unit="m"))
+    for convention in ("center", "border"):
+        field = esdf(OccupancyGrid(strange[:50] > 1, 0.05), convention=convention, strength=3.0)
+        more = {"convention": convention, "strength": 3.0}
+        layers.append(_layer(field.distance, unit="m", **more))
+    result = encoded(layers, size=ROOM)
+    page = tmp_path / "page.json"
+    page.write_text(json.dumps({"data": b"".join(result.data).decode(), "layers": result.layers}))
+    script = Path(__file__).with_name("decode_page.mjs")
+    out = subprocess.run([node, script, DECODER, page], capture_output=True, check=True)
+    told = iter(json.loads(out.stdout))
+    for place, header in enumerate(result.layers):
+        levels = _decoded(result, place)
+        for level, rows, columns, _ in _tiles_of(header["levels"]):
+            wanted = levels[level["reduce"]][rows, columns]
+            tile = next(told)
+            assert (tile["height"], tile["width"]) == wanted.shape
+            assert tile["type"] == {"u": "Uint8Array", "f": "Float32Array"}[wanted.dtype.kind]
+            found = np.frombuffer(base64.b64decode(tile["values"]), dtype=wanted.dtype)
+            np.testing.assert_array_equal(found.reshape(wanted.shape), wanted)
+    assert next(told, None) is None
