@@ -143,6 +143,9 @@ class Entry:
         Costs over the distance, as the robot at hand has them.
     compared : tuple of str, optional
         Names of two layers to begin with side by side: before, and after.
+    extent : tuple of float, optional
+        Left, low, right and high end, in the map frame, metres, of what is shown at first: the
+        known cells. All of the layers if not given.
     """
 
     name: str
@@ -154,6 +157,7 @@ class Entry:
     figures: Mapping[str, str | float] = field(default_factory=dict)
     curve: CostCurve | None = None
     compared: tuple[str, str] | None = None
+    extent: tuple[float, float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

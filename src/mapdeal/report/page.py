@@ -1,0 +1,161 @@
+"""The page: one file of HTML that holds all it needs, and may ask for nothing else.
+
+The data come before what describes them, so that a page is written as its tiles are made.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import pkgutil
+from collections.abc import Iterator
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from mapdeal.errors import one_line
+from mapdeal.render.style import LayerStyle
+from mapdeal.report.body import body_of, subtitle_of
+from mapdeal.report.document import Entry, Item, PageLayer, Report
+from mapdeal.report.markup import escaped
+from mapdeal.report.tiles import TILE, encoded
+
+SCRIPTS = (
+    "start.js", "decode.js", "geometry.js", "tiles.js", "draw.js", "readout.js", "overlay.js",
+    "viewer.js", "main.js",
+)  # fmt: skip
+"""What the script of a page is made of, in this order."""
+
+
+def page_of(report: Report, *, size: int) -> Iterator[bytes]:
+    """Yield a page in pieces, the same bytes for the same report.
+
+    Parameters
+    ----------
+    report : Report
+        What it shows.
+    size : int
+        Bytes that the page may take, about: of large layers the finest levels are left out.
+    """
+    script, style = script_text(), _part("page.css")
+    before, between, after = _part("page.html").split("<!-- split -->\n")
+    fields = {
+        "policy": _policy(script, style),
+        "title": escaped(report.title),
+        "subtitle": escaped(subtitle_of(report)),
+        "version": escaped(report.version),
+        "style": style,
+        "body": body_of(report).text,
+    }
+    yield Template(before).substitute(fields).encode()
+    pictures = encoded([layer for entry in report.entries for layer in entry.layers], size=size)
+    yield from pictures.data
+    yield between.encode()
+    yield _json(_header(report, pictures.layers)).encode()
+    yield Template(after).substitute(script=script).encode()
+
+
+def _header(report: Report, tiles: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return what the script knows: all but the tiles themselves, of which it knows the places."""
+    styles: dict[str, int] = {}
+    places = iter(tiles)
+    entries = []
+    for entry in report.entries:
+        layers = []
+        for layer in entry.layers:
+            style = styles.setdefault(_json(_style(layer.style)), len(styles))
+            layers.append(_layer(layer) | {"style": style} | next(places))
+        entries.append(_entry(entry) | {"layers": layers})
+    looks = [json.loads(style) for style in styles]
+    return {"tile": TILE, "styles": looks, "entries": entries}
+
+
+def script_text() -> str:
+    """Return the script of every page."""
+    return "\n".join(_part(name) for name in SCRIPTS)
+
+
+def _part(name: str) -> str:
+    found = pkgutil.get_data("mapdeal.report", f"page/{name}")
+    if found is None:  # a loader without data
+        raise FileNotFoundError(name)
+    return found.decode()
+
+
+def _policy(script: str, style: str) -> str:
+    return (
+        f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _json(value: object) -> str:
+    """Return JSON that no parser of HTML takes for markup."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c")
+
+
+def _bytes(values: np.ndarray[Any, np.dtype[np.uint8]]) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype=np.uint8).tobytes()).decode()
+
+
+def _style(style: LayerStyle) -> dict[str, Any]:
+    scale = style.scale
+    return {
+        "colours": _bytes(style.colours),
+        "byValue": None if style.by_value is None else _bytes(style.by_value),
+        "scale": None
+        if scale is None
+        else {"low": scale.low, "high": scale.high, "first": scale.first, "levels": scale.levels},
+        "nowhere": style.nowhere,
+        "line": style.line,
+        "fadedBy": style.faded_by,
+        "labels": {str(value): one_line(label) for value, label in sorted(style.labels.items())},
+    }
+
+
+def _layer(layer: PageLayer) -> dict[str, Any]:
+    frame = layer.frame
+    x, y, yaw = frame.origin
+    return {
+        "name": one_line(layer.name),
+        "unit": one_line(layer.unit),
+        "frame": {
+            "width": frame.width,
+            "height": frame.height,
+            "resolution": frame.resolution,
+            "x": x,
+            "y": y,
+            "yaw": yaw,
+        },
+        "states": layer.states,
+        "convention": layer.convention,
+        "lethal": layer.lethal_threshold,
+        "pooled": layer.pooled,
+        "opaque": layer.is_bytes or layer.style.nowhere is not None,
+    }
+
+
+def _entry(entry: Entry) -> dict[str, Any]:
+    return {
+        "name": one_line(entry.name),
+        "compared": None if entry.compared is None else list(entry.compared),
+        "extent": None if entry.extent is None else list(entry.extent),
+        "items": [_item(item) for item in entry.items],
+    }
+
+
+def _item(item: Item) -> dict[str, Any]:
+    return {
+        "kind": item.kind,
+        "tone": item.tone,
+        "place": None if item.place is None else [float(part) for part in item.place],
+        "lines": [np.round(line, 4).tolist() for line in item.lines],
+        "label": one_line(item.label),
+    }

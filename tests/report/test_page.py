@@ -1,0 +1,199 @@
+import base64
+import hashlib
+import json
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from drawn import grid_from_text
+from mapdeal.report.document import Entry, Item, Report, Table
+from mapdeal.report.page import SCRIPTS, page_of, script_text
+from report.made import entry_of, layers_of
+
+GRID = grid_from_text("""
+    ?.....#?
+    ?..#...?
+    #......?
+    """)
+
+ATTACKS = (
+    "<img src=x onerror=alert(1)>", "</script><script>alert(1)</script>", "a&amp;b", "\"'`",
+    "\u2028x", "tab\tbell\x07", "\u202egnp.exe", "<!--", "]]>", "$policy ${script}",
+)  # fmt: skip
+
+
+class Page(HTMLParser):
+    """The elements of a page, and the text of each script and style, as a parser finds them."""
+
+    def __init__(self, text):
+        super().__init__(convert_charrefs=True)
+        self.tags, self.raw, self.text = [], [], []
+        self._open = None
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag in ("script", "style"):
+            self._open = [tag, dict(attrs), ""]
+
+    def handle_endtag(self, tag):
+        if self._open and tag == self._open[0]:
+            self.raw.append(self._open)
+            self._open = None
+
+    def handle_data(self, data):
+        if self._open:
+            self._open[2] += data
+        else:
+            self.text.append(data)
+
+    def script(self, name):
+        return next(text for _, attrs, text in self.raw if attrs.get("id") == name)
+
+
+def made(report, size=25_000_000):
+    return b"".join(page_of(report, size=size))
+
+
+def parsed(report):
+    return Page(made(report).decode())
+
+
+def nasty_report():
+    items = tuple(Item("finding", text, "warning", (0.0, 0.0), (), text) for text in ATTACKS)
+    tables = (Table(ATTACKS[0], tuple((text, text) for text in ATTACKS)),)
+    entries = tuple(
+        entry_of(
+            GRID, text, items=items, tables=tables, warnings=ATTACKS, status=text,
+            figures={text: text},
+        )
+        for text in ATTACKS
+    )  # fmt: skip
+    return Report(ATTACKS[1], entries, ATTACKS[0])
+
+
+def test_a_page_is_the_same_bytes_each_time():
+    report = Report("office", (entry_of(GRID),), "1.0")
+    assert made(report) == made(report)
+
+
+def test_the_policy_allows_what_the_page_holds_and_nothing_else():
+    page = parsed(Report("office", (entry_of(GRID),), "1.0"))
+    policy = next(
+        attrs["content"] for tag, attrs in page.tags
+        if tag == "meta" and attrs.get("http-equiv") == "Content-Security-Policy"
+    )  # fmt: skip
+    hashes = {}
+    for tag, attrs, text in page.raw:
+        if attrs.get("type") is None:
+            digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+            hashes.setdefault(tag, []).append(f"'sha256-{digest}'")
+    assert {tag: len(found) for tag, found in hashes.items()} == {"style": 1, "script": 1}
+    assert policy.split("; ") == [
+        "default-src 'none'", f"script-src {hashes['script'][0]}",
+        f"style-src {hashes['style'][0]}", "base-uri 'none'", "form-action 'none'",
+    ]  # fmt: skip
+    for _, attrs in page.tags:
+        assert not {name for name in attrs if name.startswith("on") or name in ("style", "src")}
+        assert attrs.get("href", "#").startswith("#")
+
+
+def test_markup_in_names_adds_no_element():
+    nasty, plain = nasty_report(), "plain words"
+    tame = Report(
+        plain,
+        tuple(
+            entry_of(
+                GRID, plain,
+                items=(Item("finding", plain, "warning", (0.0, 0.0), (), plain),) * len(ATTACKS),
+                tables=(Table(plain, tuple((plain, plain) for _ in ATTACKS)),),
+                warnings=(plain,) * len(ATTACKS), status=plain,
+                figures={f"{plain} {k}": plain for k in range(len(ATTACKS))},
+            )
+            for _ in ATTACKS
+        ),
+        plain,
+    )  # fmt: skip
+    page = parsed(nasty)
+    counts = [[tag for tag, _ in one.tags] for one in (page, parsed(tame))]
+    assert set(counts[0]) == set(counts[1])
+    for tag in ("script", "style", "input", "li", "tr", "h2"):
+        assert counts[0].count(tag) == counts[1].count(tag)
+    text = "".join(page.text)
+    for attack in ATTACKS:
+        shown = "".join(
+            c if c.isprintable() else c.encode("unicode_escape").decode() for c in attack
+        )
+        assert text.count(shown) >= len(ATTACKS)
+
+
+def test_the_header_describes_what_the_data_hold():
+    layers, field, _ = layers_of(GRID)
+    item = Item("route", "r", "plain", None, (np.array([[0.1, 0.2], [0.30004, 4]]),), "<l>")
+    report = Report("office", (Entry("office", layers, (item,), compared=("esdf", "cost")),), "1.0")
+    page = parsed(report)
+    header = json.loads(page.script("report"))
+    assert "<" not in page.script("report")
+    (entry,) = header["entries"]
+    assert entry["compared"] == ["esdf", "cost"]
+    assert entry["items"] == [
+        {"kind": "route", "tone": "plain", "place": None, "lines": [[[0.1, 0.2], [0.3, 4.0]]],
+         "label": "<l>"}
+    ]  # fmt: skip
+    assert [layer["name"] for layer in entry["layers"]] == ["occupancy", "esdf", "cost"]
+    x, y, yaw = field.origin
+    assert entry["layers"][1]["frame"] == {
+        "width": 8, "height": 3, "resolution": GRID.resolution, "x": x, "y": y, "yaw": yaw,
+    }  # fmt: skip
+    data = page.script("data").strip()
+    end = max(
+        offset + length
+        for layer in entry["layers"]
+        for level in layer["levels"]
+        for offset, length in level["tiles"]
+    )
+    assert end == len(data)
+
+
+def test_equal_styles_are_told_once():
+    entries = (entry_of(GRID, "a"), entry_of(GRID, "b"))
+    header = json.loads(parsed(Report("two", entries, "1.0")).script("report"))
+    assert len(header["styles"]) == 3
+    used = [[layer["style"] for layer in entry["layers"]] for entry in header["entries"]]
+    assert used == [[0, 1, 2], [0, 1, 2]]
+
+
+def test_an_entry_without_layers_is_told_in_words():
+    page = parsed(Report("broken", (Entry("broken", warnings=("no pixels",)),), "1.0"))
+    assert "There is no layer to show of this map." in "".join(page.text)
+    assert "1 warning" in "".join(page.text)
+
+
+def test_several_entries_have_a_table_that_leads_to_each():
+    entries = (entry_of(GRID, "a", figures={"free": 2.5}), Entry("b", status="failed"))
+    page = parsed(Report("two", entries, "1.0"))
+    links = [attrs["href"] for tag, attrs in page.tags if tag == "a"]
+    ids = {attrs.get("id") for _, attrs in page.tags}
+    assert {"#entry-0", "#entry-1", "#maps"} <= set(links)
+    assert {link[1:] for link in links} <= ids
+
+
+def test_ids_are_used_once():
+    ids = [attrs["id"] for _, attrs in parsed(nasty_report()).tags if "id" in attrs]
+    assert len(ids) == len(set(ids))
+
+
+def test_the_script_stays_small_and_readable():
+    assert len(script_text().encode()) <= 32_000
+    assert max(map(len, script_text().splitlines())) <= 200
+    assert len(SCRIPTS) == len(set(SCRIPTS))
+
+
+MAKES_MARKUP = ("innerHTML", "outerHTML", "insertAdjacent", "document.write", "eval(", "Function(")
+
+
+@pytest.mark.parametrize("word", MAKES_MARKUP)
+def test_the_script_never_makes_markup_or_code_of_text(word):
+    assert word not in script_text()
