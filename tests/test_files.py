@@ -22,6 +22,7 @@ WALKS = {
     "formats/commit.py:_inside": "lists one folder",
     "formats/temporary.py:remove_stale": "lists one folder",
     "formats/transaction.py:_make": "a path gets shorter with each step, up to the root",
+    "pipeline/reports/runs.py:runs_in": "by `folders_below`, into each real folder once",
     "formats/free_memory.py:free_memory": "a path gets shorter with each step, up to its end",
 }
 """Each function that lists a folder or climbs up a path, and why it is linear in what is there.

@@ -12,6 +12,8 @@ from mapdeal.api.picture import draw_picture as draw_picture
 from mapdeal.api.picture import write_picture as write_picture
 from mapdeal.api.recipe import apply_recipe as apply_recipe
 from mapdeal.api.recipe import load_recipe as load_recipe
+from mapdeal.api.report import WrittenReport as WrittenReport
+from mapdeal.api.report import write_report as write_report
 from mapdeal.api.robot import read_robot_parameters as read_robot_parameters
 from mapdeal.api.run import run as run
 from mapdeal.checks.bounds import Bound as Bound

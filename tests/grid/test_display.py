@@ -90,6 +90,7 @@ def samples():
             mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.Bound("max-shift", "m", 0.5, 0.25), checked,
             mapdeal.LintReport((checked,), "1"), mapdeal.StaticLayer(), mapdeal.InflationLayer(),
             mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}),
+            mapdeal.WrittenReport(Path("out/a.html"), 2, 61234),
             robot(), narrow, reached, reached.goal, passage, reach(map_, reached, passage),
         ]
     }  # fmt: skip
@@ -149,6 +150,7 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
         ("LintReport", "1 map: 0 errors, 1 warning, 0 notes"),
         ("MapReport", "a.yaml: 0 errors, 1 warning, 0 notes"),
         ("RunReport", "out/a, done, stages esdf"),
+        ("WrittenReport", "out/a.html, 2 maps, 61234 bytes"),
     ],
 )
 def test_the_line_says_what_there_is(name, expected):

@@ -17,7 +17,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage
 from mapdeal.grid.route import Route
 from mapdeal.grid.shapes import Circle, Line, Polygon
-from mapdeal.pipeline.report_items import (
+from mapdeal.pipeline.reports.items import (
     MOST_ITEMS,
     finding_items,
     items_of,

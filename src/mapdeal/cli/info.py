@@ -15,7 +15,7 @@ from mapdeal.cli.info_robot import line_of_robot, text_of_robot
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import one_line
-from mapdeal.pipeline.figures import summary_of
+from mapdeal.pipeline.figures import said, summary_of
 from mapdeal.pipeline.inspect import describe_file
 from mapdeal.pipeline.inspect_robot import describe_robot, robots_among
 from mapdeal.pipeline.settings import Settings
@@ -98,7 +98,7 @@ def _text(report: dict[str, Any]) -> str:
 def _rows_of_run(report: dict[str, Any]) -> list[tuple[str, str]]:
     """Return what there is to say of a run: its inputs, and each stage with its figures."""
     rows = [
-        ("kind", f"run of mapdeal {opt.said(report['version'])}"),
+        ("kind", f"run of mapdeal {said(report['version'])}"),
         ("inputs", _listed(report["inputs"], with_values=False)),
         ("options", _listed(report["options"])),
     ]
@@ -136,8 +136,8 @@ def _stages(stages: list[dict[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]
 
 def _listed(values: object, *, with_values: bool = True) -> str:
     if not isinstance(values, dict):
-        return opt.said(values)
-    return ", ".join(f"{key} {opt.said(one)}" if with_values else key
+        return said(values)
+    return ", ".join(f"{key} {said(one)}" if with_values else key
                      for key, one in values.items())  # fmt: skip
 
 
@@ -146,7 +146,7 @@ def _measured(figures: dict[str, Any]) -> str:
     parts = []
     for name, value in figures.items():
         is_count = isinstance(value, int)
-        parts.append(f"{value} {name}" if is_count else f"{name} {opt.said(value)}")
+        parts.append(f"{value} {name}" if is_count else f"{name} {said(value)}")
         if value == 1:
             parts[-1] = parts[-1].removesuffix("s")
     return ", ".join(parts)

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mapdeal.cli import options as opt
 from mapdeal.errors import one_line
+from mapdeal.pipeline.figures import said
 
 _RADII = ("inscribed_radius", "circumscribed_radius")
 _STACKS = {"nav2": "Nav2", "ros1": "ROS 1"}
@@ -28,7 +28,7 @@ def line_of_robot(robot: Any) -> str:
         radii = [f"{name} {robot[name]:.6g} m" for name in _RADII]
         return f"{robot['node']} of {names}, {', '.join(radii)}"
     except (LookupError, TypeError, ValueError):
-        return opt.said(robot)
+        return said(robot)
 
 
 def _rows_of(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

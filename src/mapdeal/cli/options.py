@@ -12,6 +12,7 @@ import typer
 from mapdeal.cli import terminal
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError
+from mapdeal.pipeline.figures import said
 from mapdeal.stages.parameters import Parameter, is_plain, parameters_of
 
 OR_STDIN = "Or - for an .npz on stdin."
@@ -149,20 +150,3 @@ def region(size: str, at: str | None, corner: str | None) -> dict[str, Any]:
 def described(stage: str, parameters: Mapping[str, object]) -> str:
     """Return a stage's parameters as a verbose command says them."""
     return f"{stage}: {', '.join(f'{name}={said(value)}' for name, value in parameters.items())}"
-
-
-def said(value: object) -> str:
-    """Return a value of a parameter, option or figure as a recipe would have it.
-
-    Examples
-    --------
-    >>> said(None), said(True), said({"radius": 0.25}), said("disc"), said([0.3, None])
-    ('none', 'yes', '{radius: 0.25}', 'disc', '[0.3, none]')
-    """
-    if value is None or isinstance(value, bool):
-        return {None: "none", True: "yes", False: "no"}[value]
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {said(one)}" for key, one in value.items()) + "}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(said, value))}]"
-    return str(value)

@@ -27,6 +27,7 @@ from mapdeal.pipeline.dispatch import Workers
 from mapdeal.pipeline.golden import differences_from_golden, store_golden
 from mapdeal.pipeline.jobs import MapRun, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.reports.place import REPORT, check_replaceable
 from mapdeal.pipeline.run import output_folder
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.robot.parameters import RobotParameters
@@ -112,6 +113,10 @@ def run(
             help="Say what would be read, written, skipped and refused, and the memory it takes.",
         ),
     ] = False,
+    report: Annotated[
+        bool,
+        typer.Option("--report", help="Write a page of all that was made, too: DIR/report.html."),
+    ] = False,
     pose: around.PoseOption = None,
     cloud: around.CloudOption = None,
     frame: around.FrameOption = None,
@@ -176,8 +181,11 @@ def run(
     size = None if scheduler is not None else jobs_at_once(jobs, len(all_jobs))
     if size is not None:
         map_run = map_run.sharing(size)
+    page = output / REPORT if report else None
+    if page is not None:
+        check_replaceable(page)
     if dry_run:
-        say_plans(all_jobs, map_run, size, is_batch=is_batch, output=output)
+        say_plans(all_jobs, map_run, size, is_batch=is_batch, output=output, page=page)
         return
     with ExitStack() as stack:
         workers: Workers | None = None
@@ -191,6 +199,11 @@ def run(
             from mapdeal.pipeline.processes import ProcessWorkers  # slow to import
 
             workers = ProcessWorkers(size)
+        if page is not None:
+            from mapdeal.pipeline.reports.write import reported
+
+            made = [output] if is_batch else [all_jobs[0].folder]
+            stack.enter_context(reported(page, made, [job.path for job in all_jobs], settings))
         if is_batch:
             run_batch(all_jobs, output, map_run, workers)
         else:

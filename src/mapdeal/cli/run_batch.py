@@ -185,8 +185,14 @@ def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def say_plans(
-    jobs: Sequence[Job], run: MapRun, size: int | None, *, is_batch: bool, output: Path
-) -> None:  # fmt: skip
+    jobs: Sequence[Job],
+    run: MapRun,
+    size: int | None,
+    *,
+    is_batch: bool,
+    output: Path,
+    page: Path | None = None,
+) -> None:
     """Tell what a run would do, and end as it would as far as that is known.
 
     `size` is the number of jobs at the same time, None on a cluster.
@@ -208,7 +214,8 @@ def say_plans(
         for verb, paths in (("read", plan.reads), ("write", plan.writes)):
             for path in paths:
                 terminal.detail(f"{plan.job.name}: {verb} {path}")
-    terminal.summary(_totals(plans, size, output, is_batch=is_batch))
+    others = [*([output / SUMMARY] if is_batch else []), *([page] if page else [])]
+    terminal.summary(_totals(plans, size, others))
     wrong = [plan for plan in plans if plan.error is not None]
     if wrong:
         raise BatchError(f"{len(wrong)} of {_maps(len(plans))} would fail", source="--dry-run")
@@ -227,14 +234,14 @@ def _planned(plan: Plan) -> tuple[str, ...]:
     return plan.what, files, _size(plan.height, plan.width), memory, where
 
 
-def _totals(plans: Sequence[Plan], size: int | None, output: Path, *, is_batch: bool) -> list[str]:
+def _totals(plans: Sequence[Plan], size: int | None, others: Sequence[Path]) -> list[str]:
     files = sum(len(plan.writes) for plan in plans)
     running = [plan for plan in plans if plan.writes]
     skipped = sum(plan.what == "unchanged" for plan in plans)
     lines = [
         f"{_maps(len(plans))}: {len(running)} to run, {skipped} unchanged, "
         f"{sum(plan.error is not None for plan in plans)} that would fail; {files} files to write"
-        + (f", and {output / SUMMARY}" if is_batch else "")
+        + (f", and {' and '.join(map(str, others))}" if others else "")
     ]
     needed = sorted((plan.need.memory for plan in plans if plan.need), reverse=True)
     if needed:

@@ -35,7 +35,7 @@ from mapdeal.render.rings import RingOverlay
 from mapdeal.version import __version__
 
 _FORMAT = "mapdeal-comparison/1"
-_DOCUMENT = "comparison.json"
+DOCUMENT = "comparison.json"
 _PER_CELL = 60
 """Bytes for each cell: the evidence of all methods, and the map that is made of one of them."""
 
@@ -131,7 +131,7 @@ def compare_methods(
     pairs = tuple(combinations(methods, 2))
     outputs = [path for method in methods for path in _files_of(folder, method)]
     outputs += [_picture_of(folder, pair) for pair in pairs]
-    with outputs_of([*outputs, folder / _DOCUMENT], source.files, options) as transaction:
+    with outputs_of([*outputs, folder / DOCUMENT], source.files, options) as transaction:
         gathered = gather(source, settings, options, _PER_CELL, advance)
         hit_cells, groups = next(iter(gathered.builders.values())).hit_groups()
         made = _results(gathered)
@@ -164,7 +164,7 @@ def compare_methods(
             },
             "pairs": found,
         }
-        transaction.write_bytes(folder / _DOCUMENT, json_of(document))
+        transaction.write_bytes(folder / DOCUMENT, json_of(document))
     return Comparison(document, {method: result.seconds for method, result in made.items()})
 
 

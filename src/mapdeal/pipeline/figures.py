@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeGuard
 
 from mapdeal.grid.display import count_text
@@ -123,3 +123,20 @@ def are_figures_of(stored: object, stages: Sequence[str]) -> TypeGuard[dict[str,
 
 def _is_size(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value > 0
+
+
+def said(value: object) -> str:
+    """Return a value of a parameter, option or figure as a recipe would have it.
+
+    Examples
+    --------
+    >>> said(None), said(True), said({"radius": 0.25}), said("disc"), said([0.3, None])
+    ('none', 'yes', '{radius: 0.25}', 'disc', '[0.3, none]')
+    """
+    if value is None or isinstance(value, bool):
+        return {None: "none", True: "yes", False: "no"}[value]
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {said(one)}" for key, one in value.items()) + "}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(said, value))}]"
+    return str(value)

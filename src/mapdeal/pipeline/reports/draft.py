@@ -1,0 +1,87 @@
+"""An entry of a report while it is being gathered."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mapdeal.errors import emit_warning
+from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.report.document import Entry, Item, PageLayer, Table
+
+
+@dataclass
+class Draft:
+    """An entry of a report while it is being gathered.
+
+    Parameters
+    ----------
+    name : str
+        What the entry will be called.
+    path : Path
+        What it was made of: a run's folder or a map.
+    sums : set of str
+        Of a run: the sha256 of the files that it has read.
+    paths : list of Path
+        The maps in it that were named.
+    names : set of str
+        What a batch calls its map: a path with its last folders.
+    files : set of str
+        The names, without folders, of the files that a run has read.
+    """
+
+    name: str
+    path: Path
+    sums: set[str] = field(default_factory=set)
+    paths: list[Path] = field(default_factory=list)
+    names: set[str] = field(default_factory=set)
+    files: set[str] = field(default_factory=set)
+    status: str = ""
+    layers: list[PageLayer] = field(default_factory=list)
+    items: list[Item] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    figures: dict[str, str | float] = field(default_factory=dict)
+    curve: CostCurve | None = None
+    compared: tuple[str, str] | None = None
+
+    @property
+    def places(self) -> tuple[Path, ...]:
+        """The folder or map itself, and the maps in it."""
+        return (self.path, *self.paths)
+
+    def takes(self, sums: Collection[str]) -> bool:
+        """Return whether a map whose files have these sums is what the run was made of."""
+        return bool(sums) and self.sums >= set(sums)
+
+    def warn(self, text: str) -> None:
+        """Note what the page is to warn of, once."""
+        if text not in self.warnings:
+            self.warnings.append(text)
+
+    def miss(self, text: str) -> None:
+        """Warn of what is missing or does not match, on the page, too."""
+        if text not in self.warnings:
+            emit_warning(text, stacklevel=2)
+            self.warnings.append(text)
+
+    def free_name(self, name: str) -> str:
+        """Return a name for a layer that no other one has."""
+        taken = {layer.name for layer in self.layers}
+        names = (name if number == 1 else f"{name}-{number}" for number in range(1, len(taken) + 2))
+        return next(one for one in names if one not in taken)
+
+    def entry(self) -> Entry:
+        """Return the entry as it is now."""
+        return Entry(
+            self.name,
+            tuple(self.layers),
+            tuple(self.items),
+            tuple(self.tables),
+            tuple(self.warnings),
+            self.status,
+            dict(self.figures),
+            self.curve,
+            self.compared,
+        )

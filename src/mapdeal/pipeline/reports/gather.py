@@ -1,0 +1,243 @@
+"""What a report is of: the paths that were named, put together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from mapdeal.errors import (
+    FileAccessError,
+    MapdealError,
+    ParameterError,
+    emit_warning,
+    one_line,
+)
+from mapdeal.formats.answers import (
+    Answer,
+    ComparisonAnswer,
+    DiffAnswer,
+    LintAnswer,
+    read_answer,
+)
+from mapdeal.formats.kinds import SHAPES, kind_of
+from mapdeal.formats.source import exists, is_folder, status_of
+from mapdeal.grid.display import count_text
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.pipeline.compare import DOCUMENT
+from mapdeal.pipeline.folder import MANIFEST
+from mapdeal.pipeline.jobs import SUMMARY
+from mapdeal.pipeline.reports.answers import add_answer, add_findings
+from mapdeal.pipeline.reports.comparisons import methods_in, two_maps
+from mapdeal.pipeline.reports.draft import Draft
+from mapdeal.pipeline.reports.findings import drafts_about
+from mapdeal.pipeline.reports.grids import Grids, Opened
+from mapdeal.pipeline.reports.runs import (
+    INPUT,
+    add_layers,
+    columns_of,
+    fill_from_run,
+    rows_of,
+    runs_in,
+)
+from mapdeal.report.document import Report, Table
+from mapdeal.version import __version__
+
+_GRIDS = (".yaml", ".yml", ".npz", ".pbm")
+
+
+def gathered(
+    paths: Sequence[Path],
+    grids: Grids,
+    *,
+    title: str | None = None,
+    inputs: Sequence[Path] = (),
+) -> Report:
+    """Return the report of what is at some paths.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Folders of runs, or of several; maps and other grids; JSON documents of lint, reach, route
+        and diff; shapes. Runs and maps are entries of their own, but a map that a run was made of
+        joins it, and a grid that is no map joins what was named before it, if it covers the same
+        cells. Documents belong to what was named before them, or by name if they tell one.
+    grids : Grids
+        Where the grids are read.
+    title : str, optional
+        What stands above all.
+    inputs : sequence of Path
+        Maps that join the runs that were made of them; those that none was made of are left out.
+
+    Raises
+    ------
+    FileAccessError
+        If there is nothing of a name, or a folder holds no run.
+    MalformedInputError
+        If a file is malformed.
+    ParameterError
+        If a document has nothing to belong to.
+
+    Warns
+    -----
+    MapdealWarning
+        Of all that is missing, or does not match; the report says it, too.
+    """
+    gathering = _Gathering(grids)
+    paths = list(dict.fromkeys(paths))
+    folders = {path: _entries_of(path, grids) for path in paths}
+    gathering.runs = [draft for found in folders.values() for draft in found]
+    for path in paths:
+        if folders[path]:
+            gathering.drafts += folders[path]
+        elif _is_grid(path):
+            gathering.add_grid(path)
+        else:
+            gathering.add_document(path)
+    for path in inputs:
+        with suppress(MapdealError):  # whoever made the run has told of it
+            gathering.add_input(grids.open(path, quietly=True))
+    gathering.settle()
+    entries = tuple(draft.entry() for draft in gathering.drafts)
+    if title is None:
+        title = entries[0].name if len(entries) == 1 else count_text(len(entries), "map")
+    return Report(title, entries, __version__)
+
+
+def _entries_of(path: Path, grids: Grids) -> list[Draft]:
+    """Return the entries in a folder; none if the path is that of a file of another kind."""
+    folder = path.parent if path.name in (MANIFEST, SUMMARY, DOCUMENT) else path
+    status_of(folder)
+    if not is_folder(folder):
+        return []
+    if exists(folder / DOCUMENT):
+        return [methods_in(folder, grids)]
+    found = runs_in(folder)
+    if found is None:
+        rule = f"holds no run: there is no {MANIFEST} in it, nor below"
+        hint = "mapdeal run MAP -o DIR makes one; maps in a folder are named one by one"
+        raise FileAccessError(rule, source=folder, hint=hint)
+    for draft in found:
+        fill_from_run(draft, grids)
+    return found
+
+
+def _is_grid(path: Path) -> bool:
+    if path.suffix.lower() not in _GRIDS:
+        return False
+    kind = kind_of(path)
+    return kind is None or kind.name != SHAPES
+
+
+class _Gathering:
+    """The drafts of a report, as they come together."""
+
+    def __init__(self, grids: Grids) -> None:
+        self._grids = grids
+        self.runs: list[Draft] = []
+        self.drafts: list[Draft] = []
+        self._documents: list[tuple[Path, Answer, Draft | None]] = []
+        self._linted: list[tuple[Path, LintAnswer]] = []
+
+    def add_grid(self, path: Path) -> None:
+        """Add the grid of a file to the draft that it belongs to, or to a new one."""
+        opened = self._grids.open(path)
+        if self.add_input(opened):
+            return
+        draft = self.drafts[-1] if self.drafts else None
+        if opened.kind is OccupancyGrid or draft is None or not self._fits(draft, path):
+            draft = Draft(path.stem, path)
+            self.drafts.append(draft)
+        self._add(draft, opened)
+
+    def _fits(self, draft: Draft, path: Path) -> bool:
+        frame = self._grids.grid(path).frame
+        return any(layer.frame == frame for layer in draft.layers)
+
+    def add_input(self, opened: Opened) -> bool:
+        """Add a map to the runs that were made of it; return whether there are any."""
+        runs = [run for run in self.runs if run.takes(opened.sums.values())]
+        for run in runs:
+            name = run.free_name(INPUT)
+            run.layers[:0] = self._grids.layers(opened.path, name, "Map as read")
+            run.paths.append(opened.path)
+            for text in opened.heard:
+                run.warn(text)
+        return bool(runs)
+
+    def _add(self, draft: Draft, opened: Opened) -> None:
+        grid = self._grids.grid(opened.path)
+        name = draft.free_name(opened.path.stem)
+        add_layers(draft, self._grids.layers(opened.path, name, grid.kind.capitalize()))
+        draft.paths.append(opened.path)
+        figures = grid.figures()
+        draft.figures = {**columns_of({name: figures}), **draft.figures}
+        draft.tables += [
+            Table(f"{name}: figures", rows_of(figures)),
+            Table(f"{name}: SHA-256", rows_of(opened.sums)),
+        ]
+        for text in opened.heard:
+            draft.warn(text)
+
+    def add_document(self, path: Path) -> None:
+        """Read a document; what it tells goes where it belongs, at the end."""
+        answer = read_answer(path)
+        if isinstance(answer, DiffAnswer):
+            draft = two_maps(path, answer, self._grids, self._grids.settings)
+            self.drafts.append(draft)
+            add_answer(draft, answer)
+        elif isinstance(answer, LintAnswer):
+            self._linted.append((path, answer))
+        elif isinstance(answer, ComparisonAnswer):
+            rule = "is what build --compare has written beside its maps"
+            raise ParameterError(rule, source=path, hint=f"name the folder, {path.parent}")
+        else:
+            self._documents.append((path, answer, self.drafts[-1] if self.drafts else None))
+
+    def settle(self) -> None:
+        """Give what documents tell to the entries that they belong to.
+
+        Raises
+        ------
+        ParameterError
+            If there is no entry.
+        """
+        if not self.drafts:
+            for _, linted in self._linted:
+                self._add_linted_maps(linted)
+        for path, answer, draft in self._documents:
+            if draft is None and not self.drafts:
+                rule = "belongs to a map or a run, and none is named"
+                raise ParameterError(rule, source=path, hint="name it before this file")
+            add_answer(draft or self.drafts[0], answer)
+        for path, linted in self._linted:
+            self._add_findings(path, linted)
+
+    def _add_linted_maps(self, answer: LintAnswer) -> None:
+        """Add the maps that lint tells of, where nothing else is named."""
+        for told in answer.files:
+            if told.is_parameters:
+                continue
+            path = Path(told.file)
+            try:
+                self.add_grid(path)
+            except MapdealError as error:
+                draft = Draft(path.stem, path)
+                draft.miss(f"the map is not shown: {one_line(str(error))}")
+                self.drafts.append(draft)
+
+    def _add_findings(self, path: Path, answer: LintAnswer) -> None:
+        """Add findings to the entries of the maps that they are about."""
+        lost = []
+        for told in answer.files:
+            drafts = drafts_about(told.file, self.drafts)
+            if not drafts and len(answer.files) == len(self.drafts) == 1:
+                drafts = self.drafts
+            for draft in drafts:
+                add_findings(draft, told)
+            if not drafts and told.findings:
+                lost.append(told.file)
+        if lost:
+            more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+            text = f"{path}: findings of {one_line(lost[0])}{more} are left out, it is no map here"
+            emit_warning(text, stacklevel=2)

@@ -1,0 +1,160 @@
+"""Which layers of a page a grid becomes: some rows for each type of grid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField
+from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reach import Reach
+from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.kernels.blocks import Layer, counts_of, mapped
+from mapdeal.render.reach_style import reach_codes
+from mapdeal.render.styles import (
+    POTENTIAL_OBSTACLE,
+    cost_style,
+    number_style,
+    occupancy_style,
+    potential_style,
+)
+from mapdeal.report.document import PageLayer
+
+MAP = "map"
+"""The ending of the name of a layer with the map that a field was made of."""
+
+
+@dataclass(frozen=True)
+class LayerKind:
+    """One of the layers that grids of a type become.
+
+    Parameters
+    ----------
+    ending : str
+        What its name has behind that of the grid; nothing for the grid's own layer.
+    title : str
+        What it is called; nothing for what the grid is called.
+    values : callable
+        Returns the values, uint8 or float32, given the grid.
+    about : callable
+        Returns the other arguments of `PageLayer`, given the grid.
+    """
+
+    ending: str
+    title: str
+    values: Callable[[Any], Layer]
+    about: Callable[[Any], dict[str, Any]]
+
+    def of(self, grid: Any, name: str, title: str) -> PageLayer:
+        """Return the layer of a grid that is called `name`, with a title."""
+        made_of = isinstance(grid, (DistanceField, PotentialField)) and self.ending != MAP
+        return PageLayer(
+            f"{name}-{self.ending}" if self.ending else name,
+            f"{title}: {self.title}" if self.title else title,
+            grid.frame,
+            self.values(grid),
+            states=f"{name}-{MAP}" if made_of else None,
+            **self.about(grid),
+        )
+
+
+def kinds_of(grid: Any) -> tuple[LayerKind, ...]:
+    """Return the layers that a grid becomes, the lowest first.
+
+    Raises
+    ------
+    TypeError
+        If its type has no row.
+    """
+    if type(grid) not in _KINDS:
+        raise TypeError(f"it is not known how a page shows a {type(grid).__name__}")
+    return _KINDS[type(grid)]
+
+
+def page_layers(grid: Any, name: str, title: str) -> list[PageLayer]:
+    """Return the layers of a grid, the lowest first."""
+    return [kind.of(grid, name, title) for kind in kinds_of(grid)]
+
+
+def _as_bytes(layer: Layer) -> Layer:
+    return mapped(layer, np.uint8, lambda values: values.view(np.uint8))
+
+
+_ABOVE_UNKNOWN = (np.arange(256) + 1).astype(np.uint8)
+"""Where cells share a pixel, the rank of each value: unknown, 255, shows last."""
+_ABOVE_UNKNOWN.flags.writeable = False
+
+
+def _map_of(grid: Any) -> dict[str, Any]:
+    threshold = getattr(grid, "lethal_threshold", OCCUPIED)
+    style = occupancy_style()
+    if not counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].any():  # black and white need no scale
+        style = replace(style, bar=None)
+    return {
+        "style": style,
+        "rank": _ABOVE_UNKNOWN,
+        "lethal_threshold": threshold,
+    }
+
+
+def _cost(costmap: Costmap) -> dict[str, Any]:
+    return {"style": cost_style(costmap), "rank": _ABOVE_UNKNOWN}
+
+
+def _field(field: DistanceField) -> dict[str, Any]:
+    return {
+        "style": number_style(-1.0, 5.0, "m"),  # TODO
+        "unit": "m",
+        "pooled": "smallest",
+        "convention": field.convention,
+        "lethal_threshold": field.lethal_threshold,
+    }
+
+
+def _potential(field: PotentialField) -> dict[str, Any]:
+    return {"style": replace(potential_style(field), line=POTENTIAL_OBSTACLE)}
+
+
+def _metres(name: str, title: str) -> LayerKind:
+    """Return the kind of a layer of lengths, which may be infinite."""
+
+    def values(grid: Any) -> Layer:
+        layer: Layer = getattr(grid, name)
+        return layer
+
+    def about(grid: Any) -> dict[str, Any]:
+        finite = values(grid)[np.isfinite(values(grid))]
+        high = float(finite.max()) if finite.size else 0.0
+        return {"style": number_style(0.0, high, "m"), "unit": "m"}
+
+    return LayerKind(name, title, values, about)
+
+
+_OCCUPANCY = LayerKind("", "", lambda grid: _as_bytes(grid.occupancy), _map_of)
+_ITS_MAP = LayerKind(MAP, "its map", lambda grid: _as_bytes(grid.occupancy), _map_of)
+_KINDS: dict[type[Any], tuple[LayerKind, ...]] = {
+    OccupancyGrid: (_OCCUPANCY,),
+    FieldView: (_OCCUPANCY,),
+    Costmap: (LayerKind("", "", lambda costmap: _as_bytes(costmap.cost), _cost),),
+    DistanceField: (_ITS_MAP, LayerKind("", "", lambda field: field.distance, _field)),
+    PotentialField: (
+        _ITS_MAP,
+        LayerKind("", "", lambda field: field.normalised.astype(np.float32), _potential),
+    ),
+    Reach: (
+        _metres("clearance", "distance to the nearest obstacle"),
+        _metres("widest", "radius of the largest round robot that gets here"),
+        LayerKind(
+            "",
+            "",
+            lambda reach: reach_codes(reach)[0],
+            lambda reach: {"style": reach_codes(reach)[1]},
+        ),
+    ),
+}

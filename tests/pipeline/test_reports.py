@@ -1,0 +1,217 @@
+"""What a report gathers: which paths become entries, which join others, and what is warned of."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import mapdeal
+from drawn import grid_from_text
+from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.pipeline.reports.gather import gathered
+from mapdeal.pipeline.reports.grids import Grids
+from mapdeal.pipeline.settings import DEFAULT_SETTINGS
+
+ROOMS = """
+    ??##################
+    ??#.......#........#
+    ..#.......#........#
+    ..#.......#........#
+    ..#................#
+    ..#................#
+    ..#.......#........#
+    ..##################
+"""
+OTHER = """
+    #####
+    #...#
+    #####
+"""
+
+
+CHANGES = {"inflate.radius": 0.25, "cost.inflation_radius": 0.8, "cost.cost_scaling_factor": 1.0}
+
+
+@pytest.fixture
+def rooms(tmp_path):
+    mapdeal.write_map(tmp_path / "rooms.yaml", grid_from_text(ROOMS))
+    return tmp_path / "rooms.yaml"
+
+
+@pytest.fixture
+def run(rooms, tmp_path):
+    return mapdeal.run(rooms, tmp_path / "out", changes=CHANGES).folder
+
+
+def report_of(*paths, **more):
+    with Grids(DEFAULT_SETTINGS) as grids:
+        report = gathered(paths, grids, **more)
+        for entry in report.entries:
+            for layer in entry.layers:  # as long as the files are open
+                layer.values[:]
+    return report
+
+
+def layer_names(entry):
+    return [layer.name for layer in entry.layers]
+
+
+def test_a_run_has_a_layer_for_each_stage_and_all_that_its_manifest_tells(run):
+    (entry,) = report_of(run).entries
+    assert entry.name == "rooms"
+    assert layer_names(entry) == ["inflated", "esdf", "cost"]
+    field = entry.layers[1]
+    assert (field.states, field.convention, field.unit) == ("inflated", "seed", "m")
+    told = {table.title: dict(table.rows) for table in entry.tables}
+    manifest = json.loads((run / "manifest.json").read_text())
+    assert told["inflate: parameters"]["radius"] == "0.25"
+    assert told["Files written, and their SHA-256"] == manifest["outputs"]
+    assert told["Files read, and their SHA-256"] == manifest["inputs"]
+    assert entry.curve.inflation_radius == 0.8
+    assert (entry.figures["cells"], entry.figures["m per cell"]) == ("20 x 8", 0.25)
+    assert entry.warnings == ()
+
+
+def test_layers_hold_what_the_files_hold(run):
+    with Grids(DEFAULT_SETTINGS) as grids:
+        inflated, field, costs = gathered([run], grids).entries[0].layers
+        for layer, path, name in (
+            (field, "esdf.npz", "distance"), (costs, "cost.npz", "cost")
+        ):  # fmt: skip
+            with np.load(run / path) as stored:
+                assert layer.values[:].tobytes() == stored[name].tobytes()
+        with np.load(run / "esdf.npz") as stored:
+            assert inflated.values[:].view(np.int8).tolist() == stored["occupancy"].tolist()
+            assert inflated.frame.origin == tuple(stored["origin"])
+
+
+@pytest.mark.parametrize("first", ["map", "run"])
+def test_the_map_that_a_run_was_made_of_joins_it_in_whatever_order(run, rooms, first):
+    paths = [rooms, run] if first == "map" else [run, rooms]
+    (entry,) = report_of(*paths).entries
+    assert layer_names(entry) == ["input", "inflated", "esdf", "cost"]
+
+
+def test_another_map_is_an_entry_of_its_own(run, tmp_path):
+    mapdeal.write_map(tmp_path / "other.yaml", grid_from_text(OTHER))
+    first, second = report_of(run, tmp_path / "other.yaml").entries
+    assert (layer_names(first)[0], layer_names(second)) == ("inflated", ["other"])
+
+
+def test_a_map_that_was_changed_since_does_not_join_the_run(run, rooms):
+    mapdeal.write_map(rooms, grid_from_text(ROOMS.replace(".", "#", 1)), force=True)
+    assert len(report_of(run, rooms).entries) == 2
+
+
+def test_grids_join_what_covers_the_same_cells_and_maps_do_not(rooms, tmp_path):
+    grid = mapdeal.read_map(rooms)
+    mapdeal.write_map(tmp_path / "far.npz", mapdeal.esdf(grid_from_text(OTHER)))
+    mapdeal.write_map(tmp_path / "near.npz", mapdeal.esdf(grid))
+    mapdeal.write_map(tmp_path / "again.yaml", grid)
+    near, far, again = (tmp_path / name for name in ("near.npz", "far.npz", "again.yaml"))
+    joined, alone = report_of(rooms, near, far).entries
+    assert layer_names(joined) == ["rooms", "near"]  # its map is that of the entry
+    assert joined.layers[1].states == "rooms"
+    assert layer_names(alone) == ["far-map", "far"]
+    assert [layer_names(one) for one in report_of(rooms, again).entries] == [["rooms"], ["again"]]
+
+
+def test_what_can_be_reached_has_its_layers(rooms, tmp_path):
+    grid = mapdeal.read_map(rooms)
+    reach = mapdeal.reach(grid, radius=0.1)
+    mapdeal.write_map(tmp_path / "reach.npz", reach)
+    (entry,) = report_of(rooms, tmp_path / "reach.npz").entries
+    assert layer_names(entry) == ["rooms", "reach-clearance", "reach-widest", "reach"]
+    assert np.array_equal(entry.layers[1].values[:], reach.clearance, equal_nan=True)
+
+
+def test_files_that_do_not_match_the_manifest_are_told_and_the_rest_is_shown(run):
+    (run / "cost.npz").unlink()
+    with (run / "inflated.pgm").open("ab") as file:
+        file.write(b"more")
+    with pytest.warns(mapdeal.MapdealWarning) as given:
+        (entry,) = report_of(run).entries
+    assert layer_names(entry) == ["inflated", "esdf"]
+    texts = {str(one.message) for one in given}
+    for text in (
+        f"{run}/cost.npz: is missing, though the manifest lists it",
+        f"{run}/inflated.pgm: is not what the run has written, its checksum differs",
+    ):
+        assert text in texts
+        assert text in entry.warnings
+
+
+def test_a_damaged_layer_is_told_and_left_out(run):
+    (run / "cost.npz").write_bytes(b"PK")
+    with pytest.warns(mapdeal.MapdealWarning) as given:
+        (entry,) = report_of(run).entries
+    assert layer_names(entry) == ["inflated", "esdf"]
+    assert [str(one.message) for one in given] == list(entry.warnings)
+    assert "its checksum differs" in entry.warnings[0]
+    assert entry.warnings[1] == f"no layer cost: {run}/cost.npz: is not an npz file"
+
+
+@pytest.fixture
+def batch(tmp_path, command):
+    (tmp_path / "maps" / "a").mkdir(parents=True)
+    mapdeal.write_map(tmp_path / "maps" / "a" / "one.yaml", grid_from_text(ROOMS))
+    mapdeal.write_map(tmp_path / "maps" / "two.yaml", grid_from_text(OTHER))
+    (tmp_path / "maps" / "bad.yaml").write_text("image: none.pgm\nresolution: x\n")
+    assert command("run", tmp_path / "maps", "-o", tmp_path / "batch")[0] == 5
+    return tmp_path / "batch"
+
+
+def test_a_batch_has_an_entry_for_each_map_and_one_that_failed_has_the_reason(batch):
+    entries = {entry.name: entry for entry in report_of(batch).entries}
+    assert {name: entry.status for name, entry in entries.items()} == {
+        "a/one": "done", "bad": "failed", "two": "done"
+    }  # fmt: skip
+    assert entries["bad"].layers == ()
+    assert "bad.yaml" in entries["bad"].warnings[0]
+    assert len(entries["a/one"].layers) == 3
+
+
+def test_a_folder_with_runs_below_is_as_a_batch_without_its_summary(batch):
+    (batch / "summary.json").unlink()
+    assert [entry.name for entry in report_of(batch).entries] == ["a/one", "two"]
+
+
+def test_a_manifest_stands_for_its_run(run):
+    assert report_of(run / "manifest.json").entries[0].name == "rooms"
+
+
+def test_folders_without_runs_are_refused(tmp_path, run):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileAccessError, match="holds no run"):
+        report_of(tmp_path / "empty")
+    with pytest.raises(FileAccessError, match="No such file"):
+        report_of(tmp_path / "nowhere")
+    (run / "manifest.json").write_text("[]")
+    with pytest.raises(MalformedInputError, match="is no manifest of a run"):
+        report_of(run)
+
+
+def test_the_same_path_twice_is_one_entry(run):
+    assert len(report_of(run, run).entries) == 1
+
+
+def test_a_moved_run_is_still_whole(run, tmp_path):
+    moved = shutil.move(run, tmp_path / "moved")
+    (entry,) = report_of(tmp_path / "moved").entries
+    assert (entry.name, len(entry.layers), moved) == ("moved", 3, tmp_path / "moved")
+
+
+def test_the_methods_of_a_comparison_are_layers_of_one_entry(tmp_path, command):
+    folder = tmp_path / "methods"
+    assert command("build", "examples/logs/office.log", "--compare", "-o", folder)[0] == 0
+    (entry,) = report_of(folder).entries
+    assert layer_names(entry) == ["log-odds", "counting", "tsdf"]
+    assert entry.compared == ("log-odds", "counting")
+
+
+def test_titles(run, rooms, tmp_path):
+    mapdeal.write_map(tmp_path / "other.yaml", grid_from_text(OTHER))
+    assert report_of(run).title == "rooms"
+    assert report_of(run, tmp_path / "other.yaml").title == "2 maps"
+    assert report_of(run, title="<b>").title == "<b>"
