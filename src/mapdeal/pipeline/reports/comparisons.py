@@ -46,7 +46,7 @@ def _add_method(draft: Draft, method: str, grids: Grids) -> None:
     try:
         opened = grids.open(path)
     except MapdealError as error:
-        draft.miss(f"no layer {method}: {one_line(str(error))}")
+        draft.miss(f"{one_line(str(error))}, so layer {method} is not shown", path)
         return
     draft.layers += grids.layers(path, method, f"Map by {method}")
     draft.tables.append(Table(f"{method}: SHA-256", rows_of(opened.sums)))
@@ -92,10 +92,11 @@ def _found(draft: Draft, named: NamedMap, document: Path, grids: Grids) -> Path 
     try:
         opened = grids.open(place)
     except MapdealError as error:
-        draft.miss(f"a map is missing: {one_line(str(error))}")
+        draft.miss(f"{one_line(str(error))}, so this map is not shown", place)
         return None
     if named.sha256 and dict(opened.sums) != dict(named.sha256):
-        draft.miss(f"{place}: is not the map that {document.name} tells of, its checksum differs")
+        text = f"{place}: is not the map that {document.name} tells of, its checksum differs"
+        draft.miss(text, place)
     return place
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from mapdeal.errors import emit_warning
 from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.pipeline.heard import portable
 from mapdeal.report.document import Entry, Item, PageLayer, Table
 
 
@@ -55,16 +56,14 @@ class Draft:
         """Return whether a map whose files have these sums is what the run was made of."""
         return bool(sums) and self.sums >= set(sums)
 
-    def warn(self, text: str) -> None:
-        """Note what the page is to warn of, once."""
-        if text not in self.warnings:
-            self.warnings.append(text)
+    def warn(self, texts: Iterable[str], files: Iterable[Path] = ()) -> None:
+        """Note what the page is to warn of, each text once, files by their names alone."""
+        self.warnings += [text for text in portable(texts, files) if text not in self.warnings]
 
-    def miss(self, text: str) -> None:
-        """Warn of what is missing or does not match, on the page, too."""
-        if text not in self.warnings:
-            emit_warning(text, stacklevel=2)
-            self.warnings.append(text)
+    def miss(self, text: str, file: Path) -> None:
+        """Warn of a file that is missing or does not match, on the page, too."""
+        emit_warning(text, stacklevel=2)
+        self.warn([text], [file])
 
     def free_name(self, name: str) -> str:
         """Return a name for a layer that no other one has."""

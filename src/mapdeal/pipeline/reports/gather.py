@@ -161,8 +161,7 @@ class _Gathering:
             name = run.free_name(INPUT)
             run.layers[:0] = self._grids.layers(opened.path, name, "Map as read")
             run.paths.append(opened.path)
-            for text in opened.heard:
-                run.warn(text)
+            run.warn(opened.heard, opened.files)
         return bool(runs)
 
     def _add(self, draft: Draft, opened: Opened) -> None:
@@ -176,8 +175,7 @@ class _Gathering:
             Table(f"{name}: figures", rows_of(figures)),
             Table(f"{name}: SHA-256", rows_of(opened.sums)),
         ]
-        for text in opened.heard:
-            draft.warn(text)
+        draft.warn(opened.heard, opened.files)
 
     def add_document(self, path: Path) -> None:
         """Read a document; what it tells goes where it belongs, at the end."""
@@ -223,7 +221,7 @@ class _Gathering:
                 self.add_grid(path)
             except MapdealError as error:
                 draft = Draft(path.stem, path)
-                draft.miss(f"the map is not shown: {one_line(str(error))}")
+                draft.miss(f"{one_line(str(error))}, so this map is not shown", path)
                 self.drafts.append(draft)
 
     def _add_findings(self, path: Path, answer: LintAnswer) -> None:

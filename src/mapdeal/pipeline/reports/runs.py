@@ -69,7 +69,7 @@ def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
     if status not in _DONE:
         draft.tables.append(Table("Input", (("map", str(told.get("map"))),)))
         if "error" in told:
-            draft.warn(one_line(str(told["error"])))
+            draft.warn([str(told["error"])])
     yield draft
     if "local" in told:
         yield Draft(f"{place}/local", folder / place / "local", status=status)
@@ -109,8 +109,7 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     ]
     draft.tables = [table for table in draft.tables if table.rows]
     draft.figures |= columns_of(manifest["figures"])
-    for text in manifest.get("warnings") or ():
-        draft.warn(one_line(str(text)))
+    draft.warn(map(str, manifest.get("warnings") or ()))
 
 
 def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
@@ -118,9 +117,9 @@ def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
     for name, digest in manifest["outputs"].items():
         path = draft.path / Path(str(name)).name
         if not exists(path):
-            draft.miss(f"{path}: is missing, though the manifest lists it")
+            draft.miss(f"{path}: is missing, though the manifest lists it", path)
         elif not is_folder(path) and not holds(path, digest):
-            draft.miss(f"{path}: is not what the run has written, its checksum differs")
+            draft.miss(f"{path}: is not what the run has written, its checksum differs", path)
 
 
 def _add_product(draft: Draft, stage: str, manifest: Mapping[str, Any], grids: Grids) -> None:
@@ -129,12 +128,14 @@ def _add_product(draft: Draft, stage: str, manifest: Mapping[str, Any], grids: G
     names = [f"{product}{ending}" for ending in _GRIDS]
     name = next((one for one in names if one in manifest["outputs"]), None)
     if name is None:
-        draft.miss(f"{draft.path / product}: the run has written no values of stage {stage}")
+        rule = f"the run has written no values of stage {stage}"
+        draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
         return
     try:
         grids.open(draft.path / name, quietly=True)  # the run has warned of its products
     except MapdealError as error:
-        draft.miss(f"no layer {product}: {one_line(str(error))}")
+        text = f"{one_line(str(error))}, so layer {product} is not shown"
+        draft.miss(text, draft.path / name)
         return
     add_layers(draft, grids.layers(draft.path / name, product, title_of(stage, manifest)))
 
