@@ -87,7 +87,10 @@ class DiffReport(Drawn):
     _document: dict[str, Any] = field(default_factory=dict)
 
     def document(self) -> dict[str, Any]:
-        """Return the report as JSON can hold it, as ``mapdeal diff --json`` prints it."""
+        """Return the report as JSON can hold it, as ``mapdeal diff --json`` prints it.
+
+        Its `first` and `second`, the files and their checksums, are None unless both are files.
+        """
         return dict(self._document)
 
     def _told(self) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from mapdeal.formats.png import write_indexed_png
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.files import errors_named, outputs_of, read_input
+from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.difference import difference_image
@@ -31,6 +32,22 @@ _METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
 
 
 @dataclass(frozen=True)
+class ComparedMap:
+    """A map that was compared.
+
+    Parameters
+    ----------
+    file : str
+        Its name, as it was given.
+    sha256 : mapping of str to str
+        The files that it was read from, by their names without folders, and their checksums.
+    """
+
+    file: str
+    sha256: Mapping[str, str]
+
+
+@dataclass(frozen=True)
 class DiffReport:
     """What differs, and what their YAML files say differently.
 
@@ -42,11 +59,14 @@ class DiffReport:
         What the YAML files say differently: both values.
     bounds : tuple of Bound
         What was allowed to differ; empty if nothing was.
+    maps : tuple of ComparedMap
+        The first map and the second; empty if they were no files.
     """
 
     found: Difference
     metadata: dict[str, tuple[Any, Any]]
     bounds: tuple[Bound, ...] = ()
+    maps: tuple[ComparedMap, ...] = ()
 
     @property
     def passes(self) -> bool:
@@ -56,7 +76,10 @@ class DiffReport:
     def document(self) -> dict[str, Any]:
         """Return the report as JSON can hold it."""
         found = self.found
+        first, second = map(asdict, self.maps) if self.maps else (None, None)
         return {
+            "first": first,
+            "second": second,
             "equal": found.is_equal,
             "geometry": {name: list(pair) for name, pair in found.geometry.items()},
             "metadata": {name: list(pair) for name, pair in self.metadata.items()},
@@ -107,9 +130,9 @@ def diff_files(
         What may differ.
     """
     with options.memory():
-        source = read_input(first, options)
+        source = read_summed(first, options)
         with holding(bytes_of(source.grid)):
-            sources = [source, read_input(second, options)]
+            sources = [source, read_summed(second, options)]
     grids = [
         as_occupancy(source.grid, str(path))
         for source, path in zip(sources, (first, second), strict=True)
@@ -134,7 +157,11 @@ def diff_files(
             transaction.write(
                 options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
             )
-    return DiffReport(found, _metadata(*sources), bounds.judged(found))
+    maps = tuple(
+        ComparedMap(str(path), dict(source.sums))
+        for source, path in zip(sources, (first, second), strict=True)
+    )
+    return DiffReport(found, _metadata(*sources), bounds.judged(found), maps)
 
 
 def _metadata(first: Source, second: Source) -> dict[str, tuple[Any, Any]]:

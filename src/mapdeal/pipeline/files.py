@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from mapdeal.errors import MapdealError, ParameterError, emit_warning, one_line
 from mapdeal.formats.maps import Source, open_map, read_source
 from mapdeal.formats.npz import Grid
+from mapdeal.formats.source import sums_of_reads
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -25,6 +27,18 @@ def read_input(path: Path, settings: Settings) -> Source:
     """Return the grid in a file, read as the settings say."""
     with settings.memory(), use_threads(settings.threads):
         return read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
+
+
+def read_summed(path: Path, settings: Settings) -> Source:
+    """Return the grid in a file as `read_input` does, with the checksums of what was read."""
+    with (
+        settings.memory(),
+        use_threads(settings.threads),
+        sums_of_reads() as sums,
+        open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
+    ):
+        source = file.read()
+        return replace(source, sums=file.sums_by_name(sums))
 
 
 def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ...]]:
