@@ -1,0 +1,199 @@
+"""Documents in a report: which entry gets what lint, reach, route and diff tell."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import mapdeal
+from drawn import grid_from_text
+from mapdeal.errors import ParameterError
+from mapdeal.pipeline.reports.draft import Draft
+from mapdeal.pipeline.reports.findings import drafts_about
+from mapdeal.pipeline.reports.gather import gathered
+from mapdeal.pipeline.reports.grids import Grids
+from mapdeal.pipeline.settings import DEFAULT_SETTINGS
+
+ROOMS = """
+    ##################
+    #.......#........#
+    #.......#........#
+    #.......#........#
+    #................#
+    #................#
+    #.......#........#
+    ##################
+"""
+SHUT = ROOMS.replace("................", ".......#........", 1)
+
+
+@pytest.fixture
+def rooms(tmp_path):
+    mapdeal.write_map(tmp_path / "rooms.yaml", grid_from_text(ROOMS))
+    return tmp_path / "rooms.yaml"
+
+
+@pytest.fixture
+def shut(tmp_path):
+    mapdeal.write_map(tmp_path / "shut.yaml", grid_from_text(SHUT))
+    return tmp_path / "shut.yaml"
+
+
+def entries_of(*paths):
+    with Grids(DEFAULT_SETTINGS) as grids:
+        return gathered(paths, grids).entries
+
+
+def place(path, row, col):
+    x, y = mapdeal.read_map(path).frame.xy_from_rowcol([(row, col)])[0]
+    return f"{x:.6f},{y:.6f}"
+
+
+def reach_of(command, path, tmp_path):
+    out = tmp_path / f"{path.stem}_reach.json"
+    code, _, err = command(
+        "reach", path, "--from", place(path, 3, 2), "--to", f"lab={place(path, 4, 12)}",
+        "--robot-radius", 0.3, "--min-area", 0.1, "-o", out,
+    )  # fmt: skip
+    assert code in (0, 1), err
+    return out
+
+
+def test_reach_belongs_to_what_is_named_before_it(command, rooms, shut, tmp_path):
+    reach = reach_of(command, shut, tmp_path)
+    told = json.loads(reach.read_text())
+    assert told["passages"]
+    for paths, owner in (((rooms, shut, reach), 1), ((shut, reach, rooms), 0)):
+        entries = entries_of(*paths)
+        assert [bool(one.items) for one in entries] == [number == owner for number in (0, 1)]
+        items = {item.kind: item for item in entries[owner].items}
+        assert list(items) == ["start", "goal", "passage"]
+        passage = told["passages"][0]
+        assert items["passage"].place == (passage["x"], passage["y"])
+        assert items["passage"].lines[0].tolist() == passage["ends"]
+        assert (items["goal"].tone, items["goal"].label) == ("error", "lab")
+
+
+def test_a_document_before_all_belongs_to_the_first(command, shut, rooms, tmp_path):
+    first, second = entries_of(reach_of(command, shut, tmp_path), shut, rooms)
+    assert first.items
+    assert not second.items
+
+
+def test_a_route_is_a_line(command, rooms, tmp_path):
+    out = tmp_path / "route.json"
+    arguments = "--from", place(rooms, 3, 2), "--to", place(rooms, 3, 12), "-o", out
+    assert command("route", rooms, "--robot-radius", 0.2, *arguments)[0] == 0
+    (entry,) = entries_of(rooms, out)
+    (route,) = (item for item in entry.items if item.kind == "route")
+    points = json.loads(out.read_text())["points"]
+    assert np.array_equal(route.lines[0], points)
+
+
+def test_findings_belong_to_the_maps_that_they_name(command, rooms, shut, tmp_path):
+    _, out, _ = command("lint", rooms, shut, "--robot-radius", 0.3, "--format", "json")
+    told = {one["file"]: one["findings"] for one in json.loads(out)["maps"]}
+    told[str(rooms)][0]["message"] = "of the other map"
+    (tmp_path / "lint.json").write_text(
+        json.dumps(
+            {
+                **json.loads(out),
+                "maps": [
+                    {"file": file, "findings": found, "suppressed": 0}
+                    for file, found in told.items()
+                ],
+            }
+        )
+    )
+    for paths in ((rooms, shut), (shut, rooms)):
+        for path, entry in zip(paths, entries_of(*paths, tmp_path / "lint.json"), strict=True):
+            texts = [item.text for item in entry.items if ": place " not in item.text]
+            assert len(texts) == len(told[str(path)])
+            for finding in told[str(path)]:
+                assert any(finding["message"] in text for text in texts)
+
+
+def test_findings_alone_bring_the_maps_with_them(command, rooms, tmp_path):
+    _, out, _ = command("lint", rooms, "--robot-radius", 0.3, "--format", "json")
+    (tmp_path / "lint.json").write_text(out.replace("rooms.yaml", "gone.yaml"))
+    with pytest.warns(mapdeal.MapdealWarning, match=r"gone\.yaml: .*so this map is not shown"):
+        (entry,) = entries_of(tmp_path / "lint.json")
+    assert (entry.name, entry.layers) == ("gone", ())
+    (tmp_path / "lint.json").write_text(out)
+    (entry,) = entries_of(tmp_path / "lint.json")
+    assert [layer.name for layer in entry.layers] == ["rooms"]
+    assert len(entry.items) >= len(json.loads(out)["maps"][0]["findings"])
+
+
+def test_findings_of_other_maps_are_told_not_guessed(command, rooms, shut, tmp_path):
+    _, out, _ = command("lint", shut, rooms, "--robot-radius", 0.3, "--format", "json")
+    (tmp_path / "lint.json").write_text(out)
+    (tmp_path / "other").mkdir()
+    other = shutil.copy(shut, tmp_path / "other" / "third.yaml")
+    shutil.copy(shut.with_suffix(".pgm"), tmp_path / "other")
+    with pytest.warns(mapdeal.MapdealWarning, match=r"findings of .*shut\.yaml"):
+        (entry,) = entries_of(other, tmp_path / "lint.json")
+    assert entry.items == ()
+
+
+@pytest.mark.parametrize(
+    ("file", "found"),
+    [
+        ("maps/a/one.yaml", [0]),
+        ("somewhere/a/one.yaml", [0]),
+        ("b/one.yaml", [1]),
+        ("aa/one.yaml", []),  # two runs of such a file, and neither is of that folder
+        ("maps/two.yaml", [2]),
+        ("two.pgm", [2]),
+        ("", []),
+    ],
+)
+def test_which_entries_a_name_is_of(file, found, tmp_path):
+    drafts = [Draft(name, tmp_path / name) for name in ("a/one", "b/one", "two")]
+    drafts[0].names.add("a/one.yaml")
+    drafts[1].names.add("b/one.yaml")
+    for draft in drafts[:2]:
+        draft.files.add("one.yaml")
+    drafts[2].files |= {"two.yaml", "two.pgm"}
+    assert [drafts.index(one) for one in drafts_about(file, drafts)] == found
+
+
+def test_a_diff_shows_both_maps_and_what_differs(command, rooms, shut, tmp_path):
+    code, out, _ = command("diff", rooms, shut, "--json")
+    assert code == 1
+    (tmp_path / "diff.json").write_text(out)
+    with Grids(DEFAULT_SETTINGS) as grids:
+        (entry,) = gathered([tmp_path / "diff.json"], grids).entries
+        difference = entry.layers[0].values[:]
+    assert [layer.name for layer in entry.layers] == ["difference", "first", "second"]
+    assert entry.compared == ("first", "second")
+    changed = mapdeal.read_map(rooms).occupancy != mapdeal.read_map(shut).occupancy
+    added = next(value for value, name in entry.layers[0].style.labels.items() if "added" in name)
+    assert np.array_equal(difference == added, changed)
+
+
+def test_a_diff_of_maps_that_are_gone_or_changed_says_so(command, rooms, shut, tmp_path):
+    (tmp_path / "diff.json").write_text(command("diff", rooms, shut, "--json")[1])
+    mapdeal.write_map(shut, grid_from_text(ROOMS), force=True)
+    with pytest.warns(mapdeal.MapdealWarning, match=r"shut\.yaml: is not the map that diff\.json"):
+        (entry,) = entries_of(tmp_path / "diff.json")
+    assert len(entry.layers) == 3
+    rooms.unlink()
+    with pytest.warns(mapdeal.MapdealWarning) as given:
+        (entry,) = entries_of(tmp_path / "diff.json")
+    assert "so this map is not shown" in str(given[0].message)
+    assert [layer.name for layer in entry.layers] == ["second"]
+    assert [text.partition(":")[0] for text in entry.warnings] == ["rooms.yaml", "shut.yaml"]
+
+
+def test_a_document_without_a_map_is_refused(command, rooms, tmp_path):
+    reach = reach_of(command, rooms, tmp_path)
+    with pytest.raises(ParameterError, match="belongs to a map or a run, and none is named"):
+        entries_of(reach)
+
+
+def test_a_comparison_is_named_by_its_folder(command, rooms, tmp_path):
+    folder = tmp_path / "methods"
+    assert command("build", "examples/logs/office.log", "--compare", "-o", folder)[0] == 0
+    assert len(entries_of(rooms, folder / "comparison.json")) == 2
