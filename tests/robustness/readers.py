@@ -178,6 +178,8 @@ READERS = [
     _file("bits", _BIT_IMAGES, reading.decode_bits, IMAGE_WORDS),
     Reader("bit map", _BIT_SEEDS, reading.read_bits, _PAIR, YAML_WORDS, share=0.2),
     _file("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS, share=0.7),
+    _file("grid npz by rows", _zips(_GRIDS, "g.npz"), reading.read_npz_by_rows, NPY_WORDS,
+          share=0.3),
     Reader("lint", _MAP_SEEDS, reading.lint, (), YAML_WORDS, share=0.02),
     _file("pcd", _seeds(seeds.pcd_files(), "c.pcd"), reading.read_cloud_points, CLOUD_WORDS),
     _file("ply", _seeds(seeds.ply_files(), "c.ply"), reading.read_cloud_points, CLOUD_WORDS),

@@ -40,7 +40,7 @@ from mapdeal.formats.lint_config import read_lint_config
 from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.maps import open_map, read_map
-from mapdeal.formats.npz import npz_frame, read_reach
+from mapdeal.formats.npz import npz_frame, open_npz, read_npz, read_reach
 from mapdeal.formats.pnm import decode_pbm, decode_pnm, pnm_comments
 from mapdeal.formats.points import (
     read_named_points,
@@ -200,6 +200,27 @@ def read_grid(path, data):
     assert grid.shape[0] * grid.shape[1] <= len(data) * _LARGEST_RATIO
     grid.figures()
     return grid
+
+
+def read_npz_by_rows(path, data):
+    """Read a grid at once and by rows: both give the same values, or neither any."""
+    try:
+        with open_npz(path, block_height=4) as grid:
+            rows = [slice(k, k + 4) for k in range(0, grid.shape[0], 4)]
+            layers = {
+                name: np.concatenate([getattr(grid, name)[some] for some in rows])
+                for name in grid.layer_names
+            }
+    except MapdealError as error:
+        with pytest.raises(type(error)):
+            read_npz(path)
+        raise
+    whole = read_npz(path)
+    assert type(grid) is type(whole)
+    assert grid.frame == whole.frame
+    for name, values in layers.items():
+        assert np.array_equal(values, getattr(whole, name))
+    return whole
 
 
 def read_reached(path, data):

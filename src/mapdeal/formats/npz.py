@@ -10,6 +10,7 @@ import itertools
 import zipfile
 import zlib
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, get_args
 
@@ -22,6 +23,7 @@ from mapdeal.formats.deflate import Buffer, deflated, pieces
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.npy import npy_header
 from mapdeal.formats.npz_reader import NpzReader
+from mapdeal.formats.npz_rows import NpzRows
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.costmap import Costmap
@@ -36,6 +38,7 @@ from mapdeal.kernels.blocks import Layer, is_lazy
 
 FORMAT = "mapdeal/1"
 _OF_REACH = "reachable"
+_BLOCK_HEIGHT = 512
 
 Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
 
@@ -106,15 +109,51 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
     MalformedInputError
         If it is not of mapdeal's format, damaged, or of more than `max_cells` cells (1e9).
     """
-    reader = NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells)
-    with reader:
-        _check_format(reader, path)
-        names = reader.names()
-        try:
-            resolution, origin = _geometry_of(reader)
-            return _READERS[_own_layer(names)](reader, resolution, origin)
-        except ParameterError as error:
-            raise error.in_file(path) from None
+    with NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells) as reader:
+        return _grid_in(reader, path)
+
+
+@contextmanager
+def open_npz(
+    path: Path, *, block_height: int = _BLOCK_HEIGHT, max_cells: int | None = None
+) -> Iterator[Grid]:
+    """Open an ``.npz`` file: give the grid that `read_npz` returns, of lazy layers.
+
+    Parameters
+    ----------
+    path : Path
+        The file. Rows can be requested within the ``with`` block.
+    block_height : int
+        Rows that are best read together.
+    max_cells : int, optional
+        Cells up to which a file is read, 1e9 if not given.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        As `read_npz`; of rows, when they are requested.
+
+    Notes
+    -----
+    Rows are best requested in their order: those before others are read from the start again.
+    A potential field is read as a whole. The region of a distance field, the box of cells that
+    have a distance, is not known.
+    """
+    most = LARGEST_CELLS if max_cells is None else max_cells
+    with NpzRows(path, most, block_height) as reader:
+        if _own_layer(reader.names()) != "repulsive":
+            yield _grid_in(reader, path)
+            return
+    yield read_npz(path, max_cells=max_cells)
+
+
+def _grid_in(reader: NpzReader, path: Path) -> Grid:
+    _check_format(reader, path)
+    try:
+        resolution, origin = _geometry_of(reader)
+        return _READERS[_own_layer(reader.names())](reader, resolution, origin)
+    except ParameterError as error:
+        raise error.in_file(path) from None
 
 
 def holds_reach(path: Path) -> bool:

@@ -12,7 +12,7 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -74,7 +74,7 @@ class NpzReader:
     """
 
     def __init__(self, path: Path, max_cells: int) -> None:
-        self._path = path
+        self.path = path
         self._max_cells = max_cells
         self._taken = 0
         check_readable(path)
@@ -101,8 +101,7 @@ class NpzReader:
     def layer(self, name: str, dtype: type[np.generic]) -> NDArray[Any]:
         """Return an array of two axes with values of that type."""
         array = self._read(name, np.dtype(dtype), None, self._max_cells)
-        if array.ndim != 2:
-            raise self._error(name, f"must have two axes, has {array.ndim}")
+        self._check_axes(name, array.ndim)
         return array
 
     def shape(self, name: str) -> tuple[int, ...]:
@@ -183,7 +182,7 @@ class NpzReader:
                 table = np.empty((min(columns, width), height))
                 for column in table:
                     part = np.empty(height, dtype=entry.dtype)
-                    _fill(entry.file, part)
+                    fill(entry.file, part)
                     column[:] = part
                 while entry.file.read(_CHUNK):  # so that the checksum is verified
                     pass
@@ -192,18 +191,50 @@ class NpzReader:
                 return
             for first in range(0, height, together):
                 part = np.empty((min(together, height - first), width), dtype=entry.dtype)
-                _fill(entry.file, part)
+                fill(entry.file, part)
                 yield part[:, :columns].astype(np.float64)
             entry.file.read(1)  # so that the checksum is verified
 
+    def opened_behind_header(self, name: str) -> Any:
+        """Return the open file of an array, whose header is read; whoever asks closes it."""
+        with ExitStack() as stack:
+            file = stack.enter_context(self._open(name))
+            self._entry(name, file)
+            stack.pop_all()
+        return file
+
+    def _check_layer(self, name: str, entry: _Entry, dtype: type[np.generic]) -> None:
+        self._check_type(name, entry, np.dtype(dtype), None, self._max_cells)
+        self._check_axes(name, len(entry.shape))
+
+    def _check_axes(self, name: str, axes: int) -> None:
+        if axes != 2:
+            raise self._error(name, f"must have two axes, has {axes}")
+
+    def _check_type(
+        self,
+        name: str,
+        entry: _Entry,
+        dtype: np.dtype[Any] | None,
+        shape: tuple[int, ...] | None,
+        most_elements: int,
+    ) -> None:
+        if dtype is not None and entry.dtype != dtype:
+            raise self._error(name, f"must be {dtype}, is {entry.dtype}")
+        if shape is not None and entry.shape != shape:
+            raise self._error(name, f"must have shape {shape}, has {entry.shape}")
+        if entry.elements > most_elements:
+            rule = f"{entry.elements} elements, above the limit of {most_elements}"
+            raise self._error(name, rule)
+
     def _error(self, name: str, rule: str, *, hint: str | None = None) -> MalformedInputError:
-        return MalformedInputError(rule, source=self._path, place=name, hint=hint)
+        return MalformedInputError(rule, source=self.path, place=name, hint=hint)
 
     def _claim(self, name: str, entry: _Entry, count: int) -> None:
         """Refuse an array that takes too much memory, beside those that were read before."""
-        check_expansion(self._path, entry.stored, entry.bytes, place=name)
+        check_expansion(self.path, entry.stored, entry.bytes, place=name)
         self._taken += count
-        claim(self._path, self._taken + min(PIECES, self._taken))
+        claim(self.path, self._taken + min(PIECES, self._taken))
 
     def _read(
         self,
@@ -215,13 +246,7 @@ class NpzReader:
         small: bool = True,
     ) -> NDArray[Any]:
         with self._opened(name) as entry:
-            if dtype is not None and entry.dtype != dtype:
-                raise self._error(name, f"must be {dtype}, is {entry.dtype}")
-            if shape is not None and entry.shape != shape:
-                raise self._error(name, f"must have shape {shape}, has {entry.shape}")
-            if entry.elements > most_elements:
-                rule = f"{entry.elements} elements, above the limit of {most_elements}"
-                raise self._error(name, rule)
+            self._check_type(name, entry, dtype, shape, most_elements)
             if small and dtype is None and entry.bytes > _LARGEST_SMALL_ARRAY:
                 raise self._error(name, f"must be a single value, is {entry.dtype}")
             wide = 2 * entry.elements * np.dtype(np.float64).itemsize  # converted, and looked at
@@ -242,33 +267,47 @@ class NpzReader:
     @contextmanager
     def _opened(self, name: str) -> Iterator[_Entry]:
         """Give an entry behind its header; damage that is met in the block is told as such."""
+        with self.damage_told(name), self._open(name) as file:
+            yield self._entry(name, file)
+
+    def _open(self, name: str) -> Any:
+        """Return the open file of an array's entry."""
         try:
             info = self._zip.getinfo(f"{name}.npy")
         except KeyError:
             raise self._error(name, "missing key") from None
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise self._error(name, "compressed in a way that npz files are not")
+        return self._zip.open(info)
+
+    def _entry(self, name: str, file: Any) -> _Entry:
+        """Return the array in an open file, of which the header is read."""
+        info = self._zip.getinfo(f"{name}.npy")
+        version = npy_format.read_magic(file)
+        read_header = {
+            (1, 0): npy_format.read_array_header_1_0,
+            (2, 0): npy_format.read_array_header_2_0,
+        }.get(version)
+        if read_header is None:
+            raise self._error(name, f"array format {version} is not supported")
+        with one_at_a_time(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+            header = self._header(name, file, version)
+            entry = _Entry(file, info.compress_size, *read_header(header))
+        if entry.dtype.hasobject:
+            raise self._error(name, "holds Python objects, which are never loaded")
+        # The header's word is only taken as far as the archive has bytes for it.
+        if entry.bytes + file.tell() != info.file_size:
+            raise self._error(name, "the array's size does not fit its data")
+        return entry
+
+    @contextmanager
+    def damage_told(self, name: str) -> Iterator[None]:
+        """Raise what reading a damaged entry leads to as such."""
         from tokenize import TokenError  # of use to few, and slow to import
 
         try:
-            with self._zip.open(info) as file:
-                version = npy_format.read_magic(file)
-                read_header = {
-                    (1, 0): npy_format.read_array_header_1_0,
-                    (2, 0): npy_format.read_array_header_2_0,
-                }.get(version)
-                if read_header is None:
-                    raise self._error(name, f"array format {version} is not supported")
-                with one_at_a_time(), warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # of headers that Python 2 wrote
-                    header = self._header(name, file, version)
-                    entry = _Entry(file, info.compress_size, *read_header(header))
-                if entry.dtype.hasobject:
-                    raise self._error(name, "holds Python objects, which are never loaded")
-                # The header's word is only taken as far as the archive has bytes for it.
-                if entry.bytes + file.tell() != info.file_size:
-                    raise self._error(name, "the array's size does not fit its data")
-                yield entry
+            yield
         # What reading a damaged header or entry leads to, in numpy and in zipfile.
         except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, NotImplementedError,
                 RuntimeError, OSError, SyntaxError, TokenError, LookupError,
@@ -293,11 +332,12 @@ def _directory_size(path: Path) -> int:
 
 def _read_into(file: Any, array: NDArray[Any]) -> None:
     """Fill `array` from a file, and read to the end so that the checksum is verified."""
-    _fill(file, array)
+    fill(file, array)
     file.read(1)
 
 
-def _fill(file: Any, array: NDArray[Any]) -> None:
+def fill(file: Any, array: NDArray[Any]) -> None:
+    """Fill a contiguous array from a file; EOFError if that ends before."""
     view = memoryview(array.reshape(-1).view(np.uint8).data) if array.size else memoryview(b"")
     done = 0
     while done < len(view):

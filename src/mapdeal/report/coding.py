@@ -36,10 +36,10 @@ _SMALLEST_ERROR = 1e-30
 class Way(Protocol):
     """A way of telling numbers by whole ones."""
 
-    def integers(self, values: Numbers) -> NDArray[np.float64]:
+    def integers_of(self, values: Numbers) -> NDArray[np.float64]:
         """Return the whole number next to each value; anything where there is none."""
 
-    def numbers(self, integers: NDArray[np.float64]) -> Numbers:
+    def values_of(self, integers: NDArray[np.float64]) -> Numbers:
         """Return the value of each whole number."""
 
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
@@ -62,7 +62,7 @@ class Squares:
     above: tuple[float, float]
     below: tuple[float, float]
 
-    def integers(self, values: Numbers) -> NDArray[np.float64]:
+    def integers_of(self, values: Numbers) -> NDArray[np.float64]:
         """Return the signed square next to each distance."""
         is_below = values < 0
         offset, unit = self._offset_and_unit(is_below)
@@ -70,7 +70,7 @@ class Squares:
         signed: NDArray[np.float64] = np.where(is_below, -squares, squares)
         return signed
 
-    def numbers(self, integers: NDArray[np.float64]) -> Numbers:
+    def values_of(self, integers: NDArray[np.float64]) -> Numbers:
         """Return the distance of each signed square."""
         is_below = integers < 0
         offset, unit = self._offset_and_unit(is_below)
@@ -98,11 +98,11 @@ class Steps:
 
     step: float = STEP
 
-    def integers(self, values: Numbers) -> NDArray[np.float64]:
+    def integers_of(self, values: Numbers) -> NDArray[np.float64]:
         """Return the step next to each number."""
         return np.rint(values.astype(np.float64) / self.step)
 
-    def numbers(self, integers: NDArray[np.float64]) -> Numbers:
+    def values_of(self, integers: NDArray[np.float64]) -> Numbers:
         """Return the number of each step."""
         return (integers * self.step).astype(np.float32)
 
@@ -128,14 +128,14 @@ class Bits:
 
     hidden: int = 0
 
-    def integers(self, values: Numbers) -> NDArray[np.float64]:
+    def integers_of(self, values: Numbers) -> NDArray[np.float64]:
         """Return the bits of each number, those of negative ones turned round."""
         bits = values.view(np.int32)
         ordered = np.where(bits < 0, bits ^ 0x7FFFFFFF, bits).astype(np.float64)
         integers: NDArray[np.float64] = np.rint(ordered / 2**self.hidden)
         return integers
 
-    def numbers(self, integers: NDArray[np.float64]) -> Numbers:
+    def values_of(self, integers: NDArray[np.float64]) -> Numbers:
         """Return the number of each pattern of bits."""
         ordered = np.clip(integers * 2**self.hidden, -(2.0**31), 2.0**31 - 1).astype(np.int32)
         numbers: Numbers = np.where(ordered < 0, ordered ^ 0x7FFFFFFF, ordered).view(np.float32)
@@ -210,9 +210,9 @@ def packed(values: Numbers, ways: Sequence[Way]) -> bytes:
 def _fit(values: Numbers, way: Way) -> tuple[NDArray[np.int32], int, Numbers] | None:
     """Return the whole numbers of a tile, the largest, and which others follow it; None if many."""
     with np.errstate(invalid="ignore", over="ignore"):
-        integers = way.integers(values)
+        integers = way.integers_of(values)
         told = np.isfinite(values) & (np.abs(integers) < _LARGEST)
-        told &= way.is_near(way.numbers(np.where(told, integers, 0)), values)
+        told &= way.is_near(way.values_of(np.where(told, integers, 0)), values)
     if told.all():
         return integers.astype(np.int32), int(integers.max()), np.empty(0, dtype=np.float32)
     strange = values[~told]
