@@ -1,0 +1,157 @@
+"""Chromium and Firefox as Debian has them, each behind the same few words.
+
+Chromium is driven by Playwright, which downloads nothing; Firefox speaks Marionette, its own
+protocol, with the few lines here.
+"""
+
+import contextlib
+import itertools
+import json
+import shutil
+import socket
+import subprocess
+import time
+
+import pytest
+
+NAMES = ("chromium", "firefox")
+
+# Numbers that JSON does not have come as text; Firefox hands out what is the page's own wrapped.
+WRAPPED = """
+const page = window.wrappedJSObject ?? window, mapdeal = page.mapdeal;
+const told = JSON.stringify(await (%s)(argument), (_, value) =>
+  (typeof value === "number" && !Number.isFinite(value) ? String(value) : value));
+"""
+
+
+class Chromium:
+    name = "chromium"
+
+    def __init__(self, folder):
+        playwright = pytest.importorskip("playwright.sync_api")
+        path = shutil.which("chromium")
+        if path is None:
+            pytest.skip("chromium is not installed")
+        self._closed = contextlib.ExitStack()
+        driver = self._closed.enter_context(playwright.sync_playwright())
+        self._browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        self._closed.callback(self._browser.close)
+        self._context = None
+
+    def open(self, path, *, width=1400, height=900, dark=False, phone=False, script=True, hash_=""):
+        if self._context is not None:
+            self._context.close()
+        self._context = self._browser.new_context(
+            viewport={"width": width, "height": height}, has_touch=phone, is_mobile=phone,
+            color_scheme="dark" if dark else "light", java_script_enabled=script,
+        )  # fmt: skip
+        self.page = self._context.new_page()
+        self.complaints, self.requests = [], []
+        self.page.on("console", lambda message: self._hear(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("dialog", lambda dialog: self.complaints.append(dialog.message))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(path.as_uri() + hash_)
+
+    def _hear(self, text):
+        if "willReadFrequently" not in text:  # of tests that look at pixels
+            self.complaints.append(text)
+
+    def evaluate(self, function, argument=None):
+        code = f"async (argument) => {{ {WRAPPED % function} return told; }}"
+        told = self.page.evaluate(code, argument)
+        return None if told is None else json.loads(told)
+
+    def close(self):
+        self._closed.close()
+
+
+class Firefox:
+    name = "firefox"
+
+    def __init__(self, folder):
+        path = shutil.which("firefox-esr")
+        if path is None:
+            pytest.skip("firefox-esr is not installed")
+        settings = {"marionette.port": 0, "browser.shell.checkDefaultBrowser": False,
+                    "datareporting.policy.dataSubmissionEnabled": False, "app.update.enabled": False,
+                    "toolkit.telemetry.reportingpolicy.firstRun": False}  # fmt: skip
+        lines = [f'user_pref("{name}", {json.dumps(value)});' for name, value in settings.items()]
+        (folder / "user.js").write_text("\n".join(lines))
+        command = [path, "--headless", "--marionette", "--no-remote", "--profile", str(folder)]
+        with (folder / "log.txt").open("wb") as log:
+            self._process = subprocess.Popen(command, stdout=log, stderr=log)
+        self._socket = socket.create_connection(("127.0.0.1", self._port(folder)), timeout=120)
+        self._file = self._socket.makefile("rb")
+        self._receive()
+        self._numbers = itertools.count(1)
+        self.command("WebDriver:NewSession", capabilities={})
+        self.command("WebDriver:SetTimeouts", script=60_000)
+
+    def _port(self, folder):
+        chosen = folder / "MarionetteActivePort"
+        for _ in range(1200):
+            if chosen.exists() and chosen.read_text().strip():
+                return int(chosen.read_text())
+            if self._process.poll() is not None:
+                pytest.skip("firefox-esr does not start here")
+            time.sleep(0.1)
+        self._process.kill()
+        pytest.skip("firefox-esr does not start here")
+
+    def _receive(self):
+        length = b""
+        while not length.endswith(b":"):
+            length += self._file.read(1)
+        return json.loads(self._file.read(int(length[:-1])))
+
+    def command(self, name, **parameters):
+        text = json.dumps([0, next(self._numbers), name, parameters]).encode()
+        self._socket.sendall(b"%d:%s" % (len(text), text))
+        _, _, error, result = self._receive()
+        if error:
+            raise RuntimeError(f"{name}: {error['error']}: {error['message']}")
+        return result.get("value") if isinstance(result, dict) else result
+
+    def open(self, path, *, width=1400, height=900, dark=False, hash_=""):
+        # a change of the hash alone would load nothing
+        self.command("WebDriver:Navigate", url="about:blank")
+        self.command("WebDriver:SetWindowRect", width=width, height=height)
+        self.command("WebDriver:Navigate", url=path.as_uri() + hash_)
+        self.complaints = []
+        entries = "async () => performance.getEntriesByType('resource').map((entry) => entry.name)"
+        self.requests = [path.as_uri(), *self.evaluate(entries)]
+
+    def evaluate(self, function, argument=None):
+        code = """
+            const [argument, done] = arguments;
+            (async () => { %s return told; })().then((told) => done([told]), (error) => done([null, String(error)]));
+        """ % (WRAPPED % function)  # fmt: skip
+        told, *error = self.command("WebDriver:ExecuteAsyncScript", script=code, args=[argument])
+        assert not error, error
+        return None if told is None else json.loads(told)
+
+    def close(self):
+        with contextlib.suppress(Exception):
+            self.command("Marionette:Quit", flags=["eForceQuit"])
+        self._file.close()
+        self._socket.close()
+        try:
+            self._process.wait(20)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def started(name, folder):
+    return {"chromium": Chromium, "firefox": Firefox}[name](folder)
+
+
+def settle(browser, seconds=20.0):
+    """Wait until all is drawn."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if browser.evaluate("() => performance.getEntriesByName('mapdeal').length"):
+            return
+        time.sleep(0.03)
+    raise AssertionError("the page was never drawn")

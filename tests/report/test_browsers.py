@@ -1,0 +1,425 @@
+"""The page in real browsers, against what the library says of the same grids."""
+
+import math
+
+import numpy as np
+import pytest
+
+import mapdeal
+from mapdeal.report.document import Entry, Item, Report, Table
+from mapdeal.report.page import page_of
+from report import browsers
+from report.made import entry_of, layers_of
+from report.test_page import ATTACKS, nasty_report
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+
+
+def scattered(shape, seed, origin=(-3.1, 2.2, 0.6), resolution=0.07):
+    """Return a map with a few obstacles and unknown cells, turned and off the origin."""
+    values = np.random.default_rng(seed).choice(
+        [FREE, OCCUPIED, UNKNOWN], shape, p=[0.985, 0.01, 0.005]
+    )
+    return mapdeal.OccupancyGrid(values.astype(np.int8), resolution, origin)
+
+
+GRID = scattered((530, 700), 1)
+CENTRE = tuple(GRID.frame.xy_from_rowcol([[265, 350]])[0].tolist())
+CORNER = tuple(GRID.frame.xy_from_rowcol([[30, 40]])[0].tolist())
+ITEMS = (
+    Item("finding", "3 lone cells", "warning", CORNER),
+    Item("passage", "too narrow", "error", CENTRE, (np.array([CENTRE, CORNER]),), "0.71 m"),
+    Item("goal", "dock", "good", CENTRE, (), "dock"),
+    Item("finding", "says nothing of a place", "note"),
+)
+LAYERS, FIELD, COSTS = layers_of(GRID)
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """Return a function that writes a page and returns its path; the same page is written once."""
+    folder, known = tmp_path_factory.mktemp("pages"), {}
+
+    def path_of(report):
+        if report.title not in known:
+            path = folder / f"{len(known)}.html"
+            path.write_bytes(b"".join(page_of(report, size=25_000_000)))
+            known[report.title] = path
+        return known[report.title]
+
+    return path_of
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory):
+    """Return a function that starts a browser, each of them once."""
+    known = {}
+
+    def of(name):
+        if name not in known:
+            known[name] = browsers.started(name, tmp_path_factory.mktemp(name))
+        return known[name]
+
+    yield of
+    for started in known.values():
+        started.close()
+
+
+@pytest.fixture(params=browsers.NAMES)
+def browser(request, running):
+    return running(request.param)
+
+
+@pytest.fixture
+def chromium(running):
+    return running("chromium")
+
+
+def one():
+    curve = mapdeal.cost_curve(0.07, inscribed_radius=0.2, inflation_radius=0.8)
+    tables = (Table("Figures", (("cells", "371000"),)),)
+    entry = Entry("scattered", LAYERS, ITEMS, tables, ("one warning",), curve=curve)
+    return Report("scattered", (entry,), "1.0")
+
+
+def several():
+    sizes = {"b10": 10.0, "b9": 9.0, "a": 200.0}
+    entries = [
+        entry_of(scattered((40, 50), k), name, figures={"free": size}, status="done")
+        for k, (name, size) in enumerate(sizes.items())
+    ]
+    return Report("several", (*entries, Entry("bad", status="failed")), "1.0")
+
+
+def assert_quiet(browser, path):
+    assert browser.complaints == []
+    assert browser.requests == [path.as_uri()]
+
+
+def points_of(frame, count, seed):
+    """Return points inside and around a frame: anywhere, on borders and corners of cells."""
+    draw = np.random.default_rng(seed)
+    places = draw.uniform([-4, -4], [frame.height + 4, frame.width + 4], (count, 2))
+    kind = draw.integers(0, 4, count)
+    places[kind == 1, 0] = np.rint(places[kind == 1, 0])
+    places[kind == 2] = np.rint(places[kind == 2])
+    places[kind == 3] = np.floor(places[kind == 3]) + 0.5
+    return frame.xy_from_continuous_rowcol(places)
+
+
+READ_ALL = "(points) => Promise.all(points.map(([x, y]) => mapdeal.readout(x, y)))"
+
+
+def test_values_are_those_of_the_library(browser, pages):
+    path = pages(one())
+    browser.open(path)
+    browsers.settle(browser)
+    points = points_of(GRID.frame, 1000, 5)
+    told = browser.evaluate(READ_ALL, points.tolist())
+    distance, gradient, inside = FIELD.query(points)
+    cells, _ = GRID.frame.bounded_rowcol_from_xy(points)
+    assert 0 < np.count_nonzero(~inside) < 200
+    for k, (states, metres, cost) in enumerate(told):
+        if not inside[k]:
+            assert [states["cell"], metres["cell"], cost["cell"]] == [None] * 3
+            continue
+        row, col = cells[k].tolist()
+        assert states["cell"] == metres["cell"] == cost["cell"] == [row, col]
+        assert states["value"] == int(GRID.occupancy[row, col]) % 256
+        assert cost["value"] == COSTS.cost[row, col]
+        assert metres["value"] == pytest.approx(distance[k], abs=1e-6)
+        assert metres["gradient"] == pytest.approx(gradient[k].tolist(), abs=1e-4)
+    assert {states["label"] for states, _, _ in told if states["cell"]} == {
+        "free", "occupied", "unknown",
+    }  # fmt: skip
+    assert_quiet(browser, path)
+
+
+def test_distances_without_obstacles_are_infinite_and_have_no_gradient(browser, pages):
+    grid = mapdeal.OccupancyGrid(np.zeros((3, 4), np.int8), 0.25, (1.0, 2.0, 0.3))
+    browser.open(pages(Report("empty", (entry_of(grid),), "1.0")))
+    browsers.settle(browser)
+    point = grid.frame.xy_from_rowcol([[1, 2]])[0].tolist()
+    ((_, found, _),) = browser.evaluate(READ_ALL, [point])
+    assert found["value"] == "Infinity"
+    assert "gradient" not in found
+    assert found["text"] == "\u221e m"
+
+
+def test_a_page_from_which_the_finest_level_is_left_out_says_so(browser, tmp_path):
+    path = tmp_path / "small.html"
+    path.write_bytes(b"".join(page_of(one(), size=20_000)))
+    browser.open(path)
+    browsers.settle(browser)
+    ((states, metres, _),) = browser.evaluate(READ_ALL, [CENTRE])
+    reduce = metres["reduce"]
+    assert reduce > 1
+    row, col = (int(one) // reduce * reduce for one in (265, 350))
+    block = np.s_[row : row + reduce, col : col + reduce]
+    assert metres["value"] == pytest.approx(float(FIELD.distance[block].min()), abs=1e-3)
+    assert "gradient" not in metres
+    assert f"smallest of {reduce} \u00d7 {reduce} cells" in metres["text"]
+    assert f"largest of {reduce} \u00d7 {reduce} cells" in states["text"]
+
+
+PIXEL = """([x, y]) => {
+  const canvas = document.getElementById("map"), { view } = mapdeal.state(), ratio = canvas.width / view.width;
+  const sx = view.width / 2 + (x - view.x) * view.scale, sy = view.height / 2 - (y - view.y) * view.scale;
+  return [...canvas.getContext("2d").getImageData(Math.floor(sx * ratio), Math.floor(sy * ratio), 1, 1).data];
+}"""
+
+
+def test_pixels_have_the_colour_of_their_cell(browser, pages):
+    small = mapdeal.OccupancyGrid(scattered((9, 13), 3).occupancy, 0.3, (2.0, -1.0, 2.5))
+    browser.open(pages(Report("pixels", (entry_of(small),), "1.0")))
+    browsers.settle(browser)
+    layers, _, costs = layers_of(small)
+    style = layers[-1].style
+    for row, col in [(0, 0), (0, 12), (8, 0), (8, 12), (4, 6), (2, 9)]:
+        centre = small.frame.xy_from_rowcol([[row, col]])[0].tolist()
+        expected = style.colours[style.by_value[costs.cost[row, col]]].tolist()
+        if (row, col) != (0, 0):  # where the scale bar may lie
+            assert browser.evaluate(PIXEL, centre) == [*expected, 255], (row, col)
+
+
+KEY = """(key) => {
+  const canvas = document.getElementById("map");
+  canvas.focus();
+  canvas.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true }));
+}"""
+VIEW = "() => mapdeal.state()"
+TEXTS = "(selector) => [...document.querySelectorAll(selector)].map((one) => one.textContent)"
+CLICK = "(selector) => document.querySelector(selector).click()"
+
+
+def test_keys_pan_zoom_fit_pin_measure_and_choose_layers(browser, pages):
+    browser.open(pages(one()))
+    browsers.settle(browser)
+    start = browser.evaluate(VIEW)["view"]
+    for key in ("+", "+", "ArrowRight", "ArrowUp"):
+        browser.evaluate(KEY, key)
+    now = browser.evaluate(VIEW)["view"]
+    assert now["scale"] == pytest.approx(start["scale"] * 2.25)
+    assert now["x"] == pytest.approx(start["x"] + 60 / now["scale"])
+    assert now["y"] == pytest.approx(start["y"] + 60 / now["scale"])
+    browser.evaluate(KEY, "p")
+    assert browser.evaluate(VIEW)["pinned"] == pytest.approx([now["x"], now["y"]])
+    browser.evaluate(KEY, "m")
+    browser.evaluate(KEY, "ArrowLeft")
+    browser.evaluate(KEY, "Enter")
+    (status,) = browser.evaluate(TEXTS, "#status")
+    length = 60 / now["scale"]
+    assert status == f"Measured {length:.3f} m: dx \u2212{length:.3f}, dy 0.000."
+    browser.evaluate(KEY, "f")
+    assert browser.evaluate(VIEW)["view"]["scale"] == pytest.approx(start["scale"])
+    browser.evaluate(KEY, "Escape")
+    assert browser.evaluate(VIEW).get("pinned") is None
+    browser.evaluate(KEY, "1")
+    boxes = (
+        "() => [...document.querySelectorAll('.layer [type=checkbox]')].map((box) => box.checked)"
+    )
+    assert browser.evaluate(boxes) == [False, False, True]
+    assert browser.complaints == []
+
+
+def test_a_click_in_the_list_goes_there(browser, pages):
+    browser.open(pages(one()))
+    browsers.settle(browser)
+    browser.evaluate(CLICK, "[data-item='0']")
+    state = browser.evaluate(VIEW)
+    assert (state["view"]["x"], state["view"]["y"]) == pytest.approx(CORNER)
+    assert browser.evaluate(TEXTS, "[aria-current=true]") == ["warning 3 lone cells"]
+    assert state["selected"]["tone"] == "warning"
+    browser.evaluate(CLICK, "[data-item='1']")
+    state = browser.evaluate(VIEW)
+    middle = (np.array(CENTRE) + CORNER) / 2
+    assert (state["view"]["x"], state["view"]["y"]) == pytest.approx(middle.tolist(), abs=1e-3)
+
+
+def test_the_address_keeps_the_place(browser, pages):
+    browser.open(pages(one()), hash_="#entry-0/1.5,9.25,40")
+    browsers.settle(browser)
+    view = browser.evaluate(VIEW)["view"]
+    assert (view["x"], view["y"], view["scale"]) == (1.5, 9.25, 40)
+
+
+def test_two_layers_are_compared_by_a_slider_and_by_blinking(browser, pages):
+    entry = Entry("both", LAYERS, compared=("occupancy", "cost"))
+    browser.open(pages(Report("compare", (entry,), "1.0")))
+    browsers.settle(browser)
+    assert browser.evaluate("() => document.getElementById('divider').hidden") is False
+    free = next(
+        (row, col) for row in range(100, 400) for col in range(300, 400)
+        if GRID.occupancy[row, col] == FREE and 253 > COSTS.cost[row, col] > 100
+    )  # fmt: skip
+    place = GRID.frame.xy_from_rowcol([free])[0].tolist()
+    cost_colour = LAYERS[2].style.colours[LAYERS[2].style.by_value[COSTS.cost[free]]].tolist()
+    slide = """async (value) => {
+      const divider = document.getElementById("divider");
+      divider.value = value;
+      divider.dispatchEvent(new Event("input", { bubbles: true }));
+      for (let k = 0; k < 3; k++) await new Promise((done) => page.requestAnimationFrame(() => done()));
+    }"""
+    browser.evaluate(KEY, "+")
+    go = "([x, y]) => { location.hash = `#entry-0/${x},${y},300`; }"
+    browser.evaluate(go, place)
+    seen = []
+    for value in ("100", "0", "100"):
+        browser.evaluate(slide, value)
+        for _ in range(40):  # finer tiles may be on their way
+            pixel = browser.evaluate(PIXEL, place)[:3]
+            if pixel in ([255, 255, 255], cost_colour):
+                break
+        seen.append(pixel)
+    assert seen == [[255, 255, 255], cost_colour, [255, 255, 255]]
+    browser.evaluate(CLICK, "[data-do=blink]")
+    pressed = "() => ['compare', 'blink'].map((one) => document.querySelector(`[data-do=${one}]`).ariaPressed)"
+    assert browser.evaluate(pressed)[1] == "true"
+    browser.evaluate(KEY, "Escape")
+    assert browser.evaluate(pressed)[1] == "false"
+    assert browser.complaints == []
+
+
+NAMES = "() => [...document.querySelectorAll('#maps tbody tr')].filter((row) => !row.hidden).map((row) => row.querySelector('a').textContent)"
+
+
+def test_the_table_sorts_filters_and_opens(browser, pages):
+    path = pages(several())
+    browser.open(path)
+    assert browser.evaluate(NAMES) == ["b10", "b9", "a", "bad"]
+    click = "(name) => [...document.querySelectorAll('#maps th button')].find((one) => one.textContent === name).click()"
+    sorts = "() => [...document.querySelectorAll('#maps thead th')].map((one) => one.ariaSort)"
+    browser.evaluate(click, "free")
+    assert browser.evaluate(NAMES) == ["b9", "b10", "a", "bad"]
+    assert browser.evaluate(sorts).count("ascending") == 1
+    browser.evaluate(click, "free")
+    assert browser.evaluate(NAMES) == ["a", "b10", "b9", "bad"]
+    assert browser.evaluate(sorts).count("descending") == 1
+    browser.evaluate(click, "Map")
+    assert browser.evaluate(NAMES) == ["a", "b9", "b10", "bad"]
+    write = """(text) => {
+      const box = document.getElementById("filter");
+      box.value = text;
+      box.dispatchEvent(new Event("input", { bubbles: true }));
+    }"""
+    browser.evaluate(write, "b1 DONE")
+    assert browser.evaluate(NAMES) == ["b10"]
+    assert browser.evaluate(TEXTS, "#count") == ["1 of 4 maps"]
+    browser.evaluate(CLICK, "#maps tbody a[href='#entry-0']")
+    browsers.settle(browser)
+    shown = "() => [...document.querySelectorAll('main > section')].filter((one) => !one.hidden).map((one) => one.id)"
+    assert browser.evaluate(shown) == ["entry-0"]
+    browser.evaluate("() => { location.hash = '#maps'; }")
+    for _ in range(100):
+        if browser.evaluate(shown) == ["maps"]:
+            break
+    assert browser.evaluate(shown) == ["maps"]
+    assert_quiet(browser, path)
+
+
+def test_names_with_markup_are_shown_and_never_run(browser, pages):
+    path = pages(nasty_report())
+    browser.open(path)
+    names = browser.evaluate(NAMES)
+    assert names[0] == ATTACKS[0]
+    assert names[1] == ATTACKS[1]
+    for number in range(3):
+        browser.evaluate(CLICK, f"#maps tbody a[href='#entry-{number}']")
+        browsers.settle(browser)
+    assert browser.evaluate("() => document.images.length") == 0
+    assert browser.evaluate("() => document.title") == ATTACKS[1]
+    assert_quiet(browser, path)
+
+
+def test_the_policy_refuses_scripts_styles_and_requests(chromium, pages):
+    chromium.open(pages(one()))
+    browsers.settle(chromium)
+    found = chromium.evaluate("""async () => {
+      const broken = [];
+      document.addEventListener("securitypolicyviolation", (event) => broken.push(event.effectiveDirective));
+      const script = document.createElement("script"), image = new Image(), style = document.createElement("style");
+      script.textContent = "window.ran = true";
+      style.textContent = "* { color: red }";
+      document.body.append(script, style);
+      image.src = "data:image/gif;base64,R0lGODlhAQABAAAAACw=";
+      await fetch("https://example.invalid/").catch(() => 0);
+      await new Promise((done) => setTimeout(done, 100));
+      return [broken.sort(), window.ran ?? null];
+    }""")
+    assert found == [["connect-src", "img-src", "script-src-elem", "style-src-elem"], None]
+
+
+def test_a_mouse_drags_zooms_at_the_pointer_pins_and_measures(chromium, pages):
+    chromium.open(pages(one()))
+    browsers.settle(chromium)
+    mouse, box = chromium.page.mouse, chromium.page.locator("#map").bounding_box()
+    sx, sy = box["x"] + 301, box["y"] + 201
+    state = lambda: chromium.evaluate(VIEW)["view"]  # noqa: E731
+
+    def under(view, px, py):
+        return (
+            view["x"] + (px - box["x"] - 1 - view["width"] / 2) / view["scale"],
+            view["y"] - (py - box["y"] - 1 - view["height"] / 2) / view["scale"],
+        )
+
+    before = state()
+    mouse.move(sx, sy)
+    mouse.wheel(0, -200)
+    chromium.page.wait_for_timeout(50)
+    after = state()
+    assert after["scale"] > before["scale"] * 1.3
+    assert under(after, sx, sy) == pytest.approx(under(before, sx, sy), abs=1e-6)
+    mouse.down()
+    mouse.move(sx + 40, sy + 30, steps=4)
+    mouse.up()
+    assert under(state(), sx + 40, sy + 30) == pytest.approx(under(before, sx, sy), abs=0.05)
+    assert chromium.evaluate(VIEW).get("pinned") is None
+    mouse.click(sx, sy)
+    assert chromium.evaluate(VIEW)["pinned"] == pytest.approx(under(state(), sx, sy))
+    chromium.page.click("[data-do=measure]")
+    mouse.click(sx, sy)
+    mouse.click(sx + 60, sy)
+    (status,) = chromium.evaluate(TEXTS, "#status")
+    assert status.startswith(f"Measured {60 / state()['scale']:.3f} m")
+
+
+def test_the_list_can_hide_kinds(chromium, pages):
+    chromium.open(pages(one()))
+    browsers.settle(chromium)
+    chromium.evaluate(CLICK, "[data-item='2']")
+    goal = chromium.evaluate(PIXEL, CENTRE)
+    chromium.evaluate(CLICK, ".kinds [value=goal]")
+    chromium.page.wait_for_timeout(100)
+    assert chromium.evaluate(PIXEL, CENTRE) != goal
+
+
+@pytest.mark.parametrize("look", [{}, {"dark": True}, {"width": 360, "height": 780, "phone": True}])
+@pytest.mark.parametrize("make", [one, several])
+def test_axe_finds_nothing_serious(chromium, pages, make, look):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    chromium.open(pages(make()), **look)
+    if make is one:
+        browsers.settle(chromium)
+    found = axe.run(chromium.page).response["violations"]
+    bad = {one["id"]: [node["html"] for node in one["nodes"]][:3] for one in found
+           if one["impact"] in ("serious", "critical")}  # fmt: skip
+    assert bad == {}
+    across = chromium.page.evaluate("document.documentElement.scrollWidth")
+    assert across <= look.get("width", 1400)
+
+
+def test_without_a_script_all_words_are_there(chromium, pages):
+    chromium.open(pages(several()), script=False)
+    text = chromium.page.inner_text("body")
+    assert "The maps are drawn by a script" in text
+    for name in ("b10", "b9", "bad", "failed"):
+        assert name in text
+
+
+def test_a_screen_of_two_pixels_a_point_is_sharp(chromium, pages):
+    chromium.open(pages(one()), width=390, height=844, phone=True)
+    browsers.settle(chromium)
+    view = chromium.evaluate(VIEW)["view"]
+    assert math.isclose(
+        view["width"], chromium.evaluate("() => document.getElementById('map').clientWidth")
+    )
