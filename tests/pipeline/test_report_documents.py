@@ -165,12 +165,36 @@ def test_a_diff_shows_both_maps_and_what_differs(command, rooms, shut, tmp_path)
     (tmp_path / "diff.json").write_text(out)
     with Grids(DEFAULT_SETTINGS) as grids:
         (entry,) = gathered([tmp_path / "diff.json"], grids).entries
-        difference = entry.layers[0].values[:]
-    assert [layer.name for layer in entry.layers] == ["difference", "first", "second"]
+        difference = entry.layers[-1].values[:]
+    assert [layer.name for layer in entry.layers] == ["first", "second", "difference"]
     assert entry.compared == ("first", "second")
     changed = mapdeal.read_map(rooms).occupancy != mapdeal.read_map(shut).occupancy
-    added = next(value for value, name in entry.layers[0].style.labels.items() if "added" in name)
+    added = next(value for value, name in entry.layers[-1].style.labels.items() if "added" in name)
     assert np.array_equal(difference == added, changed)
+    (item,) = entry.items
+    ((row, col),) = np.argwhere(changed)
+    x, y = mapdeal.read_map(rooms).frame.xy_from_rowcol([(row, col)])[0]
+    assert item.place == pytest.approx((x, y))
+    assert item.text == f"wall added: 1 cell at {x:.6g}, {y:.6g}"
+
+
+def test_groups_of_cells_that_differ_are_listed_by_size(command, tmp_path):
+    before, after = np.zeros((30, 40), np.int8), np.zeros((30, 40), np.int8)
+    before[3, 4:9] = 100  # gone
+    after[20:22, 30] = after[22, 31] = 100  # touch over a corner
+    after[10, 10] = 100
+    for name, cells in (("before", before), ("after", after)):
+        grid = mapdeal.OccupancyGrid(cells, 0.5, (2.0, -1.0, 0.3))
+        mapdeal.write_map(tmp_path / f"{name}.yaml", grid)
+    maps = tmp_path / "before.yaml", tmp_path / "after.yaml"
+    (tmp_path / "diff.json").write_text(command("diff", *maps, "--json")[1])
+    (entry,) = entries_of(tmp_path / "diff.json")
+    assert [item.text.partition(" at ")[0] for item in entry.items] == [
+        "wall added: 3 cells", "wall added: 1 cell", "wall removed: 5 cells"
+    ]  # fmt: skip
+    middles = [(21, 30), (10, 10), (3, 6)]
+    places = [item.place for item in entry.items]
+    assert np.allclose(places, grid.frame.xy_from_rowcol(middles))
 
 
 def test_a_diff_of_maps_that_are_gone_or_changed_says_so(command, rooms, shut, tmp_path):

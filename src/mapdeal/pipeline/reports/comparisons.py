@@ -10,6 +10,7 @@ from mapdeal.formats.answers import ComparisonAnswer, DiffAnswer, NamedMap, read
 from mapdeal.formats.source import exists
 from mapdeal.pipeline.compare import DOCUMENT
 from mapdeal.pipeline.diff import diff_files
+from mapdeal.pipeline.reports.differences import difference_items
 from mapdeal.pipeline.reports.draft import Draft
 from mapdeal.pipeline.reports.grids import Grids
 from mapdeal.pipeline.reports.items import comparison_items, comparison_tables
@@ -69,14 +70,13 @@ def two_maps(path: Path, answer: DiffAnswer, grids: Grids, settings: Settings) -
     draft = Draft(f"{_stem(answer.first)} and {_stem(answer.second)}", path)
     found = [_found(draft, one, path, grids) for one in (answer.first, answer.second)]
     maps = [one for one in found if one is not None]
-    if len(maps) == 2:
-        _add_difference(draft, maps[0], maps[1], settings)
     for place, name, title in zip(found, ("first", "second"), ("First", "Second"), strict=True):
         if place is not None:
             layers = grids.layers(place, name, f"{title} map: {place.name}")
             draft.layers.append(layers[-1])
             draft.paths.append(place)
     if len(maps) == 2:
+        _add_difference(draft, maps[0], maps[1], settings)
         draft.compared = "first", "second"
     return draft
 
@@ -106,3 +106,4 @@ def _add_difference(draft: Draft, first: Path, second: Path, settings: Settings)
     style = difference_style()
     title = "What differs"
     draft.layers.append(PageLayer("difference", title, found.frame, found.changes, style))
+    draft.items += difference_items(found)
