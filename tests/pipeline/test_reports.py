@@ -217,3 +217,17 @@ def test_titles(run, rooms, tmp_path):
     assert report_of(run).title == "rooms"
     assert report_of(run, tmp_path / "other.yaml").title == "2 maps"
     assert report_of(run, title="<b>").title == "<b>"
+
+
+@pytest.mark.parametrize("fits", [True, False])
+def test_layers_are_the_same_when_files_do_not_fit_the_memory(run, rooms, fits, monkeypatch):
+    if not fits:
+        monkeypatch.setattr("mapdeal.pipeline.reports.grids.memory_limit", lambda: (0, ""))
+    with Grids(DEFAULT_SETTINGS) as grids:
+        layers = gathered([run, rooms], grids).entries[0].layers
+        values = [layer.values[:] for layer in layers]
+        assert all(layer.values[2:4].tolist() == value[2:4].tolist()
+                   for layer, value in zip(layers, values, strict=True))  # fmt: skip
+        assert grids.is_lazy(run / "esdf.npz") == grids.is_lazy(rooms) == (not fits)
+    with np.load(run / "esdf.npz") as stored:
+        assert values[2].tobytes() == stored["distance"].tobytes()

@@ -12,7 +12,7 @@ from typing import Any
 from mapdeal.errors import kept_warnings
 from mapdeal.formats.budget import memory_limit
 from mapdeal.formats.maps import MapFile, open_map
-from mapdeal.formats.npz import Grid, holds_reach, read_reach
+from mapdeal.formats.npz import Grid, holds_reach, open_npz, read_reach
 from mapdeal.formats.source import sums_of_reads
 from mapdeal.kernels.blocks import Layer, is_lazy, lazy_layer
 from mapdeal.pipeline.heard import heard
@@ -115,6 +115,10 @@ class Grids:
         self._kept.move_to_end(path)
         return self._kept[path]
 
+    def is_lazy(self, path: Path) -> bool:
+        """Return whether a file that was opened is read row by row."""
+        return self.grid(path).is_lazy
+
     def layers(self, path: Path, name: str, title: str) -> list[PageLayer]:
         """Return the layers of a page that the grid of a file becomes, read when asked for."""
         grid = self.grid(path)
@@ -130,9 +134,15 @@ class Grids:
             file = stack.enter_context(
                 open_map(path, dialect=settings.dialect, max_cells=settings.max_cells)
             )
-            if path.suffix.lower() == ".npz" and holds_reach(path):
+            is_npz = path.suffix.lower() == ".npz"
+            if is_npz and holds_reach(path):
                 return read_reach(path, max_cells=settings.max_cells), file
-            if file.shape_by_rows is None or file.memory_to_read() <= self._room:
+            if file.memory_to_read() <= self._room:
+                return file.read().grid, file
+            if is_npz:
+                opened = open_npz(path, block_height=_ROWS, max_cells=settings.max_cells)
+                return self._stack.enter_context(opened), file
+            if file.shape_by_rows is None:
                 return file.read().grid, file
             self._stack.enter_context(stack.pop_all())
             return file.by_rows(block_height=_ROWS).grid, file
