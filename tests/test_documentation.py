@@ -57,8 +57,11 @@ def test_every_command_of_a_page_runs(page, project, command):
             expected = 0
             if "exit code" in part and (match := re.search(r"# exit code (\d)", part)):
                 expected = int(match[1])
-            code, _, err = command(*words[1:])
+            words, file = (words[:-2], words[-1]) if words[-2:-1] == [">"] else (words, None)
+            code, out, err = command(*words[1:])
             assert code == expected, f"{part}: {err}"
+            if file is not None:  # what the shell does
+                Path(file).write_text(out)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)

@@ -36,6 +36,7 @@ WORKING = {
     "info": ["m.yaml"],
     "lint": ["m.yaml"],
     "diff": ["m.yaml", "m.yaml"],
+    "report": ["m.yaml", "-o", "o.html", "--force"],
     "completion": ["bash"],
 }  # fmt: skip
 ALTERNATIVES = {("window", "--corner"): "--at", ("edit reset", "--corner"): "--at"}

@@ -38,6 +38,7 @@ LINES = {
     "pack": ["pack", "m.yaml", "-o", "o.pbm"],
     "info": ["info", "m.yaml"],
     "diff": ["diff", "m.yaml", "m.yaml"],
+    "report": ["report", "m.yaml", "-o", "o.html"],
 }  # fmt: skip
 
 # lint has findings, and these read no maps.

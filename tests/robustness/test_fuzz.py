@@ -35,6 +35,8 @@ READS = re.compile(
 NOT_READERS = {
     "formats.temporary.Temporary.open",  # makes a file
     "pipeline.files.read_input", "pipeline.local.read_global_map",  # call readers, with warnings
+    "pipeline.files.read_summed", "pipeline.reports.grids.Grids.open",
+    "pipeline.reports.items.lint_table",  # a table
     "planning.terrain.Terrain.open_cell_of",  # a cell that is open
     "cli.lint.lint", "cli.terminal.input_chunks",  # the command line
     "api.lint.lint", "api.recipe.load_recipe",  # call what commands call
