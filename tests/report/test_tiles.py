@@ -313,26 +313,38 @@ def _noise(side, seed, **more):
     return _layer(values, **more)
 
 
-def test_what_is_too_large_loses_the_finest_levels_of_the_largest_layers():
+def _reduces(result):
+    return [[level.reduce for level in layer.levels] for layer in result.encoded]
+
+
+def test_what_is_too_large_gets_coarser_cells_where_that_saves_most():
     layers = [_noise(300, 1), _noise(600, 2), _noise(600, 3), _noise(450, 4)]
     whole = encoded(layers, size=ROOM)
-    assert [layer.reduce for layer in whole.encoded] == [1, 1, 1, 1]
-    sizes = [[level.size for level in layer.levels] for layer in whole.encoded]
+    assert _reduces(whole) == [[4, 1], [4, 1], [4, 1], [4, 1]]
     result = encoded(layers, size=whole.size - 1)
-    assert [layer.reduce for layer in result.encoded] == [1, 4, 4, 1]
-    assert result.size == whole.size - sizes[1][-1] - sizes[2][-1]
-    text = b"".join(result.data)
-    assert [len(text[a : a + b]) for *_, (a, b) in _tiles_of(result.layers[3]["levels"])] == [
-        len(tile) for level in whole.encoded[3].levels for tile in level.tiles
-    ]
-    assert encoded(layers, size=result.size).layers == result.layers
-    assert [one.reduce for one in encoded(layers, size=result.size - 1).encoded] == [1, 4, 4, 4]
+    assert _reduces(result) == [[4, 1], [8, 2], [8, 2], [4, 1]]
+    np.testing.assert_array_equal(_decoded(result, 3)[1], layers[3].values)
+    np.testing.assert_array_equal(_decoded(result, 2)[2], _pooled(layers[2].values, 2, max))
+    np.testing.assert_array_equal(_decoded(result, 2)[8], _pooled(layers[2].values, 8, max))
+    again = encoded(layers, size=result.size)
+    assert (again.layers, again.data) == (result.layers, result.data)
+    smaller = encoded(layers, size=result.size - 1)
+    assert _reduces(smaller) == [[4, 1], [8, 2], [8, 2], [2]]
+    assert smaller.encoded[3].reduce == 2
 
 
-def test_each_layer_keeps_one_level_however_little_room_there_is():
-    result = encoded([_noise(600, 1), _noise(100, 2)], size=0)
-    assert [layer.reduce for layer in result.encoded] == [4, 1]
-    assert all(len(layer.levels) == 1 for layer in result.encoded)
+def test_there_is_an_end_to_how_coarse_cells_become():
+    result = encoded([_noise(600, 1), _noise(256, 2), _noise(257, 3)], size=0)
+    assert _reduces(result) == [[8], [1], [4]]
+
+
+@pytest.mark.parametrize("shape", [(256, 256), (257, 3), (3, 513), (700, 1100)])
+@pytest.mark.parametrize("size", [ROOM, 40_000, 4_000])
+def test_the_coarsest_level_is_a_thumbnail_and_each_other_four_times_finer(shape, size):
+    values = np.random.default_rng(8).integers(0, 256, shape, dtype=np.uint8)
+    (reduces,) = _reduces(encoded([_layer(values)], size=size))
+    assert max(shape) / reduces[0] <= 256
+    assert reduces == [reduces[-1] * 4**k for k in range(len(reduces))][::-1]
 
 
 def test_no_layers_are_no_data():
