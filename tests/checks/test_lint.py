@@ -496,7 +496,7 @@ def test_json_is_one_document(command, folder):
     assert [entry["file"] for entry in document["maps"]] == ["good.yaml", "turned.yaml"]
     assert document["maps"][0]["findings"] == []
     assert document["maps"][1]["findings"][0] == {
-        "check": "yaml.origin-yaw", "severity": "warning", "line": 4,
+        "check": "yaml.origin-yaw", "severity": "warning", "line": 4, "places": [],
         "message": "yaw 1 rad is ignored by costmap_2d and AMCL",
     }  # fmt: skip
     assert (document["errors"], document["warnings"], document["notes"]) == (0, 1, 0)

@@ -9,7 +9,8 @@ from mapdeal.checks.facts import GridFacts
 
 def said(name, text, resolution=0.5):
     """What a check says of a drawing."""
-    return list(getattr(map_checks, name)(GridFacts.of(grid_from_text(text, resolution))))
+    found = getattr(map_checks, name)(GridFacts.of(grid_from_text(text, resolution)))
+    return [one if isinstance(one, str) else one.message for one in found]
 
 
 def test_islands_are_of_a_square_metre_or_more_the_largest_is_none():

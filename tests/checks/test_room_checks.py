@@ -40,7 +40,7 @@ def room(tmp_path, monkeypatch):
 
 
 def said(radius, grid=TWO_ROOMS):
-    return list(room_checks.disconnected(RoomFacts(grid, radius)))
+    return [one.message for one in room_checks.disconnected(RoomFacts(grid, radius))]
 
 
 def mask_of(is_open, seed):

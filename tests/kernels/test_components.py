@@ -33,6 +33,41 @@ def test_sizes_are_those_of_flooding_however_rows_come(marked, heights, together
     assert found == Counter(len(group) for group in oracles.groups(marked))
 
 
+def middle_by_hand(group, width):
+    """The middle of the longest row of cells of a component, as a number; the lowest of several."""
+    runs = []
+    for row, col in sorted(group):
+        if runs and (row, col - 1) == runs[-1][-1]:
+            runs[-1].append((row, col))
+        else:
+            runs.append([(row, col)])
+    longest = max(map(len, runs))
+    return min(
+        row * width + col
+        for row, col in (run[(longest - 1) // 2] for run in runs if len(run) == longest)
+    )
+
+
+@given(masks(20), st.lists(st.integers(1, 5), min_size=1, max_size=3), st.booleans())
+def test_places_are_the_middles_of_the_longest_runs(marked, heights, from_last):
+    expected = {}
+    for group in oracles.groups(marked):
+        middle = middle_by_hand(group, marked.shape[1])
+        expected.setdefault(len(group), []).append(middle)
+    found = Components(last_row=len(marked) - 1 if from_last else None)
+    rows = marked[::-1] if from_last else marked
+    first, turn = 0, 0
+    while first < len(rows):
+        height = heights[turn % len(heights)]
+        found.add(rows[first : first + height])
+        first, turn = first + height, turn + 1
+    with_most = {
+        size: sorted(listed)[: components.MOST_PLACES] for size, listed in expected.items()
+    }
+    assert found.places() == with_most
+    assert list(found.places()) == sorted(with_most)
+
+
 @pytest.mark.parametrize("share", [0.02, 0.35, 0.41, 0.6, 0.97])
 @pytest.mark.parametrize("height", [1, 7, 300])
 def test_sizes_are_those_of_scipy(share, height):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mapdeal.checks.finding import CHECKS, Finding
+from mapdeal.checks.finding import CHECKS, Finding, places_of
 from mapdeal.checks.tallies import CellTallies, PixelTallies, tallies_of
 from mapdeal.errors import (
     FileAccessError,
@@ -31,6 +31,7 @@ from mapdeal.formats.picture import Picture
 from mapdeal.formats.source import head_of
 from mapdeal.formats.strips import Strips
 from mapdeal.formats.yaml_text import Entry, read_mapping
+from mapdeal.grid.coordinates import Point
 from mapdeal.grid.costmap import Costmap, figures_of_costs
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -70,6 +71,10 @@ class GridFacts:
     def counts(self) -> dict[str, int]:
         """How many cells there are of each kind."""
         return self.cells.counts
+
+    def places(self, cells_rowcol: Sequence[tuple[float, float]]) -> tuple[Point, ...]:
+        """Return the centres of cells in the map frame, metres."""
+        return places_of(self.frame.xy_from_rowcol(cells_rowcol).tolist())
 
     @property
     def other_components(self) -> tuple[Cells, Cells]:
@@ -225,7 +230,7 @@ def _counted(
     """Go through a picture; return its kind, what its pixels come to, and its cells, if any."""
     holds_costs = metadata.cost_scale is not None
     pixels = PixelTallies(metadata)
-    cells = None if holds_costs else CellTallies(strips.shape)
+    cells = None if holds_costs else CellTallies(strips.shape, from_north=True)
     for strip in strips.pictures():
         read = None if cells is None else reader_of(strip, metadata, "nav2")
         for part in strip.bands(_PIXELS_TOGETHER):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from mapdeal.errors import one_line
 from mapdeal.formats.ros_parameters.value import ParameterValue
+from mapdeal.grid.coordinates import Point
 
 Severity = Literal["error", "warning", "note"]
+_DECIMALS = 9
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
 
 
@@ -30,6 +32,8 @@ class Finding:
         What it is, one line.
     line : int, optional
         The line of the file, from 1 on.
+    places : tuple of (x, y)
+        Where it is, in the map frame, metres: some of the places, the most important first.
     """
 
     check: str
@@ -37,6 +41,7 @@ class Finding:
     file: str
     message: str
     line: int | None = None
+    places: tuple[Point, ...] = ()
 
     def __str__(self) -> str:
         """Return ``FILE:LINE: SEVERITY: CHECK: MESSAGE``, as ``mapdeal lint`` prints it."""
@@ -56,11 +61,14 @@ class Remark:
         The key of the YAML that it is about.
     at : ParameterValue, optional
         The parameter that it is about, of a robot's files.
+    places : tuple of (x, y)
+        As of a `Finding`.
     """
 
     message: str
     key: str | None = None
     at: ParameterValue | None = None
+    places: tuple[Point, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -86,6 +94,11 @@ class Check:
     about: str
     run: Callable[[Any], Iterator[Remark | str]] | None = None
     facts: type | None = None
+
+
+def places_of(points_xy: Iterable[Sequence[float]]) -> tuple[Point, ...]:
+    """Return points of the map frame as findings tell them, without the rounding of floats."""
+    return tuple((round(x, _DECIMALS) + 0.0, round(y, _DECIMALS) + 0.0) for x, y in points_xy)
 
 
 CHECKS: dict[str, Check] = {}

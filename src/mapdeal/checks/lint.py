@@ -73,4 +73,4 @@ def _findings_of(check: Check, facts: Any, path: Path, pair: PairFacts | None) -
         line = None
         if remark.key is not None and pair is not None and remark.key in pair.entries:
             line = pair.entries[remark.key].node.start_mark.line + 1
-        yield Finding(check.name, check.severity, str(path), remark.message, line)
+        yield Finding(check.name, check.severity, str(path), remark.message, line, remark.places)

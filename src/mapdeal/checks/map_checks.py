@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from mapdeal.checks.check import check
 from mapdeal.checks.facts import GridFacts
+from mapdeal.checks.finding import Remark
 from mapdeal.formats.map_remarks import NOTHING_KNOWN
 
 _MIN_ISLAND_AREA = 1.0
@@ -34,13 +35,14 @@ def all_unknown(facts: GridFacts) -> Iterator[str]:
 
 
 @check("map.mostly-unknown", "note", "a small known part on a large unknown canvas")
-def mostly_unknown(facts: GridFacts) -> Iterator[str]:
+def mostly_unknown(facts: GridFacts) -> Iterator[Remark]:
     """Compare the bounding box of known cells with the map: gmapping saves much unknown space."""
     height, width = facts.cells.known_box
     share = height * width / facts.cells.size
     if 0 < share < 0.5:
         text = f"all that is known lies in {width} x {height} cells, {100 * share:.0f} %"
-        yield f"{text}: try mapdeal active"
+        middle = facts.places([facts.cells.middle_of_known])
+        yield Remark(f"{text}: try mapdeal active", places=middle)
 
 
 @check("map.inside-out", "warning", "more occupied than free cells")
@@ -52,7 +54,7 @@ def inside_out(facts: GridFacts) -> Iterator[str]:
 
 
 @check("map.islands", "warning", "free space that cannot be reached from the largest part")
-def islands(facts: GridFacts) -> Iterator[str]:
+def islands(facts: GridFacts) -> Iterator[Remark]:
     """Measure the connected components of a square metre or more."""
     sizes, counts = facts.other_components
     is_large = sizes * _cell_area(facts) >= _MIN_ISLAND_AREA
@@ -61,29 +63,35 @@ def islands(facts: GridFacts) -> Iterator[str]:
         area = float((sizes * counts)[is_large].sum()) * _cell_area(facts)
         largest = facts.cells.free_components[0][-1] * _cell_area(facts)
         parts = "area" if count == 1 else "areas"
-        yield (
+        text = (
             f"{count} {parts} of free space, {area:.3g} m2, cannot be reached from"
             f" the largest, {largest:.4g} m2"
         )
+        least = int(sizes[is_large][0])
+        cells = facts.cells.places_of_components(least, facts.cells.size)
+        yield Remark(text, places=facts.places(cells))
 
 
 @check("map.specks", "note", "small patches of free space apart from the rest")
-def specks(facts: GridFacts) -> Iterator[str]:
+def specks(facts: GridFacts) -> Iterator[Remark]:
     """Count the smaller components: stray beams, mostly."""
     sizes, counts = facts.other_components
     is_small = sizes * _cell_area(facts) < _MIN_ISLAND_AREA
     count = int(counts[is_small].sum())
     if count:
         cells = int((sizes * counts)[is_small].sum())
-        yield f"{count} patches of free space are smaller than 1 m2, {cells} cells"
+        text = f"{count} patches of free space are smaller than 1 m2, {cells} cells"
+        places = facts.cells.places_of_components(1, int(sizes[is_small][-1]))
+        yield Remark(text, places=facts.places(places))
 
 
 @check("map.open-border", "note", "free cells on the border of the map")
-def open_border(facts: GridFacts) -> Iterator[str]:
+def open_border(facts: GridFacts) -> Iterator[Remark]:
     """Count them: free space seems to go on, but nothing is known beyond."""
     count = facts.cells.free_on_border
     if count:
-        yield f"{count} of {facts.cells.border} cells on the border are free; is the map cut off?"
+        text = f"{count} of {facts.cells.border} cells on the border are free; is the map cut off?"
+        yield Remark(text, places=facts.places(facts.cells.free_stretches))
 
 
 def _cell_area(facts: GridFacts) -> float:

@@ -14,8 +14,11 @@ from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.blocks import Layer, blocks_of
-from mapdeal.kernels.components import Cells, Components
+from mapdeal.kernels.components import MOST_PLACES, Cells, Components
 from mapdeal.kernels.lookup import histogram
+
+Place = tuple[int, int]
+"""Row and column of a cell, row 0 in the south."""
 
 _CELLS_TOGETHER = 1 << 18
 
@@ -27,19 +30,22 @@ class CellTallies:
     ----------
     shape : tuple of int
         Rows and columns of the map.
+    from_north : bool
+        Whether the northernmost row comes first; what is told of places counts from the south.
     """
 
-    def __init__(self, shape: tuple[int, int]) -> None:
+    def __init__(self, shape: tuple[int, int], *, from_north: bool = False) -> None:
         height, width = shape
         self.shape = shape
         self.size = height * width
-        self.free_on_border = 0
-        """Cells on the border of the map that are free."""
         self._rows = 0
         self._of_values = np.zeros(256, dtype=np.int64)
         self._known_rows = np.zeros(height, dtype=np.bool_)
         self._known_cols = np.zeros(width, dtype=np.bool_)
-        self._free = Components()
+        self._free = Components(last_row=height - 1 if from_north else None)
+        self._from_north = from_north
+        self._free_rows = np.zeros((2, width), dtype=np.bool_)
+        self._free_cols = np.zeros((height, 2), dtype=np.bool_)
 
     def add(self, occupancy: NDArray[np.int8]) -> None:
         """Count the cells of the next rows, shape (rows, W)."""
@@ -56,13 +62,10 @@ class CellTallies:
         self._known_cols |= band.max(axis=0) >= 0
         free = band == FREE
         self._free.add(free)
-        last = self.shape[0] - 1
-        inner = free[max(1 - first, 0) : max(last - first, 0)]
-        sides = [0] if self.shape[1] == 1 else [0, -1]
-        self.free_on_border += sum(int(np.count_nonzero(inner[:, side])) for side in sides)
-        for row in {0, last}:
+        self._free_cols[first:stop] = free[:, [0, -1]]
+        for side, row in enumerate((0, self.shape[0] - 1)):
             if first <= row < stop:
-                self.free_on_border += int(np.count_nonzero(free[row - first]))
+                self._free_rows[side] = free[row - first]
 
     @cached_property
     def counts(self) -> dict[str, int]:
@@ -75,6 +78,39 @@ class CellTallies:
         height, width = self.shape
         return self.size - max(height - 2, 0) * max(width - 2, 0)
 
+    @cached_property
+    def free_on_border(self) -> int:
+        """Cells on the border of the map that are free."""
+        return int(np.count_nonzero(self._border()[1]))
+
+    @property
+    def free_stretches(self) -> list[Place]:
+        """The middles of the stretches of free cells along the border, of the longest first."""
+        cells, is_free = self._border()
+        stretches = _stretches(is_free, is_closed=min(self.shape) > 1)
+        stretches.sort(key=lambda one: (-one[1], one[0]))
+        middles = [(start + (length - 1) // 2) % len(cells) for start, length in stretches]
+        return [(row, col) for row, col in cells[middles[:MOST_PLACES]].tolist()]
+
+    def _border(self) -> tuple[Cells, NDArray[np.bool_]]:
+        """Return the cells of the border, anticlockwise from (0, 0), and which of them are free."""
+        height, width = self.shape
+        rows, cols = np.arange(height), np.arange(width)
+        sides = [(0 * cols, cols), (rows[1:], 0 * rows[1:] + width - 1)]
+        if height > 1:
+            sides.append((0 * cols[1:] + height - 1, cols[-2::-1]))
+        if width > 1:
+            sides.append((rows[-2:0:-1], 0 * rows[-2:0:-1]))
+        cells = np.concatenate([np.stack(side, axis=1) for side in sides])
+        bottom_and_top, left_and_right = self._free_rows, self._free_cols
+        if self._from_north:
+            bottom_and_top, left_and_right = bottom_and_top[::-1], left_and_right[::-1]
+        row, col = cells.T
+        on_side = left_and_right[row, (col > 0).astype(np.intp)]
+        on_end = bottom_and_top[(row > 0).astype(np.intp), col]
+        is_end = (row == 0) | (row == height - 1)
+        return cells, np.where(is_end, on_end, on_side)
+
     @property
     def known_box(self) -> tuple[int, int]:
         """Rows and columns of the smallest box around all known cells, 0 and 0 without any."""
@@ -83,10 +119,56 @@ class CellTallies:
             return 0, 0
         return int(np.ptp(rows)) + 1, int(np.ptp(cols)) + 1
 
+    @property
+    def middle_of_known(self) -> tuple[float, float]:
+        """The middle of that box, in rows and columns as the centres of cells have them."""
+        rows, cols = np.flatnonzero(self._known_rows), np.flatnonzero(self._known_cols)
+        row, col = float(rows[0] + rows[-1]) / 2, float(cols[0] + cols[-1]) / 2
+        return (self.shape[0] - 1 - row if self._from_north else row), col
+
     @cached_property
     def free_components(self) -> tuple[Cells, Cells]:
         """The sizes of the 8-connected components of free cells, and how many there are of each."""
         return self._free.sizes()
+
+    def places_of_components(self, least: int, most: int) -> list[Place]:
+        """Return a cell of each of the largest components of free cells but the very largest.
+
+        Parameters
+        ----------
+        least, most : int
+            How many cells they have.
+        """
+        found = list(reversed(self._free.places().items()))
+        if found:  # of several that are as large as the largest, one is that
+            found[0] = found[0][0], found[0][1][1:]
+        cells = [cell for size, listed in found if least <= size <= most for cell in listed]
+        return [divmod(cell, self.shape[1]) for cell in cells[:MOST_PLACES]]
+
+
+def _stretches(marked: NDArray[np.bool_], *, is_closed: bool) -> list[tuple[int, int]]:
+    """Return where stretches of marked things begin, and how long they are.
+
+    Parameters
+    ----------
+    marked : numpy.ndarray of bool, shape (N,)
+        The things, one after the other.
+    is_closed : bool
+        Whether the first comes after the last.
+
+    Examples
+    --------
+    >>> _stretches(np.array([True, True, False, True]), is_closed=True)
+    [(3, 3)]
+    """
+    if marked.all():
+        return [(0, len(marked))]
+    edges = np.flatnonzero(np.diff(marked, prepend=False, append=False))
+    found = [(start, stop - start) for start, stop in edges.reshape(-1, 2).tolist()]
+    if is_closed and len(found) > 1 and marked[0] and marked[-1]:
+        start, length = found.pop()
+        found[0] = start, length + found[0][1]
+    return found
 
 
 def tallies_of(occupancy: Layer) -> CellTallies:

@@ -1,7 +1,8 @@
 """Sizes of connected components, found while rows go by: no labels of the whole are kept.
 
 Marked cells are runs along their rows. Runs of neighbouring rows that touch are joined; of what is
-behind, only the components that reach the last row can still grow.
+behind, only the components that reach the last row can still grow. Of each size some components are
+remembered by a cell of theirs: the middle of the longest run, which is well inside of most.
 """
 
 from __future__ import annotations
@@ -16,7 +17,11 @@ from mapdeal.kernels.groups import least_joined
 
 Cells = NDArray[np.int64]
 
+MOST_PLACES = 20
+"""Components of a size of which a cell is kept."""
+
 _CELLS_TOGETHER = 1 << 18
+_NOWHERE = np.iinfo(np.int64).max
 
 
 class _Front(NamedTuple):
@@ -28,10 +33,19 @@ class _Front(NamedTuple):
     """Of each run, 0 .. K - 1."""
     sizes: Cells
     """Cells so far of each component, shape (K,)."""
+    longest: Cells
+    """The longest run so far of each component, cells."""
+    middles: Cells
+    """The cell in the middle of that."""
 
 
 class Components:
     """Measures the 8-connected components of marked cells, of which some rows come at a time.
+
+    Parameters
+    ----------
+    last_row : int, optional
+        The number of the row that comes first, if the last one does; else the first one is row 0.
 
     Examples
     --------
@@ -40,12 +54,16 @@ class Components:
     >>> components.add(np.array([[False, False, False], [True, True, False]]))
     >>> [listed.tolist() for listed in components.sizes()]
     [[2, 3], [1, 1]]
+    >>> components.places()  # column 0 of row 3, column 0 of row 0
+    {2: [9], 3: [0]}
     """
 
-    def __init__(self) -> None:
+    def __init__(self, last_row: int | None = None) -> None:
         nothing = np.zeros(0, dtype=np.int64)
-        self._front = _Front(nothing, nothing, nothing, nothing)
+        self._front = _Front(nothing, nothing, nothing, nothing, nothing, nothing)
         self._closed: Counter[int] = Counter()
+        self._places: dict[int, list[int]] = {}
+        self._row, self._step = (0, 1) if last_row is None else (last_row, -1)
 
     def add(self, marked: NDArray[np.bool_]) -> None:
         """Take the next rows.
@@ -75,6 +93,23 @@ class Components:
         sizes, counts = np.array(listed, dtype=np.int64).reshape(-1, 2).T
         return sizes, counts
 
+    def places(self) -> dict[int, list[int]]:
+        """Return a cell of some components of each size, those with the lowest of such cells.
+
+        Returns
+        -------
+        dict of int to list of int
+            By size, the smallest first: at most `MOST_PLACES` cells, in ascending order. A cell is
+            its row times the width of the grid, and its column. It is the middle of the component's
+            longest run, of several the one with the lowest cell, from whichever side rows came.
+        """
+        found = {size: list(listed) for size, listed in self._places.items()}
+        for size, middle in zip(
+            self._front.sizes.tolist(), self._front.middles.tolist(), strict=True
+        ):
+            found.setdefault(size, []).append(middle)
+        return {size: sorted(found[size])[:MOST_PLACES] for size in sorted(found)}
+
     def _add_band(self, marked: NDArray[np.bool_]) -> None:
         height, width = marked.shape
         front, stride = self._front, width + 1
@@ -86,20 +121,72 @@ class Components:
         nodes = np.concatenate([front.components, live + np.arange(len(starts))])
         one, other = _touching(all_starts, all_stops, stride)
         least = least_joined(nodes[one], nodes[other], live + len(starts))
-        cells = np.concatenate([front.sizes, stops - starts])
+        lengths = stops - starts
+        cells = np.concatenate([front.sizes, lengths])
         sizes = np.zeros(len(cells), dtype=np.int64)
         np.add.at(sizes, least, cells)
+        longest, middles = _middles(
+            least,
+            np.concatenate([front.longest, lengths]),
+            np.concatenate([front.middles, self._middles_of(starts, lengths, marked.shape)]),
+        )
+        self._row += self._step * height
         in_last_row = before + int(np.searchsorted(starts, (height - 1) * stride))
         reached, components = np.unique(least[nodes[in_last_row:]], return_inverse=True)
         shift = height * stride
         self._front = _Front(
             all_starts[in_last_row:] - shift, all_stops[in_last_row:] - shift, components,
-            sizes[reached],
+            sizes[reached], longest[reached], middles[reached],
         )  # fmt: skip
         sizes[reached] = 0
-        closed, counts = np.unique(sizes[sizes > 0], return_counts=True)
-        for size, count in zip(closed.tolist(), counts.tolist(), strict=True):
-            self._closed[size] += count
+        closed = np.flatnonzero(sizes)
+        self._close(sizes[closed], middles[closed])
+
+    def _middles_of(self, starts: Cells, lengths: Cells, shape: tuple[int, int]) -> Cells:
+        """Return the cell in the middle of each run of a band, as the whole grid counts cells."""
+        height, width = shape
+        rows = np.arange(height)
+        bounds = np.searchsorted(starts, np.append(rows, height) * (width + 1))
+        in_whole = (self._row + self._step * rows) * width
+        shifts = np.repeat(in_whole - rows * (width + 1), np.diff(bounds))
+        return starts + shifts + ((lengths - 1) >> 1)
+
+    def _close(self, sizes: Cells, middles: Cells) -> None:
+        """Count components that grow no more."""
+        if not len(sizes):
+            return
+        short = sizes.astype(np.uint16) if sizes.max() < 1 << 16 else sizes  # sorted in one go
+        order = np.argsort(short, kind="stable")
+        sizes, middles = sizes[order], middles[order]
+        firsts = np.flatnonzero(np.diff(sizes, prepend=0))
+        stops = np.append(firsts[1:], len(sizes))
+        for size, first, stop in zip(
+            sizes[firsts].tolist(), firsts.tolist(), stops.tolist(), strict=True
+        ):
+            self._closed[size] += stop - first
+            some = middles[first:stop]
+            if len(some) > MOST_PLACES:
+                some = np.partition(some, MOST_PLACES)[:MOST_PLACES]
+            kept = self._places.get(size, [])
+            self._places[size] = sorted(kept + some.tolist())[:MOST_PLACES]
+
+
+def _middles(least: Cells, lengths: Cells, middles: Cells) -> tuple[Cells, Cells]:
+    """Return the length and the middle of the longest run of each component.
+
+    Parameters
+    ----------
+    least : numpy.ndarray of int64, shape (N,)
+        The component of each run, one of 0 .. N - 1.
+    lengths, middles : numpy.ndarray of int64, shape (N,)
+        Of the runs.
+    """
+    longest = np.zeros(len(least), dtype=np.int64)
+    np.maximum.at(longest, least, lengths)
+    is_longest = lengths == longest[least]
+    found = np.full(len(least), _NOWHERE)
+    np.minimum.at(found, least[is_longest], middles[is_longest])
+    return longest, found
 
 
 def _runs(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:

@@ -86,6 +86,7 @@ def _result(found: Finding, index: int, one: MapReport) -> dict[str, Any]:
         "level": found.severity,
         "message": {"text": one_line(found.message)},
         "locations": [{"physicalLocation": location}],
+        **({"properties": {"places": found.places}} if found.places else {}),
     }
 
 

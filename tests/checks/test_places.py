@@ -1,0 +1,222 @@
+"""Where lint says that something is: walked around and flooded by hand, on turned maps."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mapdeal
+from drawn import grid_from_text
+from mapdeal import Footprint, OccupancyGrid, write_map
+from mapdeal.checks import tallies
+from mapdeal.checks.facts import GridFacts, gather
+from mapdeal.checks.map_checks import islands, mostly_unknown, open_border, specks
+from mapdeal.checks.tallies import CellTallies, tallies_of
+from oracles import groups
+from strategies import occupancies
+
+RESOLUTION, ORIGIN = 0.4, (3.0, -7.5, 0.7)
+
+
+def cell_at(place):
+    """Row and column of a point of the map frame, in a map of the origin above."""
+    x, y = place[0] - ORIGIN[0], place[1] - ORIGIN[1]
+    along = math.cos(ORIGIN[2]) * x + math.sin(ORIGIN[2]) * y
+    across = -math.sin(ORIGIN[2]) * x + math.cos(ORIGIN[2]) * y
+    col, row = along / RESOLUTION - 0.5, across / RESOLUTION - 0.5
+    assert abs(col - round(col)) < 1e-6, "the centre of a cell"
+    assert abs(row - round(row)) < 1e-6, "the centre of a cell"
+    return round(row), round(col)
+
+
+def cells_of(check, cells):
+    """The cells that a check names, of each of its findings; none if it finds nothing."""
+    found = list(check(GridFacts.of(OccupancyGrid(cells, RESOLUTION, ORIGIN))))
+    assert len(found) <= 1
+    return [cell_at(place) for one in found for place in one.places]
+
+
+@given(occupancies(longest=16))
+def test_islands_and_specks_are_where_a_flood_ends(cells):
+    found = sorted(groups(cells == 0), key=len, reverse=True)
+    for check, is_wanted in ((islands, _is_large), (specks, lambda one: not _is_large(one))):
+        told = [
+            next(index for index, group in enumerate(found) if cell in group)
+            for cell in cells_of(check, cells)
+        ]
+        assert len(set(told)) == len(told), "an area is named once"
+        assert all(is_wanted(found[index]) for index in told)
+        # the largest of all is left out, and that is one of several that are equally large
+        expected = [len(one) for one in found[1:] if is_wanted(one)]
+        assert [len(found[index]) for index in told] == expected[:20]
+
+
+def _is_large(group):
+    return len(group) * RESOLUTION**2 >= 1
+
+
+def around(shape):
+    """The cells of the border, one after the other, walked by turning left at corners."""
+    height, width = shape
+    if height == 1 or width == 1:
+        return [(r, c) for r in range(height) for c in range(width)], False
+    (row, col), (dr, dc), walked = (0, 0), (0, 1), []
+    while not walked or (row, col) != (0, 0):
+        walked.append((row, col))
+        if not (0 <= row + dr < height and 0 <= col + dc < width):
+            dr, dc = dc, -dr
+        row, col = row + dr, col + dc
+    return walked, True
+
+
+def stretches(cells):
+    """The free stretches of the border, as lists of cells."""
+    walk, is_closed = around(cells.shape)
+    is_free = [cells[cell] == 0 for cell in walk]
+    if is_closed and not all(is_free):  # begin behind a cell that is not free
+        first = is_free.index(False)
+        walk, is_free = walk[first:] + walk[:first], is_free[first:] + is_free[:first]
+    found, last = [], False
+    for cell, free in zip(walk, is_free, strict=True):
+        if free:
+            found.append([*(found.pop() if last else []), cell])
+        last = free
+    return found
+
+
+@given(occupancies(longest=9))
+def test_open_borders_are_named_by_the_middles_of_their_stretches(cells):
+    cells = np.where(cells == 50, 0, cells).astype(np.int8)
+    told = cells_of(open_border, cells)
+    expected = stretches(cells)
+    assert len(told) == min(len(expected), 20)
+    lengths = []
+    for cell in told:
+        (stretch,) = (one for one in expected if cell in one)
+        assert abs(stretch.index(cell) - (len(stretch) - 1) / 2) <= 0.5
+        lengths.append(len(stretch))
+    assert lengths == sorted((len(one) for one in expected), reverse=True)[:20]
+
+
+def test_a_stretch_goes_around_corners():
+    cells = grid_from_text("..#.\n.??#\n##.#").occupancy  # a row above is a row further north
+    # anticlockwise from (0, 0): (0, 2); (2, 3); and (2, 1), (2, 0), (1, 0)
+    assert cells_of(open_border, cells) == [(2, 0), (0, 2), (2, 3)]
+
+
+def test_what_is_known_lies_around_its_middle():
+    cells = np.full((9, 12), -1, np.int8)
+    cells[2, 3], cells[6, 5] = 0, 100
+    assert cells_of(mostly_unknown, cells) == [(4, 4)]
+
+
+@given(occupancies(longest=14), st.integers(1, 5))
+def test_places_are_the_same_from_either_side_and_in_any_bands(cells, rows):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tallies, "_CELLS_TOGETHER", 2 * cells.shape[1])
+        south, north = tallies_of(cells), CellTallies(cells.shape, from_north=True)
+        for first in range(0, len(cells), rows):
+            north.add(cells[::-1][first : first + rows])
+    for least, most in ((1, 3), (4, 10**6)):
+        assert south.places_of_components(least, most) == north.places_of_components(least, most)
+    assert south.free_stretches == north.free_stretches
+    if (cells >= 0).any():
+        assert south.middle_of_known == north.middle_of_known
+
+
+TEXT = """
+    ????????????????????????
+    ?######################?
+    ?#........#...#........?
+    ?#........#####........?
+    ?#........#..##........?
+    ?#........#####........?
+    ?######################?
+    ????????????????????????
+    ????????????????????????
+    ????????????????????????
+    ????????????????????????
+    ????????????????????????
+    ????????????????????????
+    ????????????????????????
+"""
+
+
+def test_each_kind_of_file_gives_the_same_places(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    grid = grid_from_text(TEXT, RESOLUTION, ORIGIN)
+    for name in ("a.yaml", "b.npz"):
+        write_map(name, grid)
+    mapdeal.write_map("c.yaml", grid)
+    with_png(tmp_path / "c.yaml")
+    told = [
+        [(one.check, one.places) for one in mapdeal.lint(name) if one.places]
+        for name in ("a.yaml", "b.npz", "c.yaml")
+    ]
+    assert told[0] == told[1] == told[2]
+    by_check = {name: [cell_at(place) for place in places] for name, places in told[0]
+                if name != "map.mostly-unknown"}  # fmt: skip
+    assert by_check == {"map.islands": [(8, 18)], "map.specks": [(11, 12), (9, 11)]}
+
+
+def with_png(path):
+    from PIL import Image
+
+    Image.open(path.with_suffix(".pgm")).save(path.with_suffix(".png"))
+    path.write_text(path.read_text().replace(".pgm", ".png"))
+
+
+def test_the_reports_for_machines_have_them(tmp_path, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_map("a.yaml", grid_from_text(TEXT, RESOLUTION, ORIGIN))
+    (found,) = (one for one in mapdeal.lint("a.yaml") if one.check == "map.specks")
+    assert len(found.places) == 2
+    _, out, _ = command("lint", "a.yaml", "--format", "json")
+    listed = json.loads(out)["maps"][0]["findings"]
+    (told,) = (one for one in listed if one["check"] == "map.specks")
+    assert told["places"] == [list(place) for place in found.places]
+    (other,) = (one for one in listed if one["check"] == "yaml.origin-yaw")
+    assert other["places"] == []
+    _, out, _ = command("lint", "a.yaml", "--format", "sarif")
+    results = json.loads(out)["runs"][0]["results"]
+    (told,) = (one for one in results if one["ruleId"] == "map.specks")
+    assert told["properties"] == {"places": [list(place) for place in found.places]}
+    (other,) = (one for one in results if one["ruleId"] == "yaml.origin-yaw")
+    assert "properties" not in other
+
+
+def test_a_passage_is_where_its_message_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    wall = "#" * 27
+    row = "#" + "." * 12 + "#" + "." * 12 + "#"
+    door = "#" + "." * 25 + "#"
+    text = "\n".join([wall, *[row] * 4, *[door] * 3, *[row] * 5, wall])
+    write_map("a.yaml", grid_from_text(text, 0.25, (1.0, -2.0, math.pi / 2)))
+    (found,) = (
+        one
+        for one in mapdeal.lint("a.yaml", footprint=Footprint.circle(0.5))
+        if one.check == "map.disconnected"
+    )
+    ((x, y),) = found.places
+    told = re.search(r"at (\S+), (\S+);", found.message)
+    assert (float(told[1]), float(told[2])) == pytest.approx((x, y), abs=0.0051)
+    # column 13, row 7 of the map, turned by a quarter about its origin
+    assert (x, y) == pytest.approx((1.0 - 7.5 * 0.25, -2.0 + 13.5 * 0.25), abs=0.13)
+
+
+def test_many_specks_have_twenty_places(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cells = np.full((40, 50), -1, np.int8)
+    cells[1::2, 1::2] = 0
+    cells[1, 1:4] = 0
+    write_map("a.yaml", OccupancyGrid(cells, RESOLUTION, ORIGIN))
+    _, facts, _ = gather(tmp_path / "a.yaml")
+    (found,) = specks(facts)
+    assert found.message.startswith("498 patches ")  # 500 cells, of which two became one area
+    places = [cell_at(place) for place in found.places]
+    # all but the largest, which is the first; of equally large ones those furthest south
+    assert places == [(1, col) for col in range(5, 45, 2)]
