@@ -117,7 +117,7 @@ def _same(found, values, *, within=0.0, relative=0.0):
 
 SHAPES = st.one_of(
     st.tuples(st.integers(1, 40), st.integers(1, 40)),
-    st.sampled_from([(1, 1), (1, 700), (1100, 1), (512, 512), (513, 511), (1025, 3), (1100, 700)]),
+    st.sampled_from([(1, 1), (1, 700), (1100, 1), (512, 512), (513, 511), (1025, 3), (600, 1030)]),
 )
 
 
@@ -134,14 +134,14 @@ def _numbers(draw, scales=(1e-3, 0.05, 7.0, 3000.0)):
     return values.astype(np.float32)
 
 
-@settings(max_examples=30)
+@settings(max_examples=20)
 @given(values=_numbers(), convention=st.sampled_from([None, "seed", "center", "border"]))
 def test_metres_are_told_to_half_a_millimetre_whatever_they_are(values, convention):
     result = encoded([_layer(values, unit="m", convention=convention)], size=ROOM)
     _same(_decoded(result)[1], values, within=0.00051, relative=2**-24)
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(values=_numbers(scales=(1e-20, 1.0, 1e9, 1e37)))
 def test_other_numbers_are_told_to_four_digits_at_any_scale(values):
     result = encoded([_layer(values)], size=ROOM)
@@ -158,7 +158,7 @@ def test_metres_beyond_the_range_of_steps_are_told(values):
     _same(_decoded(result)[1], values, within=0.00051, relative=2**-24)
 
 
-@settings(max_examples=25)
+@settings(max_examples=20)
 @given(
     shape=SHAPES,
     seed=st.integers(0, 2**32 - 1),
@@ -263,12 +263,12 @@ def test_levels_of_numbers_hold_the_extreme_and_nan_only_where_there_is_no_other
 
 def _some_layers(make=lambda values: values):
     random = np.random.default_rng(5)
-    occupancy = np.where(random.random((1100, 700)) < 0.003, 100, 0).astype(np.int8)
+    occupancy = np.where(random.random((1100, 300)) < 0.003, 100, 0).astype(np.int8)
     distance = esdf(OccupancyGrid(occupancy, 0.05)).distance
     rank = np.roll(np.arange(256), 1).astype(np.uint8)
     return [
-        _layer(make(occupancy.view(np.uint8)), shape=(1100, 700), rank=rank),
-        _layer(make(distance), shape=(1100, 700), unit="m", convention="seed", pooled="smallest"),
+        _layer(make(occupancy.view(np.uint8)), shape=(1100, 300), rank=rank),
+        _layer(make(distance), shape=(1100, 300), unit="m", convention="seed", pooled="smallest"),
     ]
 
 
@@ -370,7 +370,7 @@ def test_the_finest_level_of_large_layers_has_so_many_cells(shape, reduce):
 
 
 def test_a_large_layer_is_read_without_being_held():
-    side, rows_at_once = 40_000, []
+    side, rows_at_once = 18_000, []
 
     def make(rows):
         rows_at_once.append(rows.stop - rows.start)
@@ -381,9 +381,9 @@ def test_a_large_layer_is_read_without_being_held():
 
     values = lazy_layer((side, 4000), np.uint8, make, block_height=512)
     result = encoded([_layer(values, shape=(side, 4000))], size=ROOM)
-    assert [level.reduce for level in result.encoded[0].levels] == [512, 128, 32, 8, 2]
+    assert [level.reduce for level in result.encoded[0].levels] == [128, 32, 8, 2]
     finest = _decoded(result)[2]
-    wanted = np.zeros((20_000, 2000), dtype=np.uint8)
+    wanted = np.zeros((9000, 2000), dtype=np.uint8)
     wanted[:, ::50] = 100
     wanted[::256, 3] = 200
     np.testing.assert_array_equal(finest, wanted)

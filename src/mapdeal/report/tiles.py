@@ -31,8 +31,9 @@ MOST_CELLS = 1 << 26
 """Cells of the finest level of a larger layer: of three layers they take some ten seconds."""
 
 _COARSEST_SIDE = 256
-_COMPRESSION = 9
-"""zlib's best: a tenth less than 6 of fields, a third less of maps, and still quick on both."""
+_COMPRESSION, _COMPRESSION_OF_LARGE = 8, 6
+"""zlib's 8 takes a tenth off fields and a third off maps; 9 as much again for twice the time. Of
+coarser cells, which differ more from their neighbours, there is less to gain."""
 
 
 @dataclass(frozen=True)
@@ -226,22 +227,22 @@ class _Compressor:
         self._most = 2 * threads
         self._waiting: deque[Future[bytes]] = deque()
 
-    def submit(self, cells: Cells, ways: Sequence[Way]) -> Future[bytes]:
+    def submit(self, cells: Cells, ways: Sequence[Way], compression: int) -> Future[bytes]:
         """Have a tile compressed."""
         if self._pool is None:
             done: Future[bytes] = Future()
-            done.set_result(_tile(cells, ways))
+            done.set_result(_tile(cells, ways, compression))
             return done
         while len(self._waiting) >= self._most:
             self._waiting.popleft().result()
-        future = self._pool.submit(_tile, cells, ways)
+        future = self._pool.submit(_tile, cells, ways, compression)
         self._waiting.append(future)
         return future
 
 
-def _tile(cells: Cells, ways: Sequence[Way]) -> bytes:
+def _tile(cells: Cells, ways: Sequence[Way], compression: int) -> bytes:
     data = packed(cells, ways) if ways else cells.tobytes()
-    return b64encode(zlib.compress(data, _COMPRESSION))
+    return b64encode(zlib.compress(data, compression))
 
 
 def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
@@ -335,6 +336,7 @@ class _LevelMaker:
         coarser: _LevelMaker | None,
     ) -> None:
         self.reduce = reduce
+        self._is_small = max(shape) <= ALL_CELLS_SIDE
         self._shape = -(-shape[0] // reduce), -(-shape[1] // reduce)
         self._pooling = pooling
         self._ways = ways
@@ -366,7 +368,8 @@ class _LevelMaker:
         values = self._pooling.values(band)
         for first in range(0, values.shape[1], TILE):
             tile = np.ascontiguousarray(values[:, first : first + TILE])
-            self._tiles.append(self._compressor.submit(tile, self._ways))
+            compression = _COMPRESSION if self._is_small else _COMPRESSION_OF_LARGE
+            self._tiles.append(self._compressor.submit(tile, self._ways, compression))
 
     def level(self) -> Level:
         """Return the level, all of whose rows were added."""
