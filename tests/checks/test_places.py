@@ -220,3 +220,63 @@ def test_many_specks_have_twenty_places(tmp_path, monkeypatch):
     places = [cell_at(place) for place in found.places]
     # all but the largest, which is the first; of equally large ones those furthest south
     assert places == [(1, col) for col in range(5, 45, 2)]
+
+
+GREYS = np.array([[0, 254, 205, 150, 90], [90, 90, 150, 205, 254], [7, 254, 90, 0, 51]], np.uint8)
+
+
+def first_of(grey):
+    """The cell of the first pixel of a grey, from the north and the west."""
+    row, col = np.argwhere(grey == GREYS)[0].tolist()
+    return len(GREYS) - 1 - row, col
+
+
+@pytest.mark.parametrize("strip", [1, 1 << 20])
+@pytest.mark.parametrize("kind", ["pgm", "rgb.png"])
+def test_greys_are_where_they_are_seen_first(tmp_path, monkeypatch, kind, strip):
+    from PIL import Image
+
+    monkeypatch.setattr("mapdeal.formats.strips.STRIP", strip)
+    monkeypatch.setattr("mapdeal.formats.distinct_pixels._PIXELS_TOGETHER", strip)
+    image = Image.fromarray(GREYS)
+    image = image if kind == "pgm" else image.convert("RGB")
+    image.save(tmp_path / f"m.{kind}")
+    x, y, yaw = ORIGIN
+    (tmp_path / "m.yaml").write_text(
+        f"image: m.{kind}\nresolution: {RESOLUTION}\norigin: [{x}, {y}, {yaw}]\nnegate: 0\n"
+        f"occupied_thresh: 0.65\nfree_thresh: 0.41176470588\n"
+    )
+    found = {
+        one.check: [cell_at(place) for place in one.places]
+        for one in mapdeal.lint(str(tmp_path / "m.yaml"))
+    }
+    # 205 has the shade 0.196, free below 0.41; 150 is exactly on the threshold
+    assert found["thresholds.unknown-becomes-free"] == [first_of(205)]
+    if kind == "pgm":
+        assert found["thresholds.on-grey"] == [first_of(150)]
+        # 90 four times, 150 twice, 7 and 51 once: equal ones from the darkest on
+        assert found["image.greys"] == [first_of(grey) for grey in (90, 150, 7, 51)]
+
+
+def test_readers_differ_where_a_grey_differs(tmp_path):
+    """In mode scale shades between the thresholds are rounded in one reader, cut in another."""
+    pixels = np.array([[0, 254, 102, 89], [89, 151, 254, 102]], np.uint8)
+    (tmp_path / "m.pgm").write_bytes(b"P5 4 2 255\n" + pixels.tobytes())
+    (tmp_path / "m.yaml").write_text(
+        f"image: m.pgm\nresolution: {RESOLUTION}\norigin: {list(ORIGIN)}\nnegate: 0\n"
+        "occupied_thresh: 0.6\nfree_thresh: 0.196\nmode: scale\n"
+    )
+    readings = {
+        name: mapdeal.read_map(tmp_path / "m.yaml", dialect=name).occupancy
+        for name in ("nav2", "humble", "ros1")
+    }
+    found = [one for one in mapdeal.lint(str(tmp_path / "m.yaml")) if one.check == "readers.differ"]
+    assert found
+    for one in found:
+        other = next(name for name in ("humble", "ros1") if f"nav2 and {name} " in one.message)
+        differs = readings["nav2"] != readings[other]
+        cells = [cell_at(place) for place in one.places]
+        assert cells
+        assert all(differs[cell] for cell in cells)
+        greys = [pixels[len(pixels) - 1 - row, col] for row, col in cells]
+        assert sorted(greys) == sorted(set(pixels[::-1][differs].tolist()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -119,6 +119,8 @@ class PairFacts:
         What its pixels are, without any of them.
     pixels : PixelTallies
         What was counted of them, and of what each reader makes of them.
+    frame : Frame
+        The geometry of the map.
     comments : list of str
         Those in the header of the image.
     """
@@ -129,7 +131,15 @@ class PairFacts:
     image_path: Path
     kind: Picture
     pixels: PixelTallies
+    frame: Frame
     comments: list[str] = field(default_factory=list)
+
+    def places_of_greys(self, greys: Iterable[int]) -> tuple[Point, ...]:
+        """Return where the first pixel of each grey is, in the map frame, metres."""
+        height, width = self.frame.shape
+        at = [divmod(pixel, width) for pixel in self.pixels.first_pixels(greys)]
+        cells = [(height - 1 - row, col) for row, col in at]  # pixels come from the north
+        return places_of(self.frame.xy_from_rowcol(cells).tolist())
 
 
 def gather(
@@ -217,11 +227,12 @@ def _of_pair(
         text = f"{image}: {remark_on_lost(pixels.lost)}"
         emit_warning(MapdealWarning(text, "image.raw-values"), stacklevel=2)
     comments = IMAGE_FORMATS[kind.file_format].comments(head_of(image, _HEAD))
-    pair = PairFacts(path, entries, metadata, image, kind, pixels, comments)
+    frame = Frame(*strips.shape, metadata.resolution, metadata.origin)
+    pair = PairFacts(path, entries, metadata, image, kind, pixels, frame, comments)
     if cells is None:
         warn_of_cost_figures(path, figures_of_costs(pixels.of_greys, "costmap2d"))
         return pair, None
-    return pair, GridFacts(Frame(*strips.shape, metadata.resolution, metadata.origin), cells)
+    return pair, GridFacts(frame, cells)
 
 
 def _counted(

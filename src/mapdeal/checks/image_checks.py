@@ -29,7 +29,8 @@ def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
     if facts.pixels.freed:
         text = remark_on_freed(facts.pixels.freed, facts.pixels.size, facts.metadata)
         if text is not None:
-            yield Remark(text, "free_thresh")
+            places = facts.places_of_greys(facts.pixels.freed_greys)
+            yield Remark(text, "free_thresh", places=places)
 
 
 @check("thresholds.on-grey", "warning", "a threshold that is exactly a grey of the image")
@@ -43,11 +44,12 @@ def on_grey(facts: PairFacts) -> Iterator[Remark]:
             shade = (grey if facts.metadata.negate else 255 - grey) / 255
             if abs(shade - threshold) < 1e-6:
                 text = f"{threshold:g} is the shade of grey {grey} ({count} pixels)"
-                yield Remark(f"{text}: readers disagree on it", key)
+                places = facts.places_of_greys([grey])
+                yield Remark(f"{text}: readers disagree on it", key, places=places)
 
 
 @check("readers.differ", "warning", "cells that nav2, humble and ROS 1 read differently")
-def readers_differ(facts: PairFacts) -> Iterator[str]:
+def readers_differ(facts: PairFacts) -> Iterator[Remark]:
     """Compare all cells as the three readers have them."""
     pixels = facts.pixels
     for name, cells in pixels.differing.items():
@@ -56,10 +58,9 @@ def readers_differ(facts: PairFacts) -> Iterator[str]:
                 f"{who}: {', '.join(f'{kind} {n}' for kind, n in pixels.counts[who].items() if n)}"
                 for who in ("nav2", name)
             )
-            yield (
-                f"{cells} cells ({percent(cells, pixels.size)}) differ between nav2 and {name}"
-                f" ({counts})"
-            )
+            share = percent(cells, pixels.size)
+            text = f"{cells} cells ({share}) differ between nav2 and {name} ({counts})"
+            yield Remark(text, places=facts.places_of_greys(pixels.differing_greys[name]))
 
 
 @check("image.ending", "note", "an image whose name ends as another format does")
@@ -111,14 +112,15 @@ def palette(facts: PairFacts) -> Iterator[str]:
 
 
 @check("image.greys", "note", "greys other than 0, 205, 254 and 255 in a trinary map")
-def greys(facts: PairFacts) -> Iterator[str]:
+def greys(facts: PairFacts) -> Iterator[Remark]:
     """Count them: of edited or anti-aliased maps, thresholds decide what they are."""
     others = {g: n for g, n in facts.pixels.greys.items() if g not in _TRINARY}
     if others and facts.metadata.mode == "trinary":
         most = sorted(others.items(), key=lambda item: -item[1])[:5]
         shown = ", ".join(f"{grey}: {count}" for grey, count in most)
         rest = f", and {len(others) - len(most)} more greys" if len(others) > len(most) else ""
-        yield f"{sum(others.values())} pixels have greys other than 0, 205, 254 ({shown}{rest})"
+        text = f"{sum(others.values())} pixels have greys other than 0, 205, 254 ({shown}{rest})"
+        yield Remark(text, places=facts.places_of_greys(grey for grey, _ in most))
 
 
 @check("image.cartographer", "note", "Cartographer's grey for unknown, 128")

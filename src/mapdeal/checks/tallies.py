@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapdeal.formats.dialects import DIALECTS, cells_of
 from mapdeal.formats.distinct_pixels import Counts, DistinctPixels
-from mapdeal.formats.map_remarks import FreedCells, count_of_lost
+from mapdeal.formats.map_remarks import MAP_SAVER_UNKNOWN, FreedCells, count_of_lost
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture
 from mapdeal.grid.values import FREE, OCCUPIED
@@ -204,6 +205,10 @@ class PixelTallies:
         """How many pixels there are of each grey, of 8-bit grey images."""
         self._of_values = {name: np.zeros(256, dtype=np.int64) for name in readers}
         self._differing = dict.fromkeys(readers, 0)
+        self.differing_greys: dict[Dialect, list[int]] = {name: [] for name in readers}
+        """Greys that nav2 and each of the others have differently, the most frequent first."""
+        self.freed_greys: list[int] = []
+        """Map_saver's grey for unknown, if a reader has free cells of it."""
         self._pixels = DistinctPixels(self._tally)
 
     def add(self, picture: Picture) -> None:
@@ -213,6 +218,11 @@ class PixelTallies:
     def finish(self) -> None:
         """Be done with all rows: the counts are complete from now on."""
         self._pixels.finish()
+
+    def first_pixels(self, greys: Iterable[int]) -> list[int]:
+        """Return the first opaque pixel of each grey that has one, rows counted from the north."""
+        firsts = self._pixels.firsts
+        return [firsts[grey] for grey in greys if grey in firsts][:MOST_PLACES]
 
     @cached_property
     def greys(self) -> dict[int, int]:
@@ -251,6 +261,23 @@ class PixelTallies:
             self._differing[name] += int(counts[cells[0] != readings["nav2"][0]].sum())
             if not is_raw:
                 self.freed[name].add(pixels, cells, counts[np.newaxis])
+        if pixels.samples.dtype == np.uint8 and readings:
+            self._note_greys(pixels, readings, counts)
+
+    def _note_greys(
+        self, pixels: Picture, readings: dict[Dialect, NDArray[np.int8]], counts: Counts
+    ) -> None:
+        """Note the greys of which places are told: those of opaque pixels."""
+        grey, others = pixels.greys_and_others()
+        order = np.flatnonzero(~others[0])
+        order = order[np.argsort(-counts[order], kind="stable")]
+        for name, cells in readings.items():
+            differs = cells[0, order] != readings["nav2"][0, order]
+            self.differing_greys[name] += grey[0, order[differs]].tolist()
+            is_freed = (grey[0, order] == MAP_SAVER_UNKNOWN) & (cells[0, order] == FREE)
+            is_saved = pixels.palette is None and pixels.maxval == 255
+            if is_saved and self._metadata.mode != "raw" and is_freed.any():
+                self.freed_greys = [MAP_SAVER_UNKNOWN]
 
 
 def states_of(values: NDArray[np.int64]) -> dict[str, int]:

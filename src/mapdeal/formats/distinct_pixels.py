@@ -36,6 +36,9 @@ class DistinctPixels:
     """
 
     def __init__(self, tell: Callable[[Picture, Counts], None]) -> None:
+        self.firsts: dict[int, int] = {}
+        """The first pixel of each opaque 8-bit grey, or index of a palette, by its number."""
+        self._seen = 0
         self._tell = tell
         self._kind: Picture | None = None
         self._greys = np.zeros(0, dtype=np.int64)
@@ -64,6 +67,7 @@ class DistinctPixels:
     def _add_band(self, picture: Picture) -> None:
         """Count some pixels: grey and opaque ones, which are most, without sorting."""
         grey, others = picture.greys_and_others()
+        self._note_firsts(grey, others)
         if others.any():
             self._add_others(picture.only(others))
             grey = grey[~others][np.newaxis]
@@ -74,6 +78,18 @@ class DistinctPixels:
         if len(counts) > len(self._greys):
             counts, self._greys = self._greys, counts
         self._greys[: len(counts)] += counts
+
+    def _note_firsts(self, grey: Samples, others: NDArray[np.bool_]) -> None:
+        """Note where the greys are that have not come up before, few as they are."""
+        if grey.dtype == np.uint8:
+            is_new = histogram(grey) > 0
+            is_new[list(self.firsts)] = False
+            for value in np.flatnonzero(is_new).tolist():
+                is_here = ((grey == value) & ~others).reshape(-1)
+                first = int(is_here.argmax())
+                if is_here[first]:
+                    self.firsts[value] = self._seen + first
+        self._seen += grey.size
 
     def _add_others(self, row: Picture) -> None:
         code = np.zeros(row.shape[1], dtype=np.uint64)
