@@ -65,6 +65,7 @@ from mapdeal.pipeline.lint import (
     repair_maps,
 )
 from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.report_items import finding_items, items_of, lint_table, tables_of
 from mapdeal.robot.nav2 import nav2_robot
 from mapdeal.robot.ros1 import ros1_robot
 from mapdeal.stages.catalogue import STAGES
@@ -458,6 +459,12 @@ def read_one_answer(path, data):
     else:
         places = [end for one in getattr(answer, "passages", ()) for end in one.ends]
     assert all(abs(value) <= FARTHEST for place in places for value in place)
+    files = answer.files if isinstance(answer, LintAnswer) else ()
+    items = [*items_of(answer), *(item for one in files for item in finding_items(one))]
+    tables = [*tables_of(answer), *map(lint_table, files)]
+    told = [item.text + item.label for item in items]
+    told += [text for table in tables for row in table.rows for text in row]
+    assert all(not text or text.isprintable() for text in told)
     return answer
 
 
