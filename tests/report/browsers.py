@@ -28,6 +28,7 @@ class Chromium:
     name = "chromium"
 
     def __init__(self, folder):
+        del folder  # Playwright has its own
         playwright = pytest.importorskip("playwright.sync_api")
         path = shutil.which("chromium")
         if path is None:
@@ -43,6 +44,7 @@ class Chromium:
             self._context.close()
         self._context = self._browser.new_context(
             viewport={"width": width, "height": height}, has_touch=phone, is_mobile=phone,
+            device_scale_factor=2 if phone else 1,
             color_scheme="dark" if dark else "light", java_script_enabled=script,
         )  # fmt: skip
         self.page = self._context.new_page()
@@ -73,12 +75,16 @@ class Firefox:
         path = shutil.which("firefox-esr")
         if path is None:
             pytest.skip("firefox-esr is not installed")
-        settings = {"marionette.port": 0, "browser.shell.checkDefaultBrowser": False,
-                    "datareporting.policy.dataSubmissionEnabled": False, "app.update.enabled": False,
-                    "toolkit.telemetry.reportingpolicy.firstRun": False}  # fmt: skip
+        settings = {
+            "marionette.port": 0,
+            "browser.shell.checkDefaultBrowser": False,
+            "datareporting.policy.dataSubmissionEnabled": False,
+            "app.update.enabled": False,
+        }
         lines = [f'user_pref("{name}", {json.dumps(value)});' for name, value in settings.items()]
         (folder / "user.js").write_text("\n".join(lines))
-        command = [path, "--headless", "--marionette", "--no-remote", "--profile", str(folder)]
+        options = ["--headless", "--marionette", "--remote-allow-system-access", "--no-remote"]
+        command = [path, *options, "--profile", str(folder)]
         with (folder / "log.txt").open("wb") as log:
             self._process = subprocess.Popen(command, stdout=log, stderr=log)
         self._socket = socket.create_connection(("127.0.0.1", self._port(folder)), timeout=120)
@@ -113,19 +119,36 @@ class Firefox:
             raise RuntimeError(f"{name}: {error['error']}: {error['message']}")
         return result.get("value") if isinstance(result, dict) else result
 
-    def open(self, path, *, width=1400, height=900, dark=False, hash_=""):
+    def _in_chrome(self, script):
+        self.command("Marionette:SetContext", value="chrome")
+        told = self.command("WebDriver:ExecuteScript", script=script, args=[])
+        self.command("Marionette:SetContext", value="content")
+        return told
+
+    @property
+    def complaints(self):
+        """What the console says of the page; Firefox's own code has troubles of its own."""
+        return self._in_chrome("""
+            return Services.console.getMessageArray()
+                .filter((message) => message instanceof Ci.nsIScriptError)
+                .filter((one) => one.sourceName.startsWith("file:") || one.category === "CSP")
+                .map(({ errorMessage }) => errorMessage);
+        """)
+
+    def open(self, path, *, width=1400, height=900, hash_=""):
         # a change of the hash alone would load nothing
         self.command("WebDriver:Navigate", url="about:blank")
+        self._in_chrome("Services.console.reset();")
         self.command("WebDriver:SetWindowRect", width=width, height=height)
         self.command("WebDriver:Navigate", url=path.as_uri() + hash_)
-        self.complaints = []
         entries = "async () => performance.getEntriesByType('resource').map((entry) => entry.name)"
         self.requests = [path.as_uri(), *self.evaluate(entries)]
 
     def evaluate(self, function, argument=None):
         code = """
             const [argument, done] = arguments;
-            (async () => { %s return told; })().then((told) => done([told]), (error) => done([null, String(error)]));
+            (async () => { %s return told; })()
+                .then((told) => done([told]), (error) => done([null, String(error)]));
         """ % (WRAPPED % function)  # fmt: skip
         told, *error = self.command("WebDriver:ExecuteAsyncScript", script=code, args=[argument])
         assert not error, error

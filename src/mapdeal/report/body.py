@@ -189,12 +189,20 @@ def _compare(entry: Entry) -> Markup:
         element("label", f"{side} ", _select(entry.layers, at))
         for side, at in zip(("Left", "Right"), chosen, strict=True)
     ]
-    buttons = [
-        element("button", text, type="button", data_do=do, aria_pressed="false")
-        for text, do in (("Side by side", "compare"), ("Blink", "blink"))
-    ]
+    toggles = [
+        element(
+            "label",
+            element(
+                "input", type="checkbox", name=name, autocomplete="off",
+                checked=name == "compare" and entry.compared is not None,
+            ),
+            f" {text}",
+            class_="toggle",
+        )
+        for text, name in (("Side by side", "compare"), ("Blink", "blink"))
+    ]  # fmt: skip
     heading = element("h3", "Compare")
-    row = element("p", *buttons, class_="buttons")
+    row = element("p", *toggles, class_="toggles")
     return element(
         "section", heading, *selects, row, class_="compare scripted-only", aria_label="Compare"
     )

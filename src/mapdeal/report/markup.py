@@ -29,7 +29,7 @@ class Markup:
 Content = str | Markup
 
 
-def element(name: str, *content: Content, **attributes: Value) -> Markup:
+def element(name: str, /, *content: Content, **attributes: Value) -> Markup:
     """Return an element.
 
     Parameters

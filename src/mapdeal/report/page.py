@@ -14,8 +14,10 @@ from string import Template
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.errors import one_line
+from mapdeal.render.colours import Colours
 from mapdeal.render.style import LayerStyle
 from mapdeal.report.body import body_of, subtitle_of
 from mapdeal.report.document import Entry, Item, PageLayer, Report
@@ -101,14 +103,22 @@ def _json(value: object) -> str:
     return text.replace("<", "\\u003c")
 
 
-def _bytes(values: np.ndarray[Any, np.dtype[np.uint8]]) -> str:
+def _bytes(values: NDArray[np.uint8]) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype=np.uint8).tobytes()).decode()
+
+
+def _pixels(colours: Colours) -> NDArray[np.uint8]:
+    """Return colours as pixels, red to alpha; the last one is no colour at all."""
+    pixels = np.zeros((len(colours) + 1, 4), dtype=np.uint8)
+    pixels[:-1, :3] = colours
+    pixels[:-1, 3] = 255
+    return pixels
 
 
 def _style(style: LayerStyle) -> dict[str, Any]:
     scale = style.scale
     return {
-        "colours": _bytes(style.colours),
+        "pixels": _bytes(_pixels(style.colours)),
         "byValue": None if style.by_value is None else _bytes(style.by_value),
         "scale": None
         if scale is None
@@ -143,19 +153,34 @@ def _layer(layer: PageLayer) -> dict[str, Any]:
 
 
 def _entry(entry: Entry) -> dict[str, Any]:
+    corners = [
+        layer.frame.xy_from_continuous_rowcol(
+            [(row, col) for row in (0, layer.frame.height) for col in (0, layer.frame.width)]
+        )
+        for layer in entry.layers
+    ]
+    whole = _box(np.vstack(corners)) if corners else None
     return {
         "name": one_line(entry.name),
-        "compared": None if entry.compared is None else list(entry.compared),
-        "extent": None if entry.extent is None else list(entry.extent),
+        "whole": whole,
+        "extent": whole if entry.extent is None else list(entry.extent),
         "items": [_item(item) for item in entry.items],
     }
 
 
+def _box(points: NDArray[np.float64]) -> list[float]:
+    """Return the left, low, right and high end of points."""
+    return [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()]
+
+
 def _item(item: Item) -> dict[str, Any]:
+    places = [] if item.place is None else [np.array([item.place], dtype=np.float64)]
+    points = [one for one in (*places, *item.lines) if len(one)]
     return {
         "kind": item.kind,
         "tone": item.tone,
         "place": None if item.place is None else [float(part) for part in item.place],
         "lines": [np.round(line, 4).tolist() for line in item.lines],
         "label": one_line(item.label),
+        "box": _box(np.vstack(points)) if points else None,
     }

@@ -1,40 +1,37 @@
 // Draws layers on a canvas.
 
-// The cells of a layer that a view shows: first and last row and column, with fractions.
-function cellsIn(frame, view) {
-  return boxOf(cornersOf(view.width, view.height).map((corner) => placeOf(frame, ...toMap(view, ...corner))));
-}
-
-// The tiles of a level that cells lie in: row, column, and number.
-function tilesIn({ frame, levels }, level, [low, left, high, right]) {
+// The tiles of a level that a view shows: row, column and number.
+function tilesIn({ frame, levels }, level, view) {
   const { reduce, width, height } = levels[level], step = TILE * reduce, found = [];
-  const columns = Math.ceil(width / TILE), rows = Math.ceil(height / TILE);
-  if (high < 0 || right < 0 || low > frame.height || left > frame.width) return found;
-  const limit = (value, count) => Math.max(0, Math.min(count - 1, Math.floor(value / step)));
-  for (let row = limit(low, rows); row <= limit(high, rows); row++)
-    for (let col = limit(left, columns); col <= limit(right, columns); col++) found.push([row, col, row * columns + col]);
+  const corners = [0, view.width].flatMap((sx) => [0, view.height].map((sy) => placeOf(frame, ...toMap(view, sx, sy))));
+  const [[low, high], [left, right]] = [height, width].map((count, k) => {
+    const places = corners.map((corner) => corner[k] / step), last = Math.ceil(count / TILE) - 1;
+    return [Math.max(0, Math.floor(Math.min(...places))), Math.min(last, Math.floor(Math.max(...places)))];
+  });
+  for (let row = low; row <= high; row++)
+    for (let col = left; col <= right; col++) found.push([row, col, row * Math.ceil(width / TILE) + col]);
   return found;
 }
 
-// Draw what is at hand of a layer, and return what is missing. Cells are at most as large as
-// needed; coarser ones show until they are there.
+// Draw what is at hand of a layer, and return what is missing. Coarse cells show until fine ones,
+// about as large as a pixel, are there.
 function drawLayer(context, layer, view, ratio = 1) {
-  const { frame, levels } = layer, cells = cellsIn(frame, view), missing = [], cell = frame.resolution * view.scale;
+  const { frame, levels } = layer, missing = [], cell = frame.resolution * view.scale;
   const fine = levels.findIndex(({ reduce }) => reduce * cell * ratio <= 1.5), finest = fine < 0 ? levels.length - 1 : fine;
-  const isReady = tilesIn(layer, finest, cells).every(([, , tile]) => images.peek(layer, finest, tile)?.value);
+  const isReady = tilesIn(layer, finest, view).every(([, , tile]) => imageOf(layer, finest, tile, true)?.value);
   for (let level = isReady ? finest : 0; level <= finest; level++)
-    for (const [row, col, tile] of tilesIn(layer, level, cells)) {
-      const kept = images.peek(layer, level, tile), { reduce } = levels[level], step = TILE * reduce;
+    for (const [row, col, tile] of tilesIn(layer, level, view)) {
+      const kept = imageOf(layer, level, tile, true), { reduce } = levels[level], north = row * TILE * reduce, east = col * TILE * reduce;
       if (!kept && (level === 0 || level === finest)) missing.push([layer, level, tile]);
       if (!kept?.value) continue;
-      const [cos, sin] = turned(cell, 0, frame.yaw), { value: image } = kept;
       // Cells at the edge may stand for fewer; within, a tile goes on below its neighbours.
-      const width = Math.min(image.width * reduce, frame.width - col * step), height = Math.min(image.height * reduce, frame.height - row * step);
-      const more = [col * step + width < frame.width, row * step + height < frame.height].map((is) => is && 1 / cell);
+      const width = Math.min(kept.value.width * reduce, frame.width - east), height = Math.min(kept.value.height * reduce, frame.height - north);
+      const [cos, sin] = turned(cell, 0, frame.yaw), more = 1 / cell;
       context.save();
-      context.transform(cos, -sin, -sin, -cos, ...toScreen(view, ...pointOf(frame, row * step, col * step)));
+      context.transform(cos, -sin, -sin, -cos, ...toScreen(view, ...pointOf(frame, north, east)));
       context.imageSmoothingEnabled = cell * reduce * ratio < 1;
-      context.drawImage(image, 0, 0, width / reduce, height / reduce, 0, 0, width + more[0], height + more[1]);
+      context.drawImage(kept.value, 0, 0, width / reduce, height / reduce, 0, 0,
+        width + more * (east + width < frame.width), height + more * (north + height < frame.height));
       context.restore();
     }
   return missing;
@@ -42,13 +39,9 @@ function drawLayer(context, layer, view, ratio = 1) {
 
 // Draw layers with their opacities, the lowest first; not those that another one hides.
 function drawStack(context, stack, view, ratio) {
-  const covers = (upper, { frame }) => {
-    const [low, left, high, right] = cellsIn(upper.frame, view);
-    return upper.opaque && (JSON.stringify(frame) === JSON.stringify(upper.frame) ||
-      (low >= 0 && left >= 0 && high <= upper.frame.height && right <= upper.frame.width));
-  };
   return stack.flatMap(([layer, alpha], k) => {
-    if (!alpha || stack.slice(k + 1).some(([upper, its]) => its === 1 && covers(upper, layer))) return [];
+    const hides = ([{ opaque, frame }, its]) => opaque && its === 1 && JSON.stringify(frame) === JSON.stringify(layer.frame);
+    if (!alpha || stack.slice(k + 1).some(hides)) return [];
     if (alpha === 1) return drawLayer(context, layer, view, ratio);
     const sheet = new OffscreenCanvas(context.canvas.width, context.canvas.height), other = sheet.getContext("2d");
     other.scale(ratio, ratio);

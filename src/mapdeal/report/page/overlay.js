@@ -1,13 +1,12 @@
-// What lies over the layers: items, lines that are measured, crosses and the scale bar.
+// What lies over the layers: items, a measured line, crosses and the scale bar.
 
-const TONES = { error: "#c4122f", warning: "#b45309", note: "#0b57c0", good: "#0a7a4b", plain: "#1f2937" };
+const DARK = "#1f2937", TONES = { error: "#c4122f", warning: "#b45309", note: "#0b57c0", good: "#0a7a4b", plain: DARK };
 
 function strokePath(context, path, colour, width, dash = []) {
   context.lineJoin = context.lineCap = "round";
-  for (const [style, more, pattern] of [["#fff", 3, []], [colour, 0, dash]]) {
+  for (const [strokeStyle, more, pattern] of [["#fff", 3, []], [colour, 0, dash]]) {
+    Object.assign(context, { strokeStyle, lineWidth: width + more });
     context.setLineDash(pattern);
-    context.lineWidth = width + more;
-    context.strokeStyle = style;
     context.stroke(path);
   }
 }
@@ -18,8 +17,8 @@ function pathOf(lines, view) {
   return path;
 }
 
-function drawText(context, text, sx, sy, colour = TONES.plain) {
-  Object.assign(context, { lineWidth: 4, lineJoin: "round", strokeStyle: "#fff", fillStyle: colour });
+function drawText(context, text, sx, sy, fillStyle = DARK) {
+  Object.assign(context, { lineWidth: 4, strokeStyle: "#fff", fillStyle });
   context.setLineDash([]);
   context.strokeText(text, sx, sy);
   context.fillText(text, sx, sy);
@@ -28,13 +27,13 @@ function drawText(context, text, sx, sy, colour = TONES.plain) {
 // Draw items, the selected one last; a label only where no other one is.
 function drawItems(context, items, view, selected) {
   const taken = [];
-  for (const item of [...items].sort((a, b) => (a === selected) - (b === selected))) {
-    const { kind, lines, label } = item, chosen = item === selected, colour = TONES[item.tone];
-    const [sx, sy] = toScreen(view, ...(item.place ?? lines[0]?.[0] ?? [NaN, NaN]));
+  for (const item of items.toSorted((a, b) => (a === selected) - (b === selected))) {
+    const { kind, lines, label, place } = item, chosen = item === selected, colour = TONES[item.tone];
+    const [sx, sy] = toScreen(view, ...(place ?? lines[0]?.[0] ?? [NaN, NaN])), radius = chosen ? 9 : 6;
     item.path = pathOf(lines, view);
     strokePath(context, item.path, colour, (kind === "passage" ? 4 : 2.5) + 2 * chosen, kind === "shape" ? [7, 5] : []);
-    if (item.place && (chosen || kind !== "passage" || !lines.length)) {
-      const mark = new Path2D(), radius = chosen ? 9 : 6;
+    if (place && (chosen || kind !== "passage" || !lines.length)) {
+      const mark = new Path2D();
       if (kind === "goal") mark.rect(sx - radius, sy - radius, 2 * radius, 2 * radius);
       else mark.arc(sx, sy, radius, 0, 7);
       strokePath(context, mark, chosen ? "#111" : colour, 2);
@@ -42,7 +41,7 @@ function drawItems(context, items, view, selected) {
       context.fill(mark);
       item.path.addPath(mark);
     }
-    const width = context.measureText(label).width;
+    const { width } = context.measureText(label);
     if (!label || taken.some(([x, y, w]) => sx < x + w && x < sx + width && Math.abs(sy - y) < 16)) continue;
     taken.push([sx, sy, width]);
     drawText(context, label, sx + 11, sy - 8, colour);
@@ -53,16 +52,17 @@ function drawCross(context, [sx, sy], colour) {
   strokePath(context, new Path2D(`M${sx - 9} ${sy}h18M${sx} ${sy - 9}v18`), colour, 1.5);
 }
 
-function drawScaleBar(context, view) {
-  const most = Math.min(180, view.width / 3) / view.scale, power = 10 ** Math.floor(Math.log10(most));
+function drawScaleBar(context, { scale, width, height }) {
+  const most = Math.min(180, width / 3) / scale, power = 10 ** Math.floor(Math.log10(most));
   const length = power * [5, 2, 1].find((factor) => factor * power <= most);
-  strokePath(context, new Path2D(`M14 ${view.height - 20}v6h${length * view.scale}v-6`), TONES.plain, 2);
-  drawText(context, length < 1 ? Number((100 * length).toPrecision(3)) + " cm" : length + " m", 20, view.height - 24);
+  strokePath(context, new Path2D(`M14 ${height - 20}v6h${length * scale}v-6`), DARK, 2);
+  drawText(context, length < 1 ? `${+(100 * length).toPrecision(3)} cm` : `${length} m`, 20, height - 24);
 }
 
-const lengthOf = ([[ax, ay], [bx, by]]) => metres(Math.hypot(bx - ax, by - ay)) + " m";
+const lengthOf = ([a, b]) => `${metres(Math.hypot(b[0] - a[0], b[1] - a[1]))} m`;
 
 function drawMeasure(context, ends, view) {
-  strokePath(context, pathOf([ends], view), TONES.note, 2.5);
-  if (ends[1]) drawText(context, lengthOf(ends), ...toScreen(view, (ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2));
+  const path = pathOf([ends], view);
+  strokePath(context, path, TONES.note, 2.5);
+  if (ends[1]) drawText(context, lengthOf(ends), ...toScreen(view, ...ends[1]).map((one) => one + 10));
 }
