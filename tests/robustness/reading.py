@@ -65,7 +65,7 @@ from mapdeal.pipeline.lint import (
     repair_maps,
 )
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.pipeline.report_items import finding_items, items_of, lint_table, tables_of
+from mapdeal.pipeline.reports.items import finding_items, items_of, lint_table, tables_of
 from mapdeal.robot.nav2 import nav2_robot
 from mapdeal.robot.ros1 import ros1_robot
 from mapdeal.stages.catalogue import STAGES
