@@ -27,11 +27,11 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.compare import DOCUMENT
 from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.jobs import SUMMARY
-from mapdeal.pipeline.reports.answers import add_answer, add_findings
 from mapdeal.pipeline.reports.comparisons import methods_in, two_maps
 from mapdeal.pipeline.reports.draft import Draft
 from mapdeal.pipeline.reports.findings import drafts_about
 from mapdeal.pipeline.reports.grids import Grids, Opened
+from mapdeal.pipeline.reports.items import finding_items, items_of, lint_table, tables_of
 from mapdeal.pipeline.reports.runs import (
     INPUT,
     add_layers,
@@ -183,7 +183,7 @@ class _Gathering:
         if isinstance(answer, DiffAnswer):
             draft = two_maps(path, answer, self._grids, self._grids.settings)
             self.drafts.append(draft)
-            add_answer(draft, answer)
+            draft.tables += tables_of(answer)
         elif isinstance(answer, LintAnswer):
             self._linted.append((path, answer))
         elif isinstance(answer, ComparisonAnswer):
@@ -207,7 +207,9 @@ class _Gathering:
             if draft is None and not self.drafts:
                 rule = "belongs to a map or a run, and none is named"
                 raise ParameterError(rule, source=path, hint="name it before this file")
-            add_answer(draft or self.drafts[0], answer)
+            owner = draft or self.drafts[0]
+            owner.items += items_of(answer)
+            owner.tables += tables_of(answer)
         for path, linted in self._linted:
             self._add_findings(path, linted)
 
@@ -232,7 +234,8 @@ class _Gathering:
             if not drafts and len(answer.files) == len(self.drafts) == 1:
                 drafts = self.drafts
             for draft in drafts:
-                add_findings(draft, told)
+                draft.items += finding_items(told)
+                draft.tables.append(lint_table(told))
             if not drafts and told.findings:
                 lost.append(told.file)
         if lost:
