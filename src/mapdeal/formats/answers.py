@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-import numpy as np
-
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.geojson import geojson_shapes
 from mapdeal.formats.json_kinds import COMPARISON, DIFF, LINT, REACH, ROUTE, document_kind
@@ -328,7 +326,7 @@ def _place(one: JsonValue) -> Point:
 
 
 def _route(document: JsonValue) -> RouteAnswer:
-    points = np.array([one.point() for one in document["points"].items()], dtype=np.float64)
+    points = document["points"].points()
     nowhere = math.nan if not len(points) else math.inf
     minimum, expanded = document.get("local_minimum"), document.get("expanded")
     route = Route(

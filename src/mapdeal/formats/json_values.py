@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.budget import OF_JSON, claim
@@ -130,10 +134,29 @@ class JsonValue:
             raise self.error("must be two numbers [x, y]")
         return numbers[0].number(), numbers[1].number()
 
+    def points(self) -> NDArray[np.float64]:
+        """Return a list of such points, shape (N, 2)."""
+        with contextlib.suppress(OverflowError):
+            if isinstance(self.value, list) and all(map(_is_pair, self.value)):
+                points = np.array(self.value, dtype=np.float64).reshape(-1, 2)
+                if (abs(points) <= FARTHEST).all():
+                    return points
+        return np.array([one.point() for one in self.items()], dtype=np.float64)  # which one it is
+
     def _fields(self) -> dict[str, Any]:
         if not isinstance(self.value, dict):
             raise self.error("must be an object")
         return self.value
+
+
+def _is_pair(value: object) -> bool:
+    """Return whether a value is a list of two numbers, of any size."""
+    return (
+        type(value) is list
+        and len(value) == 2
+        and type(value[0]) in (float, int)
+        and type(value[1]) in (float, int)
+    )
 
 
 def read_document(path: Path) -> JsonValue:
