@@ -188,7 +188,7 @@ def test_ids_are_used_once():
 
 
 def test_the_script_stays_small_and_readable():
-    assert len(script_text().encode()) <= 29_000
+    assert len(script_text().encode()) <= 25_000
     assert max(map(len, script_text().splitlines())) <= 200
     assert len(SCRIPTS) == len(set(SCRIPTS))
 

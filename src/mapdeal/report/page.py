@@ -66,17 +66,20 @@ def _header(report: Report, tiles: list[dict[str, Any]]) -> dict[str, Any]:
     entries = []
     for entry in report.entries:
         layers = []
+        areas = [layer.frame for layer in entry.layers]
         for layer in entry.layers:
             style = styles.setdefault(_json(_style(layer.style)), len(styles))
-            layers.append(_layer(layer) | {"style": style} | next(places))
+            more = {"style": style, "area": areas.index(layer.frame)}
+            layers.append(_layer(layer) | more | next(places))
         entries.append(_entry(entry) | {"layers": layers})
     looks = [json.loads(style) for style in styles]
     return {"tile": TILE, "styles": looks, "entries": entries}
 
 
 def script_text() -> str:
-    """Return the script of every page."""
-    return "\n".join(_part(name) for name in SCRIPTS)
+    """Return the script of every page; comments and empty lines stay at home."""
+    lines = "\n".join(_part(name) for name in SCRIPTS).splitlines()
+    return "\n".join(line for line in lines if line.strip() and not line.lstrip().startswith("//"))
 
 
 def _part(name: str) -> str:
@@ -122,10 +125,15 @@ def _style(style: LayerStyle) -> dict[str, Any]:
         "byValue": None if style.by_value is None else _bytes(style.by_value),
         "scale": None
         if scale is None
-        else {"low": scale.low, "high": scale.high, "first": scale.first, "levels": scale.levels},
-        "nowhere": style.nowhere,
+        else {
+            "low": scale.low,
+            "factor": scale.levels / ((scale.high - scale.low) or 1.0),
+            "first": scale.first,
+            "levels": scale.levels,
+        },
+        "nowhere": len(style.colours) if style.nowhere is None else style.nowhere,
         "line": style.line,
-        "fadedBy": style.faded_by,
+        "fadedBy": style.faded_by or 0,
         "labels": {str(value): one_line(label) for value, label in sorted(style.labels.items())},
     }
 

@@ -2,31 +2,30 @@
 // a canvas of {width, height}, and its scale: pixels a metre.
 
 const turned = (x, y, yaw) =>
-  [x * Math.cos(yaw) - y * Math.sin(yaw), x * Math.sin(yaw) + y * Math.cos(yaw)];
-const limited = (value, least, most) => Math.max(least, Math.min(most, value));
+	[x * cos(yaw) - y * sin(yaw), x * sin(yaw) + y * cos(yaw)];
+const limited = (value, least, most) => max(least, min(most, value));
 
 // Row and column with fractions, and what they may be off by rounding.
 function placeOf({ x: left, y: low, yaw, resolution }, x, y) {
-  const [u, v] = turned(x - left, y - low, -yaw), largest = Math.max(...[x, y, left, low].map(Math.abs));
-  return [v / resolution, u / resolution, Math.max(1e-9, (4 * Number.EPSILON * largest) / resolution)];
+	const [u, v] = turned(x - left, y - low, -yaw), largest = max(...[x, y, left, low].map(abs));
+	return [v / resolution, u / resolution, max(1e-9, (4 * Number.EPSILON * largest) / resolution)];
 }
 
 function pointOf({ x, y, yaw, resolution }, row, col) {
-  const [dx, dy] = turned(col * resolution, row * resolution, yaw);
-  return [x + dx, y + dy];
+	const [dx, dy] = turned(col * resolution, row * resolution, yaw);
+	return [x + dx, y + dy];
 }
 
 function cellAt(frame, x, y) {
-  const [v, u, tolerance] = placeOf(frame, x, y), row = Math.floor(v + tolerance), col = Math.floor(u + tolerance);
-  return row >= 0 && row < frame.height && col >= 0 && col < frame.width ? [row, col] : null;
+	const [v, u, tolerance] = placeOf(frame, x, y), row = floor(v + tolerance), col = floor(u + tolerance);
+	return row >= 0 && row < frame.height && col >= 0 && col < frame.width ? [row, col] : null;
 }
 
 const toMap = ({ x, y, scale, width, height }, sx, sy) => [x + (sx - width / 2) / scale, y - (sy - height / 2) / scale];
-const toScreen = (view, x, y) =>
-  [view.width / 2 + (x - view.x) * view.scale, view.height / 2 - (y - view.y) * view.scale];
+const toScreen = (x, y, of = view) => [of.width / 2 + (x - of.x) * of.scale, of.height / 2 - (y - of.y) * of.scale];
 
 // A view of a box of the map: left, low, right, high.
 function fitted([left, low, right, high], { width, height }, share = 0.96) {
-  const scale = share * Math.min(width / (right - left || 1e-9), height / (high - low || 1e-9));
-  return { x: (left + right) / 2, y: (low + high) / 2, scale, width, height };
+	const scale = share * min(width / (right - left || 1e-9), height / (high - low || 1e-9));
+	return { x: (left + right) / 2, y: (low + high) / 2, scale, width, height };
 }

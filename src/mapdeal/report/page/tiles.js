@@ -4,26 +4,26 @@ let frameNumber = 0;
 
 // Return a function that finds what `make` makes, or with `peek` what is at hand.
 function keeping(most, make, drop) {
-  const all = new Map();
-  return (layer, level, tile, peek) => {
-    const key = [layer.key, level, tile].join();
-    let kept = all.get(key);
-    if (peek && !kept) return null;
-    all.delete(key);
-    if (!kept) {
-      kept = { promise: make(layer, level, tile) };
-      kept.promise.then((value) => (kept.value = value), () => all.delete(key));
-    }
-    kept.frame = frameNumber;
-    all.set(key, kept);
-    for (const [old, { frame, value }] of all) {
-      if (all.size <= most) break;
-      if (frame === frameNumber || !value) continue;
-      all.delete(old);
-      drop?.(value);
-    }
-    return peek ? kept : kept.promise;
-  };
+	const all = new Map();
+	return (layer, level, tile, peek) => {
+		const key = [layer.key, level, tile].join();
+		let kept = all.get(key);
+		if (peek && !kept) return null;
+		all.delete(key);
+		if (!kept) {
+			kept = { promise: make(layer, level, tile) };
+			kept.promise.then((value) => (kept.value = value), () => all.delete(key));
+		}
+		kept.frame = frameNumber;
+		all.set(key, kept);
+		for (const [old, { frame, value }] of all) {
+			if (all.size <= most) break;
+			if (frame === frameNumber || !value) continue;
+			all.delete(old);
+			drop?.(value);
+		}
+		return peek ? kept : kept.promise;
+	};
 }
 
 const valuesOf = keeping(24, decodeTile), imageOf = keeping(96, paint, (image) => image.close());
@@ -31,32 +31,31 @@ const valuesOf = keeping(24, decodeTile), imageOf = keeping(96, paint, (image) =
 const bytesOf = (text) => Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
 
 for (const style of report.styles) {
-  style.pixels = new Uint32Array(bytesOf(style.pixels).buffer); // the last one is no colour
-  style.index = style.byValue && bytesOf(style.byValue);
+	style.pixels = new Uint32Array(bytesOf(style.pixels).buffer); // the last one is no colour
+	style.index = style.byValue && bytesOf(style.byValue);
 }
 report.entries.forEach(({ layers }, number) => layers.forEach((layer, k) => Object.assign(layer, {
-  key: [number, k],
-  look: report.styles[layer.style],
-  below: layers.find(({ name }) => name === layer.states),
+	key: [number, k],
+	look: report.styles[layer.style],
+	below: layers.find(({ name }) => name === layer.states),
 })));
 
 async function paint(layer, level, tile) {
-  const { pixels, index, scale, nowhere, line, fadedBy } = layer.look;
-  const { width, height, values } = await valuesOf(layer, level, tile), image = new Uint32Array(values.length);
-  if (index) values.forEach((value, k) => (image[k] = pixels[index[value]]));
-  else {
-    const states = layer.below?.levels[level] && (await valuesOf(layer.below, level, tile)).values;
-    const factor = scale.levels / (scale.high - scale.low || 1), none = nowhere ?? pixels.length - 1;
-    const isObstacle = (k) => states[k] >= layer.lethal && states[k] < 255;
-    // Whether it touches a cell of the tile that is none.
-    const isEdge = (k) => [-1, 1, -width, width].some((by) => states[k + by] !== undefined &&
-      (by * by > 1 || ((k % width) + by + 1) % (width + 1)) && !isObstacle(k + by));
-    values.forEach((value, k) => {
-      let colour = scale.first + limited(Math.floor((value - scale.low) * factor), 0, scale.levels - 1);
-      if (states?.[k] === 255) colour += fadedBy ?? 0;
-      else if (states && line !== null && isObstacle(k) && isEdge(k)) colour = line;
-      image[k] = pixels[Number.isNaN(value) ? none : colour];
-    });
-  }
-  return createImageBitmap(new ImageData(new Uint8ClampedArray(image.buffer), width, height));
+	const { pixels, index, scale, nowhere, line, fadedBy } = layer.look;
+	const { width, height, values } = await valuesOf(layer, level, tile), image = new Uint32Array(values.length);
+	if (index) values.forEach((value, k) => (image[k] = pixels[index[value]]));
+	else {
+		const states = layer.below?.levels[level] && (await valuesOf(layer.below, level, tile)).values;
+		const isObstacle = (k) => states[k] >= layer.lethal && states[k] < 255;
+		// Whether it touches a cell of the tile that is none.
+		const isEdge = (k) => [-1, 1, -width, width].some((by) => states[k + by] !== undefined &&
+			(by * by > 1 || ((k % width) + by + 1) % (width + 1)) && !isObstacle(k + by));
+		values.forEach((value, k) => {
+			let colour = scale.first + limited(floor((value - scale.low) * scale.factor), 0, scale.levels - 1);
+			if (states?.[k] === 255) colour += fadedBy;
+			else if (states && line !== null && isObstacle(k) && isEdge(k)) colour = line;
+			image[k] = pixels[Number.isNaN(value) ? nowhere : colour];
+		});
+	}
+	return createImageBitmap(new ImageData(new Uint8ClampedArray(image.buffer), width, height));
 }
