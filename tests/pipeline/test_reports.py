@@ -231,3 +231,12 @@ def test_layers_are_the_same_when_files_do_not_fit_the_memory(run, rooms, fits, 
         assert grids.is_lazy(run / "esdf.npz") == grids.is_lazy(rooms) == (not fits)
     with np.load(run / "esdf.npz") as stored:
         assert values[2].tobytes() == stored["distance"].tobytes()
+
+
+def test_a_field_of_the_map_as_read_shows_it_once(rooms, tmp_path):
+    (tmp_path / "bare.yaml").write_text("stages:\n- esdf: {}\n")
+    run = mapdeal.run(rooms, tmp_path / "bare", tmp_path / "bare.yaml").folder
+    for paths in ((run, rooms), (rooms, run)):
+        (entry,) = report_of(*paths).entries
+        assert layer_names(entry) == ["input", "esdf"]
+        assert entry.layers[1].states == "input"

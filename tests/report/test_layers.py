@@ -58,3 +58,13 @@ def test_a_scale_is_shown_where_it_is_needed():
     )
     assert with_values.style.bar is not None
     assert black_and_white.style.bar is None
+
+
+def test_the_legend_is_of_cells_and_not_of_what_pictures_draw_over_them():
+    costmap = mapdeal.exponential_cost(GRID, inscribed_radius=0.3, circumscribed_radius=0.5)
+    (costs,) = page_layers(costmap, "name", "Title")
+    names = [swatch.label.split()[0] for swatch in costs.style.swatches]
+    assert names == ["lethal", "inscribed", "free", "unknown"]  # no contour
+    *_, potential = page_layers(mapdeal.potential(GRID, goal=(2.0, -1.0)), "name", "Title")
+    names = [swatch.label.split(":")[0] for swatch in potential.style.swatches]
+    assert names == ["obstacle", "unknown"]  # neither arrows nor the goal

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.blocks import Layer, counts_of, mapped
 from mapdeal.render.reach_style import reach_codes
+from mapdeal.render.style import LayerStyle, Scale
 from mapdeal.render.styles import (
     POTENTIAL_OBSTACLE,
     cost_style,
@@ -52,7 +53,12 @@ class LayerKind:
     about: Callable[[Any], dict[str, Any]]
 
     def of(self, grid: Any, name: str, title: str) -> PageLayer:
-        """Return the layer of a grid that is called `name`, with a title."""
+        """Return the layer of a grid that is called `name`, with a title.
+
+        Its legend is of cells alone: what pictures draw over them, pages do not.
+        """
+        about = self.about(grid)
+        about["style"] = _of_cells(about["style"])
         made_of = isinstance(grid, (DistanceField, PotentialField)) and self.ending != MAP
         return PageLayer(
             f"{name}-{self.ending}" if self.ending else name,
@@ -60,7 +66,7 @@ class LayerKind:
             grid.frame,
             self.values(grid),
             states=f"{name}-{MAP}" if made_of else None,
-            **self.about(grid),
+            **about,
         )
 
 
@@ -80,6 +86,21 @@ def kinds_of(grid: Any) -> tuple[LayerKind, ...]:
 def page_layers(grid: Any, name: str, title: str) -> list[PageLayer]:
     """Return the layers of a grid, the lowest first."""
     return [kind.of(grid, name, title) for kind in kinds_of(grid)]
+
+
+def _of_cells(style: LayerStyle) -> LayerStyle:
+    """Return a style without the swatches of colours that no value takes."""
+    taken = _indices_of(style) if style.by_value is None else set(style.by_value.tolist())
+    kept = tuple(swatch for swatch in style.swatches if swatch.index in taken)
+    return replace(style, swatches=kept)
+
+
+def _indices_of(style: LayerStyle) -> set[int | None]:
+    """Return the palette indices of the cells of a layer of numbers."""
+    scale = cast("Scale", style.scale)
+    levels = range(scale.first, scale.first + scale.levels)
+    faded = [] if style.faded_by is None else [level + style.faded_by for level in levels]
+    return {*levels, *faded, style.nowhere, style.line}
 
 
 def _as_bytes(layer: Layer) -> Layer:

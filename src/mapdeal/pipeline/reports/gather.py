@@ -159,7 +159,9 @@ class _Gathering:
         runs = [run for run in self.runs if run.takes(opened.sums.values())]
         for run in runs:
             name = run.free_name(INPUT)
-            run.layers[:0] = self._grids.layers(opened.path, name, "Map as read")
+            above = run.layers
+            run.layers = self._grids.layers(opened.path, name, "Map as read")
+            add_layers(run, above)
             run.paths.append(opened.path)
             run.warn(opened.heard, opened.files)
         return bool(runs)
