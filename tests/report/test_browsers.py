@@ -429,3 +429,48 @@ def test_a_screen_of_two_pixels_a_point_is_sharp(chromium, pages):
     shape = "() => ['width', 'clientWidth'].map((name) => document.getElementById('map')[name])"
     pixels, points = chromium.evaluate(shape)
     assert pixels == 2 * points
+
+
+def building(side, seed=1):
+    """Return a large map of rooms with doors and clutter, and unknown space around them."""
+    draw = np.random.default_rng(seed)
+    values = np.zeros((side, side), np.int8)
+    for wall in range(0, side, side // 20):
+        values[wall : wall + 3] = values[:, wall : wall + 3] = OCCUPIED
+    for door in range(side // 40, side, side // 20):
+        values[door : door + 20] = np.where(values[door : door + 20] == OCCUPIED, FREE, FREE)
+    values[draw.integers(0, side, 4000), draw.integers(0, side, 4000)] = OCCUPIED
+    values[: side // 10] = UNKNOWN
+    return mapdeal.OccupancyGrid(values, 0.05, (-30.0, 12.0, 0.2))
+
+
+PAN = """async (turns) => {
+  const canvas = document.getElementById("map"), times = [];
+  const key = () => canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight" }));
+  const next = () => new Promise((done) => page.requestAnimationFrame((now) => done(now)));
+  for (let k = 0; k < turns; k++) {
+    key();
+    times.push(await next());
+  }
+  return times;
+}"""
+
+
+@pytest.mark.thorough
+def test_a_large_map_is_drawn_soon_and_panned_smoothly(browser, pages):
+    path = pages(Report("large", (entry_of(building(4000)),), "1.0"))
+    browser.open(path)
+    browsers.settle(browser, 60)
+    first = browser.evaluate("() => performance.getEntriesByName('mapdeal')[0].startTime")
+    browser.evaluate(KEY, "f")
+    for _ in range(3):
+        browser.evaluate(KEY, "+")
+    times = np.diff(browser.evaluate(PAN, 120))
+    heap = browser.evaluate("() => performance.memory?.usedJSHeapSize ?? null")
+    print(
+        f"{browser.name}: {path.stat().st_size} bytes, drawn after {first:.0f} ms, "
+        f"{1000 / times.mean():.0f} frames a second, slowest {times.max():.0f} ms, heap {heap}"
+    )
+    assert first < 15_000  # 1500 on a machine that does nothing else
+    assert 1000 / times.mean() > 3
+    assert browser.complaints == []

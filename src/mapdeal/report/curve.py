@@ -41,7 +41,7 @@ def curve_figure(curve: CostCurve) -> Markup:
     caption = f"Cells of {curve.resolution:.6g} m" + (f"; {curve.note}" if curve.note else "")
     return element(
         "figure",
-        plot.drawn(),
+        element("div", plot.drawn(), class_="wide", tabindex=0, role="group", aria_label="Plot"),
         element("figcaption", caption),
         element("ul", *zones, class_="zones"),
         class_="curve",
