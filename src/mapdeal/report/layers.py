@@ -135,6 +135,7 @@ def _field(field: DistanceField) -> dict[str, Any]:
         "pooled": "smallest",
         "convention": field.convention,
         "lethal_threshold": field.lethal_threshold,
+        "strength": field.strength,
     }
 
 
