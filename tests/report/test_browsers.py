@@ -1,5 +1,7 @@
 """The page in real browsers, against what the library says of the same grids."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -390,6 +392,28 @@ def test_a_mouse_drags_zooms_at_the_pointer_pins_and_measures(chromium, pages):
     assert status.startswith(f"Measured {60 / state()['scale']:.3f} m")
 
 
+def test_two_fingers_zoom_between_them(chromium, pages):
+    chromium.open(pages(one()), width=390, height=844, phone=True)
+    browsers.settle(chromium)
+    before, box = chromium.evaluate(VIEW)["view"], chromium.page.locator("#map").bounding_box()
+    touch = chromium.page.context.new_cdp_session(chromium.page)
+    middle = (box["x"] + 1 + before["width"] / 2, box["y"] + 1 + before["height"] / 2)
+    for kind, apart in [("touchStart", 30), ("touchMove", 60), ("touchMove", 90), ("touchEnd", 0)]:
+        fingers = [
+            {"x": middle[0] + sign * apart, "y": middle[1], "id": k}
+            for k, sign in enumerate((-1, 1))
+        ]
+        touch.send(
+            "Input.dispatchTouchEvent",
+            {"type": kind, "touchPoints": fingers if apart else []},
+        )
+    chromium.page.wait_for_timeout(100)
+    after = chromium.evaluate(VIEW)["view"]
+    assert after["scale"] == pytest.approx(3 * before["scale"], rel=0.01)
+    assert (after["x"], after["y"]) == pytest.approx((before["x"], before["y"]), abs=0.2)
+    assert chromium.evaluate(VIEW).get("pinned") is None
+
+
 def test_the_list_can_hide_kinds(chromium, pages):
     chromium.open(pages(one()))
     browsers.settle(chromium)
@@ -467,9 +491,9 @@ def test_a_large_map_is_drawn_soon_and_panned_smoothly(browser, pages):
         browser.evaluate(KEY, "+")
     times = np.diff(browser.evaluate(PAN, 120))
     heap = browser.evaluate("() => performance.memory?.usedJSHeapSize ?? null")
-    print(
+    sys.stdout.write(
         f"{browser.name}: {path.stat().st_size} bytes, drawn after {first:.0f} ms, "
-        f"{1000 / times.mean():.0f} frames a second, slowest {times.max():.0f} ms, heap {heap}"
+        f"{1000 / times.mean():.0f} frames a second, slowest {times.max():.0f} ms, heap {heap}\n"
     )
     assert first < 15_000  # 1500 on a machine that does nothing else
     assert 1000 / times.mean() > 3

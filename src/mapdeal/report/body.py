@@ -174,7 +174,12 @@ def _layer(layer: PageLayer, k: int, number: int, count: int) -> Markup:
         aria_label=f"Opacity of {layer.title}",
     )  # fmt: skip
     only = element(
-        "button", "only", type="button", data_only=k, aria_label=f"Show only {layer.title}"
+        "button",
+        "only",
+        type="button",
+        data_only=k,
+        class_="only",
+        aria_label=f"Show only {layer.title}",
     )
     head = element("div", element("label", box, " ", layer.title), slider, only, class_="head")
     legend = element("div", legend_of(layer.style, f"bar-{number}-{k}"), class_="legend")

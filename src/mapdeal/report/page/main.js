@@ -87,7 +87,6 @@ const pan = (x, y) => ({ shiftKey }) => {
 	const step = (shiftKey ? 8 : 60) / view.scale;
 	byKeys = true;
 	moveTo(view.x + x * step, view.y + y * step);
-	tell(1, [view.x, view.y]);
 };
 const keys = {
 	ArrowLeft: pan(-1, 0), ArrowRight: pan(1, 0), ArrowUp: pan(0, 1), ArrowDown: pan(0, -1),
@@ -100,6 +99,7 @@ canvas.onkeydown = (event) => {
 	if (event.ctrlKey || event.metaKey || !act) return;
 	event.preventDefault();
 	act(event);
+	if (byKeys) tell(1, cursor());
 };
 
 // Show the entry that the address names; of several the table if it names none.
