@@ -1,11 +1,14 @@
 """The page in real browsers, against what the library says of the same grids."""
 
+import json
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import mapdeal
+from mapdeal.cli.main import main
 from mapdeal.report.document import Entry, Item, Report, Table
 from mapdeal.report.page import page_of
 from report import browsers
@@ -13,6 +16,7 @@ from report.made import entry_of, layers_of
 from report.test_page import ATTACKS, nasty_report
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+MAPS = Path(__file__).parents[2] / "examples" / "maps"
 
 
 def scattered(shape, seed, origin=(-3.1, 2.2, 0.6), resolution=0.07):
@@ -133,6 +137,27 @@ def test_values_are_those_of_the_library(browser, pages):
         "free", "occupied", "unknown",
     }  # fmt: skip
     assert_quiet(browser, path)
+
+
+def test_values_are_what_query_prints(chromium, pages, tmp_path, capsys):
+    path = MAPS / "office.yaml"
+    grid = mapdeal.read_map(path)
+    chromium.open(pages(Report("office", (entry_of(grid),), "1.0")))
+    browsers.settle(chromium)
+    points = points_of(grid.frame, 300, 7)
+    asked = tmp_path / "points.csv"
+    asked.write_text("".join(f"{x!r},{y!r}\n" for x, y in points.tolist()))
+    assert main(["query", str(path), "--points", str(asked)]) == 0
+    answers = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    told = chromium.evaluate(READ_ALL, points.tolist())
+    assert len(answers) == len(told) == 300
+    for answer, (states, metres, _) in zip(answers, told, strict=True):
+        assert answer["inside"] == (metres["cell"] is not None)
+        if answer["inside"]:
+            assert metres["value"] == pytest.approx(answer["distance"], abs=1e-3)
+            assert metres["gradient"] == pytest.approx(answer["gradient"], abs=1e-3)
+            assert states["label"] == answer["state"]
+            assert states["cell"] == [answer["row"], answer["col"]]
 
 
 def test_distances_without_obstacles_are_infinite_and_have_no_gradient(browser, pages):
@@ -296,6 +321,7 @@ def test_the_table_sorts_filters_and_opens(browser, pages):
     path = pages(several())
     browser.open(path)
     assert browser.evaluate(NAMES) == ["b10", "b9", "a", "bad"]
+    assert not browser.evaluate("() => document.getElementById('map').checkVisibility()")
     sorts = "() => [...document.querySelectorAll('#maps thead th')].map((one) => one.ariaSort)"
     browser.evaluate(HEAD, "free")
     assert browser.evaluate(NAMES) == ["b9", "b10", "a", "bad"]
