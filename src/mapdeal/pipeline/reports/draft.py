@@ -10,6 +10,7 @@ from mapdeal.errors import emit_warning
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.pipeline.heard import portable
 from mapdeal.report.document import Entry, Item, PageLayer, Table
+from mapdeal.report.extent import extent_of
 
 
 @dataclass
@@ -83,4 +84,5 @@ class Draft:
             dict(self.figures),
             self.curve,
             self.compared,
+            extent_of(self.layers, self.items),
         )
