@@ -61,6 +61,9 @@ def test_a_run_has_a_layer_for_each_stage_and_all_that_its_manifest_tells(run):
     (entry,) = report_of(run).entries
     assert entry.name == "rooms"
     assert layer_names(entry) == ["inflated", "esdf", "cost"]
+    assert [layer.title for layer in entry.layers[:2]] == [
+        "Inflated by 0.25 m (disc)", "Signed distance field"
+    ]  # fmt: skip
     field = entry.layers[1]
     assert (field.states, field.convention, field.unit) == ("inflated", "seed", "m")
     told = {table.title: dict(table.rows) for table in entry.tables}

@@ -167,7 +167,8 @@ def _are_equal(one: PageLayer, other: PageLayer) -> bool:
 def title_of(stage: str, manifest: Mapping[str, Any]) -> str:
     """Return what a stage of a run has done, in words."""
     step = _step_of(stage, next(s[stage] for s in manifest["stages"] if stage in s))
-    return stage if step is None else step.title
+    title = stage if step is None else step.title
+    return title[:1].upper() + title[1:]
 
 
 def _step_of(stage: str, parameters: Mapping[str, Any]) -> Step | None:
