@@ -107,6 +107,11 @@ def mixed(colours: ArrayLike, other: tuple[int, int, int], share: float) -> Colo
     return np.rint(base * (1 - share) + np.array(other) * share).astype(np.uint8)
 
 
+def palette_of(*parts: ArrayLike) -> Colours:
+    """Return rows of colours, shape (N, 3) each, as one palette."""
+    return np.vstack([np.asarray(part) for part in parts]).astype(np.uint8)
+
+
 def interpolated(anchors: list[tuple[int, int, int]], levels: int) -> Colours:
     """Return `levels` colours through the anchors, at even steps in OKLab.
 

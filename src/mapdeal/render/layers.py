@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -14,10 +12,9 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels.blocks import blocks_of, looked_up
+from mapdeal.kernels.blocks import looked_up
 from mapdeal.kernels.lookup import histogram, look_up, set_where
 from mapdeal.kernels.threads import for_rows
-from mapdeal.render import colours
 from mapdeal.render.canvas import (
     corner_of,
     frame_text,
@@ -25,17 +22,20 @@ from mapdeal.render.canvas import (
     swatches_in,
 )
 from mapdeal.render.cost_palette import CostPalette
+from mapdeal.render.field_style import (
+    FIELD_LEVELS,
+    LINE,
+    NOWHERE,
+    FieldEnds,
+    faded_index,
+    field_style,
+    steps_below_zero,
+)
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
-from mapdeal.render.style import ColourBar, Swatch
-from mapdeal.render.styles import bounds_circumscribed, cost_style, occupancy_style, round_values
-
-_FREE_LEVELS, _OBSTACLE_LEVELS = 70, 49
-_FIELD_LEVELS = _FREE_LEVELS + _OBSTACLE_LEVELS
-_LINE = 2 * _FIELD_LEVELS
-_NOWHERE = _LINE + 1
-"""Of a field: the outline of obstacles, and cells without a distance."""
+from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch
+from mapdeal.render.styles import bounds_circumscribed, cost_style, occupancy_style
 
 
 def occupancy_image(
@@ -77,47 +77,46 @@ def field_image(
 
     The outermost obstacle cells, where the field of convention seed is 0, are drawn black.
     Unknown cells are faded, those without a distance grey. Where cells share a pixel the
-    smallest distance shows. Each side of the scale ends at its largest distance of a known cell.
+    smallest distance shows. The scale ends at the largest distances of known cells.
     An overlay is drawn over all.
     """
     raster = Raster.fitting(field.shape, image_max)
-    ends = _Ends.of(field.cropped)
-    pixels, faded_index = _field_pixels(field, raster, ends)
-
-    known_side = np.vstack([
-        colours.obstacle_side(_OBSTACLE_LEVELS)[::-1], colours.free_side(_FREE_LEVELS)
-    ])  # fmt: skip
-    faded = colours.mixed(known_side, colours.RVIZ_UNKNOWN, 0.6)
-    swatches = swatches_in(pixels, [Swatch(_LINE, "obstacle edge")])
-    bar = None
-    if ends.are_finite:
-        bar = _field_bar(ends)
-    else:
-        everywhere = "+inf: no obstacle" if ends.highest > 0 else "-inf: nothing free"
-        index = int(pixels[pixels != _NOWHERE][0])
-        swatches.append(Swatch(index, everywhere))
-    if faded_index is not None and bar is not None:
-        swatches.append(Swatch(faded_index, "unknown: faded"))
-    special = [colours.LINE]
-    if field.region is not None:
-        special.append(colours.RVIZ_UNKNOWN)
-        swatches += swatches_in(pixels, [Swatch(_NOWHERE, "no distance")])
+    style = field_style(field, FieldEnds.of(field))
+    pixels, faded = _field_pixels(field, raster, cast("Scale", style.scale))
     strength = "" if field.strength == 1.0 else f", strength {field.strength:g}"
     return _on_sheet(
         pixels,
-        np.vstack([known_side, faded, special]),
+        style.colours,
         field.frame,
         raster,
         title=title,
         more=f"convention {field.convention}{strength}",
-        bar=bar,
-        swatches=swatches,
+        bar=style.bar,
+        swatches=_field_swatches(style, pixels, faded),
         overlay=overlay,
     )
 
 
+def _field_swatches(
+    style: LayerStyle, pixels: NDArray[np.uint8], faded: int | None
+) -> list[Swatch]:
+    """Return the legend entries of what a picture shows; `faded` shows what unknown cells do."""
+    swatches = []
+    for swatch in style.swatches:
+        index: int | None = swatch.index
+        if index in (LINE, NOWHERE):
+            index = index if (pixels == index).any() else None
+        elif FIELD_LEVELS <= swatch.index < LINE:
+            index = faded
+        elif style.bar is None:  # of a field that is the same everywhere, known or not
+            index = int(pixels[pixels != NOWHERE][0])
+        if index is not None:
+            swatches.append(Swatch(index, swatch.label))
+    return swatches
+
+
 def _field_pixels(
-    field: DistanceField, raster: Raster, ends: _Ends
+    field: DistanceField, raster: Raster, scale: Scale
 ) -> tuple[NDArray[np.uint8], int | None]:
     """Return palette indices, and one that shows what unknown cells look like, if there are any.
 
@@ -125,14 +124,14 @@ def _field_pixels(
     outline of obstacles, and cells without a distance.
     """
     obstacles = raster.largest(field.obstacles())
-    indices, faded_index = _field_levels(field, raster, ends, obstacles)
+    indices, faded = _field_levels(field, raster, scale, obstacles)
     pixels = raster.enlarged(indices)
-    set_where(pixels, inner_outline(raster.enlarged(obstacles)), _LINE)
-    return pixels, faded_index
+    set_where(pixels, inner_outline(raster.enlarged(obstacles)), LINE)
+    return pixels, faded
 
 
 def _field_levels(
-    field: DistanceField, raster: Raster, ends: _Ends, obstacles: NDArray[np.bool_]
+    field: DistanceField, raster: Raster, scale: Scale, obstacles: NDArray[np.bool_]
 ) -> tuple[NDArray[np.uint8], int | None]:
     distance = raster.smallest(field.distance)
     is_unknown = np.zeros(256, dtype=np.bool_)
@@ -142,21 +141,24 @@ def _field_levels(
     if nowhere is not None:
         distance = np.where(nowhere, np.float32(0), distance)
         unknown &= ~nowhere
+    below = np.uint8(steps_below_zero(scale))
     levels = np.empty(distance.shape, dtype=np.uint8)
 
     def level(rows: slice) -> None:
-        part = _OBSTACLE_LEVELS + _level(distance[rows], ends.far, _FREE_LEVELS)
-        inside = _OBSTACLE_LEVELS - 1 - _level(-distance[rows], ends.deep, _OBSTACLE_LEVELS)
+        # Whatever rounding says, and where obstacles have the distance 0: they are red.
+        part = scale.indices(distance[rows])
+        inside = np.minimum(part, below - 1)
+        np.maximum(part, below, out=part)
         np.copyto(part, inside, where=obstacles[rows])
-        levels[rows] = part + _FIELD_LEVELS * unknown[rows].view(np.uint8)
+        levels[rows] = part + FIELD_LEVELS * unknown[rows].view(np.uint8)
 
     for_rows(level, levels.shape)
     if nowhere is not None:
-        levels[nowhere] = _NOWHERE
+        levels[nowhere] = NOWHERE
     if not unknown.any():
         return levels, None
     outside = bool((unknown > obstacles).any())
-    return levels, _FIELD_LEVELS + outside * _OBSTACLE_LEVELS + _OBSTACLE_LEVELS // 2
+    return levels, faded_index(int(below), outside=outside)
 
 
 def cost_image(
@@ -223,69 +225,3 @@ def _on_sheet(
         bar=bar,
         swatches=swatches,
     )
-
-
-def _level(distance: NDArray[np.float32], end: float, levels: int) -> NDArray[np.uint8]:
-    """Return the level 0 .. levels - 1 of distances 0 .. `end`; others take the nearest."""
-    share = np.clip(distance * np.float32(1 / max(end, 1e-9)), 0, 1)
-    level: NDArray[np.uint8] = np.minimum(share * np.float32(levels), levels - 1).astype(np.uint8)
-    return level
-
-
-@dataclass(frozen=True)
-class _Ends:
-    """How far a field goes: over known cells, 0 for none, and over all."""
-
-    far: float
-    deep: float
-    highest: float
-    lowest: float
-
-    @property
-    def are_finite(self) -> bool:
-        return math.isfinite(self.highest) and math.isfinite(self.lowest)
-
-    @classmethod
-    def of(cls, field: DistanceField) -> _Ends:
-        """Return the ends of a field; where nothing is known, its unknown cells count."""
-        known: list[tuple[float, float]] = []
-        every: list[tuple[float, float]] = []
-
-        def look(rows: slice) -> None:
-            distance, occupancy = distances[rows], occupancies[rows]
-            every.append((float(distance.max()), float(distance.min())))
-            is_known = occupancy != UNKNOWN
-            if is_known.any():
-                finite = np.where(is_known & np.isfinite(distance), distance, np.float32(0))
-                known.append((float(finite.max()), float(finite.min())))
-
-        for block in blocks_of(field.distance):
-            distances, occupancies = field.distance[block], field.occupancy[block]
-            for_rows(look, distances.shape)
-        highest, lowest = max(end[0] for end in every), min(end[1] for end in every)
-        if known:
-            return cls(max(e[0] for e in known), -min(e[1] for e in known), highest, lowest)
-        finite = [end if math.isfinite(end) else 0.0 for end in (highest, lowest)]
-        return cls(max(finite[0], 0.0), -min(finite[1], 0.0), highest, lowest)
-
-
-def _field_bar(ends: _Ends) -> ColourBar:
-    """Return the scale of a field: red below zero, blue above, each linear in itself."""
-    far, deep = ends.far, ends.deep
-    middle = 0.0 if deep == 0 else 1.0 if far == 0 else 0.3
-    steps = 200
-    positions = np.linspace(0, 1, steps)
-    last = _FIELD_LEVELS - 1
-    below = _OBSTACLE_LEVELS * positions / max(middle, 1e-9)
-    above = _OBSTACLE_LEVELS + _FREE_LEVELS * (positions - middle) / max(1 - middle, 1e-9)
-    indices = np.where(positions < middle, below, np.minimum(above, last)).astype(int)
-    ticks = [(middle, "0")]
-    if deep > 0:
-        sign = "<-" if ends.lowest < -deep else "-"
-        ticks += [(middle * (1 - v / deep), f"-{v:g}") for v in round_values(deep, 2)]
-        ticks.append((0.0, f"{sign}{deep:.3g}"))
-    if far > 0:
-        sign = ">" if ends.highest > far else ""
-        ticks += [(middle + (1 - middle) * v / far, f"{v:g}") for v in round_values(far, 5)]
-        ticks.append((1.0, f"{sign}{far:.3g}"))
-    return ColourBar(indices.tolist(), ticks, "distance, m")

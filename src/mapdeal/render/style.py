@@ -40,6 +40,13 @@ class Scale:
     first: int
     levels: int
 
+    def indices(self, values: NDArray[np.floating]) -> NDArray[np.uint8]:
+        """Return the palette index of each value, none of which is nan."""
+        steps = (values - np.float32(self.low)) * np.float32(self.levels / (self.high - self.low))
+        indices: NDArray[np.uint8] = np.clip(steps, 0, self.levels - 1).astype(np.uint8)
+        indices += np.uint8(self.first)
+        return indices
+
 
 @dataclass(frozen=True, eq=False)
 class LayerStyle:

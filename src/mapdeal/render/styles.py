@@ -9,14 +9,13 @@ import math
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, NO_INFORMATION, OCCUPIED
 from mapdeal.render import colours
 from mapdeal.render.canvas import round_length
-from mapdeal.render.colours import Colours
+from mapdeal.render.colours import palette_of
 from mapdeal.render.cost_palette import COST_LEVELS, CostPalette
 from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch
 
@@ -48,7 +47,7 @@ def occupancy_style() -> LayerStyle:
     by_value[: OCCUPIED + 1] = np.arange(OCCUPIED + 1)
     ticks = [(value / OCCUPIED, str(value)) for value in (0, 25, 50, 75, OCCUPIED)]
     return LayerStyle(
-        _palette(np.repeat(ramp[:, np.newaxis], 3, axis=1), [colours.RVIZ_UNKNOWN]),
+        palette_of(np.repeat(ramp[:, np.newaxis], 3, axis=1), [colours.RVIZ_UNKNOWN]),
         by_value=by_value,
         swatches=(Swatch(OCCUPIED, "occupied"), Swatch(0, "free"), Swatch(unknown, "unknown")),
         bar=ColourBar(range(OCCUPIED + 1), ticks, "occupancy"),
@@ -93,7 +92,7 @@ def bounds_circumscribed(costmap: Costmap) -> bool:
 def potential_style(field: PotentialField) -> LayerStyle:
     """Return the even scale of a normalised potential, 0 to 10; unknown cells are faded."""
     scale = colours.potential_scale(POTENTIAL_LEVELS)
-    special = [colours.LETHAL, colours.ARROW, colours.GOAL]
+    special = [colours.LETHAL, colours.ARROW, colours.GOAL, colours.RVIZ_UNKNOWN]
     swatches = [
         Swatch(POTENTIAL_OBSTACLE, "obstacle"),
         Swatch(POTENTIAL_LEVELS + POTENTIAL_LEVELS // 4, "unknown: faded"),
@@ -102,15 +101,14 @@ def potential_style(field: PotentialField) -> LayerStyle:
     if field.goal is not None:
         swatches.append(Swatch(POTENTIAL_GOAL, "goal"))
     if field.region is not None:
-        special.append(colours.RVIZ_UNKNOWN)
         swatches.append(Swatch(POTENTIAL_NOWHERE, "no potential"))
     ticks = [(value / _HIGHEST_NORMALISED, f"{value}") for value in range(0, 11, 2)]
     return LayerStyle(
-        _palette(scale, colours.mixed(scale, colours.RVIZ_UNKNOWN, 0.6), special),
+        palette_of(scale, colours.mixed(scale, colours.RVIZ_UNKNOWN, 0.6), special),
         scale=Scale(0.0, _HIGHEST_NORMALISED, 0, POTENTIAL_LEVELS),
         swatches=tuple(swatches),
         bar=ColourBar(range(POTENTIAL_LEVELS), ticks, "normalised"),
-        nowhere=POTENTIAL_NOWHERE if field.region is not None else None,
+        nowhere=POTENTIAL_NOWHERE,
         faded_by=POTENTIAL_LEVELS,
     )
 
@@ -154,7 +152,7 @@ def number_style(low: float, high: float, unit: str, *, nowhere: str = "no value
         high = low + 1.0
     ticks = [((value - low) / (high - low), f"{value:g}") for value in ticks_of(low, high, 6)]
     return LayerStyle(
-        _palette(colours.free_side(_NUMBER_LEVELS), [colours.RVIZ_UNKNOWN]),
+        palette_of(colours.free_side(_NUMBER_LEVELS), [colours.RVIZ_UNKNOWN]),
         scale=Scale(low, high, 0, _NUMBER_LEVELS),
         swatches=(Swatch(_NUMBER_LEVELS, nowhere),),
         bar=ColourBar(range(_NUMBER_LEVELS), ticks, unit),
@@ -180,7 +178,3 @@ def round_values(end: float, about: int) -> list[float]:
     """Return round numbers between 0 and `end`, both excluded, none close to the end."""
     step = round_length(end / about * 1.5)
     return [step * k for k in range(1, math.ceil(end / step)) if end - step * k > 0.35 * step]
-
-
-def _palette(*parts: ArrayLike) -> Colours:
-    return np.vstack([np.asarray(part) for part in parts]).astype(np.uint8)

@@ -1,0 +1,119 @@
+"""What styles say of values, held against what the field calls them and against plain counting."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drawn import grid_from_text
+from mapdeal import Costmap, esdf
+from mapdeal.render.field_style import FieldEnds, field_style
+from mapdeal.render.style import Scale
+from mapdeal.render.styles import (
+    cost_style,
+    difference_style,
+    number_style,
+    occupancy_style,
+    ticks_of,
+)
+
+LENGTHS = st.floats(0, 1000).map(lambda x: 0.0 if x < 0.01 else x)
+GRID = grid_from_text("#..?\n....\n..##", 0.25, (1.5, -2.0, 0.3))
+
+
+def level_of(scale, value):
+    step = (scale.high - scale.low) / scale.levels
+    return scale.first + min(max(math.floor((value - scale.low) / step), 0), scale.levels - 1)
+
+
+@given(LENGTHS, LENGTHS)
+def test_a_field_s_scale_goes_evenly_through_zero(far, deep):
+    style = field_style(esdf(GRID), FieldEnds(far, deep, far, -deep))
+    scale = style.scale
+    assert scale.low <= -deep * (1 - 1e-9)
+    assert scale.high >= far * (1 - 1e-9)
+    step = (scale.high - scale.low) / scale.levels
+    below = -scale.low / step
+    assert below == pytest.approx(round(below), abs=1e-6)  # zero is between two steps
+    assert 1 <= round(below) < scale.levels
+    for k in range(scale.levels):  # the middle of each step, on both sides of zero
+        assert scale.indices(np.float32([scale.low + (k + 0.5) * step])) == [k]
+    red, _, blue = style.colours[: scale.levels].astype(int).T
+    assert (red[: round(below)] > blue[: round(below)]).all()
+    assert (blue[round(below) + 3 :] > red[round(below) + 3 :]).all()
+    assert (style.colours[scale.levels :][: scale.levels] != style.colours[: scale.levels]).any()
+
+
+@given(LENGTHS, LENGTHS)
+def test_a_field_s_labels_stand_beside_their_colours_and_apart(far, deep):
+    style = field_style(esdf(GRID), FieldEnds(far, deep, far, -deep))
+    scale, bar = style.scale, style.bar
+    places = [place for place, _ in bar.ticks]
+    assert all(b - a >= 0.079 for a, b in itertools.pairwise(places))
+    assert "0" in [label for _, label in bar.ticks]
+    for place, label in bar.ticks:
+        shown = bar.indices[min(int(place * len(bar.indices)), len(bar.indices) - 1)]
+        value = float(label)
+        assert abs(shown - level_of(scale, value)) <= 1 + 0.006 * abs(value) / (
+            (scale.high - scale.low) / scale.levels
+        )  # three digits
+
+
+@given(
+    st.floats(-1e3, 1e3), st.floats(0.01, 1e3),
+    st.lists(st.floats(-2e3, 2e3, width=32), min_size=1, max_size=20),
+)  # fmt: skip
+def test_a_scale_counts_even_steps_and_ends_where_it_ends(low, length, values):
+    scale = Scale(low, low + length, 7, 100)
+    found = scale.indices(np.float32(values)).tolist()
+    expected = [level_of(scale, value) for value in values]
+    assert all(abs(a - b) <= 1 for a, b in zip(found, expected, strict=True))
+    ends = scale.indices(np.float32([-np.inf, np.inf]))
+    assert ends.tolist() == [7, 106]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [(-0.3, 2.1, [0, 0.5, 1, 1.5, 2]), (0, 10, [0, 2, 4, 6, 8, 10]), (7.9, 8.1, [7.9, 8, 8.1])],
+)
+def test_ticks_are_round(low, high, expected):
+    ticks = ticks_of(low, high, 6)
+    assert set(expected) <= set(ticks)
+    assert all(low - 1e-9 <= tick <= high + 1e-9 for tick in ticks)
+
+
+def test_single_values_are_called_what_the_field_calls_them():
+    assert occupancy_style().labels == {0: "free", 100: "occupied", 255: "unknown"}
+    costs = Costmap([[0, 253, 254, 255]], 0.25)
+    named = {0: "free", 253: "inscribed", 254: "lethal", 255: "unknown"}
+    assert cost_style(costs).labels == named
+    scaled = Costmap(np.array([[-1, 0, 99, 100]], np.int8), 0.25, scale="occupancy")
+    assert cost_style(scaled).labels == {0: "free", 100: "lethal", 255: "unknown"}
+    assert difference_style().labels[6] == "wall added"
+    assert difference_style(("A", "B")).labels[6] == "wall only by B"
+
+
+@pytest.mark.parametrize(
+    "style",
+    [
+        occupancy_style(),
+        cost_style(Costmap([[0]], 0.25, circumscribed_cost=99)),
+        difference_style(),
+        number_style(0.0, 4.0, "m"),
+        number_style(3.0, 3.0, "m"),
+        field_style(esdf(GRID), FieldEnds.of(esdf(GRID))),
+    ],
+)
+def test_all_indices_have_a_colour(style):
+    indices = {swatch.index for swatch in style.swatches}
+    if style.by_value is not None:
+        assert style.by_value.shape == (256,)
+        indices |= set(style.by_value.tolist())
+    if style.scale is not None:
+        indices |= {style.scale.first + k for k in range(style.scale.levels)}
+        indices.add(style.nowhere)
+    assert style.bar is None or set(style.bar.indices) <= indices
+    assert max(indices) < len(style.colours) <= 244
