@@ -16,6 +16,7 @@ from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.blocks import Layer, counts_of, mapped
+from mapdeal.render.field_style import FieldEnds, field_style
 from mapdeal.render.reach_style import reach_codes
 from mapdeal.render.style import LayerStyle, Scale
 from mapdeal.render.styles import (
@@ -130,7 +131,7 @@ def _cost(costmap: Costmap) -> dict[str, Any]:
 
 def _field(field: DistanceField) -> dict[str, Any]:
     return {
-        "style": number_style(-1.0, 5.0, "m"),  # TODO
+        "style": field_style(field, FieldEnds.of(field)),
         "unit": "m",
         "pooled": "smallest",
         "convention": field.convention,
