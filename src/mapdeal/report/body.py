@@ -18,6 +18,8 @@ _KINDS = {
     "shape": "Shapes",
 }
 
+_TOLD_BY_SIZE = ("cells", "m per cell")
+
 
 def body_of(report: Report) -> Markup:
     """Return what stands in the body of a page before its data."""
@@ -30,10 +32,35 @@ def body_of(report: Report) -> Markup:
 def subtitle_of(report: Report) -> str:
     """Return the key figures of a report, in one line."""
     if len(report.entries) > 1:
+        counts = [_counts(entry) for entry in report.entries]
+        told = [
+            _counted(sum(count[k] for count in counts), name)
+            for k, name in enumerate(("error", "warning"))
+        ]
         failed = sum(not entry.layers for entry in report.entries)
-        return f"{len(report.entries)} maps" + (f", {failed} without layers" if failed else "")
+        told += [f"{failed} without layers"] if failed else []
+        return ", ".join([f"{len(report.entries)} maps", *told])
     entry = report.entries[0]
-    return ", ".join([_size_text(entry), *(f"{k} {_text(v)}" for k, v in entry.figures.items())])
+    figures = [_figure(k, v) for k, v in entry.figures.items() if k not in _TOLD_BY_SIZE]
+    return ", ".join([_size_text(entry), *figures])
+
+
+def _counted(count: int, name: str) -> str:
+    return f"{count} {name}" if count == 1 else f"{count} {name}s"
+
+
+def _figure(name: str, value: str | float) -> str:
+    """Return a figure in words: a unit at the end of its name goes behind the value.
+
+    Examples
+    --------
+    >>> _figure("occupied %", 13.66), _figure("recipe", "seed")
+    ('occupied 13.66 %', 'recipe seed')
+    """
+    words, _, unit = name.rpartition(" ")
+    if words and unit in ("%", "m", "m2", "m\u00b2"):
+        return f"{words} {_text(value)} {unit}"
+    return f"{name} {_text(value)}"
 
 
 def _size_text(entry: Entry) -> str:
@@ -61,9 +88,10 @@ def _counts(entry: Entry) -> tuple[int, int]:
 
 def _maps(entries: tuple[Entry, ...]) -> Markup:
     names = list(dict.fromkeys(name for entry in entries for name in entry.figures))
-    heads = ["Map", "Status", "Errors", "Warnings", *names]
+    has_status = any(entry.status for entry in entries)
+    heads = ["Map", *(["Status"] if has_status else []), "Errors", "Warnings", *names]
     cells = [_head(name, entries) for name in heads]
-    rows = [_row(entry, k, names) for k, entry in enumerate(entries)]
+    rows = [_row(entry, k, names, has_status=has_status) for k, entry in enumerate(entries)]
     search = element(
         "label", "Filter ", element("input", type="search", id="filter", autocomplete="off")
     )
@@ -92,13 +120,14 @@ def _head(name: str, entries: tuple[Entry, ...]) -> Markup:
     return element("th", button, scope="col", class_="number" if is_number else None)
 
 
-def _row(entry: Entry, number: int, names: list[str]) -> Markup:
+def _row(entry: Entry, number: int, names: list[str], *, has_status: bool) -> Markup:
     thumb = element(
         "canvas", width=144, height=108, data_entry=number, role="img",
         aria_label=f"Thumbnail of {entry.name}",
     )  # fmt: skip
     link = element("a", entry.name, href=f"#entry-{number}")
-    cells = [element("td", thumb), element("th", link, scope="row"), element("td", entry.status)]
+    cells = [element("td", thumb), element("th", link, scope="row")]
+    cells += [element("td", entry.status)] if has_status else []
     cells += [
         element("td", str(count), class_="number" if count else "number none")
         for count in _counts(entry)
@@ -222,7 +251,7 @@ def _select(layers: tuple[PageLayer, ...], chosen: int) -> Markup:
 
 
 def _readout(layers: tuple[PageLayer, ...]) -> Markup:
-    names = ["x, y [m]", "row, column", *(layer.title for layer in layers)]
+    names = ["x, y [m]", "row, column", *(layer.name for layer in layers)]
     rows = [
         element("tr", element("th", name, scope="row"), element("td"), element("td"))
         for name in names
