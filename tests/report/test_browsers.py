@@ -209,6 +209,49 @@ def test_pixels_have_the_colour_of_their_cell(browser, pages):
             assert browser.evaluate(PIXEL, centre) == [*expected, 255], (row, col)
 
 
+def test_layers_of_different_frames_lie_where_they_belong(chromium, pages):
+    lower = scattered((20, 30), 4, (1.0, -2.0, 0.3), 0.5)
+    upper = scattered((9, 13), 5, (5.0, 2.0, -0.5), 0.2)
+    below, above = layers_of(lower)[0][0], layers_of(upper)[0][2]
+    chromium.open(pages(Report("frames", (Entry("frames", (below, above)),), "1.0")))
+    browsers.settle(chromium)
+    inner = points_of(upper.frame, 12, 6)[:8]
+    inner = upper.frame.xy_from_rowcol(upper.frame.clamped_rowcol_from_xy(inner))
+    outer = [lower.frame.xy_from_rowcol([cell])[0] for cell in ([1, 1], [18, 28], [2, 27])]
+    seen = set()
+    for point in [*inner, *outer]:
+        layer = above if upper.frame.contains([point])[0] else below
+        seen.add(layer.name)
+        row, col = layer.frame.bounded_rowcol_from_xy([point])[0][0].tolist()
+        colour = layer.style.colours[layer.style.by_value[layer.values[row, col]]].tolist()
+        assert chromium.evaluate(PIXEL, point.tolist()) == [*colour, 255]
+    assert seen == {"occupancy", "cost"}
+
+
+def test_an_opacity_of_a_half_mixes_two_layers(chromium, pages):
+    chromium.open(pages(one()))
+    browsers.settle(chromium)
+    chromium.evaluate("""() => {
+      const slider = document.querySelector(".layer [type=range]");
+      slider.value = 50;
+      slider.dispatchEvent(new Event("input", { bubbles: true }));
+    }""")
+    chromium.evaluate("([x, y]) => { location.hash = `#entry-0/${x},${y},300`; }", CORNER)
+    row, col = GRID.frame.bounded_rowcol_from_xy([CORNER])[0][0].tolist()
+    aside = GRID.frame.xy_from_rowcol([[row, col + 2]])[0]  # beside the mark of a finding
+    colours = [
+        layer.style.colours[layer.style.by_value[layer.values[row, col + 2]]].astype(int)
+        for layer in (LAYERS[0], LAYERS[2])
+    ]
+    assert abs(colours[0] - colours[1]).max() > 20
+    expected = pytest.approx(((colours[0] + colours[1]) / 2).tolist(), abs=2)
+    for _ in range(60):
+        pixel = chromium.evaluate(PIXEL, aside.tolist())[:3]
+        if pixel == expected:
+            break
+    assert pixel == expected
+
+
 KEY = """(key) => {
   const canvas = document.getElementById("map");
   canvas.focus();
