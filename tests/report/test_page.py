@@ -6,8 +6,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+import mapdeal
 from drawn import grid_from_text
 from mapdeal.report.document import Entry, Item, Report, Table
+from mapdeal.report.layers import page_layers
 from mapdeal.report.page import SCRIPTS, page_of, script_text
 from report.made import entry_of, layers_of
 
@@ -211,3 +213,14 @@ def test_the_line_below_the_title_tells_the_figures_once_with_their_units():
     page = parsed(Report("two", entries, "1.0"))
     assert "2 maps, 1 error, 2 warnings, 1 without layers" in page.text
     assert "Status" not in page.text
+
+
+@pytest.mark.parametrize("size", [150_000, 400_000])
+def test_a_page_is_no_larger_than_it_may_be(size):
+    noise = np.random.default_rng(3).integers(0, 100, (1100, 900)).astype(np.int8)
+    layers = page_layers(mapdeal.OccupancyGrid(noise, 0.05), "noise", "Noise")
+    report = Report("noise", (Entry("noise", tuple(layers)),), "1")
+    whole = sum(map(len, page_of(report, size=10_000_000)))
+    fitting = sum(map(len, page_of(report, size=size)))
+    assert whole > 400_000
+    assert size / 8 < fitting <= size

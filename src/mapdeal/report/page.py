@@ -31,6 +31,10 @@ SCRIPTS = (
 """What the script of a page is made of, in this order."""
 
 
+_HEADER = 0.02
+"""Of the room for tiles: what may go to the header, which tells where each of them begins."""
+
+
 def page_of(report: Report, *, size: int) -> Iterator[bytes]:
     """Yield a page in pieces, the same bytes for the same report.
 
@@ -51,8 +55,11 @@ def page_of(report: Report, *, size: int) -> Iterator[bytes]:
         "style": style,
         "body": body_of(report).text,
     }
-    yield Template(before).substitute(fields).encode()
-    pictures = encoded([layer for entry in report.entries for layer in entry.layers], size=size)
+    head = Template(before).substitute(fields).encode()
+    yield head
+    room = int((1 - _HEADER) * (size - len(head) - len(script)))
+    layers = [layer for entry in report.entries for layer in entry.layers]
+    pictures = encoded(layers, size=max(room, 0))
     yield from pictures.data
     yield between.encode()
     yield _json(_header(report, pictures.layers)).encode()
