@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -140,18 +140,16 @@ def _add_product(draft: Draft, stage: str, manifest: Mapping[str, Any], grids: G
     add_layers(draft, grids.layers(draft.path / name, product, title_of(stage, manifest)))
 
 
-def add_layers(draft: Draft, layers: list[PageLayer]) -> None:
-    """Add layers to those of a draft, but no map that is there already."""
+def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
+    """Add layers to those of a draft, but no map of a field that is there already."""
+    instead: dict[str | None, str] = {}
     for layer in layers:
         if layer.name.endswith(f"-{MAP}"):
             same = next((one for one in draft.layers if _are_equal(one, layer)), None)
             if same is not None:
-                layers = [_on(one, layer.name, same.name) for one in layers if one is not layer]
-    draft.layers += layers
-
-
-def _on(layer: PageLayer, old: str, new: str) -> PageLayer:
-    return replace(layer, states=new) if layer.states == old else layer
+                instead[layer.name] = same.name
+                continue
+        draft.layers.append(replace(layer, states=instead.get(layer.states, layer.states)))
 
 
 def _are_equal(one: PageLayer, other: PageLayer) -> bool:
