@@ -243,3 +243,25 @@ def test_a_field_of_the_map_as_read_shows_it_once(rooms, tmp_path):
         (entry,) = report_of(*paths).entries
         assert layer_names(entry) == ["input", "esdf"]
         assert entry.layers[1].states == "input"
+
+
+def test_a_run_that_asks_what_can_be_reached_shows_the_answer(rooms, tmp_path):
+    x, y = mapdeal.read_map(rooms).frame.xy_from_rowcol([(3, 5)])[0].tolist()
+    (tmp_path / "asks.yaml").write_text(
+        f"stages:\n- reach: {{radius: 0.2, start: [{x}, {y}], goals: {{lab: [{x}, {y}]}}}}\n"
+    )
+    run = mapdeal.run(rooms, tmp_path / "asks", tmp_path / "asks.yaml").folder
+    (entry,) = report_of(run).entries
+    assert layer_names(entry) == ["reach-clearance", "reach-widest", "reach"]
+    assert [item.kind for item in entry.items] == ["start", "goal", "passage"]
+    assert "What the robot can reach" in [table.title for table in entry.tables]
+
+
+def test_a_run_that_is_gone_leaves_the_others_of_its_batch(batch):
+    shutil.rmtree(batch / "two")
+    with pytest.warns(mapdeal.MapdealWarning) as given:
+        entries = {entry.name: entry for entry in report_of(batch).entries}
+    assert len(given) == 1
+    assert entries["two"].layers == ()
+    assert entries["two"].warnings[0].endswith("so this run is not shown")
+    assert len(entries["a/one"].layers) == 3

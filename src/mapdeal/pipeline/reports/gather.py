@@ -118,7 +118,12 @@ def _entries_of(path: Path, grids: Grids) -> list[Draft]:
         hint = "mapdeal run MAP -o DIR makes one; maps in a folder are named one by one"
         raise FileAccessError(rule, source=folder, hint=hint)
     for draft in found:
-        fill_from_run(draft, grids)
+        try:
+            fill_from_run(draft, grids)
+        except MapdealError as error:
+            if len(found) == 1:
+                raise
+            draft.miss(f"{one_line(str(error))}, so this run is not shown", draft.path)
     return found
 
 

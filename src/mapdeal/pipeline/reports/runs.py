@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mapdeal.errors import MapdealError, ParameterError, one_line
+from mapdeal.formats.answers import read_answer
 from mapdeal.formats.json_text import read_json
 from mapdeal.formats.listing import folders_below
 from mapdeal.formats.source import contents_of, exists, holds, is_folder
@@ -23,6 +24,7 @@ from mapdeal.pipeline.jobs import SUMMARY
 from mapdeal.pipeline.manifest import manifest_in, product_of
 from mapdeal.pipeline.reports.draft import Draft
 from mapdeal.pipeline.reports.grids import Grids
+from mapdeal.pipeline.reports.items import items_of, tables_of
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.report.document import PageLayer, Table
 from mapdeal.report.layers import MAP
@@ -94,6 +96,7 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     for stage in manifest["stages"]:
         name, parameters = next(iter(stage.items()))
         _add_product(draft, name, manifest, grids)
+        _add_answer(draft, name, manifest)
         figures = manifest["figures"].get(name)
         draft.tables.append(Table(f"{name}: parameters", rows_of(parameters)))
         if figures:
@@ -138,6 +141,20 @@ def _add_product(draft: Draft, stage: str, manifest: Mapping[str, Any], grids: G
         draft.miss(text, draft.path / name)
         return
     add_layers(draft, grids.layers(draft.path / name, product, title_of(stage, manifest)))
+
+
+def _add_answer(draft: Draft, stage: str, manifest: Mapping[str, Any]) -> None:
+    """Add what a stage has answered, if it has: goals and passages of ``reach``."""
+    name = f"{product_of(stage)}.json"
+    if name not in manifest["outputs"]:
+        return
+    try:
+        answer = read_answer(draft.path / name)
+    except MapdealError as error:
+        draft.miss(one_line(str(error)), draft.path / name)
+        return
+    draft.items += items_of(answer)
+    draft.tables += tables_of(answer)
 
 
 def add_layers(draft: Draft, layers: Iterable[PageLayer]) -> None:
