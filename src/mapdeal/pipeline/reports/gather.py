@@ -177,7 +177,7 @@ class _Gathering:
         add_layers(draft, self._grids.layers(opened.path, name, grid.kind.capitalize()))
         draft.paths.append(opened.path)
         figures = grid.figures()
-        draft.figures = {**columns_of({name: figures}), **draft.figures}
+        draft.figures |= {**columns_of({name: figures}), **draft.figures}
         draft.tables += [
             Table(f"{name}: figures", rows_of(figures)),
             Table(f"{name}: SHA-256", rows_of(opened.sums)),

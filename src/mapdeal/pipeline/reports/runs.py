@@ -225,7 +225,7 @@ def _columns_of_grid(told: Mapping[str, Any]) -> dict[str, str | float]:
     for name in ("lethal",) if "lethal" in told else ("occupied", "free", "unknown"):
         if name in told:
             columns[f"{name} %"] = round(100 * told[name] / cells, 2)
-    for name, title in (("highest_distance", "farthest m"), ("reachable_m2", "reachable m2")):
+    for name, title in (("highest_distance", "largest clearance m"), ("reachable_m2", "reachable m2")):
         if told.get(name) is not None:
             columns[title] = round(float(told[name]), 3)
     return columns
