@@ -116,6 +116,17 @@ def _manifests():
     return [Seed("manifest.json", good, beside={"golden/run/manifest.json": other})]
 
 
+def _shown():
+    """Return a run and a batch for a page, each with the layers of a run beside it."""
+    good = json.dumps(seeds.SHOWN_RUN).encode()
+    layers = dict(
+        zip(("esdf.npz", "cost.npz"), seeds.stored("field.npz", "costs.npz"), strict=True)
+    )
+    below = {f"a/m/{name}": data for name, data in [("manifest.json", good), *layers.items()]}
+    batch = json.dumps(seeds.SUMMARY).encode()
+    return [Seed("manifest.json", good, beside=layers), Seed("summary.json", batch, beside=below)]
+
+
 def _answers():
     return [Seed(f"{name}.json", json.dumps(one).encode()) for name, one in seeds.ANSWERS.items()]
 
@@ -206,6 +217,7 @@ READERS = [
     _file("GeoJSON", _seeds(seeds.geojson_files(), "s.json"), reading.read_all_shapes, JSON_WORDS),
     _file("answers", _answers(), reading.read_one_answer, JSON_WORDS, share=0.5),
     _file("manifest", _manifests(), reading.compare_with_golden, JSON_WORDS),
+    Reader("runs on a page", _shown(), reading.show_runs, _PAIR, JSON_WORDS, share=0.15),
     Reader("recipe", _seeds(seeds.RECIPES, "r.yaml"), reading.load_one_recipe, _USAGE, YAML_WORDS,
            is_file=False, share=0.4),
     Reader("configuration of lint", _seeds(seeds.LINT_CONFIGS, "c.toml"), reading.read_config,

@@ -65,7 +65,11 @@ from mapdeal.pipeline.lint import (
     repair_maps,
 )
 from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.reports.gather import gathered
+from mapdeal.pipeline.reports.grids import Grids
 from mapdeal.pipeline.reports.items import finding_items, items_of, lint_table, tables_of
+from mapdeal.pipeline.settings import DEFAULT_SETTINGS
+from mapdeal.report.page import page_of
 from mapdeal.robot.nav2 import nav2_robot
 from mapdeal.robot.ros1 import ros1_robot
 from mapdeal.stages.catalogue import STAGES
@@ -510,6 +514,19 @@ def compare_with_golden(path, data):
     assert all(isinstance(line, str) for line in lines)
     lint_file(path.parent)
     return lines
+
+
+def show_runs(path, data):
+    """Make a page of a run or a batch: what its documents tell is text, and only of its folder."""
+    with Grids(DEFAULT_SETTINGS) as grids:
+        report = gathered([path], grids)
+        page = b"".join(page_of(report, size=1 << 20))
+        assert all(path.parent in file.parents for file in grids.files)
+    page.decode()
+    assert b"\0" not in page
+    for entry in report.entries:
+        assert len({layer.name for layer in entry.layers}) == len(entry.layers)
+    return report.entries
 
 
 def list_all_maps(path, data):

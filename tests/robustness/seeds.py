@@ -490,6 +490,22 @@ MANIFEST = {
     "outputs": {"inflated.pgm": "2222", "esdf.npz": "33aa", "esdf.png": "44aa"},
 }  # fmt: skip
 
+SHOWN_RUN = {
+    **MANIFEST, "version": "1.0", "warnings": ["m.yaml: is odd"],
+    "stages": [{"esdf": {"unknown": "free"}}, {"cost": {"inflation_radius": 0.5}}],
+    "figures": {
+        "esdf": {"width": 8, "height": 6, "resolution": 0.5, "obstacles": 7, "free": 41},
+        "cost": {"width": 8, "height": 6, "resolution": 0.5, "lethal": 7, "highest_distance": 2.5},
+    },
+    "outputs": {"esdf.npz": "33aa", "cost.npz": "44aa", "reach.json": "55aa", "cost.png": "66aa"},
+}  # fmt: skip
+SUMMARY = {
+    "maps": [
+        {"map": "a/m.yaml", "folder": "a/m", "status": "done", "figures": {}, "local": {}},
+        {"map": "b.yaml", "folder": "b", "status": "failed", "error": "b.yaml: is empty"},
+    ]
+}
+
 LAYER_SETTINGS = [
     b"[static, {inflation: {inflation_radius: 0.7, lookup: nav2}}]",
     b"[{static: {name: a, track_unknown_space: no, unknown_cost_value: -1}}]",

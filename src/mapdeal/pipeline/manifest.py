@@ -63,7 +63,10 @@ def _manifest_or_none(folder: Path) -> dict[str, Any] | None:
 
 
 def _is_manifest(value: object) -> bool:
-    """Return whether figures, outputs and stages are there in the shape that a run gives them."""
+    """Return whether figures, outputs and stages are there in the shape that a run gives them.
+
+    No stage runs twice, see `Recipe`.
+    """
     if not isinstance(value, dict):
         return False
     figures, outputs, stages = (value.get(key) for key in ("figures", "outputs", "stages"))
@@ -75,4 +78,5 @@ def _is_manifest(value: object) -> bool:
         and isinstance(stages, list)
         and all(isinstance(stage, dict) and len(stage) == 1 for stage in stages)
         and all(isinstance(one, dict) for stage in stages for one in stage.values())
+        and len({name for stage in stages for name in stage}) == len(stages)
     )

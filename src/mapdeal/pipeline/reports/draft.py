@@ -43,7 +43,7 @@ class Draft:
     layers: list[PageLayer] = field(default_factory=list)
     items: list[Item] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
+    warnings: dict[str, None] = field(default_factory=dict)
     figures: dict[str, str | float] = field(default_factory=dict)
     curve: CostCurve | None = None
     compared: tuple[str, str] | None = None
@@ -59,7 +59,7 @@ class Draft:
 
     def warn(self, texts: Iterable[str], files: Iterable[Path] = ()) -> None:
         """Note what the page is to warn of, each text once, files by their names alone."""
-        self.warnings += [text for text in portable(texts, files) if text not in self.warnings]
+        self.warnings |= dict.fromkeys(portable(texts, files))
 
     def miss(self, text: str, file: Path) -> None:
         """Warn of a file that is missing or does not match, on the page, too."""

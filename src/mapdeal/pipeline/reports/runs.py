@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from itertools import islice
+from pathlib import Path, PurePath
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -35,6 +36,12 @@ INPUT = "input"
 _GRIDS = (".npz", ".yaml")
 """The files of a product that hold its values, the most exact first."""
 
+_MOST_WRONG = 20
+"""Files of a run that are warned of one by one."""
+
+_LARGEST_FIGURE = 1e15
+"""Of what a manifest tells: up to here a float has all whole numbers."""
+
 _DONE = ("done", "unchanged")
 _UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
 
@@ -57,7 +64,7 @@ def runs_in(folder: Path) -> list[Draft] | None:
         ]
     summary = read_json(folder / SUMMARY)
     entries = summary.get("maps") if isinstance(summary, dict) else None
-    if isinstance(entries, list) and all(isinstance(one, dict) for one in entries):
+    if isinstance(entries, list) and entries and all(isinstance(one, dict) for one in entries):
         return [draft for one in entries for draft in _drafts_of_batch(folder, one)]
     found = [path for path, files in folders_below([folder], contents_of) if MANIFEST in files]
     return [Draft(str(path.relative_to(folder)), path) for path in sorted(found)] or None
@@ -66,6 +73,12 @@ def runs_in(folder: Path) -> list[Draft] | None:
 def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
     """Yield what a summary tells of a map, and of the local map beside it."""
     place, status = str(told.get("folder")), str(told.get("status"))
+    if not _is_below(place):
+        draft = Draft(place, folder, status="not shown")
+        rule = "is in no folder of this batch, so it is not shown"
+        draft.miss(f"{folder / SUMMARY}: {one_line(place)} {rule}", folder / SUMMARY)
+        yield draft
+        return
     draft = Draft(place, folder / place, status=status)
     draft.names.add(str(told.get("map")))
     if status not in _DONE:
@@ -75,6 +88,12 @@ def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
     yield draft
     if "local" in told:
         yield Draft(f"{place}/local", folder / place / "local", status=status)
+
+
+def _is_below(place: str) -> bool:
+    """Return whether a name leads into a folder, whatever there is: neither out of it nor to it."""
+    parts = PurePath(place).parts
+    return bool(parts) and ".." not in parts and not PurePath(place).is_absolute()
 
 
 def fill_from_run(draft: Draft, grids: Grids) -> None:
@@ -112,17 +131,27 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     ]
     draft.tables = [table for table in draft.tables if table.rows]
     draft.figures |= columns_of(manifest["figures"])
-    draft.warn(map(str, manifest.get("warnings") or ()))
+    warnings = manifest.get("warnings")
+    draft.warn(map(str, warnings if isinstance(warnings, list) else ()))
 
 
 def _check_outputs(draft: Draft, manifest: Mapping[str, Any]) -> None:
     """Warn of files that are missing, or not those that the run has written."""
-    for name, digest in manifest["outputs"].items():
-        path = draft.path / Path(str(name)).name
+    wrong = _wrong_outputs(draft.path, manifest["outputs"])
+    for path, rule in islice(wrong, _MOST_WRONG):
+        draft.miss(f"{path}: {rule}", path)
+    if left := sum(1 for _ in wrong):
+        rule = f"{left} more of the files that it lists are missing, or are others"
+        draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
+
+
+def _wrong_outputs(folder: Path, outputs: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
+    for name, digest in outputs.items():
+        path = folder / Path(name).name
         if not exists(path):
-            draft.miss(f"{path}: is missing, though the manifest lists it", path)
+            yield path, "is missing, though the manifest lists it"
         elif not is_folder(path) and not holds(path, digest):
-            draft.miss(f"{path}: is not what the run has written, its checksum differs", path)
+            yield path, "is not what the run has written, its checksum differs"
 
 
 def _add_product(draft: Draft, stage: str, manifest: Mapping[str, Any], grids: Grids) -> None:
@@ -195,9 +224,9 @@ def _step_of(stage: str, parameters: Mapping[str, Any]) -> Step | None:
 
 def _curve_of(stage: str, parameters: Mapping[str, Any], figures: object) -> CostCurve | None:
     """Return the costs over the distance, if a stage makes costs that depend on it alone."""
-    resolution = figures.get("resolution") if isinstance(figures, dict) else None
+    resolution: Any = figures.get("resolution") if isinstance(figures, dict) else None
     step = _step_of(stage, parameters)
-    if step is None or not isinstance(resolution, (int, float)):
+    if step is None or not _is_figure(resolution):
         return None
     with suppress(MapdealError):
         return step.curve_on(OccupancyGrid(_UNKNOWN_MAP, resolution))
@@ -209,26 +238,38 @@ def columns_of(figures: Mapping[str, Any]) -> dict[str, str | float]:
     columns: dict[str, str | float] = {}
     for told in figures.values():
         if isinstance(told, dict):
-            with suppress(LookupError, TypeError, ValueError, ZeroDivisionError):
-                for name, value in _columns_of_grid(told).items():
-                    columns.setdefault(name, value)
+            for name, value in _columns_of_grid(told).items():
+                columns.setdefault(name, value)
     return columns
 
 
 def _columns_of_grid(told: Mapping[str, Any]) -> dict[str, str | float]:
-    cells = told["width"] * told["height"]
-    columns: dict[str, str | float] = {
-        "cells": f"{told['width']} x {told['height']}",
-        "m per cell": float(told["resolution"]),
-    }
+    """Return the columns of those figures that are numbers: anybody may have written them."""
+    known = {name: value for name, value in told.items() if _is_figure(value)}
+    cells = known.get("width", 0) * known.get("height", 0)
+    columns: dict[str, str | float] = {}
+    if cells > 0:
+        columns["cells"] = f"{known['width']} x {known['height']}"
+    if "resolution" in known:
+        columns["m per cell"] = float(known["resolution"])
     # a costmap counts free and unknown cells, too, but on its own terms
-    for name in ("lethal",) if "lethal" in told else ("occupied", "free", "unknown"):
-        if name in told:
-            columns[f"{name} %"] = round(100 * told[name] / cells, 2)
-    for name, title in (("highest_distance", "largest clearance m"), ("reachable_m2", "reachable m2")):
-        if told.get(name) is not None:
-            columns[title] = round(float(told[name]), 3)
+    for name in ("lethal",) if "lethal" in known else ("occupied", "free", "unknown"):
+        if name in known and cells > 0:
+            columns[f"{name} %"] = round(100 * known[name] / cells, 2)
+    for name, title in (
+        ("highest_distance", "largest clearance m"),
+        ("reachable_m2", "reachable m2"),
+    ):
+        if name in known:
+            columns[title] = round(float(known[name]), 3)
     return columns
+
+
+def _is_figure(value: object) -> TypeGuard[int | float]:
+    """Return whether a value is a number that can be calculated with."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    return abs(value) <= _LARGEST_FIGURE
 
 
 def _mapping(manifest: Mapping[str, Any], key: str) -> Mapping[str, Any]:
