@@ -191,9 +191,10 @@ def test_pictures_of_notebooks_have_a_longest_side():
 def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):
     costs = mapdeal.exponential_cost(office, inscribed_radius=0.2)
     route = mapdeal.shortest_route(costs, START, GOAL)
-    both = np.asarray(mapdeal.draw_picture(costs, route=route, pose=(-2.0, 0.0, 0.5)))
+    whole = {"image_extent": "all"}  # of which what is drawn over it has no say
+    both = np.asarray(mapdeal.draw_picture(costs, route=route, pose=(-2.0, 0.0, 0.5), **whole))
     for one in ({"route": route}, {"pose": (-2.0, 0.0, 0.5)}):
-        alone = np.asarray(mapdeal.draw_picture(costs, **one))
+        alone = np.asarray(mapdeal.draw_picture(costs, **one, **whole))
         for colour in (colours.ROUTE, colours.GOAL) if "route" in one else (colours.ROBOT,):
             there = (alone == colour).all(axis=2)[60:1100, :1100]
             assert there.sum() > 20

@@ -62,7 +62,7 @@ def test_a_group_stands_for_all_of_its_options():
     @shared_options("files", "image_max")
     def draw(*, settings: Settings) -> None: ...
 
-    files = ["image", "dialect", "max_cells", "force", "threads", "max_memory"]
+    files = ["image", "image_extent", "dialect", "max_cells", "force", "threads", "max_memory"]
     assert _options(draw) == [*files, "image_max", "quiet", "verbose"]
 
 

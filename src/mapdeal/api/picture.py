@@ -38,6 +38,7 @@ from mapdeal.render.pen import Image
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.render.route import RouteOverlay
+from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | CostCurve
 """What there are pictures of."""
@@ -107,6 +108,7 @@ def draw_picture(
     route: Route | None = None,
     pose: Sequence[float] | None = None,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = DEFAULT_EXTENT,
 ) -> Picture:
     """Draw a grid, what differs between two, or a cost curve, as the commands do.
 
@@ -124,6 +126,8 @@ def draw_picture(
     image_max : int
         Longest side of the map in pixels; larger maps are reduced by a whole factor, so that
         obstacles stay. 0 for one pixel per cell. Curves have a size of their own.
+    image_extent : {'known', 'all'}
+        Whether the known cells and a margin are drawn, or all of the map.
 
     Returns
     -------
@@ -142,7 +146,10 @@ def draw_picture(
     >>> draw_picture(esdf(OccupancyGrid([[100, 0, 0, -1]], 0.5)))
     Picture(796 x 315 pixels)
     """
-    image_max = Settings(image_max=image_max).image_max
+    settings = Settings(image_max=image_max, image_extent=image_extent)
+    look: dict[str, Any] = {
+        "image_max": settings.image_max, "image_extent": settings.image_extent
+    }  # fmt: skip
     if title is not None and not isinstance(title, str):
         raise ParameterError("must be a text", place="title", got=title)
     if route is not None and not isinstance(route, Route):
@@ -152,7 +159,7 @@ def draw_picture(
         if route is not None or pose is not None:
             raise ParameterError("nothing can be drawn over a comparison", place="route, pose")
         title = one_line(title or shown.title)
-        image = difference_image(shown.changes, shown.frame, title=title, image_max=image_max)
+        image = difference_image(shown.changes, shown.frame, title=title, **look)
         return _picture(image)
     if isinstance(shown, CostCurve):
         if route is not None or pose is not None:
@@ -166,7 +173,7 @@ def draw_picture(
         over.append(PoseOverlay(check_pose(pose)))
     overlay = Overlays(tuple(over)) if over else None
     draw = files_of(type(grid)).draw
-    return _picture(draw(grid, title=one_line(title or name), image_max=image_max, overlay=overlay))
+    return _picture(draw(grid, title=one_line(title or name), overlay=overlay, **look))
 
 
 def write_picture(
@@ -177,6 +184,7 @@ def write_picture(
     route: Route | None = None,
     pose: Sequence[float] | None = None,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = DEFAULT_EXTENT,
     force: bool = False,
 ) -> None:
     """Write a picture of a grid, of what differs between two, or of a cost curve, as a PNG.
@@ -187,7 +195,7 @@ def write_picture(
         Where it goes: a ``.png``. Folders that are missing are made.
     shown : Picture, grid, BitMap, LocalMap, BuiltMap, DiffReport or CostCurve
         The picture, or what to draw.
-    title, route, pose, image_max
+    title, route, pose, image_max, image_extent
         As of `draw_picture`; not for a `Picture`.
     force : bool
         Whether a file that exists is replaced.
@@ -207,7 +215,14 @@ def write_picture(
             raise ParameterError("is drawn already", place="picture", got=shown)
         picture = shown
     else:
-        picture = draw_picture(shown, title=title, route=route, pose=pose, image_max=image_max)
+        picture = draw_picture(
+            shown,
+            title=title,
+            route=route,
+            pose=pose,
+            image_max=image_max,
+            image_extent=image_extent,
+        )
     with Transaction([output], force=force) as transaction:
         transaction.write(
             output, lambda file: write_indexed_png(file, picture.indices, picture.palette)

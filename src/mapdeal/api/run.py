@@ -15,6 +15,7 @@ from mapdeal.pipeline.applied import RunReport
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 
 def run(
@@ -28,6 +29,7 @@ def run(
     canvas: Canvas = "crop",
     images: bool = True,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = DEFAULT_EXTENT,
     force: bool = False,
     strict: bool = False,
     dialect: Dialect = "nav2",
@@ -51,6 +53,8 @@ def run(
         Whether there is a picture of each product.
     image_max : int
         Longest side of the maps in pictures, pixels; 0 for one pixel per cell.
+    image_extent : {'known', 'all'}
+        Whether pictures show the known cells and a margin, or all of the map.
     force : bool
         Whether outputs that exist are replaced.
     strict : bool
@@ -102,6 +106,7 @@ def run(
         max_memory=max_memory,
         images=images,
         image_max=image_max,
+        image_extent=image_extent,
         canvas=canvas,
     )
     loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim)

@@ -44,7 +44,8 @@ def _limit(help_text: str) -> Any:
 
 @app.command()
 @shared_options(
-    "robot", "image_max", "no_images", "dialect", "max_cells", "force", "threads", "max_memory",
+    "robot", "image_max", "image_extent", "no_images", "dialect", "max_cells", "force", "threads",
+    "max_memory",
     makes_costs=lambda _: False,
 )  # fmt: skip
 def local(

@@ -37,7 +37,8 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 @app.command()
 @shared_options(
-    "robot", "image_max", "no_images", "pose", "cloud", "frame", "local_recipe", "local_changes",
+    "robot", "image_max", "image_extent", "no_images", "pose", "cloud", "frame", "local_recipe",
+    "local_changes",
     "golden", "update_golden", "dialect", "max_cells", "jobs",
     "scheduler", "dry_run", "force", "threads", "max_memory",
     help_texts={

@@ -18,6 +18,7 @@ from mapdeal.cli.streams import piped, streamed
 from mapdeal.errors import ParameterError
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings
+from mapdeal.render.shown import ImageExtent
 from mapdeal.robot.parameters import CostmapName
 
 Command = Callable[..., None]
@@ -110,6 +111,13 @@ SHARED_OPTIONS = {
         typer.Option(metavar="FILE.png", help="Write a picture of the result, too."),
         group="files",
         field="image",
+    ),
+    "image_extent": SharedOption(
+        ImageExtent,
+        typer.Option(help="What pictures show: the known cells and a margin, or all of the map."),
+        default=Settings.image_extent,
+        group="files",
+        field="image_extent",
     ),
     "dialect": SharedOption(
         Dialect,

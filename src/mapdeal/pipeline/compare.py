@@ -32,6 +32,7 @@ from mapdeal.pipeline.products import write_picture
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.difference import difference_image
 from mapdeal.render.rings import RingOverlay
+from mapdeal.render.shown import ImageExtent
 from mapdeal.version import __version__
 
 _FORMAT = "mapdeal-comparison/1"
@@ -131,6 +132,7 @@ def compare_methods(
     pairs = tuple(combinations(methods, 2))
     outputs = [path for method in methods for path in _files_of(folder, method)]
     outputs += [_picture_of(folder, pair) for pair in pairs]
+    shown = options.image_extent
     with outputs_of([*outputs, folder / DOCUMENT], source.files, options) as transaction:
         gathered = gather(source, settings, options, _PER_CELL, advance)
         hit_cells, groups = next(iter(gathered.builders.values())).hit_groups()
@@ -138,14 +140,18 @@ def compare_methods(
         warn_of_nothing(made[methods[0]].grid, source.named)
         name = Path(source.named.name.removesuffix(".gz")).stem
         for method, result in made.items():
-            _write_map(transaction, folder, method, result, title=f"{name}: {method}")
+            _write_map(
+                transaction, folder, method, result, title=f"{name}: {method}", image_extent=shown
+            )
         found = []
         for pair in pairs:
             first, second = (states_of(made[method].grid.occupancy) for method in pair)
             found.append(_pair_figures(pair, first, second))
             path, title = _picture_of(folder, pair), f"{name}: {pair[0]} and {pair[1]}"
             frame = made[pair[0]].grid.frame
-            _write_difference(transaction, path, pair, frame, first, second, title=title)
+            _write_difference(
+                transaction, path, pair, frame, first, second, title=title, image_extent=shown
+            )
         document = {
             "format": _FORMAT,
             "version": __version__,
@@ -244,7 +250,13 @@ def _pair_figures(
 
 
 def _write_map(
-    transaction: Transaction, folder: Path, method: Method, result: MethodResult, *, title: str
+    transaction: Transaction,
+    folder: Path,
+    method: Method,
+    result: MethodResult,
+    *,
+    title: str,
+    image_extent: ImageExtent,
 ) -> None:
     write_grid(transaction, folder / f"{method}.yaml", result.grid)
     count = len(result.vanished)
@@ -254,7 +266,14 @@ def _write_map(
         f"{count} group{'' if count == 1 else 's'} of hits vanished",
     )
     path = folder / f"{method}.png"
-    write_picture(transaction, path, result.grid, one_line(title), overlay=rings)
+    write_picture(
+        transaction,
+        path,
+        result.grid,
+        one_line(title),
+        image_extent=image_extent,
+        overlay=rings,
+    )
 
 
 def _write_difference(
@@ -266,10 +285,13 @@ def _write_difference(
     second: NDArray[np.uint8],
     *,
     title: str,
+    image_extent: ImageExtent,
 ) -> None:
     def write(file: BinaryIO) -> None:
         changes = changes_of(first, second, np.ones(first.shape, dtype=np.bool_))
-        image = difference_image(changes, frame, title=one_line(title), only_in=pair)
+        image = difference_image(
+            changes, frame, title=one_line(title), image_extent=image_extent, only_in=pair
+        )
         write_indexed_png(file, image.indices, image.palette)
 
     transaction.write(path, write)

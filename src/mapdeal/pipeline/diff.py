@@ -153,7 +153,9 @@ def diff_files(
             found = compare(*grids, tolerance=tolerance)
         if options.image is not None:
             title = one_line(f"{first.stem} and {second.stem}: what differs")
-            image = difference_image(found.changes, found.frame, title=title)
+            image = difference_image(
+                found.changes, found.frame, title=title, image_extent=options.image_extent
+            )
             transaction.write(
                 options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
             )

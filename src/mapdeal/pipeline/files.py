@@ -81,7 +81,14 @@ def add_picture(
 ) -> None:
     """Write the picture that was asked for, if one was."""
     if settings.image is not None:
-        write_picture(transaction, settings.image, grid, one_line(title), overlay=overlay)
+        write_picture(
+            transaction,
+            settings.image,
+            grid,
+            one_line(title),
+            image_extent=settings.image_extent,
+            overlay=overlay,
+        )
 
 
 def warn_of_potential(grid: Grid, path: Path) -> None:

@@ -162,6 +162,7 @@ class OutputFolder:
                 stem=filling.stem,
                 images=self.settings.images,
                 image_max=self.settings.image_max,
+                image_extent=self.settings.image_extent,
                 overlay=filling.overlay,
             )
         remarks = portable(texts, filling.named)

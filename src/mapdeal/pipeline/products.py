@@ -32,6 +32,7 @@ from mapdeal.render.pen import Image
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.render.reach import reach_image
+from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 PICTURE = ".png"
 
@@ -66,22 +67,22 @@ _FILES: dict[type[Any], GridFiles] = {
     OccupancyGrid: GridFiles(
         "OUT", "The result: .yaml (with .pgm) or .npz.",
         (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image,
-        {".npz": 1, ".yaml": 2, PICTURE: 1},  # trinary, unless a value lies in between
+        {".npz": 1, ".yaml": 2, PICTURE: 2},  # trinary, unless a value lies in between
     ),
     FieldView: GridFiles(
         "OUT", "The view: .yaml (with .pgm) or .npz.",
         (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image,
-        {".npz": 1, ".yaml": 1, PICTURE: 1},
+        {".npz": 1, ".yaml": 1, PICTURE: 2},
     ),
     Costmap: GridFiles(
         "OUT", "The costs: .yaml (with .pgm) or .npz.",
         (".yaml", ".yml", ".npz"), (".npz", ".pgm", ".yaml"), cost_image,
-        {".npz": 1, ".yaml": 1, PICTURE: 1},
+        {".npz": 1, ".yaml": 1, PICTURE: 2},
     ),
     DistanceField: GridFiles(
         "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as .yaml (with .pgm).",
         (".yaml", ".yml", ".npz", ".npy"), (".npz", ".pgm", ".yaml"), field_image,
-        {".npz": 1, ".npy": 1, ".yaml": 1, PICTURE: 2},  # its colours depend on its range
+        {".npz": 1, ".npy": 1, ".yaml": 1, PICTURE: 3},  # its colours depend on its range
     ),
     PotentialField: GridFiles(
         "OUT.npz", "The field, with all its layers.",
@@ -168,13 +169,22 @@ def write_products(
     stem: str,
     images: bool = True,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = DEFAULT_EXTENT,
     overlay: Overlay | None = None,
 ) -> None:
     """Write all files of a step's product, those of `paths_of`."""
     for path in paths_of(step, folder, images=images):
         if path.suffix == PICTURE:
             title = one_line(f"{stem}: {step.title}")
-            write_picture(transaction, path, grid, title, image_max=image_max, overlay=overlay)
+            write_picture(
+                transaction,
+                path,
+                grid,
+                title,
+                image_max=image_max,
+                image_extent=image_extent,
+                overlay=overlay,
+            )
         elif path.suffix != ".pgm":  # it is written with its YAML
             write_product(transaction, path, grid, step)
 
@@ -186,13 +196,16 @@ def write_picture(
     title: str,
     *,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = DEFAULT_EXTENT,
     overlay: Overlay | None = None,
 ) -> None:
     """Write the picture of a grid; it is drawn in the thread that writes it."""
     draw = files_of(type(grid)).draw
 
     def write(file: object) -> None:
-        image = draw(grid, title=title, image_max=image_max, overlay=overlay)
+        image = draw(
+            grid, title=title, image_max=image_max, image_extent=image_extent, overlay=overlay
+        )
         write_indexed_png(file, image.indices, image.palette)  # type: ignore[arg-type]
 
     transaction.write(path, write)

@@ -14,6 +14,7 @@ from mapdeal.formats.budget import use_memory
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.values import check_choice
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 Canvas = Literal["crop", "full"]
 
@@ -52,6 +53,8 @@ class Settings:
         Whether a folder of outputs gets pictures.
     image_max : int
         Longest side of a picture in pixels; 0 for one pixel per cell.
+    image_extent : {'known', 'all'}
+        Whether pictures show the known cells and a margin, or all of a map.
     canvas : {'crop', 'full'}
         Whether a run writes what it has computed on a part of the map as it is, or puts it back
         onto the whole map.
@@ -76,6 +79,7 @@ class Settings:
     image: Path | None = None
     images: bool = True
     image_max: int = DEFAULT_IMAGE_MAX
+    image_extent: ImageExtent = DEFAULT_EXTENT
     canvas: Canvas = "crop"
     progress: ProgressCallback | None = None
     strict: bool = False
@@ -84,6 +88,7 @@ class Settings:
     def __post_init__(self) -> None:
         check_choice(self.dialect, Dialect, "dialect")
         check_choice(self.canvas, Canvas, "canvas")
+        check_choice(self.image_extent, ImageExtent, "image_extent")
         for name, least in (("max_cells", 1), ("threads", 1), ("max_memory", 1), ("image_max", 0)):
             value = getattr(self, name)
             if value is not None and not (is_whole(value) and value >= least):
@@ -102,7 +107,11 @@ class Settings:
     @property
     def picture_options(self) -> dict[str, Any]:
         """What shapes the pictures in a folder, as JSON can hold it."""
-        return {"images": bool(self.images), "image_max": int(self.image_max)}
+        return {
+            "images": bool(self.images),
+            "image_max": int(self.image_max),
+            "image_extent": self.image_extent,
+        }
 
 
 DEFAULT_SETTINGS = Settings()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
+from mapdeal.grid.region import Region
 from mapdeal.kernels.lookup import histogram
 from mapdeal.render.colours import Colours
 from mapdeal.render.glyphs import capital_height, text_width
@@ -86,15 +87,20 @@ def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[S
     return [swatch for swatch in swatches if shown[swatch.index]]
 
 
-def frame_text(frame: Frame) -> str:
-    """Return a map's size in cells and metres, for a subtitle; of a turned one corner and yaw."""
+def frame_text(frame: Frame, part: Region | None = None) -> str:
+    """Return a map's size in cells and metres, for a subtitle; of a turned one corner and yaw.
+
+    If a picture shows a part of it alone, its size in cells is told, too.
+    """
     width, height = frame.width * frame.resolution, frame.height * frame.resolution
     text = (
         f"{frame.width} x {frame.height} cells, {frame.resolution:.6g} m each, "
         f"{width:.6g} x {height:.6g} m"
     )
     x, y, yaw = frame.origin
-    return f"{text}, from {x:.10g}, {y:.10g} at yaw {yaw:.4g} (not turned here)" if yaw else text
+    if yaw:
+        text += f", from {x:.10g}, {y:.10g} at yaw {yaw:.4g} (not turned here)"
+    return text if part is None else f"{text}; shown: {part.width} x {part.height} cells"
 
 
 def corner_of(frame: Frame) -> tuple[float, float] | None:

@@ -9,7 +9,11 @@ from mapdeal.grid.frame import Frame
 from mapdeal.render.canvas import corner_of, frame_text, sheet, swatches_in
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
+from mapdeal.render.shown import ImageExtent, shown_part
 from mapdeal.render.styles import difference_style
+
+_UNKNOWN = 1
+"""What cells are up to which neither map knows anything."""
 
 _SMALL_SIDE = 1200
 """Pixels to which maps that differ by single cells are enlarged."""
@@ -21,6 +25,7 @@ def difference_image(
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "all",
     only_in: tuple[str, str] | None = None,
 ) -> Image:
     """Return a picture of changes.
@@ -37,20 +42,23 @@ def difference_image(
         What stands above.
     image_max : int
         Longest side in pixels; 0 for one pixel per cell.
+    image_extent : {'known', 'all'}
+        Whether the cells that are known in one of the maps are drawn, or all.
     only_in : tuple of str, optional
         What to call the maps, if the second is not a later state of the first but made of the
         same data: they differ by single cells, and the picture is larger.
     """
     more = {} if only_in is None else {"small_side": _SMALL_SIDE}
-    raster = Raster.fitting(frame.shape, image_max, **more)
+    part = shown_part(changes, frame, image_extent, is_known=lambda kinds: kinds > _UNKNOWN)
+    raster = Raster.fitting(frame.shape, image_max, part=part, **more)
     pixels = raster.largest(changes)
     style = difference_style(only_in)
     return sheet(
         raster.enlarged(pixels),
         style.colours,
         title=title,
-        subtitle=frame_text(frame),
+        subtitle=frame_text(frame, part),
         metres_per_pixel=raster.metres_per_pixel(frame.resolution),
-        corner_xy=corner_of(frame),
+        corner_xy=corner_of(raster.frame_of(frame)),
         swatches=swatches_in(pixels, style.swatches),
     )

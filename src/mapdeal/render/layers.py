@@ -34,6 +34,7 @@ from mapdeal.render.field_style import (
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
+from mapdeal.render.shown import ImageExtent, shown_part
 from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch
 from mapdeal.render.styles import bounds_circumscribed, cost_style, occupancy_style
 
@@ -43,13 +44,15 @@ def occupancy_image(
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "all",
     overlay: Overlay | None = None,
 ) -> Image:
     """Return a map in the greys of RViz's scheme "map".
 
     Where cells share a pixel the most occupied one shows. An overlay is drawn over all.
     """
-    raster = Raster.fitting(grid.shape, image_max)
+    part = shown_part(grid.occupancy, grid.frame, image_extent, overlay=overlay)
+    raster = Raster.fitting(grid.shape, image_max, part=part)
     style = occupancy_style()
     values = raster.largest(grid.occupancy)
     pixels = look_up(values, cast("NDArray[np.uint8]", style.by_value))
@@ -71,6 +74,7 @@ def field_image(
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "all",
     overlay: Overlay | None = None,
 ) -> Image:
     """Return a distance field in a diverging scale, obstacles red, free space blue.
@@ -80,7 +84,8 @@ def field_image(
     smallest distance shows. The scale ends at the largest distances of known cells.
     An overlay is drawn over all.
     """
-    raster = Raster.fitting(field.shape, image_max)
+    part = shown_part(field.occupancy, field.frame, image_extent, overlay=overlay)
+    raster = Raster.fitting(field.shape, image_max, part=part)
     style = field_style(field, FieldEnds.of(field))
     pixels, faded = _field_pixels(field, raster, cast("Scale", style.scale))
     strength = "" if field.strength == 1.0 else f", strength {field.strength:g}"
@@ -166,6 +171,7 @@ def cost_image(
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "all",
     overlay: Overlay | None = None,
 ) -> Image:
     """Return a costmap in an even scale; lethal, inscribed, unknown and free stand apart.
@@ -173,7 +179,14 @@ def cost_image(
     Where cells share a pixel the highest cost shows. If the circumscribed cost is known, a
     line bounds the cells of that cost and more. An overlay is drawn over all.
     """
-    raster = Raster.fitting(costmap.shape, image_max)
+    part = shown_part(
+        costmap.cost,
+        costmap.frame,
+        image_extent,
+        is_known=lambda cost: cost != costmap.unknown_value,
+        overlay=overlay,
+    )
+    raster = Raster.fitting(costmap.shape, image_max, part=part)
     style = cost_style(costmap)
     # One more than the cost, so that unknown cells are the lowest: 255 + 1 is 0.
     one_more = (np.arange(256) + 1).astype(np.uint8)
@@ -209,10 +222,11 @@ def _on_sheet(
     swatches: list[Swatch],
     overlay: Overlay | None,
 ) -> Image:
-    texts = [frame_text(frame), *([more] if more else [])]
+    texts = [frame_text(frame, raster.part), *([more] if more else [])]
+    shown = raster.frame_of(frame)
     if overlay is not None:
         pixels = np.array(pixels)  # they may be the layer itself
-        swatches = swatches + overlay.draw(pixels, frame, raster, len(palette))
+        swatches = swatches + overlay.draw(pixels, shown, raster, len(palette))
         palette = np.vstack([palette, overlay.colours])
         texts.append(overlay.text)
     return sheet(
@@ -221,7 +235,7 @@ def _on_sheet(
         title=title,
         subtitle="; ".join(texts),
         metres_per_pixel=raster.metres_per_pixel(frame.resolution),
-        corner_xy=corner_of(frame),
+        corner_xy=corner_of(shown),
         bar=bar,
         swatches=swatches,
     )

@@ -26,6 +26,10 @@ class Overlay(Protocol):
     def text(self) -> str:
         """What there is to know of it, for a subtitle."""
 
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        """What a picture has to show of it, shape (N, 2), metres in the map frame."""
+
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:
@@ -59,6 +63,11 @@ class Overlays:
     def text(self) -> str:
         """What there is to know of each."""
         return "; ".join(overlay.text for overlay in self.overlays)
+
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        """Those of all."""
+        return np.concatenate([np.reshape(one.places_xy, (-1, 2)) for one in self.overlays])
 
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int

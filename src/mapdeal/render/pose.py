@@ -32,6 +32,11 @@ class PoseOverlay:
         x, y, yaw = self.pose
         return f"robot at {x:.10g}, {y:.10g}, yaw {yaw:.4g}"
 
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        """Where the robot stands."""
+        return np.array([self.pose[:2]])
+
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.region import Region
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.render.canvas import corner_of, frame_text, sheet
 from mapdeal.render.overlay import Brush, Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
+from mapdeal.render.shown import ImageExtent, shown_part
 from mapdeal.render.styles import (
     POTENTIAL_ARROW,
     POTENTIAL_GOAL,
@@ -31,6 +33,7 @@ def potential_image(
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "all",
     overlay: Overlay | None = None,
 ) -> Image:
     """Return the normalised potential in an even scale, with arrows that point downhill.
@@ -39,7 +42,15 @@ def potential_image(
     pixel the highest potential shows, and an obstacle before all. The arrows stand on a coarse
     lattice and tell the direction alone. An overlay is drawn over all.
     """
-    raster = Raster.fitting(field.shape, image_max)
+    part = shown_part(
+        field.occupancy,
+        field.frame,
+        image_extent,
+        overlay=overlay,
+        places_xy=() if field.goal is None else field.goal,
+    )
+    raster = Raster.fitting(field.shape, image_max, part=part)
+    frame = raster.frame_of(field.frame)
     style = potential_style(field)
     obstacles = raster.largest(field.obstacles())
     normalised = raster.largest(field.normalised)
@@ -54,11 +65,11 @@ def potential_image(
     pixels = raster.enlarged(levels).copy()
     scale = raster.enlarge / raster.reduce  # pixels per cell
     brush = Brush(pixels)
-    arrows = _draw_arrows(brush, field, scale, max(pixels.shape))
+    arrows = _draw_arrows(brush, field, part, scale, max(pixels.shape))
     has_goal = False
-    if field.goal is not None and field.frame.contains([field.goal])[0]:
+    if field.goal is not None and frame.contains([field.goal])[0]:
         has_goal = True
-        place = field.frame.continuous_rowcol_from_xy([field.goal])[0, ::-1] * scale
+        place = frame.continuous_rowcol_from_xy([field.goal])[0, ::-1] * scale
         brush.dot(place, POTENTIAL_GOAL, radius=max(6.0, max(pixels.shape) / 80))
     occurs = {
         POTENTIAL_OBSTACLE: obstacles.any(),
@@ -68,9 +79,9 @@ def potential_image(
     }
     swatches = [swatch for swatch in style.swatches if occurs.get(swatch.index, unknown.any())]
     palette = style.colours
-    texts = [frame_text(field.frame), _range_text(field)]
+    texts = [frame_text(field.frame, part), _range_text(field)]
     if overlay is not None:
-        swatches = swatches + overlay.draw(pixels, field.frame, raster, len(palette))
+        swatches = swatches + overlay.draw(pixels, frame, raster, len(palette))
         palette = np.vstack([palette, overlay.colours]).astype(np.uint8)
         texts.append(overlay.text)
     return sheet(
@@ -79,7 +90,7 @@ def potential_image(
         title=title,
         subtitle="; ".join(texts),
         metres_per_pixel=raster.metres_per_pixel(field.resolution),
-        corner_xy=corner_of(field.frame),
+        corner_xy=corner_of(frame),
         bar=style.bar,
         swatches=swatches,
     )
@@ -96,15 +107,21 @@ def _range_text(field: PotentialField) -> str:
     )
 
 
-def _draw_arrows(brush: Brush, field: PotentialField, scale: float, side: int) -> int:
+def _draw_arrows(
+    brush: Brush, field: PotentialField, part: Region | None, scale: float, side: int
+) -> int:
     """Draw arrows on a lattice of free cells; return how many there are."""
     spacing = max(_ARROW_SPACING, side / 50)
     step = max(1, math.ceil(spacing / scale))
-    rows, cols = (np.arange(step // 2, length, step) for length in field.shape)
+    row, col, *size = part or (0, 0, *field.shape)
+    rows, cols = (
+        first + np.arange(step // 2, length, step)
+        for first, length in zip((row, col), size, strict=True)
+    )
     directions = _along_columns_and_rows(field)[:, rows[:, np.newaxis], cols]
     drawn = directions.any(axis=0) & ~field.obstacles()[rows[:, np.newaxis], cols]
     i, j = np.nonzero(drawn)
-    centres = (np.stack([cols[j], rows[i]], axis=1) + 0.5) * np.float64(scale)
+    centres = (np.stack([cols[j] - col, rows[i] - row], axis=1) + 0.5) * np.float64(scale)
     length = 0.75 * step * scale
     thickness = max(1, round(length / 14))
     brush.arrows(

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid.canvas import cut_out
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.region import Region
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy
 from mapdeal.kernels.threads import for_rows
 
@@ -24,12 +27,19 @@ class Raster:
 
     enlarge: int = 1
     reduce: int = 1
+    part: Region | None = None
+    """The cells that become pixels, inside of the map; None for all."""
 
     @classmethod
     def fitting(
-        cls, shape: tuple[int, int], image_max: int, *, small_side: int = _SMALL_SIDE
+        cls,
+        shape: tuple[int, int],
+        image_max: int,
+        *,
+        small_side: int = _SMALL_SIDE,
+        part: Region | None = None,
     ) -> Raster:
-        """Return the factors for a map, its long side at most `image_max` pixels.
+        """Return the factors for a map, or a part of it, its long side at most `image_max` pixels.
 
         0 means one pixel per cell, whatever the size. The long side of a small map is enlarged
         to `small_side` pixels or a little more.
@@ -37,14 +47,19 @@ class Raster:
         Examples
         --------
         >>> Raster.fitting((10, 20), 2048), Raster.fitting((5000, 10), 2048)
-        (Raster(enlarge=30, reduce=1), Raster(enlarge=1, reduce=3))
+        (Raster(enlarge=30, reduce=1, part=None), Raster(enlarge=1, reduce=3, part=None))
         """
-        side = max(shape)
+        side = max(shape if part is None else (part.height, part.width))
         if image_max == 0:
-            return cls()
+            return cls(part=part)
         if side > image_max:
-            return cls(reduce=math.ceil(side / image_max))
-        return cls(enlarge=max(1, min(math.ceil(small_side / side), image_max // side)))
+            return cls(reduce=math.ceil(side / image_max), part=part)
+        enlarge = max(1, min(math.ceil(small_side / side), image_max // side))
+        return cls(enlarge=enlarge, part=part)
+
+    def frame_of(self, frame: Frame) -> Frame:
+        """Return the geometry of the cells that become pixels, given that of the map."""
+        return frame if self.part is None else self.part.frame_in(frame)
 
     def metres_per_pixel(self, resolution: float) -> float:
         """Return the length of a pixel's side."""
@@ -62,6 +77,8 @@ class Raster:
         return self._pooled(layer, np.fmin)
 
     def _pooled(self, layer: Layer, choose: np.ufunc) -> NDArray[Any]:
+        if self.part is not None:
+            layer = cut_out(layer, self.part)
         if self.reduce == 1:
             return layer[:]
         step = self.reduce

@@ -24,9 +24,11 @@ from mapdeal.render.reach_style import (
     ROBOT,
     START,
     TIGHT,
+    UNKNOWN_CODE,
     area_text,
     reach_codes,
 )
+from mapdeal.render.shown import ImageExtent, shown_part
 from mapdeal.render.style import Swatch
 
 _MOST_WIDTHS = 300
@@ -40,6 +42,7 @@ def reach_image(
     *,
     title: str,
     image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = "all",
     overlay: Overlay | None = None,
 ) -> Image:
     """Return a map with the area that a robot reaches, and what cuts off the rest.
@@ -49,15 +52,23 @@ def reach_image(
     robot's outline at the start is true to scale. Where cells share a pixel an obstacle shows
     before a cut-off area, and that before the reachable one. An overlay is drawn over all.
     """
-    frame = reach.frame
-    raster = Raster.fitting(reach.shape, image_max)
     codes, style = reach_codes(reach)
+    part = shown_part(
+        codes,
+        reach.frame,
+        image_extent,
+        is_known=lambda some: some != UNKNOWN_CODE,
+        overlay=overlay,
+        places_xy=[reach.start[:2], *((one.goal.x, one.goal.y) for one in reach.goals)],
+    )
+    raster = Raster.fitting(reach.shape, image_max, part=part)
+    frame = raster.frame_of(reach.frame)
     pixels = np.array(raster.enlarged(raster.largest(codes)))
     swatches = list(style.swatches)
     marks = _Marks(pixels, frame, raster)
     swatches += marks.draw(reach)
     palette = style.colours
-    texts = [_summary(reach), frame_text(frame)]
+    texts = [_summary(reach), frame_text(reach.frame, part)]
     if overlay is not None:
         swatches += overlay.draw(pixels, frame, raster, len(palette))
         palette = np.vstack([palette, overlay.colours]).astype(np.uint8)

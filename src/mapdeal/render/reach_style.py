@@ -19,6 +19,7 @@ _LEAST_SHARE = 0.001
 
 # In the order in which the cells that share a pixel take precedence.
 _UNKNOWN, _NARROW, _REACHED, _NO_TURN, _REACHED_UNKNOWN, _CUT_OFF = range(6)
+UNKNOWN_CODE = _UNKNOWN
 _AREAS = range(_CUT_OFF + 1, _CUT_OFF + 1 + _MOST_AREAS)
 _OBSTACLE = _AREAS.stop
 CLOSED, TIGHT, START, ROBOT, GOAL, MISSED = range(_OBSTACLE + 1, _OBSTACLE + 7)

@@ -39,6 +39,11 @@ class RouteOverlay:
             text += f", clearance {route.min_clearance:.3g} m"
         return text if route.reached else f"stopped after {text}"
 
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        """The way, and its ends."""
+        return np.concatenate([self.route.points_xy, [self.route.start, self.route.goal]])
+
     def draw(
         self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:
