@@ -1,16 +1,23 @@
 """Reports of runs whose documents anybody may have written: shown as far as they tell anything."""
 
 import json
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.answers import RouteAnswer
+from mapdeal.grid.route import Route
+from mapdeal.pipeline.reports.draft import Draft
 from mapdeal.pipeline.reports.gather import gathered
 from mapdeal.pipeline.reports.grids import Grids
+from mapdeal.pipeline.reports.items import MOST_POINTS, route_items
 from mapdeal.pipeline.reports.runs import columns_of
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS
+from mapdeal.report.document import Item, Table
 from mapdeal.report.page import page_of
 
 CHANGES = {"inflate.radius": 0.25, "cost.inflation_radius": 0.8, "cost.cost_scaling_factor": 1.0}
@@ -190,3 +197,53 @@ def test_names_in_documents_are_text_on_the_page(run, batch):
     assert not [one for one in ("<img", "\0", "\u2028", "\u202e") if one in page]
     assert page.count("&lt;img src=x onerror=alert(1)&gt;&lt;/script&gt;") > 10
     assert (page.count("</script>"), page.count("</title>")) == (3, 1)
+
+
+def test_an_entry_lists_no_more_than_browsers_can_show():
+    draft = Draft("a", Path("a"))
+    draft.items = [Item("goal", str(number)) for number in range(5002)]
+    draft.tables = [Table("first", tuple((str(number), "x") for number in range(6000)))]
+    draft.tables += [Table("other", (("a", "b"),))] * 5000
+    draft.warn(str(number) for number in range(5000))
+    entry = draft.entry()
+    assert [one.text for one in entry.items[4999:]] == ["4999", "2 more are not listed"]
+    assert entry.tables[0].rows[4999:] == (("4999", "x"), ("1000 more are not listed", ""))
+    assert (len(entry.tables), entry.tables[-1].title) == (5001, "1 more are not listed")
+    assert entry.warnings[-1] == "4999"
+
+
+def test_a_page_keeps_to_its_size_whatever_it_lists(run):
+    line = {"type": "LineString", "coordinates": [[k / 7, k / 3] for k in range(500)]}
+    feature = {"type": "Feature", "properties": {}, "geometry": line}
+    shapes = {"type": "FeatureCollection", "features": [feature] * 9}
+    (run / "shapes.json").write_text(json.dumps(shapes))
+    mapdeal.write_map(run / "noise.yaml", noise())
+    sources = [run / "noise.yaml", run / "shapes.json"]
+    page = mapdeal.write_report(run / "page.html", sources, max_size=400_000)
+    assert 200_000 < page.size <= 400_000
+
+
+def noise():
+    values = np.random.default_rng(1).integers(0, 101, size=(700, 900), dtype=np.int8)
+    return mapdeal.OccupancyGrid(values, 0.25, (1.5, -2.0, 0.4))
+
+
+def test_a_path_by_another_name_is_the_same(run, tmp_path):
+    (tmp_path / "link").symlink_to(run)
+    mapdeal.write_map(tmp_path / "other.yaml", grid_from_text(ROOMS.replace(".", "#", 3)))
+    paths = [run, tmp_path / "other.yaml", run / ".." / run.name, tmp_path / "link"]
+    entries, _ = report_of(*paths)
+    assert [entry.name for entry in entries] == ["rooms", "other"]
+    entries, _ = report_of(*paths[:0:-1])
+    assert [entry.name for entry in entries] == ["link", "other"]
+
+
+def test_a_long_route_keeps_its_ends_and_few_of_its_points():
+    points = np.stack([np.arange(70_001.0), np.sqrt(np.arange(70_001.0))], axis=1)
+    route = Route("astar", True, (0.0, 0.0), (1.0, 1.0), points, 1.0, 1.0, 1.0)
+    *_, item = route_items(RouteAnswer(route))
+    (line,) = item.lines
+    assert len(line) == MOST_POINTS
+    assert (line[0].tolist(), line[-1].tolist()) == (points[0].tolist(), points[-1].tolist())
+    assert np.diff(line[:, 0]).max() <= 4
+    assert set(map(tuple, line.tolist())) <= set(map(tuple, points.tolist()))

@@ -57,8 +57,9 @@ def page_of(report: Report, *, size: int) -> Iterator[bytes]:
     }
     head = Template(before).substitute(fields).encode()
     yield head
-    room = int((1 - _HEADER) * (size - len(head) - len(script)))
     layers = [layer for entry in report.entries for layer in entry.layers]
+    without_tiles = _json(_header(report, [{} for _ in layers]))
+    room = int((1 - _HEADER) * (size - len(head) - len(without_tiles) - len(script)))
     pictures = encoded(layers, size=max(room, 0))
     yield from pictures.data
     yield between.encode()

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 from mapdeal.errors import emit_warning
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.pipeline.heard import portable
 from mapdeal.report.document import Entry, Item, PageLayer, Table
 from mapdeal.report.extent import extent_of
+
+Kind = TypeVar("Kind")
+
+_MOST = 5000
+"""Items, tables, rows of a table, and warnings of an entry: browsers get slow beyond that."""
 
 
 @dataclass
@@ -73,16 +79,27 @@ class Draft:
         return next(one for one in names if one not in taken)
 
     def entry(self) -> Entry:
-        """Return the entry as it is now."""
+        """Return the entry as it is now; of very many items, tables and rows the first ones."""
         return Entry(
             self.name,
             tuple(self.layers),
-            tuple(self.items),
-            tuple(self.tables),
-            tuple(self.warnings),
+            _first(self.items, lambda rest: Item("finding", rest, "note")),
+            _first([_shortened(one) for one in self.tables], lambda rest: Table(rest, ())),
+            _first(tuple(self.warnings), str),
             self.status,
             dict(self.figures),
             self.curve,
             self.compared,
             extent_of(self.layers, self.items),
         )
+
+
+def _shortened(table: Table) -> Table:
+    return replace(table, rows=_first(table.rows, lambda rest: (rest, "")))
+
+
+def _first(found: Sequence[Kind], told: Callable[[str], Kind]) -> tuple[Kind, ...]:
+    """Return the first of very many, and one that tells of the rest."""
+    if len(found) <= _MOST:
+        return tuple(found)
+    return (*found[:_MOST], told(f"{len(found) - _MOST} more are not listed"))

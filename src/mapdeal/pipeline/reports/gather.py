@@ -21,7 +21,7 @@ from mapdeal.formats.answers import (
     read_answer,
 )
 from mapdeal.formats.kinds import SHAPES, kind_of
-from mapdeal.formats.source import exists, is_folder, status_of
+from mapdeal.formats.source import exists, is_folder, real_path, status_of
 from mapdeal.grid.display import count_text
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.compare import DOCUMENT
@@ -84,7 +84,10 @@ def gathered(
         Of all that is missing, or does not match; the report says it, too.
     """
     gathering = _Gathering(grids)
-    paths = list(dict.fromkeys(paths))
+    first_names: dict[Path, Path] = {}
+    for path in paths:
+        first_names.setdefault(real_path(path), path)
+    paths = list(first_names.values())
     folders = {path: _entries_of(path, grids) for path in paths}
     gathering.runs = [draft for found in folders.values() for draft in found]
     for path in paths:

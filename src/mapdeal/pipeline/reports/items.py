@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
 from typing import get_args
 
 import numpy as np
@@ -34,6 +35,9 @@ from mapdeal.report.document import Item, Table, Tone
 MOST_ITEMS = 1000
 """Of one kind: nobody looks through more, and a page with a million of them opens nowhere."""
 
+MOST_POINTS = 20_000
+"""Of a route on a page, which would grow by some megabytes for a million of them."""
+
 _LONGEST = 400
 _CORNERS_OF_CIRCLE = 64
 
@@ -60,7 +64,7 @@ def tables_of(answer: Answer) -> list[Table]:
 
 def finding_items(file: LintedFile) -> list[Item]:
     """Return the findings in a file, one item for each, and one for each further place of it."""
-    return _shortened([item for told in file.findings for item in _of_finding(told)], "finding")
+    return _shortened((item for told in file.findings for item in _of_finding(told)), "finding")
 
 
 def _of_finding(found: ToldFinding) -> Iterator[Item]:
@@ -165,7 +169,14 @@ def route_items(answer: RouteAnswer) -> list[Item]:
     if not len(route.points_xy):
         return [*ends, Item("route", _told(route), tone)]
     x, y = route.points_xy[len(route.points_xy) // 2].tolist()
-    return [*ends, Item("route", _told(route), tone, (x, y), (route.points_xy,))]
+    return [*ends, Item("route", _told(route), tone, (x, y), (_thinned(route.points_xy),))]
+
+
+def _thinned(points_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return not too many of some points, evenly chosen, with the first and the last."""
+    if len(points_xy) <= MOST_POINTS:
+        return points_xy
+    return points_xy[np.linspace(0, len(points_xy) - 1, MOST_POINTS).astype(np.int64)]
 
 
 def _told(route: Route) -> str:
@@ -204,7 +215,7 @@ def route_table(answer: RouteAnswer) -> Table:
 
 def shape_items(shapes: Iterable[Shape]) -> list[Item]:
     """Return shapes, each with its outline; a circle as a polygon."""
-    return _shortened([_shape_item(one) for one in shapes], "shape")
+    return _shortened((_shape_item(one) for one in shapes), "shape")
 
 
 def _shape_item(shape: Shape) -> Item:
@@ -313,12 +324,14 @@ def comparison_tables(answer: ComparisonAnswer) -> list[Table]:
     return [*tables, Table("Differing cells", tuple(pairs))]
 
 
-def _shortened(items: list[Item], what: str) -> list[Item]:
-    left = len(items) - MOST_ITEMS
-    if left <= 0:
-        return items
-    text = f"{count_text(left, f'more {what}')} not listed"
-    return [*items[:MOST_ITEMS], Item(items[0].kind, text, "note")]
+def _shortened(items: Iterable[Item], what: str) -> list[Item]:
+    rest = iter(items)
+    listed = list(islice(rest, MOST_ITEMS))
+    left = sum(1 for _ in rest)
+    if left:
+        text = f"{count_text(left, f'more {what}')} not listed"
+        listed.append(Item(listed[0].kind, text, "note"))
+    return listed
 
 
 def _text(text: str) -> str:
