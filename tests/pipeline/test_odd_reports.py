@@ -63,7 +63,8 @@ def test_warnings_that_are_no_list_are_none(run, value):
     ("name", "column"),
     [
         ("width", "cells"), ("height", "cells"), ("resolution", "m per cell"),
-        ("occupied", "occupied %"), ("lethal", "lethal %"), ("highest_distance", "farthest m"),
+        ("occupied", "occupied %"), ("lethal", "lethal %"),
+        ("highest_distance", "largest clearance m"),
     ],
 )  # fmt: skip
 def test_figures_that_are_no_numbers_are_no_columns(run, name, column):
@@ -87,7 +88,7 @@ def test_columns_of_figures():
         "highest_distance": 1.23456,
     }
     assert columns_of({"esdf": esdf, "reach": {"reachable_m2": 4, "width": 3, "height": 1}}) == {
-        "cells": "20 x 5", "m per cell": 0.25, "occupied %": 7.0, "farthest m": 1.235,
+        "cells": "20 x 5", "m per cell": 0.25, "occupied %": 7.0, "largest clearance m": 1.235,
         "reachable m2": 4.0,
     }  # fmt: skip
     cost = {"width": 20, "height": 5, "lethal": 3, "free": 9, "unknown": 9}

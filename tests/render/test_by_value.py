@@ -1,6 +1,7 @@
 """What stands where in pictures, in which colour, read off their pixels."""
 
 import hashlib
+import itertools
 import math
 
 import numpy as np
@@ -25,6 +26,7 @@ from mapdeal.render.canvas import _Pen, sheet
 from mapdeal.render.colours import interpolated, mixed
 from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.difference import difference_image
+from mapdeal.render.glyphs import capital_height, text_width
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.potential import potential_image
@@ -72,7 +74,7 @@ def test_changes_have_the_colours_that_their_legend_says(asked):
         "only in one map": (225, 225, 225),
         "unknown": (112, 137, 134),
         "free": (255, 255, 255),
-        "free or unknown": (250, 220, 130),
+        "free in one, unknown in the other": (250, 220, 130),
         "wall": (0, 0, 0),
         "wall removed": (225, 30, 60),
         "wall added": (0, 120, 220),
@@ -236,7 +238,7 @@ def test_a_potential_is_coloured_by_its_normalised_value(asked):
     assert asked["bar"].ticks == [(k / 10, str(k)) for k in range(0, 11, 2)]
     assert tuple(asked["palette"][0].tolist()) == (250, 250, 235)
     assert tuple(asked["palette"][99].tolist()) == (35, 45, 95)
-    assert legend(asked)["downhill"] == (150, 40, 20)
+    assert legend(asked)["downhill"] == (214, 120, 84)
 
 
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, 2.5])
@@ -349,6 +351,33 @@ def test_coordinates_stand_beside_the_pixels_that_they_name(monkeypatch):
         assert named[label][0] < left - 5
 
 
+@pytest.mark.parametrize("shape", [(600, 300), (400, 700), (1000, 2000)])
+@pytest.mark.parametrize("corner", [(-1.0, 10.0), (-12345.5, 0.25), None])
+def test_axes_are_named_beside_coordinates_and_no_text_covers_another(monkeypatch, shape, corner):
+    texts = {}
+    monkeypatch.setattr(
+        _Pen, "write", lambda _, x, y, text, size: texts.update({(text, x, y): size})
+    )
+    image = sheet(np.zeros(shape, np.uint8), np.full((2, 3), 200, np.uint8), title="Title",
+                  subtitle="and more", metres_per_pixel=0.01, corner_xy=corner,
+                  swatches=[Swatch(1, "a rather long label")] * 5)  # fmt: skip
+    named = {text: (x, y) for text, x, y in texts if text in ("x [m]", "y [m]")}
+    assert set(named) == (set() if corner is None else {"x [m]", "y [m]"})
+    boxes = [
+        (x, x + text_width(text, size), y - capital_height(size), y)
+        for (text, x, y), size in texts.items()
+    ]
+    for (a, b, c, d), (e, f, g, h) in itertools.combinations(boxes, 2):
+        assert b <= e or f <= a or d <= g or h <= c
+    assert all(0 <= a < b <= image.indices.shape[1] for a, b, _, _ in boxes)
+    assert all(0 <= c < d < image.indices.shape[0] for *_, c, d in boxes)
+    if corner is not None:
+        rows, cols = np.nonzero(image.indices == 0)
+        assert named["y [m]"][1] < rows.min()
+        assert named["y [m]"][0] < cols.max()
+        assert named["x [m]"][1] > rows.max()
+
+
 def test_a_legend_s_boxes_stand_below_each_other():
     swatches = [Swatch(1, "one"), Swatch(2, "two")]
     image = sheet(np.zeros((300, 300), np.uint8), np.full((3, 3), 9, np.uint8), title="",
@@ -431,13 +460,13 @@ def reach_of_three_rooms():
 
 
 RECORDED = {
-    "occupancy": "727c500f5cbf7e27",
-    "field": "85483db3214c1a50",
-    "cost": "2b689133242f37ea",
-    "route": "73b9119568bebc8e",
+    "occupancy": "4c62b7178a75a1b2",
+    "field": "f028b97fb1a1c7a7",
+    "cost": "ebdbe8556e149c44",
+    "route": "3dee039c1603de47",
     "curve": "3f3e680320848121",
     "rings": "fb63e0603780afe0",
-    "reach": "c040ff03a9648e78",
+    "reach": "d1ade2c4ab57ba6f",
 }
 
 

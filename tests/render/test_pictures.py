@@ -140,7 +140,7 @@ def test_scales_fall_evenly_in_lightness(scale):
 def test_special_costs_stand_apart():
     costmap = Costmap([[0, 1, 252, 253, 254, 255]], 0.25)
     pixels = rgb(cost_image(costmap, title=""))
-    row = pixels[len(pixels) // 4]
+    row = pixels[2 * len(pixels) // 5]
     seen = [tuple(row[k].tolist()) for k in range(30, 600, 2)]
     blocks = [c for c, before in zip(seen[1:], seen, strict=False) if c != before]
     colours = {seen[0], *blocks}

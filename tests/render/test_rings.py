@@ -60,7 +60,7 @@ def test_two_maps_of_the_same_data_are_named_and_drawn_larger(monkeypatch):
         "wall only by tsdf",
         "wall only by counting",
         "wall",
-        "free by one of them",
+        "free by one of them, unknown by the other",
     ]
     assert seen["shape"] == (1400, 14)
     difference_image(kinds, Frame(700, 7, 0.25), title="t")

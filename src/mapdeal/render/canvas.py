@@ -16,6 +16,8 @@ from mapdeal.render.glyphs import capital_height, text_width
 from mapdeal.render.pen import Image, Pen
 from mapdeal.render.style import ColourBar, Swatch
 
+_X_AXIS, _Y_AXIS = "x [m]", "y [m]"
+
 
 def sheet(
     pixels: NDArray[np.uint8],
@@ -42,7 +44,7 @@ def sheet(
         For the scale bar.
     corner_xy : tuple of float, optional
         Where the lower left corner lies in the map frame, metres, for coordinates along the
-        edges; None where the map's axes are not those of the map frame.
+        edges and the names of the axes; None where the map's axes are not those of the map frame.
     bar : ColourBar, optional
         The colour scale, right of the map.
     swatches : sequence of Swatch
@@ -57,7 +59,7 @@ def sheet(
     legend_height = max(height, pen.legend_height(bar, swatches))
     across = ticks_between(corner_xy[0], width, metres_per_pixel, text_size) if corner_xy else []
     along = ticks_between(corner_xy[1], height, metres_per_pixel, text_size) if corner_xy else []
-    left, top = pad + pen.labels_width(along), pad + int(3.4 * text_size)
+    left, top = pad + pen.labels_width(along), pad + int((4.2 if along else 3.4) * text_size)
     below = int(1.6 * text_size) if across else 0
     needed = left + map_width + (pad + column if column else 0) + pad
     # Thin maps get a sheet that their title fits on, very long titles are cut.
@@ -69,7 +71,11 @@ def sheet(
     pen.text(pad, pad + int(1.55 * text_size), subtitle, limit=sheet_width - 2 * pad)
     pen.coordinates(left, top + height, across, along)
     scale_top = top + height + below + int(0.9 * text_size)
-    pen.scale_bar(left, scale_top, map_width, metres_per_pixel)
+    end = pen.scale_bar(left, scale_top, map_width, metres_per_pixel)
+    if along:
+        pen.above(pad, left, top, _Y_AXIS)
+    if across:
+        pen.label(max(end, left + width - text_width(_X_AXIS, text_size)), scale_top, _X_AXIS)
     boxes = pen.legend(left + map_width + pad, top, legend_height, bar, swatches)
     indices = pen.sheet
     indices[top : top + height, left : left + width] = pixels[::-1]
@@ -215,11 +221,19 @@ class _Pen(Pen):
             self.fill(left - mark, y, left, y)
             self.label(left - 1.5 * mark - text_width(label, self.size), y, label)
 
-    def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> None:
+    def above(self, left: int, right: int, top: int, name: str) -> None:
+        """Name the labels left of a map, which end at `right`, above its upper edge `top`."""
+        x = max(left, right - text_width(name, self.size) - self.size // 2)
+        self.write(x, top - int(0.55 * self.size), name, self.size)
+
+    def scale_bar(self, x: int, y: int, width: int, metres_per_pixel: float) -> int:
+        """Draw a bar of a round length; return where something else may follow."""
         length = round_length(width * metres_per_pixel * 0.4)
         pixels = round(length / metres_per_pixel)
         thick = max(2, self.size // 6)
         self.fill(x, y, x + pixels, y + thick)
         for end in (x, x + pixels):
             self.fill(end, y - 2 * thick, end + thick // 2, y + thick)
-        self.label(x + pixels + self.size, y, f"{length:g} m")
+        label = f"{length:g} m"
+        self.label(x + pixels + self.size, y, label)
+        return x + pixels + 2 * self.size + text_width(label, self.size)

@@ -33,9 +33,9 @@ def difference_image(
     Parameters
     ----------
     changes : numpy.ndarray of uint8, shape (H, W)
-        What each cell is: 0 outside of one map, 1 unknown and 2 free in both, 3 free or unknown
-        in one of them, 4 a wall in both, 5 a wall that is gone, 6 a new one. Where cells share
-        a pixel the largest shows.
+        What each cell is: 0 outside of one map, 1 unknown and 2 free in both, 3 free in one and
+        unknown in the other, 4 a wall in both, 5 a wall that is gone, 6 a new one. Where cells
+        share a pixel the largest shows.
     frame : Frame
         The cells.
     title : str

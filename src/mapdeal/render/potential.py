@@ -24,7 +24,7 @@ from mapdeal.render.styles import (
     potential_style,
 )
 
-_ARROW_SPACING = 26.0
+_ARROW_SPACING = 34.0
 """Pixels."""
 
 
@@ -111,7 +111,7 @@ def _draw_arrows(
     brush: Brush, field: PotentialField, part: Region | None, scale: float, side: int
 ) -> int:
     """Draw arrows on a lattice of free cells; return how many there are."""
-    spacing = max(_ARROW_SPACING, side / 50)
+    spacing = max(_ARROW_SPACING, side / 36)
     step = max(1, math.ceil(spacing / scale))
     row, col, *size = part or (0, 0, *field.shape)
     rows, cols = (
@@ -122,8 +122,8 @@ def _draw_arrows(
     drawn = directions.any(axis=0) & ~field.obstacles()[rows[:, np.newaxis], cols]
     i, j = np.nonzero(drawn)
     centres = (np.stack([cols[j] - col, rows[i] - row], axis=1) + 0.5) * np.float64(scale)
-    length = 0.75 * step * scale
-    thickness = max(1, round(length / 14))
+    length = 0.55 * step * scale
+    thickness = max(1, round(length / 18))
     brush.arrows(
         centres, directions[:, i, j].T, POTENTIAL_ARROW, length=length, thickness=thickness
     )

@@ -32,7 +32,7 @@ _KINDS_OF_DIFFERENCE = (
     ("only in one map", colours.OUTSIDE),
     ("unknown", colours.RVIZ_UNKNOWN),
     ("free", colours.RVIZ_FREE),
-    ("free or unknown", colours.CHANGED),
+    ("free in one, unknown in the other", colours.CHANGED),
     ("wall", colours.RVIZ_OCCUPIED),
     ("wall removed", colours.REMOVED),
     ("wall added", colours.ADDED),
@@ -123,7 +123,7 @@ def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
     """
     names = [name for name, _ in _KINDS_OF_DIFFERENCE]
     if only_in is not None:
-        names[3] = "free by one of them"
+        names[3] = "free by one of them, unknown by the other"
         names[-2:] = [f"wall only by {name}" for name in only_in]
     count = len(names)
     by_value = np.zeros(256, dtype=np.uint8)
