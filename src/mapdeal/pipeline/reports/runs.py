@@ -15,7 +15,7 @@ from mapdeal.errors import MapdealError, ParameterError, one_line
 from mapdeal.formats.answers import read_answer
 from mapdeal.formats.json_text import read_json
 from mapdeal.formats.listing import folders_below
-from mapdeal.formats.source import contents_of, exists, holds, is_folder
+from mapdeal.formats.source import contents_of, exists, holds
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.blocks import blocks_of
@@ -150,7 +150,7 @@ def _wrong_outputs(folder: Path, outputs: Mapping[str, str]) -> Iterator[tuple[P
         path = folder / Path(name).name
         if not exists(path):
             yield path, "is missing, though the manifest lists it"
-        elif not is_folder(path) and not holds(path, digest):
+        elif not holds(path, digest):
             yield path, "is not what the run has written, its checksum differs"
 
 

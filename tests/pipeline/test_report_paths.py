@@ -1,0 +1,191 @@
+"""Which paths of a report become what: cases that a person meets later than the plain ones."""
+
+import json
+import shutil
+from dataclasses import replace
+from hashlib import sha256
+
+import numpy as np
+import pytest
+
+import mapdeal
+from drawn import grid_from_text
+from mapdeal.grid.frame import Frame
+from mapdeal.pipeline.reports.draft import Draft
+from mapdeal.pipeline.reports.gather import gathered
+from mapdeal.pipeline.reports.grids import Grids
+from mapdeal.pipeline.reports.runs import add_layers
+from mapdeal.pipeline.settings import DEFAULT_SETTINGS
+from mapdeal.render.styles import occupancy_style
+from mapdeal.report.document import PageLayer
+
+ROOMS = """
+    ??##################
+    ??#.......#........#
+    ..#.......#........#
+    ..#................#
+    ..#................#
+    ..#.......#........#
+    ..##################
+"""
+CHANGES = {"inflate.radius": 0.25, "cost.inflation_radius": 0.8, "cost.cost_scaling_factor": 1.0}
+
+
+@pytest.fixture
+def rooms(tmp_path):
+    mapdeal.write_map(tmp_path / "rooms.yaml", grid_from_text(ROOMS))
+    return tmp_path / "rooms.yaml"
+
+
+@pytest.fixture
+def run(rooms, tmp_path):
+    return mapdeal.run(rooms, tmp_path / "out", changes=CHANGES).folder
+
+
+def report_of(*paths):
+    with Grids(DEFAULT_SETTINGS) as grids:
+        report = gathered(paths, grids)
+        for entry in report.entries:
+            for layer in entry.layers:
+                layer.values[:]
+    return report.entries
+
+
+def layer_names(entry):
+    return [layer.name for layer in entry.layers]
+
+
+def test_a_summary_stands_for_its_batch(run):
+    told = {"map": "rooms.yaml", "folder": "rooms", "status": "unchanged"}
+    (run.parent / "summary.json").write_text(json.dumps({"maps": [told]}))
+    (entry,) = report_of(run.parent / "summary.json")
+    assert (entry.name, entry.status, len(entry.layers)) == ("rooms", "unchanged", 3)
+
+
+def test_shapes_may_be_yaml_as_maps_are(run, tmp_path):
+    shapes = tmp_path / "keepout.yaml"
+    shapes.write_text("shapes:\n- {type: circle, center: [3.0, -1.0], radius: 0.5}\n")
+    (entry,) = report_of(run, shapes)
+    assert [item.kind for item in entry.items] == ["shape"]
+
+
+def test_a_local_run_below_a_run_has_an_entry_of_its_own(run):
+    shutil.copytree(run, run.parent / "copy")
+    shutil.move(run.parent / "copy", run / "local")
+    assert [entry.name for entry in report_of(run)] == ["rooms", "rooms/local"]
+
+
+def test_no_table_is_empty(run):
+    (entry,) = report_of(run)
+    assert all(table.rows for table in entry.tables)
+
+
+@pytest.mark.parametrize("fits", [True, False])
+def test_what_reading_a_map_warns_of_is_on_the_page_and_given_once(tmp_path, fits, monkeypatch):
+    if not fits:
+        monkeypatch.setattr("mapdeal.pipeline.reports.grids.memory_limit", lambda: (0, ""))
+    grid = grid_from_text(ROOMS)
+    dark = mapdeal.OccupancyGrid(np.full_like(grid.occupancy, -1), 0.25, (1.5, -2.0, 0.4))
+    for name in ("one", "two"):
+        mapdeal.write_map(tmp_path / f"{name}.yaml", dark)
+    with pytest.warns(mapdeal.MapdealWarning, match="known") as given:
+        entries = report_of(tmp_path / "one.yaml", tmp_path / "two.yaml")
+    assert len(given) == 2
+    for entry in entries:
+        assert entry.warnings[0].startswith(f"{entry.name}.yaml: ")
+
+
+def test_what_reading_the_map_of_a_run_warns_of_is_on_its_page(rooms, run):
+    manifest = json.loads((run / "manifest.json").read_text())
+    text = rooms.read_text().replace("free_thresh: ", "free_thresh: 0.3 # ")
+    rooms.write_text(text)
+    manifest["inputs"] = mapdeal_sums(rooms, rooms.with_suffix(".pgm"))
+    manifest["warnings"] = []
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.warns(mapdeal.MapdealWarning) as given:
+        (entry,) = report_of(run, rooms)
+    assert layer_names(entry)[0] == "input"
+    assert [text.partition(":")[0] for text in entry.warnings] == ["rooms.yaml"] * len(given)
+
+
+def mapdeal_sums(*paths):
+    return {path.name: sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def test_layers_of_one_file_may_be_read_in_turns(rooms, tmp_path):
+    reach = mapdeal.reach(mapdeal.read_map(rooms), radius=0.1)
+    mapdeal.write_map(tmp_path / "reach.npz", reach)
+    with Grids(DEFAULT_SETTINGS) as grids:
+        layers = gathered([tmp_path / "reach.npz"], grids).entries[0].layers
+        whole = [np.array(layer.values[:]) for layer in layers]
+        assert len(layers) == 3
+        for rows in (slice(0, 2), slice(2, 5)):
+            for layer, values in zip(layers, whole, strict=True):
+                assert np.array_equal(layer.values[rows], values[rows], equal_nan=True)
+    assert np.array_equal(whole[0], reach.clearance, equal_nan=True)
+    assert np.array_equal(whole[1], reach.widest, equal_nan=True)
+
+
+def test_maps_of_a_diff_are_looked_for_beside_its_document(rooms, tmp_path, command):
+    other = tmp_path / "other.yaml"
+    mapdeal.write_map(other, grid_from_text(ROOMS.replace(".", "#", 3)))
+    code, out, _ = command("diff", rooms, other, "--json")
+    assert code == 1
+    sent = tmp_path / "sent"
+    sent.mkdir()
+    for path in (rooms, other):
+        shutil.move(path, sent)
+        shutil.move(path.with_suffix(".pgm"), sent)
+    (sent / "diff.json").write_text(out)
+    (entry,) = report_of(sent / "diff.json")
+    assert layer_names(entry) == ["first", "second", "difference"]
+    assert entry.compared == ("first", "second")
+
+
+def test_of_many_differences_fifty_are_listed(tmp_path, command):
+    walls = np.zeros((9, 130), dtype=np.int8)
+    mapdeal.write_map(tmp_path / "a.yaml", mapdeal.OccupancyGrid(walls, 0.25, (1.5, -2.0, 0.4)))
+    walls[4, 2::4], walls[3, 2] = 100, 100
+    mapdeal.write_map(tmp_path / "b.yaml", mapdeal.OccupancyGrid(walls, 0.25, (1.5, -2.0, 0.4)))
+    _, out, _ = command("diff", tmp_path / "a.yaml", tmp_path / "b.yaml", "--json")
+    (tmp_path / "diff.json").write_text(out)
+    (entry,) = report_of(tmp_path / "diff.json")
+    assert entry.items[0].text.startswith("wall added: 2 cells at ")
+    assert len(entry.items) == 32
+    walls[1, 2::4], walls[7, 2:6] = 100, 100  # 32 more, and one
+    mapdeal.write_map(
+        tmp_path / "b.yaml", mapdeal.OccupancyGrid(walls, 0.25, (1.5, -2.0, 0.4)), force=True
+    )
+    _, out, _ = command("diff", tmp_path / "a.yaml", tmp_path / "b.yaml", "--json")
+    (tmp_path / "diff.json").write_text(out)
+    (entry,) = report_of(tmp_path / "diff.json")
+    assert len(entry.items) == 51
+    assert entry.items[-1].text == "wall added: 15 smaller groups not listed"
+
+
+def layer(name, values, style, x=1.5):
+    height, width = values.shape
+    return PageLayer(name, name, Frame(height, width, 0.25, (x, -2.0, 0.4)), values, style)
+
+
+@pytest.mark.parametrize("differs", ["nothing", "frame", "colours", "values"])
+def test_the_map_of_a_field_is_left_out_only_if_it_is_there(differs):
+    values = np.array([[0, 100, 255], [0, 0, 100]], dtype=np.uint8)
+    style = occupancy_style()
+    other = replace(style, by_value=style.by_value[::-1].copy())
+    draft = Draft("a", "a")
+    at = 3.5 if differs == "frame" else 1.5
+    draft.layers = [layer("there", values, other if differs == "colours" else style, at)]
+    own = layer("field-map", values[::-1] if differs == "values" else values, style)
+    add_layers(draft, [own])
+    names = [one.name for one in draft.layers]
+    assert names == (["there"] if differs == "nothing" else ["there", "field-map"])
+
+
+def test_a_page_is_not_written_over_a_file_that_was_read(run, command):
+    page = run / "page.html"
+    page.symlink_to(run / "cost.npz")
+    before = (run / "cost.npz").read_bytes()
+    code, _, err = command("report", run, "-o", page, "--force")
+    assert (code, "the output is the input" in err) == (4, True)
+    assert (run / "cost.npz").read_bytes() == before
