@@ -187,6 +187,25 @@ def test_fields_are_told_by_their_squares(
     assert _ways_taken(result) == {"squares"}
 
 
+@pytest.mark.parametrize("convention", ["seed", "center", "border"])
+def test_fields_deep_inside_of_obstacles_are_told_by_their_squares_too(convention):
+    occupancy = np.full((60, 90), 100, dtype=np.int8)
+    occupancy[3, 7], occupancy[50:, 60:] = 0, 0
+    field = esdf(OccupancyGrid(occupancy, 0.05), convention=convention, strength=1.7)
+    layer = _layer(field.distance, unit="m", convention=convention, strength=1.7)
+    assert len(np.unique(field.distance[field.distance < 0])) > 100
+    result = encoded([layer], size=ROOM)
+    _same(_decoded(result)[1], field.distance, within=1e-4)
+    assert _ways_taken(result) == {"squares"}
+
+
+def test_squares_beyond_what_a_whole_number_holds_are_not_used():
+    values = np.array([[46_340.0, 46_341.0, 60_000.0, -46_341.0, 65_536.0]], dtype=np.float32)
+    layer = _layer(values, unit="m", convention="center", resolution=1.0)
+    result = encoded([layer], size=ROOM)
+    _same(_decoded(result)[1], values, within=0.00051)
+
+
 @pytest.mark.parametrize("factor", [1, 2])
 def test_clearances_and_widths_are_told_by_their_squares(factor):
     row, column = np.mgrid[:300, :600]
