@@ -39,6 +39,7 @@ def test_a_run_writes_every_file_and_a_manifest_of_them(room, tmp_path):
     report = run_map(room, folder, load_recipe("default", sim=True))
     names = [f"{stem}.{end}" for stem in ("active", "inflated") for end in ("pgm", "yaml", "png")]
     names += [f"{s}.{e}" for s in ("esdf", "cost") for e in ("npz", "pgm", "yaml", "png")]
+    names.append("input.png")
     files = contents(folder)
     assert set(files) == {*names, "manifest.json"}
     manifest = json.loads(files["manifest.json"])
@@ -46,6 +47,8 @@ def test_a_run_writes_every_file_and_a_manifest_of_them(room, tmp_path):
     image = (tmp_path / "room.pgm").read_bytes()
     assert manifest["inputs"]["room.pgm"] == hashlib.sha256(image).hexdigest()
     assert report.figures["active"]["width"] == 20
+    as_read = mapdeal.draw_picture(mapdeal.read_map(room), title="room: map as read")
+    assert files["input.png"] == as_read.png()
     assert str(tmp_path) not in files["manifest.json"].decode()
 
 

@@ -7,15 +7,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import FileAccessError, emit_warning
+from mapdeal.errors import FileAccessError, emit_warning, one_line
 from mapdeal.formats.json_text import json_of, read_json
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import exists, holds, is_same_file, real_path
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.framed import Figures
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.figures import are_figures_of
 from mapdeal.pipeline.heard import heard_from, located, portable, refused
-from mapdeal.pipeline.products import passes_of, paths_of, write_products
+from mapdeal.pipeline.products import (
+    PICTURE,
+    files_of,
+    passes_of,
+    paths_of,
+    write_picture,
+    write_products,
+)
 from mapdeal.pipeline.progress import Written, written
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
@@ -23,7 +31,10 @@ from mapdeal.render.overlay import Overlay
 from mapdeal.version import __version__
 
 MANIFEST = "manifest.json"
+INPUT_PICTURE = "input.png"
 _FORMAT = "mapdeal-run/1"
+_PASSES_OF_INPUT = files_of(OccupancyGrid).passes[PICTURE]
+"""Of a map that is processed block by block: others have no progress."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +74,8 @@ class OutputFolder:
         How it is written: with which pictures, and whether outputs that exist are replaced.
     robot : mapping, optional
         The robot's parameters, as JSON can hold them.
+    shows_input : bool
+        Whether there is a picture of the map as it was read, if there are pictures.
     """
 
     path: Path
@@ -71,6 +84,7 @@ class OutputFolder:
     options: Mapping[str, Any]
     settings: Settings
     robot: Mapping[str, Any] | None = None
+    shows_input: bool = False
 
     def existing(self) -> list[Path]:
         """Return the files that would be written and that are there already."""
@@ -126,8 +140,10 @@ class OutputFolder:
 
     def passes(self) -> int:
         """Return how often the rows of lazy products are gone through to write them."""
-        return sum(passes_of(step, path.suffix) for step in self.steps
-                   for path in self._outputs_of(step))  # fmt: skip
+        of_input = _PASSES_OF_INPUT * len(self._input_picture())
+        return of_input + sum(
+            passes_of(step, path.suffix) for step in self.steps for path in self._outputs_of(step)
+        )
 
     def hint(self) -> str:
         """Return what to do about outputs that are there already."""
@@ -147,6 +163,16 @@ class OutputFolder:
         old = read_json(self.path / MANIFEST)
         figures: dict[str, Figures] = {}
         texts = list(filling.heard)
+        if filling.read is not None:
+            for path in self._input_picture():
+                write_picture(
+                    transaction,
+                    path,
+                    watch.watched(filling.read),
+                    one_line(f"{filling.stem}: map as read"),
+                    image_max=self.settings.image_max,
+                    image_extent=self.settings.image_extent,
+                )
         for product in heard_from(filling.products, texts):
             step, grid = product.step, product.grid
             figures[step.name] = {**grid.figures(), **product.figures}
@@ -191,7 +217,10 @@ class OutputFolder:
     def outputs(self) -> list[Path]:
         """Return the files that are written, the manifest last."""
         paths = [path for step in self.steps for path in self._outputs_of(step)]
-        return [*paths, self.path / MANIFEST]
+        return [*self._input_picture(), *paths, self.path / MANIFEST]
+
+    def _input_picture(self) -> list[Path]:
+        return [self.path / INPUT_PICTURE] if self.shows_input and self.settings.images else []
 
     def _outputs_of(self, step: Step) -> list[Path]:
         return paths_of(step, self.path, images=self.settings.images)
@@ -228,6 +257,8 @@ class Filling:
         Whether the products are made block by block, so that progress can be told.
     heard : sequence of str
         What reading the files has warned of.
+    read : OccupancyGrid or other grid, optional
+        The map as it was read, where the folder shows it.
     """
 
     folder: OutputFolder
@@ -238,6 +269,7 @@ class Filling:
     overlay: Overlay | None = None
     by_blocks: bool = False
     heard: Sequence[str] = ()
+    read: Grid | None = None
 
     @property
     def named(self) -> tuple[Path, ...]:

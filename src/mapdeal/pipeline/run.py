@@ -76,6 +76,7 @@ def run_map(
                 path,
                 by_blocks=source.grid.is_lazy,
                 heard=remarks,
+                read=source.grid,
             )
         ]
         if around is not None:
@@ -127,4 +128,4 @@ def output_folder(
         "dialect": settings.dialect, **settings.picture_options, "canvas": settings.canvas
     }  # fmt: skip
     robot = None if recipe.robot is None else recipe.robot.described()
-    return OutputFolder(folder, recipe.steps, sums, options, settings, robot)
+    return OutputFolder(folder, recipe.steps, sums, options, settings, robot, shows_input=True)
