@@ -8,6 +8,7 @@ import pytest
 import yaml
 from PIL import Image
 
+import mapdeal
 from drawn import grid_from_text
 from mapdeal import (
     FileAccessError,
