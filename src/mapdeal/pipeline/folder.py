@@ -12,6 +12,7 @@ from mapdeal.formats.json_text import json_of, read_json
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import exists, holds, is_same_file, real_path
 from mapdeal.formats.transaction import Transaction
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.figures import are_figures_of
@@ -21,13 +22,14 @@ from mapdeal.pipeline.products import (
     files_of,
     passes_of,
     paths_of,
+    robot_overlays,
     write_picture,
     write_products,
 )
 from mapdeal.pipeline.progress import Written, written
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
-from mapdeal.render.overlay import Overlay
+from mapdeal.render.overlay import Overlay, Overlays
 from mapdeal.version import __version__
 
 MANIFEST = "manifest.json"
@@ -189,7 +191,7 @@ class OutputFolder:
                 images=self.settings.images,
                 image_max=self.settings.image_max,
                 image_extent=self.settings.image_extent,
-                overlay=filling.overlay,
+                overlay=_together(filling.overlay, robot_overlays(step, filling.robot)),
             )
         remarks = portable(texts, filling.named)
         if self.settings.strict and remarks:
@@ -259,6 +261,8 @@ class Filling:
         What reading the files has warned of.
     read : OccupancyGrid or other grid, optional
         The map as it was read, where the folder shows it.
+    robot : Footprint, optional
+        The robot's shape, where it is known.
     """
 
     folder: OutputFolder
@@ -270,11 +274,18 @@ class Filling:
     by_blocks: bool = False
     heard: Sequence[str] = ()
     read: Grid | None = None
+    robot: Footprint | None = None
 
     @property
     def named(self) -> tuple[Path, ...]:
         """All that warnings may be about."""
         return (*self.files, self.subject)
+
+
+def _together(first: Overlay | None, others: Sequence[Overlay]) -> Overlay | None:
+    """Return what is drawn over a picture, as one."""
+    overlays = (*([] if first is None else [first]), *others)
+    return Overlays(overlays) if overlays else None
 
 
 def fill_together(

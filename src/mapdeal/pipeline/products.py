@@ -20,6 +20,7 @@ from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
@@ -32,6 +33,7 @@ from mapdeal.render.pen import Image
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.render.reach import reach_image
+from mapdeal.render.robot import RobotOverlay
 from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 PICTURE = ".png"
@@ -209,6 +211,30 @@ def write_picture(
         write_indexed_png(file, image.indices, image.palette)  # type: ignore[arg-type]
 
     transaction.write(path, write)
+
+
+def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
+    """Return what the picture of a step's product shows of the robot that the step is about.
+
+    Parameters
+    ----------
+    step : Step
+        A stage that takes a robot's shape has it, or a radius of it.
+    robot : Footprint, optional
+        The robot's shape, where more than a radius is known of it.
+    """
+    shape = step.stage.robot
+    if shape is None or step.stage.makes is Reach:  # whose picture has it at its start
+        return []
+    given = [step.parameters.get(name) for name in (*shape.sets, shape.replaces)]
+    known = next((one for one in given if isinstance(one, Footprint)), robot)
+    radius = step.parameters[shape.replaces]
+    if known is None and radius:
+        around = step.parameters.get("circumscribed_radius")
+        is_round = around is None or around == radius
+        label = {} if is_round else {"label": "the robot's inscribed circle"}
+        return [RobotOverlay(Footprint.circle(radius), **label)]
+    return [] if known is None or not radius else [RobotOverlay(known)]
 
 
 def write_curve(transaction: Transaction, path: Path, curve: CostCurve, title: str) -> None:

@@ -77,6 +77,7 @@ def run_map(
                 by_blocks=source.grid.is_lazy,
                 heard=remarks,
                 read=source.grid,
+                robot=None if recipe.robot is None else recipe.robot.footprint,
             )
         ]
         if around is not None:

@@ -18,10 +18,19 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.memory import bytes_of, opened_map
-from mapdeal.pipeline.products import PICTURE, output_of, passes_of, write_curve, write_product
+from mapdeal.pipeline.products import (
+    PICTURE,
+    output_of,
+    passes_of,
+    robot_overlays,
+    write_curve,
+    write_product,
+)
 from mapdeal.pipeline.progress import written
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
+from mapdeal.render.keepout import KeepoutOverlay
+from mapdeal.render.overlay import Overlays
 from mapdeal.stages.keepout import apply_keepout_mask
 
 
@@ -85,12 +94,15 @@ def apply_to_file(
                 costs = step.curve_on(taken)
             if curve is not None and costs is None:
                 raise step.no_curve()
+            overlays = robot_overlays(step)
             if over is not None and mask is not None:
-                grid = _masked(grid, as_occupancy(over.grid, "the mask"), mask)
-                title += f", with {mask.name}"
+                masked, keepout = _masked(grid, as_occupancy(over.grid, "the mask"), mask)
+                grid, title = masked, f"{title}, with {mask.name}"
+                overlays.insert(0, keepout)
             watched = watch.watched(grid)
             write_product(transaction, output, watched, step, encoding=encoding)
-            add_picture(transaction, settings, watched, f"{path.stem}: {title}")
+            overlay = Overlays(tuple(overlays)) if overlays else None
+            add_picture(transaction, settings, watched, f"{path.stem}: {title}", overlay)
             if curve is not None and costs is not None:
                 write_curve(transaction, curve, costs, f"{path.stem}: {step.title}")
             figures = grid.figures()
@@ -100,8 +112,10 @@ def apply_to_file(
             return SingleResult(figures, costs)
 
 
-def _masked(grid: Grid, mask: OccupancyGrid, path: Path) -> Costmap:
+def _masked(grid: Grid, mask: OccupancyGrid, path: Path) -> tuple[Costmap, KeepoutOverlay]:
+    """Return costs with a mask, and what it has closed."""
     if not isinstance(grid, Costmap):
         raise ParameterError("only costs take a mask", source=path)
     with errors_named(path):
-        return apply_keepout_mask(grid, mask)
+        masked = apply_keepout_mask(grid, mask)
+    return masked, KeepoutOverlay.of(grid, masked)

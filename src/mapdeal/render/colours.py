@@ -22,6 +22,7 @@ INSCRIBED = (0, 190, 200)  # cyan, as in RViz's scheme "costmap"
 LETHAL = (16, 16, 20)
 LINE = (0, 0, 0)
 CONTOUR = (120, 255, 70)
+KEEPOUT = (40, 100, 245)
 ARROW = (214, 120, 84)
 GOAL = (225, 30, 60)
 START = (20, 170, 70)

@@ -228,7 +228,7 @@ def _on_sheet(
         pixels = np.array(pixels)  # they may be the layer itself
         swatches = swatches + overlay.draw(pixels, shown, raster, len(palette))
         palette = np.vstack([palette, overlay.colours])
-        texts.append(overlay.text)
+        texts += [overlay.text] if overlay.text else []
     return sheet(
         pixels,
         palette.astype(np.uint8),

@@ -62,7 +62,7 @@ class Overlays:
     @property
     def text(self) -> str:
         """What there is to know of each."""
-        return "; ".join(overlay.text for overlay in self.overlays)
+        return "; ".join(overlay.text for overlay in self.overlays if overlay.text)
 
     @property
     def places_xy(self) -> NDArray[np.float64]:

@@ -83,7 +83,7 @@ def potential_image(
     if overlay is not None:
         swatches = swatches + overlay.draw(pixels, frame, raster, len(palette))
         palette = np.vstack([palette, overlay.colours]).astype(np.uint8)
-        texts.append(overlay.text)
+        texts += [overlay.text] if overlay.text else []
     return sheet(
         pixels,
         palette,

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.display import count_text
-from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.render.canvas import corner_of, frame_text, sheet
@@ -28,6 +27,7 @@ from mapdeal.render.reach_style import (
     area_text,
     reach_codes,
 )
+from mapdeal.render.robot import outline_of
 from mapdeal.render.shown import ImageExtent, shown_part
 from mapdeal.render.style import Swatch
 
@@ -72,7 +72,7 @@ def reach_image(
     if overlay is not None:
         swatches += overlay.draw(pixels, frame, raster, len(palette))
         palette = np.vstack([palette, overlay.colours]).astype(np.uint8)
-        texts.append(overlay.text)
+        texts += [overlay.text] if overlay.text else []
     return sheet(
         pixels,
         palette,
@@ -186,7 +186,9 @@ class _Marks:
         self._captions.kept_free.dot(place, 1, radius=self._dot + 3)
         swatches = [Swatch(START, "start")]
         if reach.robot is not None:
-            outline = place_of(_outline(reach.robot, (x, y, yaw or 0.0)), self._frame, self._raster)
+            outline = place_of(
+                outline_of(reach.robot, (x, y, yaw or 0.0)), self._frame, self._raster
+            )
             for index, thickness in ((WHITE, 4), (ROBOT, 2)):
                 self._brush.polyline(outline, index, thickness=thickness)
             self._captions.kept_free.polyline(outline, 1, thickness=4)
@@ -196,16 +198,3 @@ class _Marks:
             direction = ahead / math.hypot(*ahead)
             self._brush.dart(place, direction, WHITE, length=1.5 * self._dot)
         return swatches
-
-
-def _outline(robot: Footprint, pose: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Return the closed outline of a robot at a pose, in the map frame."""
-    if robot.vertices:
-        corners = np.array([*robot.vertices, robot.vertices[0]])
-    else:
-        turns = np.linspace(0, 2 * math.pi, _CORNERS_OF_CIRCLE + 1)
-        corners = robot.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    x, y, yaw = pose
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    outline: NDArray[np.float64] = corners @ np.array([[cos, sin], [-sin, cos]]) + (x, y)
-    return outline
