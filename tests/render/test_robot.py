@@ -111,16 +111,9 @@ def test_the_picture_of_masked_costs_has_them(command, tmp_path):
     grid = mapdeal.OccupancyGrid(cells, 0.1, (1.0, 2.0, 0.0))
     mapdeal.write_map(tmp_path / "m.yaml", grid)
     mapdeal.write_map(tmp_path / "mask.yaml", grid.with_values(np.roll(cells, 40, axis=1)))
-    arguments = [
-        "cost",
-        tmp_path / "m.yaml",
-        "-o",
-        tmp_path / "c.npz",
-        "--mask",
-        tmp_path / "mask.yaml",
-    ]
-    assert command(*arguments, "--image", tmp_path / "c.png")[0] == 0
-
+    mask, out, picture = (tmp_path / name for name in ("mask.yaml", "c.npz", "c.png"))
+    words = "cost", tmp_path / "m.yaml", "-o", out, "--mask", mask, "--image", picture
+    assert command(*words)[0] == 0
     with Image.open(picture) as image:
         colours = {tuple(one) for one in np.asarray(image.convert("RGB")).reshape(-1, 3).tolist()}
     assert (40, 100, 245) in colours
