@@ -161,6 +161,7 @@ FINDING = ("maps", 0, "findings", 0)
         (_with(REACH, "yes", "goals", 0, "reachable"), "must be true or false, got 'yes'"),
         (_with(REACH, None, "start", "x"), "start.x: must be a number, got None"),
         (_with(REACH, [[0, 0]], "passages", 0, "ends"), "passages[0].ends: must be two points"),
+        (_with(REACH, [[0, 0]] * 3, "passages", 0, "ends"), "passages[0].ends: must be two points"),
         (_with(REACH, 2, "share"), "share: must be a number from 0 to 1, got 2"),
         (_with(REACH, -0.1, "passages", 0, "width_m"), "width_m: must be a number from 0"),
         (_with(ROUTE, [[0, 1], [2]], "points"), "points[1]: must be two numbers [x, y], got [2]"),

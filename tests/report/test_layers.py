@@ -1,12 +1,20 @@
 """Which layers grids become."""
 
+import json
+
 import numpy as np
 import pytest
 
 import mapdeal
 from drawn import grid_from_text
+from mapdeal import OccupancyGrid, esdf, potential
 from mapdeal.pipeline.products import _FILES
+from mapdeal.render.styles import POTENTIAL_OBSTACLE
+from mapdeal.report.body import body_of
+from mapdeal.report.document import Entry, Item, Report
 from mapdeal.report.layers import kinds_of, page_layers
+from mapdeal.report.legends import legend_of
+from mapdeal.report.page import page_of
 
 ROOMS = """
     ?..##...
@@ -68,3 +76,65 @@ def test_the_legend_is_of_cells_and_not_of_what_pictures_draw_over_them():
     *_, potential = page_layers(mapdeal.potential(GRID, goal=(2.0, -1.0)), "name", "Title")
     names = [swatch.label.split(":")[0] for swatch in potential.style.swatches]
     assert names == ["obstacle", "unknown"]  # neither arrows nor the goal
+
+
+def test_a_layer_tells_what_a_reader_must_know_of_it():
+    grid = OccupancyGrid([[0, 70, -1], [0, 0, 100]], 0.25, (1.5, -2.0, 0.4))
+    field = esdf(grid, convention="border", strength=1.5, lethal_threshold=65)
+    its_map, distance = page_layers(field, "f", "F")
+    assert (its_map.pooled, distance.pooled) == ("largest", "smallest")
+    assert (its_map.lethal_threshold, distance.lethal_threshold) == (65, 65)
+    assert (distance.convention, distance.states, its_map.name) == ("border", "f-map", "f-map")
+    repulsive = page_layers(potential(grid), "p", "P")[1]
+    assert repulsive.style.line == POTENTIAL_OBSTACLE
+
+
+def test_where_cells_share_a_pixel_unknown_shows_last():
+    (layer,) = page_layers(OccupancyGrid([[0, -1, 100]], 0.25), "m", "M")
+    order = sorted([0, 37, 100, 255], key=lambda value: int(layer.rank[value]))
+    assert order == [255, 0, 37, 100]
+
+
+def test_the_header_of_a_page_has_what_its_script_reads():
+    grid = OccupancyGrid([[0, 70, -1], [0, 0, 100]], 0.25, (1.5, -2.0, 0.4))
+    layers = page_layers(esdf(grid, lethal_threshold=65), "f", "F")
+    page = b"".join(page_of(Report("t", (Entry("e", tuple(layers)),), "1"), size=1 << 20)).decode()
+    text = page.partition('id="report">')[2].partition("</script>")[0]
+    its_map, distance = json.loads(text)["entries"][0]["layers"]
+    assert (its_map["lethal"], distance["lethal"]) == (65, 65)
+    assert (its_map["states"], distance["states"]) == (None, "f-map")
+    frame = {"width": 3, "height": 2, "resolution": 0.25, "x": 1.5, "y": -2.0, "yaw": 0.4}
+    assert distance["frame"] == frame
+
+
+def test_legends_have_the_colours_of_the_style():
+    (layer,) = page_layers(OccupancyGrid([[0, 37, 100]], 0.25), "m", "M")
+    text = legend_of(layer.style, "k").text
+    for swatch in layer.style.swatches:
+        colour = "#" + bytes(layer.style.colours[swatch.index]).hex()
+        head, _, _ = text.partition(f" {swatch.label}</li>")
+        assert f'fill="{colour}"' in head.rpartition("<li>")[2]
+    stops = [part.partition('"')[0] for part in text.split('stop-color="')[1:]]
+    ends = [layer.style.colours[layer.style.bar.indices[place]] for place in (0, -1)]
+    assert [stops[0], stops[-1]] == ["#" + bytes(end).hex() for end in ends]
+    assert stops[0] != stops[-1]
+
+
+def test_an_item_with_a_line_alone_can_be_gone_to():
+    line = np.array([[0.0, 1.0], [2.0, 3.0]])
+    items = (Item("shape", "only a line", lines=(line,)), Item("finding", "nowhere"))
+    (layer,) = page_layers(OccupancyGrid([[0, 100]], 0.25), "m", "M")
+    text = body_of(Report("t", (Entry("e", (layer,), items),), "1")).text
+    assert 'data-item="0"' in text
+    assert 'data-item="1"' not in text
+
+
+def test_two_maps_that_are_compared_are_chosen():
+    layers = [page_layers(OccupancyGrid([[0, 100]], 0.25), name, name)[0] for name in "abc"]
+    entry = Entry("e", tuple(layers), compared=("c", "a"))
+    text = body_of(Report("t", (entry,), "1")).text
+    left, right = text.split("<select")[1:3]
+    assert 'value="2" selected' in left
+    assert 'value="0" selected' in right
+    plain = body_of(Report("t", (Entry("e", tuple(layers)),), "1")).text
+    assert 'value="1" selected' in plain.split("<select")[1]
