@@ -10,6 +10,7 @@ import pytest
 
 import mapdeal
 from drawn import grid_from_text
+from mapdeal.errors import FileAccessError
 from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.reports.draft import Draft
 from mapdeal.pipeline.reports.gather import gathered
@@ -189,3 +190,25 @@ def test_a_page_is_not_written_over_a_file_that_was_read(run, command):
     code, _, err = command("report", run, "-o", page, "--force")
     assert (code, "the output is the input" in err) == (4, True)
     assert (run / "cost.npz").read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["esdf.npz", "inflated.yaml"])
+@pytest.mark.parametrize("other", ["smaller", "of another kind"])
+def test_a_file_that_changes_while_a_page_is_made_ends_it(run, name, other):
+    """Of many files those that were used longest ago are read again when their rows are due."""
+    with Grids(DEFAULT_SETTINGS) as grids:
+        (entry,) = gathered([run], grids).entries
+        for path in sorted(run.glob("*")):  # as if there were many more
+            if path.suffix in (".npz", ".yaml"):
+                grids._kept.pop(path, None)
+        grids._made = None
+        (run / name).unlink()
+        if other == "smaller":
+            grid = grid_from_text("..#")
+            mapdeal.write_map(run / name, mapdeal.esdf(grid) if name[0] == "e" else grid,
+                              force=True)  # fmt: skip
+        else:
+            shutil.copy((run / "cost").with_suffix((run / name).suffix), run / name)
+        with pytest.raises(FileAccessError, match="changed while it was read"):
+            for layer in entry.layers:
+                layer.values[:]

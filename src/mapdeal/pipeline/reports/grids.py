@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import kept_warnings
+from mapdeal.errors import FileAccessError, kept_warnings
 from mapdeal.formats.budget import memory_limit
+from mapdeal.formats.file_state import CHANGED
 from mapdeal.formats.maps import MapFile, open_map
 from mapdeal.formats.npz import Grid, holds_reach, open_npz, read_reach
 from mapdeal.formats.source import sums_of_reads
@@ -107,10 +108,19 @@ class Grids:
         return self._opened[path]
 
     def grid(self, path: Path) -> Grid:
-        """Return the grid of a file that was opened."""
+        """Return the grid of a file that was opened.
+
+        Raises
+        ------
+        FileAccessError
+            If it has changed since.
+        """
         if path not in self._kept:
-            with kept_warnings():  # they were given when it was opened
-                grid, _ = self._read(path)
+            with kept_warnings(), sums_of_reads() as read:  # they were given when it was opened
+                grid, file = self._read(path)
+                sums = file.sums_by_name(read)
+            if sums != self._opened[path].sums:
+                raise FileAccessError(CHANGED, source=path)
             self._keep(path, grid)
         self._kept.move_to_end(path)
         return self._kept[path]
