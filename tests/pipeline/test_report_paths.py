@@ -212,3 +212,31 @@ def test_a_file_that_changes_while_a_page_is_made_ends_it(run, name, other):
         with pytest.raises(FileAccessError, match="changed while it was read"):
             for layer in entry.layers:
                 layer.values[:]
+
+
+def test_the_local_run_of_a_batch_has_an_entry_of_its_own(run):
+    shutil.copytree(run, run.parent / "copy")
+    shutil.move(run.parent / "copy", run / "local")
+    told = {"map": "rooms.yaml", "folder": "rooms", "status": "unchanged", "local": {}}
+    (run.parent / "summary.json").write_text(json.dumps({"maps": [told]}))
+    entries = report_of(run.parent)
+    assert [entry.name for entry in entries] == ["rooms", "rooms/local"]
+    for entry in entries:
+        assert len(entry.layers) == 3
+        assert "Input" not in [table.title for table in entry.tables]  # of those that failed
+
+
+def test_the_curve_of_the_costs_stays_whatever_comes_behind_them(run):
+    manifest = json.loads((run / "manifest.json").read_text())
+    manifest["stages"].append(manifest["stages"].pop(0))
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    (entry,) = report_of(run)
+    assert entry.curve.inflation_radius == 0.8
+
+
+def test_maps_without_findings_are_not_missed(run, tmp_path):
+    clean = {"file": "far.yaml", "findings": [], "suppressed": 0}
+    document = {"errors": 0, "warnings": 0, "notes": 0, "suppressed": 0, "maps": [clean, clean]}
+    (tmp_path / "lint.json").write_text(json.dumps(document))
+    (entry,) = report_of(run, tmp_path / "lint.json")  # a warning would be an error
+    assert entry.items == ()
