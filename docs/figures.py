@@ -6,19 +6,24 @@ Reads examples and writes docs/images; the pictures of the Intel lab only if its
 
 from __future__ import annotations
 
+import io
+import shlex
+import shutil
+import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 import mapdeal
 from mapdeal.checks.difference import changes_of, states_of
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.scans.reader import open_log
-from mapdeal.render.canvas import Swatch
 from mapdeal.render.colours import Colour
 from mapdeal.render.difference import difference_image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
@@ -28,6 +33,7 @@ from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster
 from mapdeal.render.reach import reach_image
 from mapdeal.render.route import RouteOverlay
+from mapdeal.render.style import Swatch
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
@@ -62,6 +68,11 @@ class Routes:
         means = (f"{name} {route.mean_clearance:.2f} m" for name, route in self.routes.items())
         return f"mean clearance: {', '.join(means)}"
 
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        """All ways."""
+        return np.concatenate([route.points_xy for route in self.routes.values()])
+
     def draw(
         self, pixels: NDArray[np.uint8], frame: mapdeal.Frame, raster: Raster, first_index: int
     ) -> list[Swatch]:
@@ -82,6 +93,7 @@ def main() -> None:
     draw_arena()
     draw_office()
     draw_reach()
+    draw_report()
     for log in sys.argv[1:]:
         draw_intel(Path(log))
 
@@ -201,6 +213,44 @@ def draw_intel(log: Path) -> None:
         write_indexed_png(file, image.indices, image.palette)
 
 
+def draw_report() -> None:
+    """Draw the page of a report, if there is a browser; its values are those at a pinned point."""
+    browser = shutil.which("chromium")
+    if browser is None:
+        print("report.png is left as it is: there is no chromium")
+        return
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as name:
+        for words in REPORT.format(office=MAPS / "office.yaml", out=name).splitlines():
+            command = [sys.executable, "-m", "mapdeal", *shlex.split(words)]
+            done = subprocess.run(command, check=True, capture_output=True)  # noqa: S603 - ours
+            if "lint" in command:
+                (Path(name) / "lint.json").write_bytes(done.stdout)
+        with sync_playwright() as driver:
+            chromium = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
+            page = chromium.new_page(viewport={"width": 1400, "height": 1100})
+            page.goto((Path(name) / "office.html").as_uri())
+            page.wait_for_timeout(1000)
+            page.mouse.click(460, 560)
+            page.wait_for_timeout(1000)
+            picture = page.screenshot()
+            chromium.close()
+    with Image.open(io.BytesIO(picture)) as image:
+        image.convert("RGB").quantize(128).save(IMAGES / "report.png", optimize=True)
+
+
+ASKED = "--from -8,0 --to kitchen=3,-4 lab=9,4 --robot-radius 0.28 -q"
+REPORT = f"""\
+run {{office}} -o {{out}} -q
+reach {{office}} {ASKED} -o {{out}}/r.json --layers {{out}}/reach.npz
+route {{office}} --from -8,0 --to 9,4 --robot-radius 0.28 -o {{out}}/route.json -q
+lint {{office}} --robot-radius 0.28 --format json
+report {{out}}/office {{office}} {{out}}/reach.npz {{out}}/r.json {{out}}/route.json \
+{{out}}/lint.json -o {{out}}/office.html -q"""
+"""The commands of report.md."""
+
+
 def _local_pictures(office: mapdeal.OccupancyGrid) -> None:
     pose = (-1.0, 0.35, 0.3)
     points = mapdeal.read_cloud(MAPS.parent / "clouds" / "corridor2.pcd")
@@ -235,7 +285,7 @@ def _picture(
         mapdeal.PotentialField: potential_image,
         mapdeal.Reach: reach_image,
     }[type(grid)]
-    image = draw(grid, title=title, image_max=side)
+    image = draw(grid, title=title, image_max=side, image_extent="known")
     with (IMAGES / name).open("wb") as file:
         write_indexed_png(file, image.indices, image.palette)
 

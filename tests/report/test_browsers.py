@@ -10,6 +10,7 @@ import pytest
 import mapdeal
 from mapdeal.cli.main import main
 from mapdeal.report.document import Entry, Item, Report, Table
+from mapdeal.report.layers import page_layers
 from mapdeal.report.page import page_of
 from report import browsers
 from report.made import entry_of, layers_of
@@ -226,6 +227,23 @@ def test_layers_of_different_frames_lie_where_they_belong(chromium, pages):
         colour = layer.style.colours[layer.style.by_value[layer.values[row, col]]].tolist()
         assert chromium.evaluate(PIXEL, point.tolist()) == [*colour, 255]
     assert seen == {"occupancy", "cost"}
+
+
+def test_the_rim_of_a_wall_is_red_where_a_tile_ends(chromium, pages):
+    cells = np.zeros((9, 700), np.int8)
+    cells[:, 505:512] = 100  # its free neighbours are in the next tile, and its field is 0 there
+    grid = mapdeal.OccupancyGrid(cells, 0.25, (1.0, -2.0, 0.3))
+    field = mapdeal.esdf(grid)
+    assert field.distance[4, 511] == 0
+    chromium.open(pages(Report("rim", (Entry("rim", tuple(page_layers(field, "f", "F"))),), "1")))
+    browsers.settle(chromium)
+    place = grid.frame.xy_from_rowcol([[4, 511]])[0].tolist()
+    chromium.evaluate("([x, y]) => { location.hash = `#entry-0/${x},${y},40`; }", place)
+    for _ in range(60):  # the finest tile may be on its way
+        red, _, blue, _ = chromium.evaluate(PIXEL, place)
+        if red > blue + 20:
+            break
+    assert red > blue + 20
 
 
 def test_an_opacity_of_a_half_mixes_two_layers(chromium, pages):

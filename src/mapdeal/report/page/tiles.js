@@ -46,15 +46,17 @@ async function paint(layer, level, tile) {
 	if (index) values.forEach((value, k) => (image[k] = pixels[index[value]]));
 	else {
 		const states = layer.below?.levels[level] && (await valuesOf(layer.below, level, tile)).values;
-		const isObstacle = (k) => states[k] >= layer.lethal && states[k] < 255;
+		const isWall = (k) => states?.[k] >= layer.lethal && states[k] < 255;
 		// Whether it touches a cell of the tile that is none.
 		const isEdge = (k) => [-1, 1, -width, width].some((by) => states[k + by] !== undefined &&
-			(by * by > 1 || ((k % width) + by + 1) % (width + 1)) && !isObstacle(k + by));
+			(by * by > 1 || ((k % width) + by + 1) % (width + 1)) && !isWall(k + by));
 		values.forEach((value, k) => {
-			let colour = scale.first + limited(floor((value - scale.low) * scale.factor), 0, scale.levels - 1);
-			if (states?.[k] === 255) colour += fadedBy;
-			else if (states && line !== null && isObstacle(k) && isEdge(k)) colour = line;
-			image[k] = pixels[Number.isNaN(value) ? nowhere : colour];
+			// Where the field of an obstacle is 0 it is still on its side of the scale.
+			const wall = line !== null && isWall(k), step = floor((value - scale.low) * scale.factor - (wall && 1e-6));
+			let at = scale.first + limited(step, 0, scale.levels - 1);
+			if (states?.[k] === 255) at += fadedBy;
+			else if (wall && isEdge(k)) at = line;
+			image[k] = pixels[Number.isNaN(value) ? nowhere : at];
 		});
 	}
 	return createImageBitmap(new ImageData(new Uint8ClampedArray(image.buffer), width, height));

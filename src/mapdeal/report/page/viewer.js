@@ -8,7 +8,7 @@ const canvas = find("#map"), context = canvas.getContext("2d");
 
 const box = (name) => find(`[name=${name}]`) ?? {};
 const say = (text) => (find("#status", document).textContent = text);
-const fail = ({ message }) => say(`Cannot be shown: ${message}`);
+const fail = ({ message }) => say(`Not shown: ${message}`);
 const divider = () => (view.width * find("#divider").value) / 100;
 const redraw = () => (asked ??= requestAnimationFrame(draw));
 
