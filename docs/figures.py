@@ -26,6 +26,7 @@ from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.render.colours import Colour
 from mapdeal.render.difference import difference_image
+from mapdeal.render.keepout import KeepoutOverlay
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.overlay import Brush, Overlay, place_of
 from mapdeal.render.pose import PoseOverlay
@@ -154,12 +155,10 @@ def draw_office() -> None:
     _picture("office_cost_rings.png", rings, "office: cost, model rings")
     zones = mapdeal.read_shapes(MAPS.parent / "shapes" / "office_zones.yaml")
     mask = mapdeal.draw(mapdeal.blank(office, -1), zones, overlay="max")
-    masked = mapdeal.apply_keepout_mask(
-        mapdeal.exponential_cost(
-            office, inscribed_radius=0.22, inflation_radius=0.7, cost_scaling_factor=3.0
-        ),
-        mask,
+    bare = mapdeal.exponential_cost(
+        office, inscribed_radius=0.22, inflation_radius=0.7, cost_scaling_factor=3.0
     )
+    masked = mapdeal.apply_keepout_mask(bare, mask)
     goal = (9.0, 5.0)
     costmap = mapdeal.apply_recipe(office, "nav2")["cost"]
     route = mapdeal.shortest_route(costmap, (-7.5, 2.5), goal)
@@ -175,7 +174,8 @@ def draw_office() -> None:
     trapped = mapdeal.descend(costmap, attraction, (-7.5, 2.5))
     _picture("office_descent.png", costmap, "office: route, descent", overlay=RouteOverlay(trapped))
     _local_pictures(office)
-    _picture("office_mask.png", masked, "office: cost, inscribed 0.22 m, with a keepout mask")
+    title = "office: cost, inscribed 0.22 m, with a keepout mask"
+    _picture("office_mask.png", masked, title, overlay=KeepoutOverlay.of(bare, masked))
 
 
 def draw_reach() -> None:
