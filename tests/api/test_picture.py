@@ -42,19 +42,23 @@ def drawn_by(command, tmp_path):
     return run
 
 
+ROUND = mapdeal.Footprint.circle(0.3)
+
+
 def test_each_command_of_a_stage_writes_these_bytes(office, drawn_by):
-    for words, made, title in [
-        (["inflate"], mapdeal.inflate(office), "office: inflated by 0.3 m (disc)"),
-        (["esdf"], mapdeal.esdf(office), "office: signed distance field"),
-        (["cost"], mapdeal.exponential_cost(office), f"office: {COST}"),
+    for words, made, title, robot in [
+        (["inflate"], mapdeal.inflate(office), "office: inflated by 0.3 m (disc)", ROUND),
+        (["esdf"], mapdeal.esdf(office), "office: signed distance field", None),
+        (["cost"], mapdeal.exponential_cost(office), f"office: {COST}", None),
         (
             ["potential", "--goal", "9,5"],
             mapdeal.potential(office, goal=GOAL),
             "office: potential field",
+            None,
         ),
     ]:
         expected = drawn_by(words[0], OFFICE, *words[1:], "--force")
-        assert mapdeal.draw_picture(made, title=title).png() == expected, words
+        assert mapdeal.draw_picture(made, title=title, robot=robot).png() == expected, words
 
 
 def test_a_route_over_costs_is_the_commands_picture(office, drawn_by):
@@ -81,7 +85,8 @@ def test_pictures_of_a_run_are_these_of_applied_recipes(office, tmp_path):
     }
     for stage, name in (("inflate", "inflated"), ("esdf", "esdf"), ("cost", "cost")):
         title = f"office: {titles[stage]}"
-        picture = mapdeal.draw_picture(made[stage], title=title, image_max=200)
+        robot = ROUND if stage == "inflate" else None
+        picture = mapdeal.draw_picture(made[stage], title=title, image_max=200, robot=robot)
         assert picture.png() == (report.folder / f"{name}.png").read_bytes()
 
 
@@ -211,6 +216,8 @@ def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):
         ({"title": 3}, "title: must be a text, got 3"),
         ({"route": [(0, 0), (1, 1)]}, "route: must be a Route"),
         ({"pose": (1, 2, float("nan"))}, "pose"),
+        ({"robot": 0.3}, "robot: must be a Footprint, got 0.3"),
+        ({"image_extent": "some"}, "image_extent"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(office, arguments, match):

@@ -49,7 +49,7 @@ def test_a_run_over_a_map_of_one_kind_of_cell_is_complete(
     assert written == [
         "cost.npz", "cost.pgm", "cost.png", "cost.yaml",
         "esdf.npz", "esdf.pgm", "esdf.png", "esdf.yaml",
-        "inflated.pgm", "inflated.png", "inflated.yaml", "manifest.json",
+        "inflated.pgm", "inflated.png", "inflated.yaml", "input.png", "manifest.json",
     ]  # fmt: skip
 
 

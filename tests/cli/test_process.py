@@ -137,7 +137,7 @@ def test_both_engines_write_the_same_files(tmp_path):
         told = process("run", EXAMPLE, "-o", tmp_path / name, MAPDEAL_KERNELS=name)
         assert told.returncode == 0, told.stderr
     files = [p for p in (tmp_path / "compiled").rglob("*") if p.is_file()]
-    assert len(files) == 12
+    assert len(files) == 13
     for file in files:
         twin = tmp_path / "scipy" / file.relative_to(tmp_path / "compiled")
         assert file.read_bytes() == twin.read_bytes(), file.name

@@ -22,6 +22,7 @@ from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
@@ -37,6 +38,7 @@ from mapdeal.render.overlay import Overlay, Overlays
 from mapdeal.render.pen import Image
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+from mapdeal.render.robot import RobotOverlay
 from mapdeal.render.route import RouteOverlay
 from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
@@ -107,6 +109,7 @@ def draw_picture(
     title: str | None = None,
     route: Route | None = None,
     pose: Sequence[float] | None = None,
+    robot: Footprint | None = None,
     image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = DEFAULT_EXTENT,
 ) -> Picture:
@@ -123,6 +126,9 @@ def draw_picture(
         A route, drawn over it.
     pose : sequence of float, optional
         x, y (metres) and yaw (radians) of a robot, drawn over it.
+    robot : Footprint, optional
+        A robot's shape, drawn in a corner, true to scale: the commands do it where a picture is
+        about a robot.
     image_max : int
         Longest side of the map in pixels; larger maps are reduced by a whole factor, so that
         obstacles stay. 0 for one pixel per cell. Curves have a size of their own.
@@ -144,7 +150,7 @@ def draw_picture(
     --------
     >>> from mapdeal import OccupancyGrid, esdf
     >>> draw_picture(esdf(OccupancyGrid([[100, 0, 0, -1]], 0.5)))
-    Picture(796 x 315 pixels)
+    Picture(796 x 326 pixels)
     """
     settings = Settings(image_max=image_max, image_extent=image_extent)
     look: dict[str, Any] = {
@@ -155,14 +161,17 @@ def draw_picture(
     if route is not None and not isinstance(route, Route):
         hint = "shortest_route and descend return one"
         raise ParameterError("must be a Route", place="route", got=route, hint=hint)
+    if robot is not None and not isinstance(robot, Footprint):
+        raise ParameterError("must be a Footprint", place="robot", got=robot)
+    is_over = route is not None or pose is not None or robot is not None
     if isinstance(shown, DiffReport):
-        if route is not None or pose is not None:
+        if is_over:
             raise ParameterError("nothing can be drawn over a comparison", place="route, pose")
         title = one_line(title or shown.title)
         image = difference_image(shown.changes, shown.frame, title=title, **look)
         return _picture(image)
     if isinstance(shown, CostCurve):
-        if route is not None or pose is not None:
+        if is_over:
             raise ParameterError("nothing can be drawn over a cost curve", place="route, pose")
         return _picture(cost_curve_image(shown, title=one_line(title or "cost curve")))
     grid, name = _grid_in(shown)
@@ -171,6 +180,8 @@ def draw_picture(
     over: list[Overlay] = [] if route is None else [RouteOverlay(route)]
     if pose is not None:
         over.append(PoseOverlay(check_pose(pose)))
+    if robot is not None:
+        over.append(RobotOverlay(robot))
     overlay = Overlays(tuple(over)) if over else None
     draw = files_of(type(grid)).draw
     return _picture(draw(grid, title=one_line(title or name), overlay=overlay, **look))
@@ -183,6 +194,7 @@ def write_picture(
     title: str | None = None,
     route: Route | None = None,
     pose: Sequence[float] | None = None,
+    robot: Footprint | None = None,
     image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = DEFAULT_EXTENT,
     force: bool = False,
@@ -195,7 +207,7 @@ def write_picture(
         Where it goes: a ``.png``. Folders that are missing are made.
     shown : Picture, grid, BitMap, LocalMap, BuiltMap, DiffReport or CostCurve
         The picture, or what to draw.
-    title, route, pose, image_max, image_extent
+    title, route, pose, robot, image_max, image_extent
         As of `draw_picture`; not for a `Picture`.
     force : bool
         Whether a file that exists is replaced.
@@ -211,7 +223,7 @@ def write_picture(
     if output.suffix != PICTURE:
         raise ParameterError("a picture must end in .png", source=output)
     if isinstance(shown, Picture):
-        if not (title is None and route is None and pose is None):
+        if not (title is None and route is None and pose is None and robot is None):
             raise ParameterError("is drawn already", place="picture", got=shown)
         picture = shown
     else:
@@ -220,6 +232,7 @@ def write_picture(
             title=title,
             route=route,
             pose=pose,
+            robot=robot,
             image_max=image_max,
             image_extent=image_extent,
         )

@@ -38,6 +38,9 @@ from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 PICTURE = ".png"
 
+_FARTHEST = 100.0
+"""Metres: a radius beyond that is of no robot, and would fit no picture."""
+
 
 @dataclass(frozen=True)
 class GridFiles:
@@ -229,7 +232,7 @@ def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
     given = [step.parameters.get(name) for name in (*shape.sets, shape.replaces)]
     known = next((one for one in given if isinstance(one, Footprint)), robot)
     radius = step.parameters[shape.replaces]
-    if known is None and radius:
+    if known is None and radius and radius <= _FARTHEST:
         around = step.parameters.get("circumscribed_radius")
         is_round = around is None or around == radius
         label = {} if is_round else {"label": "the robot's inscribed circle"}
