@@ -52,7 +52,9 @@ def test_python_writes_the_bytes_of_the_command(command, run, tmp_path):
 
 def test_a_run_writes_its_page_with_the_map_as_read(command, rooms, tmp_path):
     out = tmp_path / "out"
-    assert command("run", rooms, "-o", out, "--report")[0] == 0
+    code, told, _ = command("run", rooms, "-o", out, "--report")
+    assert code == 0
+    assert told.splitlines()[-1].startswith(f"{out / 'report.html'}: 1 map, ")
     assert command("report", out / "rooms", rooms, "-o", tmp_path / "same.html")[0] == 0
     assert (out / "report.html").read_bytes() == (tmp_path / "same.html").read_bytes()
     first = (out / "report.html").read_bytes()
@@ -64,8 +66,9 @@ def test_a_batch_has_its_page_even_if_maps_fail(command, rooms, tmp_path):
     folder = rooms.parent / "maps"
     mapdeal.write_map(folder / "a" / "one.yaml", grid_from_text(ROOMS))
     (folder / "bad.yaml").write_text("image: none.pgm\nresolution: x\n")
-    code, _, _ = command("run", folder, "-o", tmp_path / "out", "--report")
+    code, told, _ = command("run", folder, "-o", tmp_path / "out", "--report")
     assert code == 5
+    assert f"{tmp_path / 'out' / 'report.html'}: 2 maps, " in told
     page = (tmp_path / "out" / "report.html").read_text()
     assert "a/one" in page
     assert "failed" in page

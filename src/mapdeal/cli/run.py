@@ -204,7 +204,16 @@ def run(
             from mapdeal.pipeline.reports.write import reported
 
             made = [output] if is_batch else [all_jobs[0].folder]
-            stack.enter_context(reported(page, made, [job.path for job in all_jobs], settings))
+            maps = [job.path for job in all_jobs]
+            stack.enter_context(
+                reported(
+                    page,
+                    made,
+                    maps,
+                    settings,
+                    on_made=lambda one: terminal.summary([f"{one.path}: {one.text}"]),
+                )
+            )
         if is_batch:
             run_batch(all_jobs, output, map_run, workers)
         else:

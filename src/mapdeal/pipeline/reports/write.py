@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -106,13 +106,21 @@ def _measured(parts: Iterable[bytes], sizes: list[int]) -> Iterator[bytes]:
 
 @contextmanager
 def reported(
-    page: Path, paths: Sequence[Path], inputs: Sequence[Path], settings: Settings
+    page: Path,
+    paths: Sequence[Path],
+    inputs: Sequence[Path],
+    settings: Settings,
+    *,
+    on_made: Callable[[Made], object],
 ) -> Iterator[None]:
-    """Write a page of the runs that are made within a ``with`` block, even if some have failed."""
+    """Write a page of the runs that are made within a ``with`` block, even if some have failed.
+
+    `on_made` is told of it.
+    """
     settings = replace(settings, force=True)
     try:
         yield
     except BatchError:
-        write_report(paths, page, settings, inputs=inputs)
+        on_made(write_report(paths, page, settings, inputs=inputs))
         raise
-    write_report(paths, page, settings, inputs=inputs)
+    on_made(write_report(paths, page, settings, inputs=inputs))
