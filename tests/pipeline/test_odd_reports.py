@@ -63,8 +63,7 @@ def test_warnings_that_are_no_list_are_none(run, value):
     ("name", "column"),
     [
         ("width", "cells"), ("height", "cells"), ("resolution", "m per cell"),
-        ("occupied", "occupied %"), ("lethal", "lethal %"),
-        ("highest_distance", "largest clearance m"),
+        ("lethal", "lethal %"),
     ],
 )  # fmt: skip
 def test_figures_that_are_no_numbers_are_no_columns(run, name, column):
@@ -88,7 +87,7 @@ def test_columns_of_figures():
         "highest_distance": 1.23456,
     }
     assert columns_of({"esdf": esdf, "reach": {"reachable_m2": 4, "width": 3, "height": 1}}) == {
-        "cells": "20 x 5", "m per cell": 0.25, "occupied %": 7.0, "largest clearance m": 1.235,
+        "cells": "20 x 5", "m per cell": 0.25, "occupied %": 7.0,
         "reachable m2": 4.0,
     }  # fmt: skip
     cost = {"width": 20, "height": 5, "lethal": 3, "free": 9, "unknown": 9}

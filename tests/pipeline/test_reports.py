@@ -265,3 +265,13 @@ def test_a_run_that_is_gone_leaves_the_others_of_its_batch(batch):
     assert entries["two"].layers == ()
     assert entries["two"].warnings[0].endswith("so this run is not shown")
     assert len(entries["a/one"].layers) == 3
+
+
+def test_shares_are_those_of_the_map_as_read_and_not_of_what_a_run_made_of_it(run, rooms):
+    (alone,) = report_of(run).entries
+    assert not {"occupied %", "free %", "unknown %"} & set(alone.figures)
+    (both,) = report_of(run, rooms).entries
+    cells = mapdeal.read_map(rooms).occupancy
+    assert both.figures["occupied %"] == round(100 * np.mean(cells == 100), 2)
+    assert both.figures["unknown %"] == round(100 * np.mean(cells == -1), 2)
+    assert both.figures["lethal %"] > both.figures["occupied %"]  # inflated

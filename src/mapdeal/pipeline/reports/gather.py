@@ -170,6 +170,8 @@ class _Gathering:
             above = run.layers
             run.layers = self._grids.layers(opened.path, name, "Map as read")
             add_layers(run, above)
+            of_map = columns_of({name: self._grids.grid(opened.path).figures()})
+            run.figures = {**of_map, **{k: v for k, v in run.figures.items() if k not in of_map}}
             run.paths.append(opened.path)
             run.warn(opened.heard, opened.files)
         return bool(runs)

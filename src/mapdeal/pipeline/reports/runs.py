@@ -43,6 +43,9 @@ _LARGEST_FIGURE = 1e15
 """Of what a manifest tells: up to here a float has all whole numbers."""
 
 _DONE = ("done", "unchanged")
+
+_OF_MAPS = ("occupied %", "free %", "unknown %")
+"""Columns that are told of the map that a run was made of."""
 _UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
 
 
@@ -130,7 +133,9 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
         Table("Files written, and their SHA-256", rows_of(manifest["outputs"])),
     ]
     draft.tables = [table for table in draft.tables if table.rows]
-    draft.figures |= columns_of(manifest["figures"])
+    # what a stage has made of a map says little of the map: inflated, most of it is occupied
+    made = columns_of(manifest["figures"])
+    draft.figures |= {name: value for name, value in made.items() if name not in _OF_MAPS}
     warnings = manifest.get("warnings")
     draft.warn(map(str, warnings if isinstance(warnings, list) else ()))
 
@@ -256,12 +261,8 @@ def _columns_of_grid(told: Mapping[str, Any]) -> dict[str, str | float]:
     for name in ("lethal",) if "lethal" in known else ("occupied", "free", "unknown"):
         if name in known and cells > 0:
             columns[f"{name} %"] = round(100 * known[name] / cells, 2)
-    for name, title in (
-        ("highest_distance", "largest clearance m"),
-        ("reachable_m2", "reachable m2"),
-    ):
-        if name in known:
-            columns[title] = round(float(known[name]), 3)
+    if "reachable_m2" in known:
+        columns["reachable m2"] = round(float(known["reachable_m2"]), 3)
     return columns
 
 
