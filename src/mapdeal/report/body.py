@@ -10,11 +10,11 @@ from mapdeal.report.legends import legend_of
 from mapdeal.report.markup import Content, Markup, element, joined
 
 _KINDS = {
-    "finding": "Findings",
     "passage": "Passages",
     "start": "Starts",
     "goal": "Goals",
     "route": "Routes",
+    "finding": "Findings",
     "shape": "Shapes",
 }
 
