@@ -12,7 +12,7 @@ import mapdeal
 
 PACKAGE = Path(mapdeal.__file__).parent
 
-MIDDLE = {"stages", "editing", "planning", "mapping", "formats", "render"}
+MIDDLE = {"stages", "editing", "planning", "mapping", "alignment", "scoring", "formats", "render"}
 UPPER = {"robot", "checks", "report"}
 ALLOWED = {
     "errors": set(),
@@ -24,6 +24,8 @@ ALLOWED = {
     "editing": {"errors", "spelling", "grid", "kernels"},
     "planning": {"errors", "spelling", "grid", "kernels"},
     "mapping": {"errors", "spelling", "grid", "kernels"},
+    "alignment": {"errors", "spelling", "grid", "kernels"},
+    "scoring": {"errors", "spelling", "grid", "kernels"},
     "formats": {"errors", "spelling", "grid", "kernels"},
     "render": {"errors", "spelling", "grid", "kernels"},
     "robot": {"errors", "spelling", "grid", "kernels", "formats"},

@@ -216,6 +216,8 @@ READERS = [
           share=0.4),
     _file("GeoJSON", _seeds(seeds.geojson_files(), "s.json"), reading.read_all_shapes, JSON_WORDS),
     _file("answers", _answers(), reading.read_one_answer, JSON_WORDS, share=0.5),
+    _file("transform", _seeds(seeds.TRANSFORMS, "t.json"), reading.read_one_transform, JSON_WORDS,
+          share=0.5),
     _file("manifest", _manifests(), reading.compare_with_golden, JSON_WORDS),
     Reader("runs on a page", _shown(), reading.show_runs, _PAIR, JSON_WORDS, share=0.15),
     Reader("recipe", _seeds(seeds.RECIPES, "r.yaml"), reading.load_one_recipe, _USAGE, YAML_WORDS,

@@ -53,6 +53,7 @@ from mapdeal.formats.ros_parameters.ros2 import read_ros2
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.formats.scans.text import ScanTexts
 from mapdeal.formats.shapes import read_shapes
+from mapdeal.formats.transforms import read_transform
 from mapdeal.grid.coordinates import FARTHEST
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
@@ -452,6 +453,13 @@ def _joined(some, width=2):
 
 
 # What is drawn, done and asked for
+
+
+def read_one_transform(path, data):
+    found = read_transform(path)
+    assert all(abs(value) <= FARTHEST for value in found.transform.pose)
+    sums = [*found.first.values(), *found.second.values()]
+    assert all(len(value) == 64 for value in sums)
 
 
 def read_one_answer(path, data):

@@ -383,6 +383,17 @@ def geojson_files():
     return [json.dumps(shape).encode() for shape in shapes]
 
 
+TRANSFORMS = [
+    b'{"x": 1.5, "y": -2, "yaw": 0.25}',
+    json.dumps(
+        {
+            "first": {"file": "a.yaml", "sha256": {"a.yaml": "0" * 64, "a.pgm": "1" * 64}},
+            "second": {"file": "b.yaml", "sha256": {"b.yaml": "a" * 64}},
+            "same_place": True,
+            "transform": {"x": -12.25, "y": 3.5, "yaw": 1.5},
+        }
+    ).encode(),
+]
 ANSWERS = {
     "lint": {
         "parameter_files": [{"file": "nav2.yaml", "findings": [], "suppressed": 0}],

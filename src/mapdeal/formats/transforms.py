@@ -1,0 +1,70 @@
+"""Transforms between map frames in JSON files, as ``mapdeal align`` writes them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mapdeal.formats.json_values import JsonValue, read_document
+from mapdeal.grid.transform import Transform
+
+
+@dataclass(frozen=True)
+class TransformFile:
+    """A transform that was read, and which maps it is between.
+
+    Parameters
+    ----------
+    transform : Transform
+        From the frame of the first map to that of the second.
+    first, second : mapping of str to str
+        The files of the two maps, by their names without folders, and their checksums
+        (sha256); empty if the document does not name them.
+    """
+
+    transform: Transform
+    first: Mapping[str, str]
+    second: Mapping[str, str]
+
+
+def transform_document(transform: Transform) -> dict[str, Any]:
+    """Return a transform as JSON can hold it.
+
+    Examples
+    --------
+    >>> transform_document(Transform(1.0, 2.0, 0.5))
+    {'x': 1.0, 'y': 2.0, 'yaw': 0.5, 'yaw_deg': 28.64788976}
+    """
+    degrees = round(math.degrees(transform.yaw), 9)
+    return {"x": transform.x, "y": transform.y, "yaw": transform.yaw, "yaw_deg": degrees}
+
+
+def read_transform(path: Path) -> TransformFile:
+    """Return the transform in a JSON file.
+
+    The file is what ``mapdeal align`` has written, or an object with x, y (metres) and yaw
+    (radians) written by hand.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If the file cannot be read, or holds no transform.
+    """
+    document = read_document(path)
+    place = document.get("transform")
+    own = document if place is None else place
+    x, y, yaw = (own[key].number() for key in ("x", "y", "yaw"))
+    return TransformFile(
+        Transform(x, y, yaw), _sums_of(document, "first"), _sums_of(document, "second")
+    )
+
+
+def _sums_of(document: JsonValue, key: str) -> dict[str, str]:
+    told = document.get(key)
+    sums = None if told is None or told.is_null else told.get("sha256")
+    if sums is None:
+        return {}
+    return {name: value.sha256() for name, value in sums.fields().items()}
