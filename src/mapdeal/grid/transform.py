@@ -71,7 +71,9 @@ class Transform(OneLine):
     def points(self, points_xy: ArrayLike) -> NDArray[np.float64]:
         """Return points, shape (N, 2), in the frame that they are brought to, metres."""
         points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
-        return turned(points, self.yaw) + np.array([self.x, self.y])
+        moved = turned(points, self.yaw)
+        moved += (self.x, self.y)
+        return moved
 
     def inverse(self) -> Transform:
         """Return the transform that brings points back."""
