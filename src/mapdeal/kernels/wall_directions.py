@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ _DISTINCT = 1.1
 """How much more than in the median direction must be found in the main one. In noise, and in
 circles, it is 1.08 times as much."""
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 
 
 def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
