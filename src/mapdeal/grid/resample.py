@@ -1,26 +1,85 @@
-"""Obstacles of one grid in the cells of another, none lost."""
+"""One grid in the cells of another, no obstacle lost."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from itertools import product
+from dataclasses import replace
+from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame
+from mapdeal.grid.framed import ValueGrid
 from mapdeal.grid.region import Region
+from mapdeal.kernels.overlaps import TOUCHING, Lattice, largest_under, nearest_under
 from mapdeal.kernels.threads import for_rows
 
-_TOUCHING = 1e-6
-"""In cells. Cells that overlap by less only touch: their borders are the same on paper."""
-
-_TOGETHER = 1 << 16
+ResamplingRule = Literal["area", "nearest"]
+"""How cells get their values: the largest that they overlap, or the one at their centre."""
 
 Mask = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Bytes = NDArray[np.uint8]
+V = TypeVar("V", bound=ValueGrid)
+
+
+def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
+    """Return a map or costmap in the cells of another frame.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or Costmap
+        What to bring there.
+    frame : Frame
+        The cells of the result; size, resolution, corner and yaw may be any.
+    rule : {'area', 'nearest'}
+        ``area``: a cell gets the largest of the values, or costs, above 0 that it shares an area
+        with, however small the area: no obstacle is lost and no gap opens in a wall, which may
+        become thicker by up to a cell. Where there is none it is free or unknown as the grid is
+        at the cell's centre, so that neither of the two grows at the cost of the other.
+        ``nearest``: a cell gets the value at its centre. Thin walls may get gaps or vanish.
+
+    Returns
+    -------
+    OccupancyGrid or Costmap
+        Of the kind of `grid`; unknown where it has no cell. Where the edges of the cells of both
+        frames coincide, turned by any number of quarter turns, it has the grid's values.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such rule.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> grid = OccupancyGrid([[0, 100, 0, -1], [0, 0, 30, -1]], 0.5)
+    >>> resampled(grid, Frame(1, 2, 1.0)).occupancy.tolist()
+    [[100, 30]]
+    >>> resampled(grid, Frame(1, 2, 1.0), rule="nearest").occupancy.tolist()
+    [[0, -1]]
+    >>> resampled(grid, Frame(4, 2, 0.5, (1.0, 0.0, math.pi / 2))).occupancy.tolist()
+    [[100, 0], [0, 0], [-1, -1], [-1, -1]]
+    """
+    if rule not in get_args(ResamplingRule):
+        raise ParameterError("must be area or nearest", place="rule", got=rule)
+    part = _under(frame, grid.values, grid.frame)
+    values = np.full(frame.shape, grid.unknown_value, dtype=grid.values.dtype)
+    if part is not None:
+        found, inside = nearest_under(part.values, frame.shape, part.lattice)
+        np.copyto(values.view(np.uint8), found, where=inside)
+        del found, inside
+        if rule == "area":
+            # of both scales unknown, -1 or 255, becomes 0 as free is: 1 is added to all others
+            above = part.values + np.uint8(1)
+            above[above == 1] = 0
+            largest = largest_under(above, frame.shape, part.lattice)
+            np.subtract(largest, 1, out=values.view(np.uint8), where=largest > 0)
+    layers: dict[str, Any] = {grid.layer_names[0]: values}
+    like_any: Any = grid
+    made: V = replace(like_any, resolution=frame.resolution, origin=frame.origin, **layers)
+    return made
 
 
 def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
@@ -51,19 +110,7 @@ def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
     >>> obstacles_in(Frame(1, 3, 1.0), wall, Frame(1, 3, 1.0, (0.25, 0.0, 0.0))).tolist()
     [[False, True, True]]
     """
-    found = np.zeros(frame.shape, dtype=np.bool_)
-    region = region_on_lattice(source, frame)
-    if region is not None:
-        rows, cols = region.shared_with(source.shape)
-        if rows.start < rows.stop and cols.start < cols.stop:
-            found[region.place_of(rows, cols)] = obstacles[rows, cols]
-        return found
-    rows, cols = rows_and_cols_under(frame, source)
-    if source.resolution >= frame.resolution:
-        _look_up(found, frame, obstacles, source, rows, cols)
-    else:
-        _mark(found, frame, obstacles, source, rows, cols)
-    return found
+    return _largest(frame, obstacles.view(np.uint8), source).view(np.bool_)
 
 
 def wholly_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
@@ -122,28 +169,11 @@ def sampled(frame: Frame, values: NDArray[np.int8], source: Frame) -> tuple[NDAr
     >>> values.tolist(), inside.tolist()
     ([[7, 9, 0]], [[True, True, False]])
     """
-    found = np.zeros(frame.shape, dtype=np.int8)
-    inside = np.zeros(frame.shape, dtype=np.bool_)
-    region = region_on_lattice(source, frame)
-    if region is not None:
-        rows, cols = region.shared_with(source.shape)
-        if rows.start < rows.stop and cols.start < cols.stop:
-            place = region.place_of(rows, cols)
-            found[place], inside[place] = values[rows, cols], True
-        return found, inside
-
-    def look(part: slice) -> None:
-        numbers = np.arange(part.start, part.stop)
-        cells = np.stack(np.meshgrid(numbers, np.arange(frame.width), indexing="ij"), axis=-1)
-        centres = frame.xy_from_rowcol(cells.reshape(-1, 2))
-        hit, within = source.bounded_rowcol_from_xy(centres)
-        row, col = hit.T
-        part_values = np.where(within, values[row, col], np.int8(0))
-        found[part] = part_values.reshape(-1, frame.width)
-        inside[part] = within.reshape(-1, frame.width)
-
-    for_rows(look, frame.shape)
-    return found, inside
+    part = _under(frame, values.view(np.uint8), source)
+    if part is None:
+        return np.zeros(frame.shape, np.int8), np.zeros(frame.shape, np.bool_)
+    found, inside = nearest_under(part.values, frame.shape, part.lattice)
+    return found.view(np.int8), inside
 
 
 def region_on_lattice(lattice: Frame, frame: Frame) -> Region | None:
@@ -158,7 +188,7 @@ def region_on_lattice(lattice: Frame, frame: Frame) -> Region | None:
         return None
     corner = lattice.continuous_rowcol_from_xy([frame.origin[:2]])[0]
     row, col = np.rint(corner)
-    tolerance = max(_TOUCHING, lattice.tolerance_at([frame.origin[:2]])[0, 0])
+    tolerance = max(TOUCHING, lattice.tolerance_at([frame.origin[:2]])[0, 0])
     if np.abs(corner - (row, col)).max() > tolerance:
         return None
     return Region(int(row), int(col), *frame.shape)
@@ -167,7 +197,7 @@ def region_on_lattice(lattice: Frame, frame: Frame) -> Region | None:
 def is_turned(frame: Frame, yaw: float = 0.0) -> bool:
     """Return whether a grid's axes differ from a yaw by so much that its cells show it."""
     turn = math.remainder(frame.origin[2] - yaw, 2 * math.pi)
-    return abs(turn) * max(frame.shape) > _TOUCHING
+    return abs(turn) * max(frame.shape) > TOUCHING
 
 
 def frames_overlap(one: Frame, other: Frame) -> bool:
@@ -195,6 +225,45 @@ def rows_and_cols_under(frame: Frame, source: Frame) -> tuple[slice, slice]:
     return slice(first[0], last[0]), slice(first[1], last[1])
 
 
+class _Part(NamedTuple):
+    """The cells of a grid that lie under a frame, turned by quarter turns toward its axes."""
+
+    values: Bytes
+    lattice: Lattice
+
+
+def _under(frame: Frame, values: NDArray[Any], source: Frame) -> _Part | None:
+    """Return where a frame's cells lie in a grid of bytes, None if it lies beside the grid."""
+    rows, cols = rows_and_cols_under(frame, source)
+    if rows.start >= rows.stop or cols.start >= cols.stop:
+        return None
+    some = np.asarray(values[rows])[:, cols].view(np.uint8)
+    part = source.window(rows.start, cols.start, *some.shape)
+    turn = math.remainder(frame.origin[2] - part.origin[2], 2 * math.pi)
+    quarters = round(turn / (math.pi / 2))
+    part, some = _quartered(part, quarters), np.rot90(some, quarters)
+    turn = math.remainder(frame.origin[2] - part.origin[2], 2 * math.pi)
+    side = frame.resolution / part.resolution
+    if abs(turn) * max(*part.shape, *(side * count for count in frame.shape)) <= TOUCHING:
+        turn = 0.0
+    corner = [frame.origin[:2]]
+    row, col = part.continuous_rowcol_from_xy(corner)[0].tolist()
+    slack = float(part.tolerance_at(corner)[0, 0])
+    return _Part(some, Lattice(row, col, side, turn, slack))
+
+
+def _quartered(frame: Frame, quarters: int) -> Frame:
+    """Return the frame of the same cells after ``np.rot90`` of them, by so many quarter turns."""
+    height, width = frame.shape
+    corners = [(0, 0), (0, width), (height, width), (height, 0)]
+    if quarters % 4 == 0:
+        return frame
+    x, y = frame.xy_from_continuous_rowcol([corners[quarters % 4]])[0].tolist()
+    yaw = frame.origin[2] + quarters * math.pi / 2
+    shape = frame.shape if quarters % 2 == 0 else (width, height)
+    return Frame(*shape, frame.resolution, (x, y, yaw))
+
+
 def _inside(frame: Frame, source: Frame) -> Mask:
     """Return which cells of a frame reach nowhere beyond a grid: those whose corners do not."""
     found = np.zeros(frame.shape, dtype=np.bool_)
@@ -203,7 +272,7 @@ def _inside(frame: Frame, source: Frame) -> Mask:
         rows, cols = np.arange(part.start, part.stop + 1), np.arange(frame.width + 1)
         corners = np.stack(np.meshgrid(rows, cols, indexing="ij"), axis=-1).reshape(-1, 2)
         places = source.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
-        within = ((places >= -_TOUCHING) & (places <= np.add(source.shape, _TOUCHING))).all(axis=1)
+        within = ((places >= -TOUCHING) & (places <= np.add(source.shape, TOUCHING))).all(axis=1)
         held = within.reshape(len(rows), -1)
         found[part] = held[:-1, :-1] & held[1:, :-1] & held[:-1, 1:] & held[1:, 1:]
 
@@ -211,61 +280,13 @@ def _inside(frame: Frame, source: Frame) -> Mask:
     return found
 
 
+def _largest(frame: Frame, values: Bytes, source: Frame) -> Bytes:
+    """Return the largest value that each cell of a frame overlaps; 0 where a grid has none."""
+    part = _under(frame, values, source)
+    if part is None:
+        return np.zeros(frame.shape, dtype=np.uint8)
+    return largest_under(part.values, frame.shape, part.lattice)
+
+
 def _corners(frame: Frame) -> list[list[int]]:
     return [[row, col] for row in (0, frame.height) for col in (0, frame.width)]
-
-
-def _look_up(
-    found: Mask, frame: Frame, obstacles: Mask, source: Frame, rows: slice, cols: slice
-) -> None:
-    """Set the cells, each at most as large as those of the source, that overlap an obstacle."""
-    if not obstacles[rows, cols].any():
-        return
-
-    def look(part: slice) -> None:
-        numbers = np.arange(part.start, part.stop)
-        cells = np.stack(np.meshgrid(numbers, np.arange(frame.width), indexing="ij"), axis=-1)
-        hit = np.zeros(cells.shape[0] * cells.shape[1], dtype=np.bool_)
-        for which, row, col in _overlapping(cells.reshape(-1, 2), frame, source):
-            hit[which] |= obstacles[row, col]
-        found[part] = hit.reshape(-1, frame.width)
-
-    for_rows(look, frame.shape)
-
-
-def _mark(
-    found: Mask, frame: Frame, obstacles: Mask, source: Frame, rows: slice, cols: slice
-) -> None:
-    """Set the cells that obstacles, all smaller than a cell, overlap."""
-    together = max(1, _TOGETHER // max(1, cols.stop - cols.start))
-    for first in range(rows.start, rows.stop, together):
-        some = slice(first, min(first + together, rows.stop))
-        marked = np.argwhere(obstacles[some, cols]) + np.array([some.start, cols.start])
-        for _, row, col in _overlapping(marked, source, frame):
-            found[row, col] = True
-
-
-def _overlapping(
-    cells: Indices, small: Frame, large: Frame
-) -> Iterator[tuple[Indices, Indices, Indices]]:
-    """Yield pairs that overlap: index of a small cell, row and column of a large one.
-
-    Two squares overlap unless a line along a side of one of them parts them.
-    """
-    centres = large.continuous_rowcol_from_xy(small.xy_from_rowcol(cells))
-    base = np.floor(centres).astype(np.int64)
-    half = small.resolution / large.resolution / 2
-    turn = small.origin[2] - large.origin[2]
-    cos, sin = math.cos(turn), math.sin(turn)
-    wide = abs(cos) + abs(sin)
-    # In cells of the large grid, of which a small cell, even turned, reaches the next at most.
-    along, across = 0.5 + half * wide - _TOUCHING, half + 0.5 * wide - _TOUCHING
-    for step in product((-1, 0, 1), repeat=2):
-        row, col = (base + step).T
-        y, x = (base + step + 0.5 - centres).T
-        overlap = (np.abs(x) < along) & (np.abs(y) < along)
-        overlap &= np.abs(x * cos + y * sin) < across
-        overlap &= np.abs(y * cos - x * sin) < across
-        overlap &= (row >= 0) & (row < large.height) & (col >= 0) & (col < large.width)
-        which = np.flatnonzero(overlap)
-        yield which, row[which], col[which]
