@@ -17,7 +17,8 @@ Questions: `DistanceField.query`, which gives `FieldSamples`; `footprint_costs` 
 `Reach` has a `GoalReach` with a `Bottleneck` for each `Goal`, and each `Passage`.
 As the commands do: `run` with its `RunReport`; `load_recipe`, which gives a `Recipe`, and
 `apply_recipe` for grids in memory; `lint`, which gives a `LintReport` of `Finding`, with a
-`MapReport` for each map; `diff`, which gives a `DiffReport` with `WallShift` and `Bound`; `info`;
+`MapReport` for each map; `diff`, which gives a `DiffReport` with `WallShift` and `Bound`;
+`score`, which gives a `Score` with `ScoreBound`; `info`;
 `write_report`, which gives a `WrittenReport`.
 Pictures: `draw_picture`, which gives a `Picture`, and `write_picture`; notebooks show grids and
 reports as pictures by themselves.

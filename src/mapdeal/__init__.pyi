@@ -16,6 +16,8 @@ from mapdeal.api.report import WrittenReport as WrittenReport
 from mapdeal.api.report import write_report as write_report
 from mapdeal.api.robot import read_robot_parameters as read_robot_parameters
 from mapdeal.api.run import run as run
+from mapdeal.api.score import Score as Score
+from mapdeal.api.score import score as score
 from mapdeal.checks.bounds import Bound as Bound
 from mapdeal.checks.difference import WallShift as WallShift
 from mapdeal.checks.finding import Finding as Finding
@@ -79,6 +81,7 @@ from mapdeal.pipeline.recipe import Recipe as Recipe
 from mapdeal.planning.astar import shortest_route as shortest_route
 from mapdeal.planning.descent import descend as descend
 from mapdeal.robot.parameters import RobotParameters as RobotParameters
+from mapdeal.scoring.bounds import ScoreBound as ScoreBound
 from mapdeal.stages.esdf import field_view as field_view
 from mapdeal.stages.keepout import apply_keepout_mask as apply_keepout_mask
 from mapdeal.stages.listed import *  # noqa: F403 - every stage is public

@@ -343,6 +343,8 @@ COMMANDS = {
     "costs of a field on a canvas": ["cost", "canvas.npz", "-q", "-o", "out.npz"],
     "pack": ["pack", "site.yaml", "-o", "out.pbm"],
     "diff": ["diff", "site.yaml", "other.yaml"],
+    "score": ["score", "site.yaml"],
+    "score against a truth": ["score", "site.yaml", "--truth", "other.yaml"],
     "query": ["query", "site.yaml", "--at", "2,2"],
     "query field on a canvas": ["query", "canvas.npz", "--at", "2,2"],
     "query field": ["query", "esdf.npz", "--at", "2,2"],

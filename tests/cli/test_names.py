@@ -21,6 +21,7 @@ INPUTS = [
     "route m.yaml --pairs X", "reach X.yaml --from 1.6,-1.9", "reach X.npz",
     "reach m.yaml --from 1.6,-1.9 --points X.csv",
     "pack X.yaml -o o.pbm", "unpack X.pbm -o o.yaml", "diff X.npz m.yaml",
+    "score X.yaml", "score m.yaml --truth X.npz", "score m.yaml --truth m.yaml --transform X.json",
     "run -j1 X.yaml -o out", "run -j1 X.npz m.yaml -o out", "run -j1 X -o out", "run -j1 @X -o out",
     "run -j1 X* -o out", "run -j1 X/**/*.yaml -o out", "run -n X.yaml -o out",
     "run -j1 @list.txt -o out",
@@ -55,6 +56,7 @@ OUTPUTS = [
     "run -j1 m.yaml -o out --no-images --golden X --update-golden",
     "local --cloud c.xyz --pose 1,1,0 -o X", "local --cloud c.xyz --poses one.txt -o X",
     "lint m.yaml --fix -o X.yaml", "diff m.yaml m.yaml --image X.png",
+    "score m.yaml --truth m.yaml --image X.png",
     "edit line m.yaml --point 1,1 2,2 -o X.npz", "build log.npz -o o.npz --layers X.npz",
     "build log.npz --compare -o X",
 ]  # fmt: skip

@@ -36,6 +36,7 @@ WORKING = {
     "info": ["m.yaml"],
     "lint": ["m.yaml"],
     "diff": ["m.yaml", "m.yaml"],
+    "score": ["m.yaml", "--truth", "m.yaml"],
     "report": ["m.yaml", "-o", "o.html", "--force"],
     "completion": ["bash"],
 }  # fmt: skip

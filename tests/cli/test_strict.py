@@ -38,8 +38,12 @@ LINES = {
     "pack": ["pack", "m.yaml", "-o", "o.pbm"],
     "info": ["info", "m.yaml"],
     "diff": ["diff", "m.yaml", "m.yaml"],
+    "score": ["score", "m.yaml", "--truth", "m.yaml"],
     "report": ["report", "m.yaml", "-o", "o.html"],
 }  # fmt: skip
+
+TWO = {"diff", "score"}
+"""Those that read two maps there."""
 
 # lint has findings, and these read no maps.
 OTHERS = {"lint", "build", "unpack", "completion"}
@@ -70,14 +74,14 @@ def test_every_command_is_listed():
 def test_every_command_that_reads_a_map_tells_of_freed_cells(name, command, maps):
     code, _, err = command(*LINES[name])
     assert code == 0
-    assert err.count(FREED) == (2 if name == "diff" else 1)  # which reads two
+    assert err.count(FREED) == (2 if name in TWO else 1)
 
 
 @pytest.mark.parametrize("name", sorted(set(LINES) - {"active"}))  # which refuses such a map
 def test_and_that_nothing_is_known(name, command, maps):
     words = [word.replace("m.yaml", "u.yaml") for word in LINES[name]]
     _, _, err = command(*words)
-    assert err.count("u.yaml: every cell is unknown; are the") == (2 if name == "diff" else 1)
+    assert err.count("u.yaml: every cell is unknown; are the") == (2 if name in TWO else 1)
 
 
 def test_manifests_and_summaries_keep_it(command, maps):

@@ -14,7 +14,7 @@ _BY_METAVAR = {
     "MAP...": _MAPS, "OUT": (".yaml", ".npz", ".pgm", ".png"), "OUT.json": (".json",),
     "OUT.npz": (".npz",), "OUT.pbm": (".pbm",), "IN.pbm": (".pbm",), "FILE.png": (".png",),
     "SHAPES": (".yaml", ".yml", ".json", ".geojson"), "NAME|FILE": (".yaml", ".yml"),
-    "LOG": _LOGS,
+    "LOG": _LOGS, "FILE.json": (".json",),
 }  # fmt: skip
 """Endings of files by what ``--help`` calls them; folders are offered with them."""
 

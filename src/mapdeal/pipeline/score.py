@@ -1,0 +1,340 @@
+"""The score of the map in a file, on its own or against a true one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.formats.budget import claim, holding
+from mapdeal.formats.maps import Source, as_occupancy
+from mapdeal.formats.transforms import TransformFile, read_transform, transform_document
+from mapdeal.grid.display import count_text
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.transform import Transform
+from mapdeal.grid.values import FREE, OCCUPIED
+from mapdeal.kernels.lookup import histogram
+from mapdeal.kernels.threads import use_threads
+from mapdeal.pipeline.diff import ComparedMap
+from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
+from mapdeal.pipeline.memory import bytes_of
+from mapdeal.pipeline.settings import Settings
+from mapdeal.scoring.alone import PER_CELL_ALONE, PER_WALL_ALONE, score_alone
+from mapdeal.scoring.bounds import ScoreBound, checked_bounds, judged
+from mapdeal.scoring.compare import PER_CELL, PER_WALL, Comparison, compare_to_truth
+from mapdeal.scoring.states import UNKNOWN, States, states_of
+
+FORMAT = "mapdeal-score/1"
+
+Way = Literal["frames", "transform", "align"]
+"""How the maps were brought together: as their files say, by a transform, or by aligning them."""
+
+_HINT = "--align finds how the maps lie, --transform takes it from a file"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a score.
+
+    Parameters
+    ----------
+    minimum, maximum : mapping of str to float
+        Bounds by the names of figures.
+    transform : Transform, optional
+        From the map's frame to that of the truth.
+    transform_file : Path, optional
+        A file that holds it.
+    align : bool
+        Whether to find it.
+    """
+
+    minimum: Mapping[str, float]
+    maximum: Mapping[str, float]
+    transform: Transform | None = None
+    transform_file: Path | None = None
+    align: bool = False
+
+    def bounds(self, *, with_truth: bool) -> list[tuple[str, Any, float]]:
+        """Return the bounds, checked; see `checked_bounds`.
+
+        Raises
+        ------
+        ParameterError
+            If something else is asked that cannot be, too.
+        """
+        given = self.transform is not None or self.transform_file is not None
+        if given and self.align:
+            rule = "cannot be given together with a transform"
+            raise ParameterError(rule, source="--align")
+        if not with_truth:
+            for name, value in (("--align", self.align), ("--transform", given)):
+                if value:
+                    raise ParameterError("needs --truth, a map to bring this one onto", source=name)
+        return checked_bounds(self.minimum, self.maximum, with_truth=with_truth)
+
+    def with_file_read(self) -> Asked:
+        """Return the same with the transform that a file holds, whatever maps it is between."""
+        if self.transform_file is None:
+            return self
+        return Asked(self.minimum, self.maximum, read_transform(self.transform_file).transform)
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreReport:
+    """A score.
+
+    Parameters
+    ----------
+    values : dict
+        The figures by name.
+    bounds : tuple of ScoreBound
+        What was asked of them.
+    frame : Frame
+        The lattice whose cells were counted: the truth's; without one the map's.
+    states : numpy.ndarray of uint8, shape of `frame`
+        What the map's cells are on it.
+    comparison : Comparison or None
+        The map beside the truth; None without one.
+    transform : Transform or None
+        From the map's frame to that of the truth; None without one.
+    way : str
+        Where that came from.
+    maps : tuple of ComparedMap or None
+        The map and the truth; None of what was no file, or is not there.
+    """
+
+    values: dict[str, Any]
+    bounds: tuple[ScoreBound, ...]
+    frame: Frame
+    states: States
+    comparison: Comparison | None = None
+    transform: Transform | None = None
+    way: Way = "frames"
+    maps: tuple[ComparedMap | None, ComparedMap | None] = (None, None)
+
+    @property
+    def passes(self) -> bool:
+        """Whether all bounds hold."""
+        return all(bound.holds for bound in self.bounds)
+
+    def document(self) -> dict[str, Any]:
+        """Return the score as JSON can hold it."""
+        named, truth = (None if one is None else asdict(one) for one in self.maps)
+        transform = None
+        if self.transform is not None:
+            transform = {**transform_document(self.transform), "by": self.way}
+        return {
+            "format": FORMAT,
+            "map": named,
+            "truth": truth,
+            "transform": transform,
+            "lattice": {
+                "width": self.frame.width,
+                "height": self.frame.height,
+                "resolution": self.frame.resolution,
+                "origin": list(self.frame.origin),
+            },
+            "values": self.values,
+            "bounds": [{**asdict(bound), "holds": bound.holds} for bound in self.bounds],
+            "passes": self.passes,
+        }
+
+
+def score_grids(
+    estimate: OccupancyGrid,
+    truth: OccupancyGrid | None,
+    asked: Asked,
+    *,
+    names: tuple[str, str] = ("the map", "the truth"),
+) -> ScoreReport:
+    """Return the score of a map.
+
+    Parameters
+    ----------
+    estimate : OccupancyGrid
+        The map.
+    truth : OccupancyGrid, optional
+        The true one.
+    asked : Asked
+        How the two lie, and bounds.
+    names : tuple of str
+        What warnings call them.
+
+    Raises
+    ------
+    FindingError
+        If they are to be aligned, and may not show one place.
+    ParameterError
+        If a bound is not allowed.
+
+    Warns
+    -----
+    MapdealWarning
+        Where figures say little: without overlap, walls, or known cells, and of values that are
+        neither free nor occupied.
+    """
+    bounds = asked.bounds(with_truth=truth is not None)
+    _warn_of_values(estimate, names[0])
+    if truth is None:
+        states = states_of(estimate.occupancy)
+        values = score_alone(states, estimate.frame)
+        if not values["wall_cells"]:
+            emit_warning(f"{names[0]}: has no occupied cells", stacklevel=2)
+        return ScoreReport(values, tuple(judged(bounds, values)), estimate.frame, states)
+    _warn_of_values(truth, names[1])
+    transform, way = _brought_together(estimate, truth, asked, names)
+    found = compare_to_truth(estimate, truth, transform)
+    _warn_of(found, estimate, names)
+    return ScoreReport(
+        found.values,
+        tuple(judged(bounds, found.values)),
+        found.frame,
+        found.estimate,
+        found,
+        transform,
+        way,
+    )
+
+
+def score_files(
+    path: Path, truth: Path | None, options: Settings, asked: Asked
+) -> ScoreReport:  # fmt: skip
+    """Return the score of the map in a file; draw it if a picture is asked for.
+
+    Parameters
+    ----------
+    path : Path
+        The map; of fields and costs the map that ROS would have.
+    truth : Path, optional
+        The true one.
+    options : Settings
+        How they are read.
+    asked : Asked
+        How the two lie, and bounds.
+    """
+    asked.bounds(with_truth=truth is not None)  # before anything is read
+    if truth is None and options.image is not None:
+        raise ParameterError("needs --truth, a map to compare with", source="--image")
+    paths = [path] if truth is None else [path, truth]
+    told = None if asked.transform_file is None else read_transform(asked.transform_file)
+    sources: list[Source] = []
+    with ExitStack() as stack:
+        stack.enter_context(options.memory())
+        for one in paths:
+            sources.append(read_summed(one, options))
+            stack.enter_context(holding(bytes_of(sources[-1].grid)))
+    grids = [
+        as_occupancy(source.grid, str(one)) for source, one in zip(sources, paths, strict=True)
+    ]
+    with options.memory():
+        _claim(paths[-1], sources, grids)
+    files = [file for source in sources for file in source.files]
+    if asked.transform_file is not None:
+        files.append(asked.transform_file)
+    if told is not None:
+        asked = _with_transform(asked, told, sources)
+    with (
+        outputs_of([], files, options),
+        use_threads(options.threads),
+        errors_named(path),
+    ):
+        report = score_grids(
+            grids[0],
+            grids[1] if truth is not None else None,
+            asked,
+            names=(str(path), str(truth)),
+        )
+    maps = [
+        ComparedMap(str(one), dict(source.sums)) for source, one in zip(sources, paths, strict=True)
+    ]
+    return _with_maps(report, maps[0], maps[1] if truth is not None else None)
+
+
+def _with_maps(
+    report: ScoreReport, own: ComparedMap, truth: ComparedMap | None
+) -> ScoreReport:  # fmt: skip
+    fields = {name: getattr(report, name) for name in report.__dataclass_fields__}
+    return ScoreReport(**{**fields, "maps": (own, truth)})
+
+
+def _claim(path: Path, sources: list[Source], grids: list[OccupancyGrid]) -> None:
+    """Refuse what takes too much memory."""
+    height, width = grids[-1].shape
+    walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
+    per_cell, per_wall = (
+        (PER_CELL, PER_WALL) if len(grids) > 1 else (PER_CELL_ALONE, PER_WALL_ALONE)
+    )
+    held = sum(bytes_of(source.grid) for source in sources)
+    needed = held + per_cell * height * width + per_wall * walls
+    claim(path, needed, what=f"{width} x {height} cells")
+
+
+def _with_transform(asked: Asked, told: TransformFile, sources: list[Source]) -> Asked:
+    """Return what is asked with the transform of a file, turned round if it goes the other way."""
+    transform, source = told.transform, asked.transform_file
+    sums = [dict(one.sums) for one in sources]
+    if told.first and told.second:
+        ends = [set(of.values()) for of in (told.first, told.second)]
+        own = [set(of.values()) for of in sums]
+        if ends == own[::-1] and ends != own:
+            text = f"{source}: goes from the truth to the map; its inverse is taken"
+            emit_warning(text, stacklevel=2)
+            transform = transform.inverse()
+        elif ends != own:
+            text = f"{source}: is between other maps, their checksums are not those of these two"
+            emit_warning(text, stacklevel=2)
+    return Asked(asked.minimum, asked.maximum, transform)
+
+
+def _brought_together(
+    estimate: OccupancyGrid, truth: OccupancyGrid, asked: Asked, names: tuple[str, str]
+) -> tuple[Transform, Way]:
+    if asked.transform is not None:
+        return asked.transform, "transform"
+    if not asked.align:
+        return Transform(), "frames"
+    align = import_module("mapdeal.alignment.align").align
+    found = align(estimate, truth)
+    if not found.same_place:
+        rule = f"may not show the place of {names[1]}: it cannot be aligned with certainty"
+        raise FindingError(rule, source=names[0], hint="--transform takes a transform as it is")
+    return found.transform, "align"
+
+
+def _warn_of_values(grid: OccupancyGrid, name: str) -> None:
+    between = int(histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum())
+    if between:
+        verb = "counts" if between == 1 else "count"
+        text = f"{name}: {count_text(between, 'cell')} of 1..99 {verb} as unknown"
+        emit_warning(text, stacklevel=3)
+
+
+def _warn_of(found: Comparison, estimate: OccupancyGrid, names: tuple[str, str]) -> None:
+    own, truth = names
+    if not (found.truth != UNKNOWN).any():
+        emit_warning(f"{truth}: knows no cell, so there is nothing to compare with", stacklevel=3)
+    elif not (found.estimate != UNKNOWN).any():
+        text = f"{own}: knows no cell on {truth}; {_HINT}"
+        emit_warning(text, stacklevel=3)
+    elif not found.values["known_in_both"]:
+        text = f"{own}: knows no cell that {truth} knows; {_HINT}"
+        emit_warning(text, stacklevel=3)
+    else:
+        for walls, name in ((found.wall_squares, own), (found.missed, truth)):
+            if not len(walls):
+                text = f"{name}: has no occupied cell there, so no distances can be measured"
+                emit_warning(text, stacklevel=3)
+    cell, true_cell = estimate.resolution, found.frame.resolution
+    if not np.isclose(cell, true_cell, rtol=1e-6, atol=0):
+        text = (
+            f"{own}: has cells of {cell:g} m, {truth} of {true_cell:g} m; what counts is its cell "
+            "at the centre of each of theirs"
+        )
+        emit_warning(text, stacklevel=3)

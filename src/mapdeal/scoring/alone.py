@@ -1,0 +1,112 @@
+"""The score of a map on its own: what needs no truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.frame import Frame
+from mapdeal.kernels.groups import touching_groups
+from mapdeal.kernels.lookup import histogram
+from mapdeal.kernels.thickness import thickness_of
+from mapdeal.scoring.compare import Values
+from mapdeal.scoring.corners import corners_of
+from mapdeal.scoring.enclosed import enclosed_areas
+from mapdeal.scoring.overlap import share
+from mapdeal.scoring.states import OCCUPIED, States
+
+LEAST_PIECE = 5
+"""Cells below which a piece of wall is a speck."""
+
+PER_CELL_ALONE, PER_WALL_ALONE = 16, 75
+"""Bytes that this takes for each cell of the map, and for each wall cell."""
+
+
+@dataclass(frozen=True)
+class Thickness:
+    """How thick walls are at their cells, metres; None without walls."""
+
+    mean: float | None = None
+    median: float | None = None
+    p95: float | None = None
+    max: float | None = None
+
+
+def score_alone(states: States, frame: Frame) -> Values:
+    """Return what a map says of its own quality.
+
+    Parameters
+    ----------
+    states : numpy.ndarray of uint8, shape of `frame`
+        What its cells are.
+    frame : Frame
+        The map's geometry.
+
+    Returns
+    -------
+    dict
+        Figures by name: ``cells`` (rows and columns), ``resolution_m``; ``share_occupied``,
+        ``share_free`` and ``share_unknown`` of all cells, ``share_occupied_of_known``;
+        ``wall_cells``, ``wall_pieces`` of at least 5 cells that touch over edges or corners, and
+        ``specks``, which are smaller; ``wall_thickness_m`` with ``mean``, ``median``, ``p95`` and
+        ``max`` of `mapdeal.kernels.thickness.thickness_of` over all wall cells, and
+        ``share_one_cell_thick`` of them; ``corners`` of `corners_of`, without specks;
+        ``enclosed_areas``, ``enclosed_pockets`` and ``enclosed_m2`` of `enclosed_areas`.
+
+    References
+    ----------
+    Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
+    (arXiv:1708.02354): shares of cells, corners and enclosed areas.
+
+    Examples
+    --------
+    >>> room = np.full((20, 30), 1, dtype=np.uint8)
+    >>> room[4, 4:25] = room[15, 4:25] = room[4:16, 4] = room[4:16, 24] = 2
+    >>> found = score_alone(room, Frame(20, 30, 0.1))
+    >>> found["enclosed_areas"], found["corners"], found["wall_pieces"], found["specks"]
+    (1, 4, 1, 0)
+    """
+    unknown, free, occupied = histogram(states)[: OCCUPIED + 1].tolist()
+    walls = states == OCCUPIED
+    sizes = _pieces(walls)
+    thick = thickness_of(states == OCCUPIED)
+    corners = touching_groups(corners_of(walls))[1]
+    enclosed = enclosed_areas(states, frame.resolution)
+    return {
+        "cells": list(frame.shape),
+        "resolution_m": frame.resolution,
+        "share_occupied": share(occupied, states.size),
+        "share_free": share(free, states.size),
+        "share_unknown": share(unknown, states.size),
+        "share_occupied_of_known": share(occupied, occupied + free),
+        "wall_cells": occupied,
+        "wall_pieces": int(np.count_nonzero(sizes >= LEAST_PIECE)),
+        "specks": int(np.count_nonzero(sizes < LEAST_PIECE)),
+        "wall_thickness_m": vars(_thickness(thick, frame.resolution)),
+        "share_one_cell_thick": share(int(np.count_nonzero(thick == 1)), len(thick)),
+        "corners": int(corners.max() + 1) if len(corners) else 0,
+        "enclosed_areas": enclosed.areas,
+        "enclosed_pockets": enclosed.pockets,
+        "enclosed_m2": enclosed.square_metres,
+    }
+
+
+def _pieces(walls: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the sizes of pieces of wall, and take the specks out of `walls`."""
+    from scipy.ndimage import label
+
+    labels, _ = label(walls, np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    walls &= (sizes >= LEAST_PIECE)[labels]
+    return sizes[sizes > 0]
+
+
+def _thickness(cells: NDArray[np.int64], resolution: float) -> Thickness:
+    if not len(cells):
+        return Thickness()
+    median, p95 = np.percentile(cells, [50, 95])
+    figures = (cells.mean(), median, p95, cells.max())  # of whole numbers, in whatever order
+    return Thickness(*(float(figure * resolution) for figure in figures))

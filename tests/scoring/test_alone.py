@@ -1,0 +1,176 @@
+"""What a map says of its own quality, on maps drawn by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mapdeal.grid.frame import Frame
+from mapdeal.kernels.groups import touching_groups
+from mapdeal.kernels.threads import use_threads
+from mapdeal.scoring import corners
+from mapdeal.scoring.alone import score_alone
+from mapdeal.scoring.corners import corners_of
+from mapdeal.scoring.enclosed import enclosed_areas
+from mapdeal.scoring.names import figure_in, figures_named
+from mapdeal.scoring.states import FREE, OCCUPIED, UNKNOWN
+
+
+def rooms():
+    """Three closed rooms side by side, of 8 x 9 cells each; free within, unknown around."""
+    states = np.full((20, 42), UNKNOWN, np.uint8)
+    states[5:15, 4:35] = OCCUPIED
+    for col in (5, 15, 25):
+        states[6:14, col : col + 9] = FREE
+    return states
+
+
+def counted(states, cell=0.1):
+    return score_alone(states, Frame(*states.shape, cell, (1.0, -2.0, 0.4)))
+
+
+def test_three_closed_rooms_are_three_areas_and_a_door_outside_opens_one():
+    states = rooms()
+    assert enclosed_areas(states, 0.1) == (3, 0, pytest.approx(3 * 72 * 0.01))
+    states[4:6, 18] = FREE
+    assert enclosed_areas(states, 0.1)[:2] == (2, 0)
+    states = rooms()
+    states[8, 14] = FREE  # from room to room
+    assert enclosed_areas(states, 0.1)[:2] == (2, 0)
+    states = rooms()
+    states[5, 18] = UNKNOWN  # nobody knows whether it is closed
+    assert enclosed_areas(states, 0.1)[:2] == (2, 0)
+
+
+def test_a_wall_over_corners_is_closed_and_its_unknown_inside_is_no_area():
+    states = np.full((15, 17), FREE, np.uint8)
+    for row in range(15):
+        for col in range(17):
+            if abs(row - 7) + abs(col - 8) == 5:
+                states[row, col] = OCCUPIED
+    assert enclosed_areas(states, 0.5)[:2] == (1, 0)
+    assert enclosed_areas(states, 0.05)[:2] == (0, 1)  # 41 cells of 0.0025 m2
+    inside = np.add.outer(abs(np.arange(15) - 7), abs(np.arange(17) - 8)) < 5
+    states[inside] = UNKNOWN
+    assert enclosed_areas(states, 0.5)[:2] == (0, 0)
+
+
+def test_a_speck_changes_neither_areas_nor_corners():
+    states = rooms()
+    found = counted(states)
+    states[9, 20], states[2, 2] = OCCUPIED, OCCUPIED
+    spoilt = counted(states)
+    assert (found["specks"], spoilt["specks"]) == (0, 2)
+    for name in ("corners", "enclosed_areas", "enclosed_pockets", "wall_pieces"):
+        assert found[name] == spoilt[name], name
+
+
+def thick_line(shape, ends, thickness):
+    """Return the cells within half a thickness of a line."""
+    (y0, x0), (y1, x1) = ends
+    rows, cols = np.mgrid[: shape[0], : shape[1]]
+    length = math.hypot(y1 - y0, x1 - x0)
+    along = ((rows - y0) * (y1 - y0) + (cols - x0) * (x1 - x0)) / length
+    away = abs((rows - y0) * (x1 - x0) - (cols - x0) * (y1 - y0)) / length
+    return (along >= -thickness / 2) & (along <= length + thickness / 2) & (away <= thickness / 2)
+
+
+def corner_places(walls):
+    cells, groups = touching_groups(corners_of(walls))
+    return [cells[groups == group].mean(axis=0) for group in range(groups.max(initial=-1) + 1)]
+
+
+@pytest.mark.parametrize("thickness", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("degrees", [0, 7, 22, 45, 68, 90, 131])
+def test_an_l_has_a_corner_at_its_bend_and_one_at_each_end(degrees, thickness):
+    shape, bend = (91, 87), np.array([45.0, 43.0])
+    arms = [
+        bend + 30 * np.array([math.sin(angle), math.cos(angle)])
+        for angle in (math.radians(degrees), math.radians(degrees + 90))
+    ]
+    walls = thick_line(shape, (bend, arms[0]), thickness)
+    walls |= thick_line(shape, (bend, arms[1]), thickness)
+    found = corner_places(walls)
+    assert len(found) == 3
+    for place in (bend, *arms):
+        assert min(np.abs(place - one).max() for one in found) <= 4
+
+
+@pytest.mark.parametrize("degrees", range(0, 180, 13))
+def test_a_line_has_corners_at_its_ends_alone_and_a_wide_circle_none(degrees):
+    step = 30 * np.array([math.sin(math.radians(degrees)), math.cos(math.radians(degrees))])
+    middle = np.array([40.0, 42.0])
+    assert len(corner_places(thick_line((81, 85), (middle - step, middle + step), 1.0))) == 2
+    rows, cols = np.mgrid[:81, :85]
+    assert not corners_of(abs(np.hypot(rows - 40, cols - 42) - 35) <= 0.8).any()
+
+
+def test_a_block_has_its_four_and_a_wall_at_the_border_ends_there():
+    walls = np.zeros((60, 70), np.bool_)
+    walls[20:40, 15:50] = True
+    places = sorted(tuple(place.tolist()) for place in corner_places(walls))
+    assert len(places) == 4
+    for found, corner in zip(places, [(20, 15), (20, 49), (39, 15), (39, 49)], strict=True):
+        assert np.abs(np.subtract(found, corner)).max() <= 2
+    walls = np.zeros((60, 70), np.bool_)
+    walls[:30, 35] = True
+    assert len(corner_places(walls)) == 2
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 10_000), st.sampled_from([0.5, 0.9, 0.97]))
+def test_which_way_is_north_changes_no_count(seed, threshold):
+    rng = np.random.default_rng(seed)
+    states = rng.integers(0, 2, (31, 44), dtype=np.uint8)
+    for _ in range(6):
+        row, col = rng.integers(0, 30), rng.integers(0, 40)
+        states[row : row + rng.integers(1, 12), col : col + rng.integers(1, 12)] = OCCUPIED
+    states[rng.random(states.shape) > threshold] = OCCUPIED
+    found = counted(states)
+    for turned in (np.rot90(states), states[::-1], states.T):
+        assert {**counted(np.ascontiguousarray(turned)), "cells": 0} == {**found, "cells": 0}
+
+
+def test_bands_and_threads_change_no_corner(monkeypatch):
+    walls = np.random.default_rng(5).random((300, 190)) < 0.2
+    whole = corners_of(walls)
+    assert whole.any()
+    for together in (1, 4000):
+        monkeypatch.setattr(corners, "_TOGETHER", together)
+        with use_threads(2):
+            assert (corners_of(walls) == whole).all()
+
+
+def test_shares_walls_and_their_thickness_are_counted():
+    states = np.full((4, 10), UNKNOWN, np.uint8)
+    states[:, :5] = FREE
+    states[0:2, 0:4] = OCCUPIED  # 8 cells, 2 thick
+    states[3, 4] = OCCUPIED
+    values = counted(states, 0.25)
+    assert values["cells"] == [4, 10]
+    assert (values["share_occupied"], values["share_free"]) == (9 / 40, 11 / 40)
+    assert (values["share_unknown"], values["share_occupied_of_known"]) == (0.5, 9 / 20)
+    assert (values["wall_cells"], values["wall_pieces"], values["specks"]) == (9, 1, 1)
+    assert values["share_one_cell_thick"] == 1 / 9
+    thick = sorted([0.5] * 8 + [0.25])
+    assert values["wall_thickness_m"] == {
+        "mean": pytest.approx(sum(thick) / 9), "median": 0.5, "p95": 0.5, "max": 0.5,
+    }  # fmt: skip
+
+
+def test_a_map_without_walls_has_no_thickness():
+    values = counted(np.full((3, 4), UNKNOWN, np.uint8))
+    assert values["share_occupied_of_known"] is None
+    assert values["wall_thickness_m"] == dict.fromkeys(("mean", "median", "p95", "max"))
+    assert (values["corners"], values["enclosed_areas"], values["specks"]) == (0, 0, 0)
+
+
+def test_every_figure_has_a_name():
+    values = counted(rooms())
+    names = figures_named(with_truth=False)
+    for name in names:
+        assert figure_in(values, name) is not None
+    plain = {name for name, value in values.items() if not isinstance(value, dict)}
+    assert plain - set(names) == {"cells", "resolution_m"}
