@@ -23,7 +23,7 @@ As the commands do: `run` with its `RunReport`; `load_recipe`, which gives a `Re
 Pictures: `draw_picture`, which gives a `Picture`, and `write_picture`; notebooks show grids and
 reports as pictures by themselves.
 Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
-`reset_region`; `xy_ahead` of a pose.
+`reset_region`; `clean`, which gives a `Cleaned`; `xy_ahead` of a pose.
 Errors: `MapdealError`, of which `ParameterError`, `MalformedInputError`, `FileAccessError` and
 `FindingError` are kinds; `MapdealWarning`.
 

@@ -23,6 +23,8 @@ from mapdeal.checks.difference import WallShift as WallShift
 from mapdeal.checks.finding import Finding as Finding
 from mapdeal.checks.reports.report import LintReport as LintReport
 from mapdeal.checks.reports.report import MapReport as MapReport
+from mapdeal.editing.clean import Cleaned as Cleaned
+from mapdeal.editing.clean import clean as clean
 from mapdeal.editing.draw import draw as draw
 from mapdeal.editing.window import blank as blank
 from mapdeal.editing.window import reset_region as reset_region

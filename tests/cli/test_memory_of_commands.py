@@ -343,6 +343,7 @@ COMMANDS = {
     "costs of a field on a canvas": ["cost", "canvas.npz", "-q", "-o", "out.npz"],
     "pack": ["pack", "site.yaml", "-o", "out.pbm"],
     "diff": ["diff", "site.yaml", "other.yaml"],
+    "clean": ["clean", "site.yaml", "--min-obstacle", "1", *OUT],
     "score": ["score", "site.yaml"],
     "score against a truth": ["score", "site.yaml", "--truth", "other.yaml"],
     "query": ["query", "site.yaml", "--at", "2,2"],

@@ -36,6 +36,7 @@ WORKING = {
     "info": ["m.yaml"],
     "lint": ["m.yaml"],
     "diff": ["m.yaml", "m.yaml"],
+    "clean": IN_OUT,
     "score": ["m.yaml", "--truth", "m.yaml"],
     "report": ["m.yaml", "-o", "o.html", "--force"],
     "completion": ["bash"],

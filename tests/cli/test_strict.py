@@ -38,6 +38,7 @@ LINES = {
     "pack": ["pack", "m.yaml", "-o", "o.pbm"],
     "info": ["info", "m.yaml"],
     "diff": ["diff", "m.yaml", "m.yaml"],
+    "clean": ["clean", "m.yaml", "-o", "o.yaml"],
     "score": ["score", "m.yaml", "--truth", "m.yaml"],
     "report": ["report", "m.yaml", "-o", "o.html"],
 }  # fmt: skip

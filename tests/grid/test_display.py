@@ -94,6 +94,7 @@ def samples():
             mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}),
             mapdeal.WrittenReport(Path("out/a.html"), 2, 61234),
             robot(), narrow, reached, reached.goal, passage, reach(map_, reached, passage),
+            mapdeal.clean(grid_from_text("...#.")),
         ]
     }  # fmt: skip
 

@@ -27,6 +27,7 @@ def difference_image(
     image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all",
     only_in: tuple[str, str] | None = None,
+    by_cells: bool = False,
 ) -> Image:
     """Return a picture of changes.
 
@@ -47,8 +48,10 @@ def difference_image(
     only_in : tuple of str, optional
         What to call the maps, if the second is not a later state of the first but made of the
         same data: they differ by single cells, and the picture is larger.
+    by_cells : bool
+        Whether maps differ by single cells although the second is a later state of the first.
     """
-    more = {} if only_in is None else {"small_side": _SMALL_SIDE}
+    more = {"small_side": _SMALL_SIDE} if by_cells or only_in is not None else {}
     part = shown_part(changes, frame, image_extent, is_known=lambda kinds: kinds > _UNKNOWN)
     raster = Raster.fitting(frame.shape, image_max, part=part, **more)
     pixels = raster.largest(changes)

@@ -1,0 +1,260 @@
+"""Small components of a map removed: specks, pinholes, islands of free space."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid.display import OneLine, count_text
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.labels import labelled
+from mapdeal.kernels.neighbourhood import dilate_square
+
+Mask = NDArray[np.bool_]
+Values = NDArray[np.int8]
+
+# In maps of real robots at 5 cm most specks in free space are single cells or pairs, as noise is; a
+# table's leg has more. Most holes between beams have less than ten cells, and most islands beyond
+# walls and windows less than a hundred, 0.25 m2.
+MIN_OBSTACLE, MIN_HOLE, MIN_FREE = 3, 10, 100
+"""Components with fewer cells are removed."""
+
+_ANY_SIZE = 1 << 62
+"""More cells than a map can have."""
+
+
+class Patches(NamedTuple):
+    """Connected components, and the cells that they have together."""
+
+    components: int
+    cells: int
+
+
+_NONE = Patches(0, 0)
+
+
+@dataclass(frozen=True)
+class CleanCounts:
+    """What each step of `clean` has changed, in the order of the steps.
+
+    Parameters
+    ----------
+    islands : Patches
+        Free cells that are now unknown.
+    free_holes : Patches
+        Unknown cells that are now free.
+    wall_holes : Patches
+        Unknown cells that are now occupied.
+    specks : Patches
+        Occupied cells that are now free.
+    changed : int
+        Cells with another value than before. It can be less than the steps have changed
+        together: a cell inside a ring of obstacles may pass through several.
+    """
+
+    islands: Patches
+    free_holes: Patches
+    wall_holes: Patches
+    specks: Patches
+    changed: int
+
+    def steps(self) -> dict[str, Patches]:
+        """Return what each step has changed, by its name."""
+        steps = [field.name for field in fields(self)][:-1]
+        return {name: getattr(self, name) for name in steps}
+
+    def document(self) -> dict[str, object]:
+        """Return the counts as JSON can hold them."""
+        return {
+            **{name: patches._asdict() for name, patches in self.steps().items()},
+            "changed": self.changed,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cleaned(OneLine):
+    """A map without its small components, and what has been removed.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The cleaned map, with the cells and the place of the one before.
+    counts : CleanCounts
+        What each step has changed.
+    """
+
+    grid: OccupancyGrid
+    counts: CleanCounts
+
+    def _told(self) -> Iterator[str]:
+        yield f"{count_text(self.counts.changed, 'cell')} changed"
+        for name, patches in self.counts.steps().items():
+            yield f"{patches.components} {name}"
+
+
+def clean(
+    grid: OccupancyGrid,
+    *,
+    min_obstacle: int = MIN_OBSTACLE,
+    min_hole: int = MIN_HOLE,
+    min_free: int = MIN_FREE,
+) -> Cleaned:
+    """Remove the small components of a map: specks, pinholes and islands of free space.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map. Values 1..99 are neither free nor occupied: they stay, and an obstacle or a hole
+        that touches one stays too.
+    min_obstacle : int
+        Obstacles with fewer cells (8-connected) become free if all cells around them are free.
+    min_hole : int
+        Unknown areas with fewer cells (8-connected) become free if all cells around them are
+        free, occupied if all are occupied.
+    min_free : int
+        Free areas with fewer cells (4-connected, as no robot passes between two obstacles that
+        share a corner) become unknown, except those that share an edge with a value 1..99, beyond
+        which they may go on, and the largest of the others.
+
+    Returns
+    -------
+    Cleaned
+        The map and what has changed. 0 or 1 for an option switches its step off.
+
+    Raises
+    ------
+    ParameterError
+        If the grid is no occupancy grid, or a number of cells is not a whole number from 0 on.
+
+    Warns
+    -----
+    MapdealWarning
+        If nothing has changed.
+
+    Notes
+    -----
+    Nothing is known beyond the edges of the map: a component at an edge touches unknown cells.
+    Free areas are looked at first, then unknown ones, then obstacles. With this order a
+    second pass changes nothing: a hole that is filled touches no other unknown area and a speck
+    that is removed no other obstacle, and both only enlarge free areas that have been kept.
+
+    No wall is opened. Free and unknown cells share an edge only where they did before, and
+    obstacles of at least `min_obstacle` cells keep all of them.
+
+    Examples
+    --------
+    >>> grid = OccupancyGrid([[0, 0, 0, 0, 100, 0], [0, 100, 0, 0, 100, -1], [0, 0, 0, 0, 100, -1]],
+    ...                      0.05, (1.0, 2.0, 0.0))
+    >>> cleaned = clean(grid, min_obstacle=2, min_free=3)
+    >>> cleaned.grid.occupancy.tolist()
+    [[0, 0, 0, 0, 100, -1], [0, 0, 0, 0, 100, -1], [0, 0, 0, 0, 100, -1]]
+    >>> cleaned.counts.specks, cleaned.counts.islands
+    (Patches(components=1, cells=1), Patches(components=1, cells=1))
+    """
+    if not isinstance(grid, OccupancyGrid):
+        hint = "clean the map first, then compute costs or distances from it"
+        raise ParameterError("takes a map with free, occupied and unknown cells", place="clean",
+                             got=type(grid).__name__, hint=hint)  # fmt: skip
+    least_obstacle = _count(min_obstacle, "min_obstacle")
+    least_hole, least_free = _count(min_hole, "min_hole"), _count(min_free, "min_free")
+    before = np.asarray(grid.occupancy)
+    values = before.copy()
+    islands = _forget_islands(values, least_free)
+    free_holes, wall_holes = _fill_holes(values, least_hole)
+    specks = _remove_specks(values, least_obstacle)
+    changed = int(np.count_nonzero(values != before))
+    if not changed:
+        emit_warning(f"clean: nothing has changed{_why(before)}", stacklevel=2)
+    counts = CleanCounts(islands, free_holes, wall_holes, specks, changed)
+    return Cleaned(grid.with_values(values), counts)
+
+
+def _forget_islands(values: Values, least: int) -> Patches:
+    """Make small areas of free space unknown, in place."""
+    if least <= 1:
+        return _NONE
+    areas = labelled(values == FREE, corners=False)
+    if len(areas.sizes) == 1:
+        return _NONE
+    sizes = areas.sizes
+    sizes[areas.touched_by(_beside(_between(values)))] = 0
+    is_small = (sizes > 0) & (sizes < least)
+    is_small[sizes.argmax()] = False
+    return _set(values, areas.cells_of(is_small), UNKNOWN, is_small)
+
+
+def _fill_holes(values: Values, least: int) -> tuple[Patches, Patches]:
+    """Give small unknown areas the value of all cells around them, in place."""
+    if least <= 1:
+        return _NONE, _NONE
+    unknown = values == UNKNOWN
+    holes = labelled(unknown, corners=True)
+    is_small = holes.sizes < least
+    is_small[0] = False
+    to_free = is_small & ~holes.touched_by(_near(~unknown & (values != FREE)) & unknown)
+    to_wall = is_small & ~holes.touched_by(_near(~unknown & (values != OCCUPIED)) & unknown)
+    free_cells, wall_cells = holes.cells_of(to_free), holes.cells_of(to_wall)
+    return _set(values, free_cells, FREE, to_free), _set(values, wall_cells, OCCUPIED, to_wall)
+
+
+def _remove_specks(values: Values, least: int) -> Patches:
+    """Make small obstacles that stand in free space free, in place."""
+    if least <= 1:
+        return _NONE
+    occupied = values == OCCUPIED
+    obstacles = labelled(occupied, corners=True)
+    is_small = obstacles.sizes < least
+    is_small[0] = False
+    is_small &= ~obstacles.touched_by(_near(~occupied & (values != FREE)) & occupied)
+    return _set(values, obstacles.cells_of(is_small), FREE, is_small)
+
+
+def _set(values: Values, cells: Mask, value: int, chosen: Mask) -> Patches:
+    values[cells] = value
+    return Patches(int(np.count_nonzero(chosen)), int(np.count_nonzero(cells)))
+
+
+def _near(others: Mask) -> Mask:
+    """Return the cells with one of the others around them, or the edge of the map."""
+    near = dilate_square(others, 1)
+    near[[0, -1]] = True
+    near[:, [0, -1]] = True
+    return near
+
+
+def _between(values: Values) -> Mask:
+    """Return the cells that are neither free nor occupied nor unknown."""
+    return (values > FREE) & (values < OCCUPIED)
+
+
+def _beside(cells: Mask) -> Mask:
+    """Return the cells that share an edge with one of those."""
+    beside = np.zeros_like(cells)
+    beside[1:] |= cells[:-1]
+    beside[:-1] |= cells[1:]
+    beside[:, 1:] |= cells[:, :-1]
+    beside[:, :-1] |= cells[:, 1:]
+    return beside
+
+
+def _count(value: object, name: str) -> int:
+    try:
+        number = -1 if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = -1
+    if number < 0:
+        raise ParameterError("must be a whole number of cells, at least 0", place=name, got=value)
+    return min(number, _ANY_SIZE)
+
+
+def _why(values: Values) -> str:
+    """Return what may be the reason that nothing has changed."""
+    count = int(np.count_nonzero(_between(values)))
+    return f"; {count_text(count, 'cell')} of 1..99 stay as they are" if count else ""

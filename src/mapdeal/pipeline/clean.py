@@ -1,0 +1,101 @@
+"""Maps cleaned of small components, file to file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mapdeal.checks.difference import changes_of, states_of
+from mapdeal.editing.clean import Cleaned, clean
+from mapdeal.errors import one_line
+from mapdeal.formats.maps import output_paths, write_grid
+from mapdeal.formats.png import write_indexed_png
+from mapdeal.formats.transaction import Transaction
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
+from mapdeal.pipeline.memory import claim_work
+from mapdeal.pipeline.settings import Settings
+from mapdeal.render.difference import difference_image
+
+_PER_CELL = 16.0
+"""Bytes for each cell: a label of 4, sizes of up to half as many components, and masks."""
+
+
+@dataclass(frozen=True, eq=False)
+class CleanReport:
+    """A map that was cleaned, and what has changed.
+
+    Parameters
+    ----------
+    file : str
+        The map, as it was given.
+    sha256 : mapping of str to str
+        The files that it was read from, by their names without folders, and their checksums.
+    limits : mapping of str to int
+        The least cells of what stays: min_obstacle, min_hole, min_free.
+    cleaned : Cleaned
+        The result.
+    """
+
+    file: str
+    sha256: Mapping[str, str]
+    limits: Mapping[str, int]
+    cleaned: Cleaned
+
+    def document(self) -> dict[str, Any]:
+        """Return the report as JSON can hold it."""
+        return {
+            "map": {"file": self.file, "sha256": dict(self.sha256)},
+            "limits": dict(self.limits),
+            **self.cleaned.counts.document(),
+        }
+
+
+def clean_file(
+    path: Path, output: Path, settings: Settings, limits: Mapping[str, int]
+) -> CleanReport:
+    """Read a map, remove its small components, and write it.
+
+    Parameters
+    ----------
+    path, output : Path
+        The files.
+    settings : Settings
+        How they are read and written.
+    limits : mapping of str to int
+        The arguments of `clean`.
+    """
+    outputs = output_paths(output)
+    source = read_summed(path, settings)
+    with settings.memory():
+        claim_work(path, source.grid, _PER_CELL)
+    with outputs_of(outputs, source.files, settings) as transaction:
+        with errors_named(path):
+            cleaned = clean(source.grid, **limits)  # type: ignore[arg-type]  # which refuses others
+        extra = dict(source.metadata.extra) if source.metadata else {}
+        write_grid(transaction, output, cleaned.grid, extra=extra)
+        if settings.image is not None and isinstance(source.grid, OccupancyGrid):
+            title = one_line(f"{path.stem}: cleaned")
+            _draw(transaction, settings.image, settings, title, source.grid, cleaned.grid)
+    return CleanReport(str(path), source.sums, limits, cleaned)
+
+
+def _draw(
+    transaction: Transaction,
+    path: Path,
+    settings: Settings,
+    title: str,
+    before: OccupancyGrid,
+    after: OccupancyGrid,
+) -> None:
+    """Draw the cleaned map, with the cells that have changed in colours of their own."""
+    was, now = (states_of(np.asarray(grid.occupancy)) for grid in (before, after))
+    changes = changes_of(was, now, np.ones(before.shape, dtype=np.bool_))
+    picture = difference_image(
+        changes, before.frame, title=title, image_extent=settings.image_extent, by_cells=True
+    )
+    transaction.write(path, lambda file: write_indexed_png(file, picture.indices, picture.palette))
