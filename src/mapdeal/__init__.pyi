@@ -23,9 +23,12 @@ from mapdeal.checks.difference import WallShift as WallShift
 from mapdeal.checks.finding import Finding as Finding
 from mapdeal.checks.reports.report import LintReport as LintReport
 from mapdeal.checks.reports.report import MapReport as MapReport
+from mapdeal.editing.conflicts import MapCounts as MapCounts
 from mapdeal.editing.clean import Cleaned as Cleaned
 from mapdeal.editing.clean import clean as clean
 from mapdeal.editing.draw import draw as draw
+from mapdeal.editing.merge import Merged as Merged
+from mapdeal.editing.merge import merge as merge
 from mapdeal.editing.window import blank as blank
 from mapdeal.editing.window import reset_region as reset_region
 from mapdeal.editing.window import shift_origin as shift_origin
@@ -68,6 +71,7 @@ from mapdeal.grid.route import Route as Route
 from mapdeal.grid.shapes import Circle as Circle
 from mapdeal.grid.shapes import Line as Line
 from mapdeal.grid.shapes import Polygon as Polygon
+from mapdeal.grid.transform import Transform as Transform
 from mapdeal.mapping.beams import BeamLimits as BeamLimits
 from mapdeal.mapping.beams import Scans as Scans
 from mapdeal.mapping.build import BuiltMap as BuiltMap

@@ -61,6 +61,12 @@ def reach(map_, goal, passage):
     )  # fmt: skip
 
 
+def merged():
+    """Two maps that share three cells, a column apart, and contradict each other on one."""
+    first, second = mapdeal.OccupancyGrid([[100, 0, 0, 0]], 0.25, (1.5, -2.0, 0.0)), [0, 100, 0, -1]
+    return mapdeal.merge([first, mapdeal.OccupancyGrid([second], 0.25, (1.75, -2.0, 0.0))])
+
+
 def samples():
     """A value of each public type, by the name of the type."""
     map_, field = grid(), mapdeal.esdf(grid())
@@ -93,6 +99,7 @@ def samples():
             mapdeal.LintReport((checked,), "1"), mapdeal.StaticLayer(), mapdeal.InflationLayer(),
             mapdeal.RunReport(Path("out/a"), "done", {"esdf": field.figures()}),
             mapdeal.WrittenReport(Path("out/a.html"), 2, 61234),
+            mapdeal.Transform(1.0, -2.0, 0.4), merged(), merged().maps[1],
             robot(), narrow, reached, reached.goal, passage, reach(map_, reached, passage),
             mapdeal.clean(grid_from_text("...#.")),
         ]
@@ -141,6 +148,9 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
             "FieldView",
             f"{PLACE}, view metric, 0 at 2 m, 12 in 1..99, 2 occupied, 0 free, 1 unknown",
         ),
+        ("Transform", "x 1 m, y -2 m, yaw 0.4 rad"),
+        ("Merged", "2 maps, 4 x 1 cells, 1 conflict"),
+        ("MapCounts", "3 known, 3 in common, 1 added, 1 conflict, 0 apart"),
         ("Polygon", "[(0, 0), (2, 0), (2, 1)], value 100"),
         ("Line", "[(0, 0), (2, 0.5)], thickness 0.2 m"),
         ("Footprint", "circle, radius 0.2 m"),

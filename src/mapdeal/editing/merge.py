@@ -1,0 +1,318 @@
+"""One map of several: their cells on the lattice of the first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.editing.conflicts import MapCounts, compared, states_of
+from mapdeal.editing.evidence import (
+    EVEN,
+    ChosenLayers,
+    Layers,
+    chosen_layers,
+    evidence_of,
+    in_beams,
+)
+from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.grid.display import OneLine, count_text
+from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.frame import Frame
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.region import MOST_CELLS, Region
+from mapdeal.grid.resample import region_on_lattice, resampled
+from mapdeal.grid.transform import Transform
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, check_choice
+
+Rule = Literal["occupied", "newest", "evidence"]
+
+_FEWEST = 2
+
+_TOUCHING = 1e-6
+"""In cells: borders that differ by less are the same on paper."""
+
+Values = NDArray[np.int8]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Merged(OneLine):
+    """Several maps in one, see `merge`.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    conflicts : numpy.ndarray of uint8, shape of the grid
+        1 where the first map is occupied and another free, 2 where the first is free and another
+        occupied, 3 where others contradict each other and the first does not; 0 elsewhere.
+    maps : tuple of MapCounts
+        Of each map, in their order.
+    log_odds : numpy.ndarray of float64, shape of the grid, optional
+        Under rule ``evidence`` the sum that decided, as `build_map` has it: 50 is even, nan where
+        nothing is known. None under other rules.
+    """
+
+    grid: OccupancyGrid
+    conflicts: NDArray[np.uint8]
+    maps: tuple[MapCounts, ...]
+    log_odds: NDArray[np.float64] | None = None
+
+    def _told(self) -> Iterator[str]:
+        height, width = self.grid.shape
+        yield f"{len(self.maps)} maps"
+        yield f"{width} x {height} cells"
+        yield count_text(self.conflict_count, "conflict")
+
+    @property
+    def conflict_count(self) -> int:
+        """Cells that are occupied in one map and free in another."""
+        return int(np.count_nonzero(self.conflicts))
+
+
+def merge(
+    maps: Sequence[OccupancyGrid],
+    *,
+    transforms: Sequence[Transform | None] | None = None,
+    rule: Rule = "occupied",
+    evidence: Sequence[Layers | None] | None = None,
+) -> Merged:
+    """Return one map of several.
+
+    The result has the lattice of the first map, whose cells all stay where they are, extended by
+    whole cells to what the others know.
+
+    Parameters
+    ----------
+    maps : sequence of OccupancyGrid
+        Two or more; size, origin, yaw and resolution may differ.
+    transforms : sequence of Transform, optional
+        One for each map but the first, from the first map's frame to that of the map, as `align`
+        finds it: p_map = T p_first. None, in the sequence or for all, is the same map frame.
+    rule : {'occupied', 'newest', 'evidence'}
+        What a cell is on which maps differ. ``occupied``: the largest value, so that occupied
+        wins over free, and free over unknown; every obstacle of every map is kept. ``newest``: the
+        last map of the sequence that knows the cell. ``evidence``: the sign of the sum of what
+        speaks for and against an obstacle; if that is even, as ``occupied``.
+    evidence : sequence of mapping, optional
+        For rule ``evidence``, of each map the layers that `build_map` gives: ``log_odds``, or
+        ``hits`` and ``misses``; None or an empty mapping for a map that has none. Each cell of such
+        a map has one vote.
+
+    Returns
+    -------
+    Merged
+        The map, its conflicts, and the counts of each map.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than two maps, one of them is no map, transforms or evidence are not of
+        the maps, or the maps lie so far apart that no grid holds them all.
+
+    Warns
+    -----
+    MapdealWarning
+        If a map adds nothing, knows no cell that another knows, or contradicts the others so much
+        that it is hardly aligned; if under rule ``evidence`` a map has no layers.
+
+    Notes
+    -----
+    Of a map on another lattice, ``occupied`` and ``newest`` take all cells that overlap one of its
+    obstacles, however little, and else the value at the centre of the cell. What conflicts and
+    votes are counted on is the value at the centre, or the obstacle if the map is finer than the
+    result, which would else be missed. Layers of evidence are taken at the centre.
+
+    In conflicts and votes a cell is occupied at 65 and above, and free up to 25, as map_saver of
+    Nav2 has it by default.
+
+    The unit of evidence is a beam that passes. ``log_odds`` count from 50, a hit in ``hits``
+    weighs 7/3 (so that a sum is positive above the share of 0.3 that is the default of method
+    ``counting``), a vote weighs 1.
+
+    References
+    ----------
+    The largest value wins as in costmap_2d's ``updateWithMax``. The sum is that of H. Moravec and
+    A. Elfes, "High Resolution Maps from Wide Angle Sonar", 1985.
+
+    Examples
+    --------
+    >>> from mapdeal import OccupancyGrid
+    >>> before = OccupancyGrid([[100, 0, 0, -1]], 0.5, (1.0, 2.0, 0.0))
+    >>> after = OccupancyGrid([[0, 100, 100, 0]], 0.5, (1.5, 2.0, 0.0))
+    >>> merged = merge([before, after])
+    >>> merged.grid.occupancy.tolist(), merged.conflicts.tolist()
+    ([[100, 0, 100, 100, 0]], [[0, 0, 2, 0, 0]])
+    >>> merge([before, after], rule="newest").grid.occupancy.tolist()
+    [[100, 0, 100, 100, 0]]
+    """
+    layers = _checked(maps, transforms, rule, evidence)
+    frames = placed(maps, transforms)
+    merged = merged_on(lattice_around(maps, frames), maps, frames, rule=rule, evidence=layers)
+    names = [f"map {number}" for number in range(1, len(maps) + 1)]
+    for text in remarks_on(merged, names, without_layers(layers) if rule == "evidence" else ()):
+        emit_warning(text, stacklevel=2)
+    return merged
+
+
+def placed(
+    maps: Sequence[OccupancyGrid], transforms: Sequence[Transform | None] | None
+) -> list[Frame]:
+    """Return where each map lies in the frame of the first."""
+    further = [None] * (len(maps) - 1) if transforms is None else transforms
+    return [
+        grid.frame if transform is None else transform.inverse().frame(grid.frame)
+        for grid, transform in zip(maps, [None, *further], strict=True)
+    ]
+
+
+def lattice_around(maps: Sequence[OccupancyGrid], frames: Sequence[Frame]) -> Frame:
+    """Return the cells of the first map's lattice that hold it, and the known cells of the others.
+
+    Raises
+    ------
+    ParameterError
+        If there are more than 1e9, or a map lies more than 1e12 m away.
+    """
+    first = frames[0]
+    low, high = np.zeros(2), np.array(first.shape, dtype=np.float64)
+    for grid, frame in zip(maps[1:], frames[1:], strict=True):
+        corners = _corners_of_known(grid.occupancy)
+        if len(corners):
+            places = first.continuous_rowcol_from_xy(frame.xy_from_continuous_rowcol(corners))
+            low = np.minimum(low, np.floor(places.min(axis=0) + _TOUCHING))
+            high = np.maximum(high, np.ceil(places.max(axis=0) - _TOUCHING))
+    row, col = (int(edge) for edge in low)
+    height, width = (int(edge) for edge in high - low)
+    if height * width > MOST_CELLS:
+        rule = f"the maps lie too far apart: {width} x {height} cells hold them all"
+        raise ParameterError(rule, place="origin")
+    return Region(row, col, height, width).frame_in(first)
+
+
+def merged_on(
+    lattice: Frame,
+    maps: Sequence[OccupancyGrid],
+    frames: Sequence[Frame],
+    *,
+    rule: Rule = "occupied",
+    evidence: Sequence[ChosenLayers] = (),
+) -> Merged:
+    """Return maps, each at its place, as one on a lattice; see `merge`, which says what is odd."""
+    values = np.full(lattice.shape, UNKNOWN, dtype=np.int8)
+    states = []
+    for grid, frame in zip(maps, frames, strict=True):
+        kept, said = _brought(lattice, grid, frame)
+        states.append(states_of(said))
+        if rule == "newest":
+            np.copyto(values, kept, where=kept != UNKNOWN)
+        else:
+            np.maximum(values, said if rule == "evidence" else kept, out=values)
+        del kept, said
+    log_odds = None
+    if rule == "evidence":
+        total = evidence_of(lattice, states, frames, evidence)
+        values[total > 0] = OCCUPIED
+        values[total < 0] = FREE
+        log_odds = in_beams(total)
+        del total
+        log_odds += EVEN
+        log_odds[values == UNKNOWN] = np.nan
+    conflicts, counts = compared(states)
+    grid = OccupancyGrid(values, lattice.resolution, lattice.origin)
+    return Merged(grid, conflicts, counts, log_odds)
+
+
+def without_layers(evidence: Sequence[ChosenLayers]) -> list[int]:
+    """Return the indices of the maps whose layers say nothing of hits."""
+    return [k for k, layers in enumerate(evidence) if not layers]
+
+
+def remarks_on(
+    merged: Merged, names: Sequence[str], layerless: Sequence[int] = ()
+) -> Iterator[str]:
+    """Yield what there is to warn of, with a name for each map."""
+    if len(layerless) == len(names):
+        yield "no map has evidence layers; each of their cells counts as one vote"
+    else:
+        for k in layerless:
+            yield f"{names[k]}: has no evidence layers; each of its cells counts as one vote"
+    for name, counts in list(zip(names, merged.maps, strict=True))[1:]:
+        if not counts.common:
+            yield f"{name}: knows no cell that another map knows"
+        elif not counts.added and not counts.conflicts:
+            yield f"{name}: adds nothing: the maps before it know all of its cells and obstacles"
+        if counts.is_contradicted:
+            share = f"{100 * counts.conflict_share:.1f} % of the cells that it shares"
+            yield (
+                f"{name}: contradicts the other maps on {share}, mostly with walls that none of "
+                "them has near: it is not aligned, or much has changed"
+            )
+
+
+def _checked(
+    maps: Sequence[OccupancyGrid],
+    transforms: Sequence[Transform | None] | None,
+    rule: Rule,
+    evidence: Sequence[Layers | None] | None,
+) -> list[ChosenLayers]:
+    """Refuse what cannot be merged; return the layers of each map."""
+    check_choice(rule, Rule, "rule")
+    if len(maps) < _FEWEST:
+        raise ParameterError("takes two maps or more", place="maps", got=len(maps))
+    for number, grid in enumerate(maps, 1):
+        check_is_map(grid, f"map {number}")
+    if transforms is not None and len(transforms) != len(maps) - 1:
+        rule_ = f"must be {len(maps) - 1}, one for each map but the first"
+        raise ParameterError(rule_, place="transforms", got=len(transforms))
+    if evidence is None:
+        return [{} for _ in maps]
+    if rule != "evidence":
+        raise ParameterError("is for rule evidence alone", place="evidence")
+    if len(evidence) != len(maps):
+        raise ParameterError(
+            f"must be {len(maps)}, one for each map", place="evidence", got=len(evidence)
+        )
+    return [
+        chosen_layers(layers or {}, grid.shape, f"map {number}")
+        for number, (layers, grid) in enumerate(zip(evidence, maps, strict=True), 1)
+    ]
+
+
+def check_is_map(grid: object, name: str) -> OccupancyGrid:
+    """Return a map, refusing what is none.
+
+    Raises
+    ------
+    ParameterError
+        If it is a costmap, a field, or a field's view.
+    """
+    if not isinstance(grid, OccupancyGrid) or isinstance(grid, FieldView):
+        rule = "is no map; merge the maps, and compute costs and fields from the result"
+        raise ParameterError(rule, source=name)
+    return grid
+
+
+def _brought(lattice: Frame, grid: OccupancyGrid, frame: Frame) -> tuple[Values, Values]:
+    """Return a map in cells of the lattice: with all of its obstacles, and what it says there."""
+    there = replace(grid, origin=frame.origin)
+    if region_on_lattice(frame, lattice) is not None:
+        kept = resampled(there, lattice, rule="nearest").occupancy
+        return kept, kept
+    kept = resampled(there, lattice).occupancy
+    if frame.resolution < lattice.resolution:
+        return kept, kept
+    return kept, resampled(there, lattice, rule="nearest").occupancy
+
+
+def _corners_of_known(occupancy: Values) -> NDArray[np.int64]:
+    """Return corners of cells, shape (N, 2), whose hull holds all known cells."""
+    known = occupancy != UNKNOWN
+    rows = np.flatnonzero(known.any(axis=1))
+    first = known[rows].argmax(axis=1)
+    last = known.shape[1] - known[rows, ::-1].argmax(axis=1)
+    ends = [np.stack([rows + up, col], axis=1) for up in (0, 1) for col in (first, last)]
+    return np.concatenate(ends)

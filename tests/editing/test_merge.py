@@ -1,0 +1,368 @@
+"""Maps in one, against maps merged cell by cell in plain Python."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drawn import cells, grid_from_text
+from mapdeal import (
+    MapdealWarning,
+    OccupancyGrid,
+    ParameterError,
+    Transform,
+    esdf,
+    exponential_cost,
+    field_view,
+    merge,
+)
+from strategies import occupancies
+
+pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+
+RULES = ("occupied", "newest", "evidence")
+YAWS = st.one_of(st.sampled_from([0.0, math.pi / 2, -math.pi, math.pi / 4]), st.floats(-4, 4))
+EDGE = 1e-4
+"""In cells: what lies so near to the edge of a cell is not asked about."""
+
+
+def moved(point, transform):
+    x, y = point
+    cos, sin = math.cos(transform.yaw), math.sin(transform.yaw)
+    return cos * x - sin * y + transform.x, sin * x + cos * y + transform.y
+
+
+def moved_back(point, transform):
+    x, y = point[0] - transform.x, point[1] - transform.y
+    cos, sin = math.cos(transform.yaw), math.sin(transform.yaw)
+    return cos * x + sin * y, cos * y - sin * x
+
+
+def as_transform(grid):
+    """From places in cells times the resolution to the map frame."""
+    return Transform(*grid.origin)
+
+
+def place_in(grid, point):
+    """Column and row, with fractions."""
+    x, y = moved_back(point, as_transform(grid))
+    return x / grid.resolution, y / grid.resolution
+
+
+def value_at(grid, point):
+    """The value at a point, None if it is too near to an edge to be sure."""
+    col, row = place_in(grid, point)
+    if min(abs(col - round(col)), abs(row - round(row))) < EDGE:
+        return None
+    col, row = math.floor(col), math.floor(row)
+    height, width = grid.shape
+    return int(grid.occupancy[row, col]) if 0 <= row < height and 0 <= col < width else -1
+
+
+def square(grid, row, col):
+    corners = [(col, row), (col + 1, row), (col + 1, row + 1), (col, row + 1)]
+    return [
+        moved((x * grid.resolution, y * grid.resolution), as_transform(grid)) for x, y in corners
+    ]
+
+
+def shared_area(first, second):
+    """The area that two convex anticlockwise polygons share: the second clips the first."""
+    polygon = first
+    for (ax, ay), (bx, by) in zip(second, second[1:] + second[:1], strict=True):
+        kept = []
+        for (px, py), (qx, qy) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+            p = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+            q = (bx - ax) * (qy - ay) - (by - ay) * (qx - ax)
+            if p >= 0:
+                kept.append((px, py))
+            if (p > 0 > q) or (p < 0 < q):
+                t = p / (p - q)
+                kept.append((px + t * (qx - px), py + t * (qy - py)))
+        polygon = kept
+    ends = polygon[1:] + polygon[:1]
+    return sum(x * v - u * y for (x, y), (u, v) in zip(polygon, ends, strict=True)) / 2
+
+
+def overlapping(grid, target, transform):
+    """The largest value above 0 under a square of the first frame; None where that is not sure."""
+    polygon = [moved(point, transform) for point in target]
+    largest, least = 0, min(grid.resolution, math.dist(*target[:2])) ** 2
+    for row, col in np.argwhere(grid.occupancy > 0).tolist():
+        area = shared_area(polygon, square(grid, row, col)) / least
+        if 1e-14 < area < 1e-5:
+            return None
+        if area >= 1e-5:
+            largest = max(largest, int(grid.occupancy[row, col]))
+    return largest
+
+
+def middle(corners):
+    return sum(x for x, _ in corners) / 4, sum(y for _, y in corners) / 4
+
+
+@st.composite
+def placed_maps(draw, longest=5):
+    """Two or three maps with their transforms, near to each other."""
+    count = draw(st.integers(2, 3))
+    maps, transforms = [], []
+    for number in range(count):
+        resolution = draw(st.sampled_from([0.05, 0.07, 0.1, 0.3]))
+        origin = (draw(st.floats(-0.3, 0.3)), draw(st.floats(-0.3, 0.3)), draw(YAWS))
+        maps.append(OccupancyGrid(draw(occupancies(longest)), resolution, origin))
+        if number:
+            shift = draw(st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)))
+            transforms.append(Transform(*shift, draw(YAWS)))
+    return maps, transforms
+
+
+@given(placed_maps(), st.sampled_from(["occupied", "newest"]))
+def test_cells_are_what_plain_python_makes_of_them(case, rule):
+    maps, transforms = case
+    grid = merge(maps, transforms=transforms, rule=rule).grid
+    for row, col in np.ndindex(grid.shape):
+        target = square(grid, row, col)
+        wanted = -1
+        for number, (one, transform) in enumerate(
+            zip(maps, [Transform(), *transforms], strict=True)
+        ):
+            value = value_at(one, moved(middle(target), transform))
+            above = overlapping(one, target, transform) if number else 0
+            if value is None or above is None:
+                break
+            value = max(value, above or -1)
+            wanted = max(wanted, value) if rule == "occupied" or value == -1 else value
+        else:
+            assert grid.occupancy[row, col] == wanted
+
+
+@given(placed_maps(), st.randoms())
+def test_no_point_of_an_obstacle_is_lost_and_no_known_cell(case, random):
+    maps, transforms = case
+    grid = merge(maps, transforms=transforms).grid
+    for one, transform in zip(maps, [Transform(), *transforms], strict=True):
+        for row, col in np.argwhere(one.occupancy >= 0).tolist():
+            at = (col + random.uniform(0.01, 0.99), row + random.uniform(0.01, 0.99))
+            local = at[0] * one.resolution, at[1] * one.resolution
+            point = moved_back(moved(local, as_transform(one)), transform)
+            place = place_in(grid, point)
+            assert 0 <= place[0] <= grid.shape[1]
+            assert 0 <= place[1] <= grid.shape[0]
+            value = value_at(grid, point)
+            if value is not None and one.occupancy[row, col] > 0:
+                assert value >= one.occupancy[row, col]
+
+
+@given(placed_maps(), st.sampled_from(RULES))
+def test_the_first_maps_cells_stay_and_the_lattice_is_no_larger_than_needed(case, rule):
+    maps, transforms = case
+    first, merged = maps[0], merge(maps, transforms=transforms, rule=rule).grid
+    assert merged.resolution == first.resolution
+    assert merged.origin[2] == first.origin[2]
+    col, row = (round(x) for x in place_in(first, merged.origin[:2]))
+    assert row <= 0
+    assert col <= 0
+    np.testing.assert_allclose(place_in(first, merged.origin[:2]), (col, row), atol=1e-6)
+    own = merged.occupancy[-row:, -col:][: first.shape[0], : first.shape[1]]
+    assert own.shape == first.shape
+    if rule == "occupied":
+        assert (own >= first.occupancy).all()
+    rows, cols = [0, first.shape[0]], [0, first.shape[1]]
+    for one, transform in zip(maps[1:], transforms, strict=True):
+        for cell in np.argwhere(one.occupancy >= 0).tolist():
+            for corner in square(one, *cell):
+                x, y = place_in(first, moved_back(corner, transform))
+                rows.append(y)
+                cols.append(x)
+    size = (math.ceil(max(rows) - EDGE) - math.floor(min(rows) + EDGE),
+            math.ceil(max(cols) - EDGE) - math.floor(min(cols) + EDGE))  # fmt: skip
+    if all(abs(x - round(x)) > 2 * EDGE or abs(x - round(x)) < EDGE / 100 for x in rows + cols):
+        assert merged.shape == size
+
+
+@given(occupancies(8), st.sampled_from(RULES), YAWS, st.integers(2, 4))
+def test_a_map_merged_with_itself_is_itself(values, rule, yaw, count):
+    grid = OccupancyGrid(values, 0.07, (1.3, -0.2, yaw))
+    merged = merge([grid] * count, rule=rule)
+    np.testing.assert_array_equal(merged.grid.occupancy, values)
+    assert merged.grid.origin == grid.origin
+    assert merged.conflict_count == 0
+    known = int((values >= 0).sum())
+    assert [counts.added for counts in merged.maps] == [known] + [0] * (count - 1)
+    assert {counts.common for counts in merged.maps} == {known}
+
+
+@given(st.lists(occupancies(6), min_size=2, max_size=4), st.data())
+def test_the_order_matters_to_the_lattice_alone(arrays, data):
+    """Maps on one lattice: occupied and evidence are the same in any order."""
+    lattice = OccupancyGrid([[0]], 0.07, (1.3, -0.2, 0.7)).frame
+    step = st.integers(-3, 3)
+    maps = [
+        OccupancyGrid(a, 0.07, lattice.window(data.draw(step), data.draw(step), *a.shape).origin)
+        for a in arrays
+    ]
+    other = data.draw(st.permutations(maps))
+    for rule in ("occupied", "evidence"):
+        found = [known_places(merge(order, rule=rule).grid, lattice) for order in (maps, other)]
+        assert found[0] == found[1]
+
+
+def known_places(grid, lattice):
+    """The known values of a map by their cells of a lattice."""
+    known = np.argwhere(grid.occupancy >= 0)
+    at = lattice.unbounded_rowcol_from_xy(grid.frame.xy_from_rowcol(known))
+    return dict(zip(map(tuple, at.tolist()), grid.occupancy[tuple(known.T)].tolist(), strict=True))
+
+
+@given(st.lists(occupancies(6), min_size=2, max_size=4), st.data())
+def test_counts_rules_and_conflicts_on_one_lattice_by_hand(arrays, data):
+    lattice = OccupancyGrid([[0]], 0.07, (1.3, -0.2, 0.7)).frame
+    step = st.integers(-3, 3)
+    places = [(data.draw(step), data.draw(step)) for _ in arrays]
+    maps = [
+        OccupancyGrid(a, 0.07, lattice.window(*place, *a.shape).origin)
+        for a, place in zip(arrays, places, strict=True)
+    ]
+    told = {}  # by cell of the lattice what each map says
+    for number, (a, (row, col)) in enumerate(zip(arrays, places, strict=True)):
+        for r, c in np.ndindex(a.shape):
+            told.setdefault((r + row, c + col), [-1] * len(arrays))[number] = int(a[r, c])
+
+    def newest(values):
+        return [-1, *(value for value in values if value >= 0)][-1]
+
+    def votes(values):
+        sum_ = sum(value == 100 for value in values) - sum(value == 0 for value in values)
+        return max(values) if sum_ == 0 else 100 * (sum_ > 0)
+
+    for rule, decide in (("occupied", max), ("newest", newest), ("evidence", votes)):
+        merged = merge(maps, rule=rule)
+        decided = {cell: decide(values) for cell, values in told.items()}
+        wanted = {cell: value for cell, value in decided.items() if value >= 0}
+        assert known_places(merged.grid, lattice) == wanted
+
+    kinds = {}
+    for cell, values in told.items():
+        if 100 in values and 0 in values:
+            kinds[cell] = {100: 1, 0: 2}.get(values[0], 3)
+    conflicts = OccupancyGrid(merged.conflicts, 0.07, merged.grid.origin)
+    found = {cell: kind for cell, kind in known_places(conflicts, lattice).items() if kind}
+    assert found == kinds
+    for number, counts in enumerate(merged.maps):
+        own = {cell: (v[number], v[:number] + v[number + 1 :]) for cell, v in told.items()}
+        assert counts.known == sum(mine >= 0 for mine, _ in own.values())
+        assert counts.common == sum(mine >= 0 and max(rest) >= 0 for mine, rest in own.values())
+        here = {cell for cell, (mine, rest) in own.items() if mine == 100 and 0 in rest}
+        there = {cell for cell, (mine, rest) in own.items() if mine == 0 and 100 in rest}
+        assert (counts.occupied_here, counts.free_here) == (len(here), len(there))
+        walls = {True: [cell for cell, (mine, _) in own.items() if mine == 100],
+                 False: [cell for cell, (_, rest) in own.items() if 100 in rest]}  # fmt: skip
+        assert counts.apart == sum(
+            all(math.dist(cell, wall) > 2 for wall in walls[of_own])
+            for of_own, conflicting in ((True, there), (False, here))
+            for cell in conflicting
+        )
+        before = [v[:number] for v in told.values()]
+        mine = [v[number] for v in told.values()]
+        assert counts.added == sum(
+            (m >= 0 and max(b, default=-1) < 0) or (m == 100 and 100 not in b)
+            for m, b in zip(mine, before, strict=True)
+        )
+
+
+def test_a_transform_brings_points_of_the_first_map_to_the_other():
+    """A quarter turn of a map whose wall is known by its place."""
+    first = grid_from_text("...\n...", resolution=0.5, origin=(2.0, 1.0, 0.0))
+    # In the first frame the wall is the square from (3, 1) to (3.5, 1.5).
+    # p_second = R(90 degrees) p_first + (1, 0): it is that from (-0.5, 3) to (0, 3.5).
+    second = OccupancyGrid(cells("#.?"), 0.5, (-0.5, 3.0, 0.0))
+    merged = merge([first, second], transforms=[Transform(1.0, 0.0, math.pi / 2)])
+    # A step along x in the second frame is one to the south in the first.
+    assert merged.grid.occupancy.tolist() == cells("...\n..#\n??.").tolist()
+    assert merged.grid.origin == (2.0, 0.5, 0.0)
+
+
+def test_finer_obstacles_are_seen_in_conflicts_and_votes():
+    first = OccupancyGrid(np.zeros((2, 3), np.int8), 0.5, (1.0, 2.0, 0.0))
+    fine = np.zeros((10, 15), np.int8)
+    fine[0, 0] = 100  # far from any centre of the first map's cells
+    second = OccupancyGrid(fine, 0.1, first.origin)
+    merged = merge([first, second])
+    assert merged.conflicts.tolist() == [[2, 0, 0], [0, 0, 0]]
+    assert merged.grid.occupancy[0, 0] == 100
+    assert merge([first, second], rule="evidence").grid.occupancy[0, 0] == 100
+
+
+def test_walls_that_two_maps_see_a_cell_apart_are_no_thicker_in_conflicts():
+    """On a lattice half a cell off, each cell of the wall touches two; it counts at one."""
+    first = OccupancyGrid(np.zeros((3, 7), np.int8), 0.5, (1.0, 2.0, 0.0))
+    wall = np.zeros((3, 7), np.int8)
+    wall[:, 3] = 100
+    merged = merge([first, OccupancyGrid(wall, 0.5, (1.2, 2.0, 0.0))])
+    assert np.count_nonzero(merged.grid.occupancy == 100) == 6
+    assert merged.conflict_count == 3
+
+
+def said(maps, **options):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MapdealWarning)
+        merge(maps, **options)
+    return [str(one.message) for one in caught]
+
+
+def room(height=40, width=60, wall=100):
+    values = np.zeros((height, width), np.int8)
+    values[[0, -1]] = values[:, [0, -1]] = values[:, width // 3] = wall
+    return values
+
+
+def test_what_is_odd_is_warned_of():
+    first = OccupancyGrid(room(), 0.07, (1.3, -0.2, 0.7))
+    assert said([first, first]) == [
+        "map 2: adds nothing: the maps before it know all of its cells and obstacles"
+    ]
+    far = OccupancyGrid(room(), 0.07, (31.3, -0.2, 0.7))
+    assert said([first, far]) == ["map 2: knows no cell that another map knows"]
+    one_off = OccupancyGrid(room(), 0.07, first.frame.window(1, 1, *first.shape).origin)
+    assert said([first, one_off]) == []
+    off = OccupancyGrid(room(), 0.07, first.frame.window(5, 5, *first.shape).origin)
+    (text,) = said([first, off])
+    # 35 x 55 cells in common. Of either map two edges and the wall between them lie there, which
+    # meet in two cells, and meet the other map's in four.
+    conflicts, shared = 2 * (55 + 35 + 35 - 2 - 4), 35 * 55
+    assert text.startswith(f"map 2: contradicts the other maps on {100 * conflicts / shared:.1f} %")
+    assert said([first, one_off], rule="evidence") == [
+        "no map has evidence layers; each of their cells counts as one vote"
+    ]
+
+
+def test_what_cannot_be_merged_is_refused():
+    grid = grid_from_text("..#\n...")
+    costs = exponential_cost(grid, inscribed_radius=0.1, inflation_radius=0.3)
+    for maps in ([], [grid]):
+        with pytest.raises(ParameterError, match=r"^maps: takes two maps or more, got "):
+            merge(maps)
+    for odd in (costs, esdf(grid), field_view(esdf(grid)), np.zeros((2, 3)), "a.yaml"):
+        with pytest.raises(ParameterError, match=r"^map 2: is no map"):
+            merge([grid, odd])
+    with pytest.raises(ParameterError, match=r"^rule: must be one of occupied, newest, evidence"):
+        merge([grid, grid], rule="oldest")
+    with pytest.raises(ParameterError, match=r"^transforms: must be 1, one for each map but"):
+        merge([grid, grid], transforms=[None, None])
+    far = grid.with_values(grid.occupancy, (1e9, 0.0, 0.0))
+    with pytest.raises(ParameterError, match=r"^origin: the maps lie too far apart: "):
+        merge([grid, far])
+    with pytest.raises(ParameterError, match="must be a finite number"):
+        merge([grid, grid], transforms=[Transform(1e12, 1e12, 0.3)])
+
+
+def test_a_map_that_knows_nothing_changes_nothing():
+    grid = grid_from_text("..#\n?..")
+    nothing = OccupancyGrid(np.full((9, 9), -1, np.int8), 0.05, (100.0, 0.0, 0.0))
+    for rule in RULES:
+        merged = merge([grid, nothing], rule=rule)
+        np.testing.assert_array_equal(merged.grid.occupancy, grid.occupancy)
+    assert merged.maps[1].common == 0
