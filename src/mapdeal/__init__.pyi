@@ -23,9 +23,9 @@ from mapdeal.checks.difference import WallShift as WallShift
 from mapdeal.checks.finding import Finding as Finding
 from mapdeal.checks.reports.report import LintReport as LintReport
 from mapdeal.checks.reports.report import MapReport as MapReport
-from mapdeal.editing.conflicts import MapCounts as MapCounts
 from mapdeal.editing.clean import Cleaned as Cleaned
 from mapdeal.editing.clean import clean as clean
+from mapdeal.editing.conflicts import MapCounts as MapCounts
 from mapdeal.editing.draw import draw as draw
 from mapdeal.editing.merge import Merged as Merged
 from mapdeal.editing.merge import merge as merge

@@ -1,0 +1,304 @@
+"""Where a map lies in the frame of another of the same place, and whether it is the same place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.alignment.agreement import TOLERANCES, agreement_at
+from mapdeal.alignment.correlation import Near, moved, places_of
+from mapdeal.alignment.refinement import refined
+from mapdeal.alignment.walls import WallMap, walls_of
+from mapdeal.alignment.yaws import yaws_by_walls
+from mapdeal.errors import ParameterError
+from mapdeal.grid.coordinates import FARTHEST
+from mapdeal.grid.display import OneLine
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.transform import Transform
+
+LEAST_SCORE, LEAST_LEAD = 2.5, 2.0
+"""A score, and what it has more than the runner-up. Of 500 pairs of maps of different places the
+largest lead was 1.8."""
+
+LEAST_OVERLAP = 0.1
+MOST_RUNNER_UP = 0.75
+"""Of the score: a place that fits nearly as well may be the right one."""
+
+_SHOWN = TOLERANCES.index(0.25)
+
+_PRIOR_TURN = math.radians(30)
+_PRIOR_SHIFT = 5.0
+_ROTATION_OFF = math.radians(3)
+"""How far a turn may be from one that was given: maps are rarely turned exactly."""
+
+_ALL_AROUND = 100
+_COARSE, _FINE = 200, 500
+_MOST_YAWS = 8
+_MOST_FACES, _MOST_CHECKED, _MOST_POLISHED = 400, 2000, 4000
+_SAME_TURN, _SAME_PLACE = math.radians(5), 1.2
+_LEFT = 1.2
+"""Of a prior's limits: places are moved a little after they were found."""
+
+Mask = NDArray[np.bool_]
+Poses = NDArray[np.float64]
+
+
+@dataclass(frozen=True, repr=False)
+class Alignment(OneLine):
+    """Where a first map lies in the frame of a second.
+
+    Parameters
+    ----------
+    transform : Transform
+        From the first map's frame to the second's: p_second = R(yaw) p_first + (x, y).
+    reason : str or None
+        Why it is not sure that both maps show the same place so; None if it is.
+    score : float
+        How much more the walls agree than those of different places happen to; 0 if no more.
+    runner_up : float
+        The score of the best place elsewhere.
+    runner_up_transform : Transform or None
+        That place; None if there is no other.
+    overlap : float
+        Free space that both maps know, as a share of the free space of the map that has less.
+    agreement : float
+        Share of the walls that lie within 0.25 m of one of the other map, of all that lie there
+        or in the other map's free space.
+    """
+
+    transform: Transform
+    reason: str | None
+    score: float
+    runner_up: float
+    runner_up_transform: Transform | None
+    overlap: float
+    agreement: float
+
+    @property
+    def same_place(self) -> bool:
+        """Whether it is sure that both maps show one place, and how they lie."""
+        return self.reason is None
+
+    def _told(self) -> Iterator[str]:
+        yield "the same place" if self.same_place else f"not sure: {self.reason}"
+        x, y, yaw = self.transform.pose
+        yield f"x {x:.3f} m, y {y:.3f} m, yaw {yaw:.4f} rad"
+        yield f"score {self.score:.2f}, runner-up {self.runner_up:.2f}"
+
+
+def align(
+    first: OccupancyGrid,
+    second: OccupancyGrid,
+    *,
+    prior: Transform | None = None,
+    rotations: Sequence[float] | None = None,
+) -> Alignment:
+    """Return where a map lies in the frame of another of the same place.
+
+    Parameters
+    ----------
+    first, second : OccupancyGrid
+        The maps. Size, resolution, origin and yaw may differ, and what they show of the place.
+    prior : Transform, optional
+        About where it lies: places are looked for within 30 degrees, and 5 m (of large maps a
+        tenth of the diagonal), of it.
+    rotations : sequence of float, optional
+        The only turns to look for, radians; 3 degrees are left for what the maps are off.
+
+    Returns
+    -------
+    Alignment
+        The best place, whether or not it is sure; its `reason` says why it is not.
+
+    Raises
+    ------
+    ParameterError
+        If `rotations` is empty or not finite.
+
+    Notes
+    -----
+    Candidates are the peaks of correlations (by FFT) over all shifts: at the turns where walls
+    run in the same directions (Carpin 2008), and, on coarser cells, all around. Each is moved to
+    where the walls lie nearest to each other, and then all are judged by the faces of walls: one
+    agrees if it lies on a wall of the other map with free space on the same side, and contradicts
+    if it lies in the other map's free space. A score is the divergence of the share that agrees
+    from the share that agrees at wrong places, times the length of the walls in pieces of 2 m (of
+    small maps less). It is sure if it is at least 2.5, the maps overlap by a tenth, and no place
+    elsewhere scores 0.75 times as much.
+
+    A place is found where walls tell it: in a long corridor whose ends neither map shows, the
+    place along it is chance, and the runner-up says so.
+
+    Examples
+    --------
+    >>> walls = np.zeros((40, 60), dtype=np.int8)
+    >>> walls[[0, -1]] = walls[:, [0, -1]] = walls[12, :35] = walls[12:30, 22] = 100
+    >>> room = OccupancyGrid(walls, 0.1, (1.0, 2.0, 0.0))
+    >>> turned = OccupancyGrid(np.rot90(walls), 0.1)
+    >>> found = align(room, turned)
+    >>> found.same_place, round(math.degrees(found.transform.yaw), 1)
+    (True, -90.0)
+    """
+    _check(rotations)
+    here, there = walls_of(first), walls_of(second)
+    if here is None or there is None:
+        which = "first" if here is None else "second"
+        return _nowhere(f"the {which} map has no obstacle", prior)
+    search = _Search(here, there, prior, rotations)
+    poses = search.places()
+    if not len(poses):
+        return _nowhere("there is no place within what was given", prior)
+    return _judged(here, there, poses)
+
+
+class _Search:
+    """Candidates for the place of one map in another, within what is known of it."""
+
+    def __init__(
+        self,
+        first: WallMap,
+        second: WallMap,
+        prior: Transform | None,
+        rotations: Sequence[float] | None,
+    ) -> None:
+        self._maps = first, second
+        lattices = second.frame.origin[2] - first.frame.origin[2]
+        self._yaws = None if rotations is None else np.array(rotations, dtype=np.float64) - lattices
+        self._near: Near | None = None
+        if prior is not None:
+            pose = _pose_of(first, second, prior)
+            diagonals = [math.hypot(*walls.frame.size_xy) for walls in self._maps]
+            self._near = Near(pose, max(_PRIOR_SHIFT, min(diagonals) / 10))
+
+    def places(self) -> Poses:
+        """Return the candidates, yaw, x, y, moved to where walls lie on walls."""
+        first, second = self._maps
+        around = np.arange(_ALL_AROUND) * (2 * math.pi / _ALL_AROUND)
+        walls = yaws_by_walls(first, second, _MOST_YAWS)
+        if self._yaws is not None:
+            around = walls = np.unique(np.mod(self._yaws, 2 * math.pi))
+        around, walls = self._within(around), self._within(walls)
+        if self._near is not None and self._yaws is None and not len(walls):
+            walls = self._near.pose[:1]
+        fine = places_of(first, second, walls, side=_FINE, offered=8, kept=16, near=self._near)
+        coarse = places_of(first, second, around, side=_COARSE, offered=4, kept=16, near=self._near)
+        poses = np.concatenate([fine.poses, coarse.poses])
+        if not len(poses):
+            return poses
+        wide, narrow = max(coarse.cell, 0.3), _narrow(first, second)
+        scales = [wide] * 4 + [wide / 2] * 4 + [narrow] * 4
+        poses = refined(first, second, poses, scales, _MOST_FACES)
+        return poses[self._is_allowed(poses)]
+
+    def _within(self, yaws: NDArray[Any]) -> NDArray[Any]:
+        if self._near is None:
+            return yaws
+        off = _turns(yaws - self._near.pose[0])
+        return yaws[off <= _PRIOR_TURN]
+
+    def _is_allowed(self, poses: Poses) -> Mask:
+        """Return which places are still within what is known after they were moved."""
+        allowed: Mask = np.all(np.isfinite(poses), axis=1)
+        if self._yaws is not None:
+            off = _turns(poses[:, :1] - self._yaws[None])
+            allowed &= off.min(axis=1) <= _ROTATION_OFF
+        if self._near is not None:
+            middle = self._maps[0].middle_xy[None]
+            shift = moved(poses, middle)[:, 0] - moved(self._near.pose[None], middle)[:, 0]
+            allowed &= np.hypot(shift[:, 0], shift[:, 1]) <= _LEFT * self._near.shift
+            allowed &= _turns(poses[:, 0] - self._near.pose[0]) <= _LEFT * _PRIOR_TURN
+        return allowed
+
+
+def _judged(first: WallMap, second: WallMap, poses: Poses) -> Alignment:
+    """Return the best of some places, and whether it is sure."""
+    found = agreement_at(first, second, poses, _MOST_CHECKED)
+    chance = found.by_chance()
+    scores = found.evidence(chance)
+    order = np.argsort(-scores, kind="stable")
+    best = int(order[0])
+    elsewhere = order[_is_elsewhere(first, poses, best)[order]]
+    other = int(elsewhere[0]) if len(elsewhere) else None
+    runner_up = 0.0 if other is None else float(scores[other])
+    polished = _polished(first, second, poses[best : best + 1])
+    overlap = float(found.known[best]) / max(min(first.free_area, second.free_area), 1e-12)
+    overlap = min(overlap, 1.0)
+    return Alignment(
+        transform=_transform_of(first, second, polished),
+        reason=_reason(float(scores[best]), runner_up, overlap),
+        score=float(scores[best]),
+        runner_up=runner_up,
+        runner_up_transform=None if other is None else _transform_of(first, second, poses[other]),
+        overlap=overlap,
+        agreement=float(found.shares[best, _SHOWN]),
+    )
+
+
+def _reason(score: float, runner_up: float, overlap: float) -> str | None:
+    """Return why a place is not sure; None if it is."""
+    if score < LEAST_SCORE:
+        return f"the walls agree no more than those of different places do (score {score:.2f})"
+    if overlap < LEAST_OVERLAP:
+        return f"the maps have too little in common there ({overlap:.0%} of their free space)"
+    if runner_up > MOST_RUNNER_UP * score or score - runner_up < LEAST_LEAD:
+        return f"another place fits nearly as well (scores {score:.2f} and {runner_up:.2f})"
+    return None
+
+
+def _is_elsewhere(first: WallMap, poses: Poses, best: int) -> Mask:
+    """Return which places are not the best one, found once more."""
+    middles = moved(poses, first.middle_xy[None])[:, 0]
+    off = middles - middles[best]
+    is_turned = _turns(poses[:, 0] - poses[best, 0]) > _SAME_TURN
+    elsewhere: Mask = is_turned | (np.hypot(off[:, 0], off[:, 1]) > _SAME_PLACE)
+    return elsewhere
+
+
+def _polished(first: WallMap, second: WallMap, poses: Poses) -> NDArray[np.float64]:
+    """Return a place to a fraction of a cell."""
+    narrow = _narrow(first, second)
+    scales = [narrow] * 3 + [narrow / 2] * 5
+    moved_to: Poses = refined(first, second, poses, scales, _MOST_POLISHED)[0]
+    return moved_to
+
+
+def _narrow(first: WallMap, second: WallMap) -> float:
+    return max(0.15, first.resolution, second.resolution)
+
+
+def _turns(angles: NDArray[Any]) -> NDArray[np.float64]:
+    """Return how far angles are from a whole turn, radians, 0..pi."""
+    turns: NDArray[np.float64] = np.abs(np.mod(angles + math.pi, 2 * math.pi) - math.pi)
+    return turns
+
+
+def _transform_of(first: WallMap, second: WallMap, pose: Poses) -> Transform:
+    """Return a place, along the cells of both maps, as a transform between their frames."""
+    yaw, x, y = pose.tolist()
+    lattices = Transform(x, y, yaw)
+    return second.map_from_cells().after(lattices).after(first.map_from_cells().inverse())
+
+
+def _pose_of(first: WallMap, second: WallMap, transform: Transform) -> Poses:
+    """Return a transform between two maps' frames as a place along their cells."""
+    lattices = second.map_from_cells().inverse().after(transform).after(first.map_from_cells())
+    return np.array([lattices.yaw, lattices.x, lattices.y])
+
+
+def _nowhere(reason: str, prior: Transform | None) -> Alignment:
+    return Alignment(prior or Transform(), reason, 0.0, 0.0, None, 0.0, 0.0)
+
+
+def _check(rotations: Sequence[float] | None) -> None:
+    if rotations is None:
+        return
+    if len(rotations) == 0:
+        raise ParameterError("must have at least one turn", place="rotations", got=rotations)
+    for value in rotations:
+        if not abs(value) <= FARTHEST:  # refuses nan too
+            raise ParameterError("must be finite numbers", place="rotations", got=rotations)
