@@ -23,10 +23,10 @@ As the commands do: `run` with its `RunReport`; `load_recipe`, which gives a `Re
 Pictures: `draw_picture`, which gives a `Picture`, and `write_picture`; notebooks show grids and
 reports as pictures by themselves.
 Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
-`reset_region`; `xy_ahead` of a pose.
+`reset_region`; `rotate`, `straighten` by `yaw_to_straighten`, `rescale`; `clean`, which gives a
+`Cleaned`; `xy_ahead` of a pose.
 Several maps of one place: `merge`, which gives a `Merged` with the `MapCounts` of each map; a
 `Transform` says how the frames of two maps lie.
-`reset_region`; `clean`, which gives a `Cleaned`; `xy_ahead` of a pose.
 Errors: `MapdealError`, of which `ParameterError`, `MalformedInputError`, `FileAccessError` and
 `FindingError` are kinds; `MapdealWarning`.
 

@@ -29,6 +29,10 @@ from mapdeal.editing.conflicts import MapCounts as MapCounts
 from mapdeal.editing.draw import draw as draw
 from mapdeal.editing.merge import Merged as Merged
 from mapdeal.editing.merge import merge as merge
+from mapdeal.editing.rescale import rescale as rescale
+from mapdeal.editing.turn import rotate as rotate
+from mapdeal.editing.turn import straighten as straighten
+from mapdeal.editing.turn import yaw_to_straighten as yaw_to_straighten
 from mapdeal.editing.window import blank as blank
 from mapdeal.editing.window import reset_region as reset_region
 from mapdeal.editing.window import shift_origin as shift_origin

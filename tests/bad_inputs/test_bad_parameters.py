@@ -192,6 +192,16 @@ BAD_WINDOWS = [
     ("P10-inf", ["shift", "--origin", "0,inf"], "origin"),
     ("P10-default-off-the-scale", ["shift", "--origin", "0,0", "--default", "255"], "default"),
     ("P10-words", ["shift", "--origin", "here"], "--origin"),
+    ("no-angle", ["rotate"], "--straighten"),
+    ("two-angles", ["rotate", "--yaw", "1", "--straighten"], "--yaw"),
+    ("angle-nan", ["rotate", "--yaw", "nan"], "yaw: "),
+    ("angle-inf", ["rotate", "--yaw", "inf"], "yaw: "),
+    ("no-such-rule", ["rotate", "--yaw", "1", "--rule", "median"], "--rule"),
+    ("no-resolution", ["rescale"], "--resolution"),
+    ("resolution-zero", ["rescale", "--resolution", "0"], "resolution"),
+    ("resolution-negative", ["rescale", "--resolution", "-0.1"], "resolution"),
+    ("resolution-nan", ["rescale", "--resolution", "nan"], "resolution"),
+    ("resolution-overflow", ["rescale", "--resolution", "1.1e-6"], "resolution"),
 ]
 
 

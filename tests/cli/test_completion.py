@@ -21,7 +21,7 @@ FILES = ["map.yaml", "cloud.pcd", "scan.log", "field.npz", "picture.png", "bits.
 
 # Words of a command line, the last of them to be completed, and what it can become.
 CASES = [
-    (["r"], {"run", "reach", "route", "report"}),
+    (["r"], {"run", "reach", "route", "rotate", "rescale", "report"}),
     (["comp"], {"completion"}),
     (["completion", ""], {"bash", "zsh", "fish"}),
     (["edit", ""], {"polygon", "line", "circle", "reset"}),
@@ -142,7 +142,10 @@ def test_bash_completes_lists_of_checks(folder):
 @needs("bash")
 def test_bash_starts_nothing(folder):
     code = "PATH=; source ../bash.script; COMP_WORDS=(mapdeal r); COMP_CWORD=1; _mapdeal\n"
-    assert run("bash", code + 'echo "${COMPREPLY[@]}"', folder) == "run reach route report\n"
+    assert (
+        run("bash", code + 'echo "${COMPREPLY[@]}"', folder)
+        == "run reach route rotate rescale report\n"
+    )
 
 
 @needs("fish")

@@ -349,6 +349,8 @@ def test_the_pictures_of_changes(command, room, tmp_path):
         ["edit", "circle", room, "--radius", 0.1, "--value", 100, *point],
         ["window", room, "--at", "1.7,-1.8", "--size", "0.4,0.4"],
         ["shift", room, "--origin", "1.6,-2"],
+        ["rotate", room, "--yaw", 0.5],
+        ["rescale", room, "--resolution", 0.2],
         ["pack", room],
     ):
         output = tmp_path / ("b.pbm" if words[0] == "pack" else f"{words[0]}.yaml")

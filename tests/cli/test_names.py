@@ -14,7 +14,8 @@ from odd_names import private
 INPUTS = [
     *(f"{name} X.yaml -o o.npz" for name in
       ("active", "inflate", "esdf", "cost", "convert", "potential --goal 1.6,-1.9",
-       "window --size 1,1", "shift --origin 1,1", "edit polygon --blank --point 1.5,-2",
+       "window --size 1,1", "shift --origin 1,1", "rotate --yaw 1",
+       "rescale --resolution 1", "edit polygon --blank --point 1.5,-2",
        "edit reset --size 1,1 --corner 1,-2")),
     *(f"{name} X{end}" for end in (".yaml", ".npz", ".pgm", "") for name in ("info", "lint")),
     "diff m.yaml X.yaml", "query X.npz --at 1.6,-1.9", "route X.yaml --from 1,1 --to 1,1",

@@ -30,6 +30,8 @@ WORKING = {
     "edit reset": [*IN_OUT, "--at", "1.2,2.1", "--size", "0.1,0.1"],
     "window": [*IN_OUT, "--at", "1.2,2.1", "--size", "0.3,0.2"],
     "shift": [*IN_OUT, "--origin", "1.1,2.1"],
+    "rotate": [*IN_OUT, "--yaw", "0.3"],
+    "rescale": [*IN_OUT, "--resolution", "0.2"],
     "convert": IN_OUT,
     "pack": ["m.yaml", "-o", "o.pbm", "--force"],
     "unpack": ["b.pbm", "-o", "o.yaml", "--force"],

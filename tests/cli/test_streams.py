@@ -82,6 +82,7 @@ def test_a_chain_of_pipes_gives_the_bytes_of_the_chain_of_files(command, here):
         "active {} --margin 1", "potential {} --goal 2,-1.2", "cost {}",
         "convert {}", "convert {} --encoding costmap2d",
         "window {} --corner 1.5,-1.5 --size 0.5,0.6", "shift {} --origin 1.9,-1.6",
+        "rotate {} --yaw 0.5", "rescale {} --resolution 0.1",
         "edit polygon {} --point 1.6,-1.5 --point 2.5,-1.5 --point 2.2,-0.8 --value 100",
         "edit line {} --point 1.6,-1.5 --point 2.5,-1 --value 50",
         "edit circle {} --point 2,-1.2 --radius 0.3 --value 0",

@@ -34,6 +34,8 @@ LINES = {
              "--value", "100"],
     "window": ["window", "m.yaml", "--corner", "3,0", "--size", "1,1", "-o", "o.yaml"],
     "shift": ["shift", "m.yaml", "--origin", "2,-1.5", "-o", "o.yaml"],
+    "rotate": ["rotate", "m.yaml", "--yaw", "0.3", "-o", "o.yaml"],
+    "rescale": ["rescale", "m.yaml", "--resolution", "0.2", "-o", "o.yaml"],
     "convert": ["convert", "m.yaml", "-o", "o.png"],
     "pack": ["pack", "m.yaml", "-o", "o.pbm"],
     "info": ["info", "m.yaml"],

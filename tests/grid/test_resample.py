@@ -272,5 +272,5 @@ def test_a_frame_beside_the_grid_is_unknown():
 
 def test_there_are_two_rules():
     grid = OccupancyGrid([[100, 0]], 0.5)
-    with pytest.raises(ParameterError, match="rule: must be area or nearest, got 'median'"):
+    with pytest.raises(ParameterError, match="rule: must be one of area, nearest, got 'median'"):
         resampled(grid, grid.frame, rule="median")

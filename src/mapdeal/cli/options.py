@@ -12,6 +12,7 @@ import typer
 from mapdeal.cli import terminal
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError
+from mapdeal.grid.resample import ResamplingRule
 from mapdeal.pipeline.figures import said
 from mapdeal.stages.parameters import Parameter, is_plain, parameters_of
 
@@ -39,6 +40,13 @@ Corner = Annotated[
         metavar="X,Y",
         help="Or the corner at its first cell, in the map frame: the lower left one, if the map "
         "has no yaw.",
+    ),
+]
+Rule = Annotated[
+    ResamplingRule,
+    typer.Option(
+        help="What a cell gets: the largest value that it shares an area with (area), so that no "
+        "obstacle is lost, or the value at its centre (nearest)."
     ),
 ]
 

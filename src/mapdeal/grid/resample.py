@@ -49,7 +49,7 @@ def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
     Raises
     ------
     ParameterError
-        If there is no such rule.
+        If there is no such rule, or the grid is a field, whose distances would be wrong.
 
     Examples
     --------
@@ -62,8 +62,8 @@ def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
     >>> resampled(grid, Frame(4, 2, 0.5, (1.0, 0.0, math.pi / 2))).occupancy.tolist()
     [[100, 0], [0, 0], [-1, -1], [-1, -1]]
     """
-    if rule not in get_args(ResamplingRule):
-        raise ParameterError("must be area or nearest", place="rule", got=rule)
+    check_rule(rule)
+    check_values(grid)
     part = _under(frame, grid.values, grid.frame)
     values = np.full(frame.shape, grid.unknown_value, dtype=grid.values.dtype)
     if part is not None:
@@ -80,6 +80,20 @@ def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
     like_any: Any = grid
     made: V = replace(like_any, resolution=frame.resolution, origin=frame.origin, **layers)
     return made
+
+
+def check_rule(rule: str) -> None:
+    """Refuse a rule that there is not."""
+    if rule not in get_args(ResamplingRule):
+        known = ", ".join(get_args(ResamplingRule))
+        raise ParameterError(f"must be one of {known}", place="rule", got=rule)
+
+
+def check_values(grid: object) -> None:
+    """Refuse a grid that is neither a map nor a costmap."""
+    if not isinstance(grid, ValueGrid):
+        rule = "must be a map or a costmap; compute fields of the new map"
+        raise ParameterError(rule, place="grid", got=type(grid).__name__)
 
 
 def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:

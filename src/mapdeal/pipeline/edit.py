@@ -47,6 +47,7 @@ def edit_file(
     *,
     what: str,
     inputs: Sequence[Path] = (),
+    cells: Callable[[Editable], int] | None = None,
 ) -> Figures:
     """Read a map or costmap, change it, and write it; return its figures.
 
@@ -65,15 +66,25 @@ def edit_file(
         What has been done, for the title of the picture.
     inputs : sequence of Path
         Files beside the map that no output may replace.
+    cells : callable, optional
+        Takes the grid and returns how many cells the new one has, if not as many.
     """
 
-    def changed(grid: Grid) -> Grid:
+    def editable(grid: Grid) -> Editable:
         if not isinstance(grid, (OccupancyGrid, Costmap)):
             rule = "is a field, which cannot be edited"
             raise ParameterError(rule, hint="edit the map, then run esdf or potential on it")
-        return change(grid)
+        return grid
 
-    return change_file(path, output, options, changed, what=what, inputs=inputs)
+    return change_file(
+        path,
+        output,
+        options,
+        lambda grid: change(editable(grid)),
+        what=what,
+        inputs=inputs,
+        cells=None if cells is None else lambda grid: cells(editable(grid)),
+    )
 
 
 def change_file(
@@ -90,7 +101,8 @@ def change_file(
     outputs = output_paths(output)
     source = read_input(path, options)
     with options.memory():
-        count = None if cells is None else cells(source.grid)
+        with errors_named(path):
+            count = None if cells is None else cells(source.grid)
         height, width = source.grid.shape
         if count is None or count <= MOST_CELLS:  # more are refused by whoever makes them
             both = None if count is None else count + min(count, height * width)

@@ -1,0 +1,64 @@
+"""``mapdeal rotate``: a map turned in its frame, on a lattice without yaw."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import typer
+
+from mapdeal.cli import options as opt
+from mapdeal.cli import terminal
+from mapdeal.cli.shared_options import shared_options
+from mapdeal.cli.stage_command import say_written
+from mapdeal.errors import ParameterError
+from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.turn import rotate_file
+
+app = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+
+@app.command()
+@shared_options("files")
+def rotate(
+    source: opt.MapArgument,
+    output: opt.GridOutput,
+    yaw: Annotated[
+        float | None,
+        typer.Option(
+            "--yaw",
+            metavar="A",
+            help="Turn by A, anticlockwise about the origin of the map frame, radians; 0 only "
+            "bakes the yaw of the map's origin into the cells.",
+        ),
+    ] = None,
+    straighten: Annotated[
+        bool,
+        typer.Option(
+            "--straighten",
+            help="Or turn by the smallest angle that brings the main direction of the walls "
+            "along the axes.",
+        ),
+    ] = False,
+    rule: opt.Rule = "area",
+    *,
+    settings: Settings,
+) -> None:
+    """Turn a map or costmap, and bake the yaw of its origin into the cells.
+
+    The result has yaw 0 and covers the whole turned map; cells outside of it are unknown. With
+    --yaw 0 all walls stay where they are in the map frame. Otherwise poses move as well, by the
+    transform that is printed. Quarter turns copy the cells as they are.
+    """
+    if straighten and yaw is not None:
+        raise ParameterError("cannot be given together with --straighten", source="--yaw")
+    if not straighten and yaw is None:
+        raise ParameterError("one of the two is needed", source="--yaw, --straighten")
+    terminal.detail(
+        f"rotate: {'straighten' if yaw is None else f'yaw {yaw:.10g} rad'}, rule {rule}"
+    )
+    figures, turn = rotate_file(source, output, settings, yaw, rule=rule)
+    say_written(output, figures, with_origin=True)
+    if turn is not None:
+        degrees = f"{math.degrees(turn.yaw):.6g} degrees"
+        terminal.summary([f"turned by {turn.yaw:.10g} rad ({degrees}) about x 0, y 0"])
