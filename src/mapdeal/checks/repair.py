@@ -20,16 +20,15 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.region import region_around
-from mapdeal.grid.resample import is_turned, obstacles_in, sampled
-from mapdeal.grid.values import OCCUPIED, UNKNOWN
+from mapdeal.grid.resample import is_turned, resampled
 
 _COSTS = "holds costs, which are not repaired"
 
 _PER_CELL = 3
 """Bytes: the cells, and what they become while they are written."""
 
-_PER_CELL_OF_TURNED, _PER_NEW_CELL = 2, 4
-"""Of a turned map that is resampled: its cells with a mask, and the new ones with three."""
+_PER_CELL_OF_TURNED, _PER_NEW_CELL = 5, 3
+"""Bytes, of a turned map that is resampled and of the new one."""
 
 
 def repaired(
@@ -113,11 +112,7 @@ def _map_of_pair(pair: PairFacts, max_cells: int | None, done: list[str]) -> Occ
 def _without_yaw(grid: OccupancyGrid, path: Path) -> OccupancyGrid:
     """Return a map on a lattice along the axes, with every obstacle of the turned one."""
     lattice = Frame(1, 1, grid.resolution)
-    frame = region_around(lattice, grid.frame).frame_in(lattice)
-    new_cells = frame.shape[0] * frame.shape[1]
-    cells = _PER_CELL_OF_TURNED * grid.occupancy.size + _PER_NEW_CELL * new_cells
+    region = region_around(lattice, grid.frame)
+    cells = _PER_CELL_OF_TURNED * grid.occupancy.size + _PER_NEW_CELL * region.cells
     claim(path, cells + PIECES)
-    values, inside = sampled(frame, grid.occupancy, grid.frame)
-    values[~inside] = UNKNOWN
-    values[obstacles_in(frame, grid.occupied(), grid.frame)] = OCCUPIED
-    return OccupancyGrid(values, frame.resolution, frame.origin)
+    return resampled(grid, region.frame_in(lattice))
