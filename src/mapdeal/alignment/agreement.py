@@ -22,6 +22,7 @@ _PIECE, _OF_WALLS = 2.0, 0.015
 """Metres of wall of which it is one piece of evidence that they agree; of small maps less, as a
 share of the walls of the map that has more: there are fewer places to choose from."""
 
+_FULL_OVERLAP = 0.2
 _LARGE = 0.25
 """Part of the longest walls in common, from which on a place says what is found by chance."""
 
@@ -42,15 +43,16 @@ class Agreement:
         free space on the same side; the mean of both maps.
     contradicting : numpy.ndarray of float64, shape (K, T)
         Metres of wall that lie in the other map's free space instead.
-    known : numpy.ndarray of float64, shape (K,)
-        Square metres that are free in one map and known in the other; the mean of both.
+    overlap : numpy.ndarray of float64, shape (K,)
+        Square metres that are free in one map and known in the other, the mean of both, as a
+        share of the free space of the map that has less; 1 at most.
     piece : float
         Metres of wall of which it is one piece of evidence that they agree.
     """
 
     agreeing: Floats
     contradicting: Floats
-    known: Floats
+    overlap: Floats
     piece: float
 
     @property
@@ -60,15 +62,23 @@ class Agreement:
         shares: Floats = np.divide(self.agreeing, seen, out=np.zeros_like(seen), where=seen > 0)
         return shares
 
-    def by_chance(self) -> Floats:
-        """Return which share agrees where maps only happen to lie well, for each tolerance.
+    def by_chance(self, is_wrong: Mask | None = None) -> Floats:
+        """Return which share agrees where maps only happen to lie well, shape (T,).
 
-        That is the mean of all places: most of them are wrong.
+        Parameters
+        ----------
+        is_wrong : numpy.ndarray of bool, shape (K,), optional
+            The places to judge by, all of them wrong; if not given the least that is found
+            anywhere is returned.
         """
-        seen = self.agreeing + self.contradicting
+        if is_wrong is None or not is_wrong.any():
+            return np.array(_BY_CHANCE)
+        seen = (self.agreeing + self.contradicting)[is_wrong]
         counted = np.where(seen >= _LARGE * seen.max(axis=0), seen, 0)
         total = counted.sum(axis=0)
-        mean = np.divide((counted * self.shares).sum(axis=0), total, where=total > 0, out=total * 0)
+        mean = np.divide(
+            (counted * self.shares[is_wrong]).sum(axis=0), total, where=total > 0, out=total * 0
+        )
         chance: Floats = np.maximum(mean, _BY_CHANCE)
         return chance
 
@@ -76,11 +86,12 @@ class Agreement:
         """Return how much more agrees than by chance would, shape (K,).
 
         The divergence (Kullback and Leibler) of the share that agrees from the share by chance,
-        times the pieces of wall; the mean over the tolerances.
+        times the pieces of wall; the mean over the tolerances. Where maps hardly overlap, it is
+        less in proportion: a few walls always agree somewhere.
         """
         pieces = (self.agreeing + self.contradicting) / self.piece
         evidence: Floats = (pieces * _divergence(self.shares, chance)).mean(axis=1)
-        return evidence
+        return evidence * np.minimum(self.overlap / _FULL_OVERLAP, 1)
 
 
 def agreement_at(first: WallMap, second: WallMap, poses: Poses, most: int) -> Agreement:
@@ -113,7 +124,9 @@ def agreement_at(first: WallMap, second: WallMap, poses: Poses, most: int) -> Ag
             shared = _looked_up(other, move(poses, points))[2].mean(axis=1)
             known += shared * own.free_area / 2
     longest = max(first.wall_length, second.wall_length)
-    return Agreement(agreeing, contradicting, known, min(_PIECE, _OF_WALLS * longest))
+    smaller = max(min(first.free_area, second.free_area), 1e-12)
+    overlap = np.minimum(known / smaller, 1)
+    return Agreement(agreeing, contradicting, overlap, min(_PIECE, _OF_WALLS * longest))
 
 
 def _cell(first: WallMap, second: WallMap) -> float:

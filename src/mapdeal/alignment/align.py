@@ -218,7 +218,8 @@ class _Search:
 def _judged(first: WallMap, second: WallMap, poses: Poses) -> Alignment:
     """Return the best of some places, and whether it is sure."""
     found = agreement_at(first, second, poses, _MOST_CHECKED)
-    chance = found.by_chance()
+    likely = int(found.evidence(found.by_chance()).argmax())
+    chance = found.by_chance(_is_elsewhere(first, poses, likely))
     scores = found.evidence(chance)
     order = np.argsort(-scores, kind="stable")
     best = int(order[0])
@@ -226,8 +227,7 @@ def _judged(first: WallMap, second: WallMap, poses: Poses) -> Alignment:
     other = int(elsewhere[0]) if len(elsewhere) else None
     runner_up = 0.0 if other is None else float(scores[other])
     polished = _polished(first, second, poses[best : best + 1])
-    overlap = float(found.known[best]) / max(min(first.free_area, second.free_area), 1e-12)
-    overlap = min(overlap, 1.0)
+    overlap = float(found.overlap[best])
     return Alignment(
         transform=_transform_of(first, second, polished),
         reason=_reason(float(scores[best]), runner_up, overlap),
