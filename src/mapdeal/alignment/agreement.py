@@ -91,7 +91,8 @@ class Agreement:
         """
         pieces = (self.agreeing + self.contradicting) / self.piece
         evidence: Floats = (pieces * _divergence(self.shares, chance)).mean(axis=1)
-        return evidence * np.minimum(self.overlap / _FULL_OVERLAP, 1)
+        evidence *= np.minimum(self.overlap / _FULL_OVERLAP, 1)
+        return evidence
 
 
 def agreement_at(first: WallMap, second: WallMap, poses: Poses, most: int) -> Agreement:
