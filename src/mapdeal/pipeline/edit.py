@@ -76,6 +76,11 @@ def edit_file(
             raise ParameterError(rule, hint="edit the map, then run esdf or potential on it")
         return grid
 
+    def count(grid: Grid) -> int:
+        with errors_named(path):
+            given = editable(grid)
+            return given.values.size if cells is None else cells(given)
+
     return change_file(
         path,
         output,
@@ -83,7 +88,7 @@ def edit_file(
         lambda grid: change(editable(grid)),
         what=what,
         inputs=inputs,
-        cells=None if cells is None else lambda grid: cells(editable(grid)),
+        cells=None if cells is None else count,
     )
 
 
@@ -101,8 +106,7 @@ def change_file(
     outputs = output_paths(output)
     source = read_input(path, options)
     with options.memory():
-        with errors_named(path):
-            count = None if cells is None else cells(source.grid)
+        count = None if cells is None else cells(source.grid)
         height, width = source.grid.shape
         if count is None or count <= MOST_CELLS:  # more are refused by whoever makes them
             both = None if count is None else count + min(count, height * width)
