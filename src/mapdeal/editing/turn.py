@@ -141,7 +141,9 @@ def yaw_to_straighten(grid: ValueGrid) -> float | None:
     from mapdeal.kernels.wall_directions import main_direction
 
     direction = main_direction(_obstacles_of(grid))
-    return None if direction is None else -math.remainder(grid.origin[2] + direction, _QUARTER)
+    if direction is None:
+        return None
+    return 0.0 - math.remainder(grid.origin[2] + direction, _QUARTER)  # never -0.0
 
 
 def turn_of(yaw: float) -> Transform:

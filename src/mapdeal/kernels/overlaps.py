@@ -144,32 +144,44 @@ def nearest_under(
     """
     found = np.zeros(shape, dtype=np.uint8)
     inside = np.zeros(shape, dtype=np.bool_)
+    if 0 not in values.shape and 0 not in shape:
+        (_copy_ranges if lattice.turn == 0.0 else _look_up)(found, inside, values, lattice)
+    return found, inside
+
+
+def _copy_ranges(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) -> None:
+    """Set the values at centres: the lattice lies along the axes."""
     height, width = values.shape
-    if 0 in values.shape or 0 in shape:
-        return found, inside
 
     def look(part: slice) -> None:
-        y, x = lattice.centres(part, shape[1])
-        row, col = _cells_of(y, height, lattice.slack), _cells_of(x, width, lattice.slack)
-        within = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-        np.clip(row, 0, height - 1, out=row)
-        np.clip(col, 0, width - 1, out=col)
-        found[part] = np.where(within, values[row, col], np.uint8(0))
-        inside[part] = within
-
-    def look_along_axes(part: slice) -> None:
         y, _ = lattice.centres(part, 1)
-        _, x = lattice.centres(slice(0, 1), shape[1])
-        row, col = (
-            _cells_of(places, size, lattice.slack)
-            for places, size in ((y[:, 0], height), (x[0], width))
-        )
-        rows, cols = (_span(some, size) for some, size in ((row, height), (col, width)))
+        _, x = lattice.centres(slice(0, 1), found.shape[1])
+        row, col = _cells_of(y[:, 0], height, lattice.slack), _cells_of(x[0], width, lattice.slack)
+        rows, cols = _span(row, height), _span(col, width)
         inside[part][rows, cols] = True
         found[part][rows, cols] = values[row[rows]][:, col[cols]]
 
-    for_rows(look_along_axes if lattice.turn == 0.0 else look, shape)
-    return found, inside
+    for_rows(look, found.shape)
+
+
+def _look_up(found: Bytes, inside: Mask, values: Bytes, lattice: Lattice) -> None:
+    """Set the values at centres, wherever they lie."""
+    height, width = values.shape
+    flat = np.ascontiguousarray(values).reshape(-1)
+
+    def look(part: slice) -> None:
+        y, x = lattice.centres(part, found.shape[1])
+        for places in (y, x):
+            places += lattice.slack
+            np.floor(places, out=places)
+        within = inside[part]
+        np.logical_and(y >= 0, y < height, out=within)
+        within &= (x >= 0) & (x < width)
+        y *= width
+        y += x
+        found[part][within] = flat[y[within].astype(np.intp)]
+
+    for_rows(look, found.shape)
 
 
 def _cells_of(places: Floats, size: int, slack: float) -> Indices:
