@@ -44,8 +44,8 @@ def test_it_writes_what_the_function_makes_and_tells_what_has_changed(command, r
     assert (code, err) == (0, "")
     assert out.splitlines() == [
         "c.yaml: 13 x 7 cells, occupied 37.36 %, free 35.16 %, unknown 27.47 %",
-        "  islands   1 (1 cell) are now unknown",
         "  pinholes  1 (3 cells) are now free, 1 (1 cell) occupied",
+        "  islands   1 (1 cell) are now unknown",
         "  specks    1 (1 cell) are now free",
         "  changed   6 cells",
     ]

@@ -16,6 +16,7 @@ from mapdeal import (
     ParameterError,
     clean,
     esdf,
+    read_map,
 )
 from strategies import occupancies
 
@@ -67,6 +68,11 @@ def cleaned_by_floods(values, min_obstacle, min_hole, min_free):
             for cell in group:
                 values[cell] = value
 
+    def holes(ring):
+        small = [g for g in components(values, -1, AROUND) if len(g) < min_hole]
+        return [g for g in small if around(values, g) == {ring}]
+
+    change("free_holes", holes(0), 0)
     areas = [
         group
         for group in components(values, 0, EDGES)
@@ -74,10 +80,7 @@ def cleaned_by_floods(values, min_obstacle, min_hole, min_free):
     ]
     largest = max(areas, key=len, default=None)
     change("islands", [a for a in areas if a is not largest and len(a) < min_free], -1)
-    holes = [g for g in components(values, -1, AROUND) if len(g) < min_hole]
-    by_ring = {value: [g for g in holes if around(values, g) == {value}] for value in (0, 100)}
-    change("free_holes", by_ring[0], 0)
-    change("wall_holes", by_ring[100], 100)
+    change("wall_holes", holes(100), 100)
     specks = [g for g in components(values, 100, AROUND) if len(g) < min_obstacle]
     change("specks", [g for g in specks if around(values, g) == {0}], 0)
     return values, counts
@@ -233,6 +236,12 @@ def test_areas_that_meet_at_a_corner_are_two():
     assert found.counts.islands == (2, 7)
 
 
+def test_beams_that_a_hole_parts_are_joined_before_islands_are_looked_for():
+    found = clean(grid_from_text("......\n..?...\n.?.?..\n..?...\n......"), min_free=3)
+    assert not found.grid.occupancy.any()
+    assert (found.counts.free_holes, found.counts.islands) == ((1, 4), (0, 0))
+
+
 def test_of_areas_of_one_size_one_stays_and_an_area_beside_graded_cells_too():
     found = clean(grid_from_text("..#..#.+"), min_free=100)
     (row,) = found.grid.occupancy.tolist()
@@ -290,5 +299,21 @@ def test_the_result_is_frozen_and_told_in_a_line():
     with pytest.raises(AttributeError):
         found.grid = None
     assert repr(found) == (
-        "Cleaned(1 cell changed, 1 islands, 0 free_holes, 0 wall_holes, 0 specks)"
+        "Cleaned(1 cell changed, 0 free_holes, 1 islands, 0 wall_holes, 0 specks)"
     )
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["WPI-RAIL__rail_maps/maps/ilab.yaml", "align/PRBonn__tmcl/GMap/GMap.yaml",
+     "ros-navigation__navigation2/nav2_bringup/maps/depot_speed.yaml"],
+)  # fmt: skip
+def test_real_maps_are_cleaned_and_stay_so(real_maps, name):
+    before = read_map(real_maps / name)
+    once = clean(before)
+    assert once.counts.changed
+    twice = quietly(once.grid)
+    assert not twice.counts.changed
+    if "ilab" in name:  # the smallest, by floods
+        expected, _ = cleaned_by_floods(before.occupancy, 3, 10, 100)
+        assert np.array_equal(once.grid.occupancy, expected)

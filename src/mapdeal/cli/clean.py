@@ -74,8 +74,8 @@ def clean(
 def _lines(counts: CleanCounts) -> list[str]:
     filled = f"{_told(counts.free_holes)} are now free, {_told(counts.wall_holes)} occupied"
     return [
-        f"  islands   {_told(counts.islands)} are now unknown",
         f"  pinholes  {filled}",
+        f"  islands   {_told(counts.islands)} are now unknown",
         f"  specks    {_told(counts.specks)} are now free",
         f"  changed   {count_text(counts.changed, 'cell')}",
     ]

@@ -46,10 +46,10 @@ class CleanCounts:
 
     Parameters
     ----------
-    islands : Patches
-        Free cells that are now unknown.
     free_holes : Patches
         Unknown cells that are now free.
+    islands : Patches
+        Free cells that are now unknown.
     wall_holes : Patches
         Unknown cells that are now occupied.
     specks : Patches
@@ -59,8 +59,8 @@ class CleanCounts:
         together: a cell inside a ring of obstacles may pass through several.
     """
 
-    islands: Patches
     free_holes: Patches
+    islands: Patches
     wall_holes: Patches
     specks: Patches
     changed: int
@@ -141,9 +141,11 @@ def clean(
     Notes
     -----
     Nothing is known beyond the edges of the map: a component at an edge touches unknown cells.
-    Free areas are looked at first, then unknown ones, then obstacles. With this order a
-    second pass changes nothing: a hole that is filled touches no other unknown area and a speck
-    that is removed no other obstacle, and both only enlarge free areas that have been kept.
+    Holes in free space come first, since filling them joins what beams have left apart; then
+    islands, holes in walls, and obstacles. In this order a second pass changes nothing: what is
+    filled touches no other unknown area, a speck that is removed no other obstacle, an area that
+    has become unknown touches obstacles or unknown areas that stay, and free areas that have been
+    kept only grow.
 
     No wall is opened. Free and unknown cells share an edge only where they did before, and
     obstacles of at least `min_obstacle` cells keep all of them.
@@ -166,13 +168,14 @@ def clean(
     least_hole, least_free = _count(min_hole, "min_hole"), _count(min_free, "min_free")
     before = np.asarray(grid.occupancy)
     values = before.copy()
+    free_holes = _fill_holes(values, least_hole, FREE)
     islands = _forget_islands(values, least_free)
-    free_holes, wall_holes = _fill_holes(values, least_hole)
+    wall_holes = _fill_holes(values, least_hole, OCCUPIED)
     specks = _remove_specks(values, least_obstacle)
     changed = int(np.count_nonzero(values != before))
     if not changed:
         emit_warning(f"clean: nothing has changed{_why(before)}", stacklevel=2)
-    counts = CleanCounts(islands, free_holes, wall_holes, specks, changed)
+    counts = CleanCounts(free_holes, islands, wall_holes, specks, changed)
     return Cleaned(grid.with_values(values), counts)
 
 
@@ -190,30 +193,27 @@ def _forget_islands(values: Values, least: int) -> Patches:
     return _set(values, areas.cells_of(is_small), UNKNOWN, is_small)
 
 
-def _fill_holes(values: Values, least: int) -> tuple[Patches, Patches]:
-    """Give small unknown areas the value of all cells around them, in place."""
+def _fill_holes(values: Values, least: int, value: int) -> Patches:
+    """Give small unknown areas a value that all cells around them have, in place."""
     if least <= 1:
-        return _NONE, _NONE
-    unknown = values == UNKNOWN
-    holes = labelled(unknown, corners=True)
-    is_small = holes.sizes < least
-    is_small[0] = False
-    to_free = is_small & ~holes.touched_by(_near(~unknown & (values != FREE)) & unknown)
-    to_wall = is_small & ~holes.touched_by(_near(~unknown & (values != OCCUPIED)) & unknown)
-    free_cells, wall_cells = holes.cells_of(to_free), holes.cells_of(to_wall)
-    return _set(values, free_cells, FREE, to_free), _set(values, wall_cells, OCCUPIED, to_wall)
+        return _NONE
+    return _replace(values, values == UNKNOWN, least, around=value, value=value)
 
 
 def _remove_specks(values: Values, least: int) -> Patches:
     """Make small obstacles that stand in free space free, in place."""
     if least <= 1:
         return _NONE
-    occupied = values == OCCUPIED
-    obstacles = labelled(occupied, corners=True)
-    is_small = obstacles.sizes < least
+    return _replace(values, values == OCCUPIED, least, around=FREE, value=FREE)
+
+
+def _replace(values: Values, marked: Mask, least: int, *, around: int, value: int) -> Patches:
+    """Give small groups of marked cells a value, if all cells around them have another."""
+    groups = labelled(marked, corners=True)
+    is_small = groups.sizes < least
     is_small[0] = False
-    is_small &= ~obstacles.touched_by(_near(~occupied & (values != FREE)) & occupied)
-    return _set(values, obstacles.cells_of(is_small), FREE, is_small)
+    is_small &= ~groups.touched_by(_near(~marked & (values != around)) & marked)
+    return _set(values, groups.cells_of(is_small), value, is_small)
 
 
 def _set(values: Values, cells: Mask, value: int, chosen: Mask) -> Patches:
