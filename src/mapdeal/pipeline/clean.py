@@ -12,17 +12,19 @@ import numpy as np
 from mapdeal.checks.difference import changes_of, states_of
 from mapdeal.editing.clean import Cleaned, clean
 from mapdeal.errors import one_line
+from mapdeal.formats.budget import claim
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
-from mapdeal.pipeline.memory import claim_work
+from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.difference import difference_image
 
-_PER_CELL = 16.0
-"""Bytes for each cell: a label of 4, sizes of up to half as many components, and masks."""
+_PER_CELL, _LIBRARY = 16, 25_000_000
+"""Bytes for each cell: a label of 4, sizes of up to half as many components, and masks. Beside
+them, those of the library that labels components."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +74,9 @@ def clean_file(
     outputs = output_paths(output)
     source = read_summed(path, settings)
     with settings.memory():
-        claim_work(path, source.grid, _PER_CELL)
+        height, width = source.grid.shape
+        needed = bytes_of(source.grid) + _PER_CELL * height * width + _LIBRARY
+        claim(path, needed, what=f"{width} x {height} cells")
     with outputs_of(outputs, source.files, settings) as transaction:
         with errors_named(path):
             cleaned = clean(source.grid, **limits)  # type: ignore[arg-type]  # which refuses others
