@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 
 import numpy as np
 import pytest
@@ -83,9 +84,14 @@ def test_the_picture_shows_what_has_changed(command, room):
     assert (code, err) == (0, "")
     with Image.open("c.png") as image:
         counts = {colour: count for count, colour in image.convert("RGB").getcolors(1 << 20)}
-    cell = counts[0, 120, 220]  # one cell was added, with a swatch in the legend; one removed
-    assert counts[225, 30, 60] == cell
-    assert counts[250, 220, 130] > 3 * cell  # 4 cells, free in one and unknown in the other
+    # a wall added, a wall removed, an island, three filled cells; each colour also in the legend
+    added, removed, island, filled = (
+        counts[colour] for colour in [(0, 120, 220), (225, 30, 60), (250, 220, 130), (110, 200, 90)]
+    )
+    assert added == removed == island
+    side = math.isqrt((filled - island) // 2)
+    assert side > 1
+    assert filled == island + 2 * side**2
     assert command("clean", room, "-o", "d.yaml", "--image", "d.yaml")[0] == 2
 
 

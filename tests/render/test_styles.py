@@ -13,6 +13,7 @@ from mapdeal import Costmap, esdf
 from mapdeal.render.field_style import FieldEnds, field_style
 from mapdeal.render.style import Scale
 from mapdeal.render.styles import (
+    cleaning_style,
     cost_style,
     difference_style,
     number_style,
@@ -94,6 +95,7 @@ def test_single_values_are_called_what_the_field_calls_them():
     assert cost_style(scaled).labels == {0: "free", 100: "lethal", 255: "unknown"}
     assert difference_style().labels[6] == "wall added"
     assert difference_style(("A", "B")).labels[6] == "wall only by B"
+    assert cleaning_style().labels[7] == "unknown, now free"
 
 
 @pytest.mark.parametrize(
@@ -102,6 +104,7 @@ def test_single_values_are_called_what_the_field_calls_them():
         occupancy_style(),
         cost_style(Costmap([[0]], 0.25, circumscribed_cost=99)),
         difference_style(),
+        cleaning_style(),
         number_style(0.0, 4.0, "m"),
         number_style(3.0, 3.0, "m"),
         field_style(esdf(GRID), FieldEnds.of(esdf(GRID))),

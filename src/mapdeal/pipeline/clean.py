@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mapdeal.checks.difference import changes_of, states_of
+from mapdeal.checks.difference import STATES, changes_of, states_of
 from mapdeal.editing.clean import Cleaned, clean
 from mapdeal.errors import one_line
 from mapdeal.formats.budget import claim
@@ -21,10 +21,14 @@ from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.difference import difference_image
+from mapdeal.render.styles import cleaning_style
 
 _PER_CELL, _LIBRARY = 16, 25_000_000
 """Bytes for each cell: a label of 4, sizes of up to half as many components, and masks. Beside
 them, those of the library that labels components."""
+
+_FILLED = 7
+"""Of the picture: unknown cells that are now free; see `cleaning_style`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +103,12 @@ def _draw(
     """Draw the cleaned map, with the cells that have changed in colours of their own."""
     was, now = (states_of(np.asarray(grid.occupancy)) for grid in (before, after))
     changes = changes_of(was, now, np.ones(before.shape, dtype=np.bool_))
+    changes[(was == STATES.index("unknown")) & (now == STATES.index("free"))] = _FILLED
     picture = difference_image(
-        changes, before.frame, title=title, image_extent=settings.image_extent, by_cells=True
+        changes,
+        before.frame,
+        title=title,
+        image_extent=settings.image_extent,
+        style=cleaning_style(),
     )
     transaction.write(path, lambda file: write_indexed_png(file, picture.indices, picture.palette))

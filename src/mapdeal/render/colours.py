@@ -32,6 +32,7 @@ ROBOT = (0, 175, 60)
 ADDED = (0, 120, 220)
 REMOVED = (225, 30, 60)
 CHANGED = (250, 220, 130)
+FILLED = (110, 200, 90)
 OUTSIDE = (225, 225, 225)
 
 # What a robot reaches: told apart by people without one kind of cones, too.

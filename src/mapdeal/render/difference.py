@@ -10,6 +10,7 @@ from mapdeal.render.canvas import corner_of, frame_text, sheet, swatches_in
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
 from mapdeal.render.shown import ImageExtent, shown_part
+from mapdeal.render.style import LayerStyle
 from mapdeal.render.styles import difference_style
 
 _UNKNOWN = 1
@@ -27,7 +28,7 @@ def difference_image(
     image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "all",
     only_in: tuple[str, str] | None = None,
-    by_cells: bool = False,
+    style: LayerStyle | None = None,
 ) -> Image:
     """Return a picture of changes.
 
@@ -48,14 +49,16 @@ def difference_image(
     only_in : tuple of str, optional
         What to call the maps, if the second is not a later state of the first but made of the
         same data: they differ by single cells, and the picture is larger.
-    by_cells : bool
-        Whether maps differ by single cells although the second is a later state of the first.
+    style : LayerStyle, optional
+        What other kinds of cells are called, and their colours, of maps that differ by single
+        cells as well.
     """
-    more = {"small_side": _SMALL_SIDE} if by_cells or only_in is not None else {}
+    is_fine = only_in is not None or style is not None
+    more = {"small_side": _SMALL_SIDE} if is_fine else {}
     part = shown_part(changes, frame, image_extent, is_known=lambda kinds: kinds > _UNKNOWN)
     raster = Raster.fitting(frame.shape, image_max, part=part, **more)
     pixels = raster.largest(changes)
-    style = difference_style(only_in)
+    style = style or difference_style(only_in)
     return sheet(
         raster.enlarged(pixels),
         style.colours,

@@ -6,6 +6,7 @@ Pictures, and pages that show the same layers, draw with these.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -15,7 +16,7 @@ from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, NO_INFORMATION, OCCUPIED
 from mapdeal.render import colours
 from mapdeal.render.canvas import round_length
-from mapdeal.render.colours import palette_of
+from mapdeal.render.colours import Colour, palette_of
 from mapdeal.render.cost_palette import COST_LEVELS, CostPalette
 from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch
 
@@ -121,15 +122,33 @@ def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
     only_in : tuple of str, optional
         What to call the maps, if the second is not a later state of the first.
     """
-    names = [name for name, _ in _KINDS_OF_DIFFERENCE]
+    kinds = list(_KINDS_OF_DIFFERENCE)
     if only_in is not None:
-        names[3] = "free by one of them, unknown by the other"
-        names[-2:] = [f"wall only by {name}" for name in only_in]
-    count = len(names)
+        names = ["free by one of them, unknown by the other", "wall"]
+        names += [f"wall only by {name}" for name in only_in]
+        kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]
+    return _style_of_kinds(kinds)
+
+
+def cleaning_style() -> LayerStyle:
+    """Return the colours of the kinds of cells of a cleaned map, 0 to 7.
+
+    They are those of a difference, and 7 for unknown cells that have become free.
+    """
+    kinds = list(_KINDS_OF_DIFFERENCE)
+    names = ["free, now unknown", "wall", "wall, now free", "unknown, now wall"]
+    kinds[3:] = [(name, colour) for name, (_, colour) in zip(names, kinds[3:], strict=True)]
+    return _style_of_kinds([*kinds, ("unknown, now free", colours.FILLED)])
+
+
+def _style_of_kinds(kinds: Sequence[tuple[str, Colour]]) -> LayerStyle:
+    """Return the colours of kinds of cells, whose values are 0, 1, ..."""
+    count = len(kinds)
     by_value = np.zeros(256, dtype=np.uint8)
     by_value[:count] = np.arange(count)
+    names = [name for name, _ in kinds]
     return LayerStyle(
-        np.array([colour for _, colour in _KINDS_OF_DIFFERENCE], dtype=np.uint8),
+        np.array([colour for _, colour in kinds], dtype=np.uint8),
         by_value=by_value,
         swatches=tuple(Swatch(kind, names[kind]) for kind in reversed(range(count))),
         labels=dict(enumerate(names)),
