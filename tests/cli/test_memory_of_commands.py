@@ -24,6 +24,7 @@ from mapdeal import (
     write_bit_map,
     write_map,
 )
+from mapdeal.formats.npz import write_npz
 from mapdeal.grid.canvas import on_canvas
 from mapdeal.kernels.engine import engine_name
 
@@ -225,6 +226,7 @@ BOMBS = {
     "local map": ["local", "--cloud", "cloud.npy", "--pose", "0,0,0", "--size", "500,500",
                   "-o", "out"],
     "difference": ["diff", "small.yaml", "far.yaml"],
+    "merged maps": ["merge", "small.yaml", "far.yaml", *OUT],
     "mask": ["cost", "small.yaml", "--mask", "map.npz", *OUT],
     "shapes": ["edit", "circle", "small.yaml", "--file", "shapes.geojson", *OUT],
 }  # fmt: skip
@@ -300,6 +302,8 @@ def site(folder, side):
     turned = (folder / "site.yaml").read_text().replace("-2.0, 0.0]", "-2.0, 0.4]")
     (folder / "turned.yaml").write_text(turned)
     write_map(folder / "site-png.png", grid)
+    with (folder / "odds.npz").open("wb") as file:
+        write_npz(file, grid, more={"log_odds": np.where(values == 100, 60.0, 40.0)})
     shifted = np.roll(values, 3, axis=0)
     write_map(folder / "other.yaml", OccupancyGrid(shifted, 0.05, (2.5, -2.0, 0.0)))
     write_map(folder / "cost.npz", Costmap((values == 100).astype(np.uint8) * 254, 0.05))
@@ -349,6 +353,10 @@ COMMANDS = {
     "costs of a field on a canvas": ["cost", "canvas.npz", "-q", "-o", "out.npz"],
     "pack": ["pack", "site.yaml", "-o", "out.pbm"],
     "diff": ["diff", "site.yaml", "other.yaml"],
+    "merge": ["merge", "site.yaml", "other.yaml", *OUT],
+    "merge turned": ["merge", "site.yaml", "turned.yaml", "other.yaml", *OUT, "--image", "o.png"],
+    "merge by evidence": ["merge", "odds.npz", "turned.yaml", "--rule", "evidence", "-q",
+                          "-o", "out.npz"],
     "clean": ["clean", "site.yaml", "--min-obstacle", "1", *OUT],
     "score": ["score", "site.yaml"],
     "score against a truth": ["score", "site.yaml", "--truth", "other.yaml"],

@@ -22,6 +22,7 @@ INPUTS = [
     "route m.yaml --pairs X", "reach X.yaml --from 1.6,-1.9", "reach X.npz",
     "reach m.yaml --from 1.6,-1.9 --points X.csv",
     "pack X.yaml -o o.pbm", "unpack X.pbm -o o.yaml", "diff X.npz m.yaml",
+    "merge m.yaml X.yaml -o o.yaml",
     "score X.yaml", "score m.yaml --truth X.npz", "score m.yaml --truth m.yaml --transform X.json",
     "run -j1 X.yaml -o out", "run -j1 X.npz m.yaml -o out", "run -j1 X -o out", "run -j1 @X -o out",
     "run -j1 X* -o out", "run -j1 X/**/*.yaml -o out", "run -n X.yaml -o out",

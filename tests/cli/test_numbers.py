@@ -38,6 +38,7 @@ WORKING = {
     "info": ["m.yaml"],
     "lint": ["m.yaml"],
     "diff": ["m.yaml", "m.yaml"],
+    "merge": ["m.yaml", "m.yaml", "-o", "o.yaml", "--force"],
     "clean": IN_OUT,
     "score": ["m.yaml", "--truth", "m.yaml"],
     "report": ["m.yaml", "-o", "o.html", "--force"],

@@ -40,12 +40,13 @@ LINES = {
     "pack": ["pack", "m.yaml", "-o", "o.pbm"],
     "info": ["info", "m.yaml"],
     "diff": ["diff", "m.yaml", "m.yaml"],
+    "merge": ["merge", "m.yaml", "m.yaml", "-o", "o.yaml"],
     "clean": ["clean", "m.yaml", "-o", "o.yaml"],
     "score": ["score", "m.yaml", "--truth", "m.yaml"],
     "report": ["report", "m.yaml", "-o", "o.html"],
 }  # fmt: skip
 
-TWO = {"diff", "score"}
+TWO = {"diff", "merge", "score"}
 """Those that read two maps there."""
 
 # lint has findings, and these read no maps.

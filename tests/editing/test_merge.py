@@ -258,13 +258,10 @@ def test_counts_rules_and_conflicts_on_one_lattice_by_hand(arrays, data):
         here = {cell for cell, (mine, rest) in own.items() if mine == 100 and 0 in rest}
         there = {cell for cell, (mine, rest) in own.items() if mine == 0 and 100 in rest}
         assert (counts.occupied_here, counts.free_here) == (len(here), len(there))
-        walls = {True: [cell for cell, (mine, _) in own.items() if mine == 100],
-                 False: [cell for cell, (_, rest) in own.items() if 100 in rest]}  # fmt: skip
-        assert counts.apart == sum(
-            all(math.dist(cell, wall) > 2 for wall in walls[of_own])
-            for of_own, conflicting in ((True, there), (False, here))
-            for cell in conflicting
-        )
+        walls = [cell for cell, (mine, rest) in own.items() if mine == 100 and max(rest) >= 0]
+        others = [cell for cell, (_, rest) in own.items() if 100 in rest]
+        met = [cell for cell in walls if any(math.dist(cell, other) <= 2 for other in others)]
+        assert (counts.walls, counts.met) == (len(walls), len(met))
         before = [v[:number] for v in told.values()]
         mine = [v[number] for v in told.values()]
         assert counts.added == sum(

@@ -150,7 +150,7 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
         ),
         ("Transform", "x 1 m, y -2 m, yaw 0.4 rad"),
         ("Merged", "2 maps, 4 x 1 cells, 1 conflict"),
-        ("MapCounts", "3 known, 3 in common, 1 added, 1 conflict, 0 apart"),
+        ("MapCounts", "3 known, 3 in common, 1 added, 1 conflict, 1 of 1 walls met"),
         ("Polygon", "[(0, 0), (2, 0), (2, 1)], value 100"),
         ("Line", "[(0, 0), (2, 0.5)], thickness 0.2 m"),
         ("Footprint", "circle, radius 0.2 m"),

@@ -20,10 +20,10 @@ OCCUPIED_FROM, FREE_UP_TO = 65, 25
 """Values at which Nav2's map_saver by default calls a cell occupied, and free."""
 
 _NEAR = 2
-"""Cells: walls that are farther from each other are not one wall that two maps have seen."""
+"""Cells: an obstacle that is farther is not the same, seen by another map."""
 
-_MANY = 0.05
-"""Share of common cells: above, conflicts are worth a word."""
+_MANY = 0.01
+"""Share of common cells: maps whose walls lie on each other have fewer conflicts, or meet."""
 
 NOTHING, FREE, OCCUPIED, BETWEEN = range(4)
 
@@ -48,9 +48,11 @@ class MapCounts(OneLine):
         Cells that are occupied in it and free in another map.
     free_here : int
         Cells that are free in it and occupied in another map.
-    apart : int
-        Those of both where the side that is free has no obstacle within two cells: no wall that
-        two maps have seen a cell apart, but one that is elsewhere, or gone.
+    walls : int
+        Cells that are occupied in it and known in another map.
+    met : int
+        Those of them that have an obstacle of another map within two cells: most of them, if the
+        maps are aligned.
     """
 
     known: int
@@ -58,13 +60,15 @@ class MapCounts(OneLine):
     added: int
     occupied_here: int
     free_here: int
-    apart: int
+    walls: int
+    met: int
 
     def _told(self) -> Iterator[str]:
         yield f"{self.known} known"
         yield f"{self.common} in common"
         yield f"{self.added} added"
-        yield f"{count_text(self.conflicts, 'conflict')}, {self.apart} apart"
+        yield count_text(self.conflicts, "conflict")
+        yield f"{self.met} of {self.walls} walls met"
 
     @property
     def conflicts(self) -> int:
@@ -78,11 +82,12 @@ class MapCounts(OneLine):
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether it is hardly aligned with the others: many conflicts, most of them apart.
+        """Whether it is hardly aligned with the others: many conflicts, and few walls met.
 
-        Of a wall that two maps have seen, a cell apart, both are free where the other has it.
+        Conflicts alone do not tell: furniture that was moved makes some, and of a wall that two
+        maps have seen a cell apart both are free where the other has it.
         """
-        return self.conflict_share > _MANY and 2 * self.apart > self.conflicts
+        return self.conflict_share > _MANY and 2 * self.met < self.walls
 
 
 def states_of(values: NDArray[np.int8]) -> States:
@@ -95,8 +100,10 @@ def states_of(values: NDArray[np.int8]) -> States:
     return states
 
 
-def compared(states: Sequence[States]) -> tuple[NDArray[np.uint8], tuple[MapCounts, ...]]:
-    """Return the conflicts of maps, and the counts of each.
+def compared(
+    states: Sequence[States],
+) -> tuple[NDArray[np.uint8], tuple[MapCounts, ...], int]:  # fmt: skip
+    """Return the conflicts of maps, the counts of each, and how many cells several know.
 
     Parameters
     ----------
@@ -109,13 +116,15 @@ def compared(states: Sequence[States]) -> tuple[NDArray[np.uint8], tuple[MapCoun
         `NO_CONFLICT`, `BY_FIRST`, `BY_OTHERS`, or `AMONG_OTHERS`.
     counts : tuple of MapCounts
         Of each map, in their order.
+    common : int
+        Cells that two or more of them know.
 
     Examples
     --------
     >>> a, b = (states_of(np.array([cells], np.int8)) for cells in ([100, 0, -1], [0, 100, 100]))
-    >>> conflicts, counts = compared([a, b])
-    >>> conflicts.tolist(), counts[1]
-    ([[1, 2, 0]], MapCounts(3 known, 2 in common, 2 added, 2 conflicts, 0 apart))
+    >>> conflicts, counts, common = compared([a, b])
+    >>> conflicts.tolist(), common, counts[1]
+    ([[1, 2, 0]], 2, MapCounts(3 known, 2 in common, 2 added, 2 conflicts, 1 of 1 walls met))
     """
     shape = states[0].shape
     occupied = _Marks((one == OCCUPIED for one in states), shape)
@@ -124,7 +133,8 @@ def compared(states: Sequence[States]) -> tuple[NDArray[np.uint8], tuple[MapCoun
     conflicts = np.where(occupied.once & free.once, np.uint8(AMONG_OTHERS), np.uint8(NO_CONFLICT))
     for state, kind in ((OCCUPIED, BY_FIRST), (FREE, BY_OTHERS)):
         conflicts[(conflicts != NO_CONFLICT) & (states[0] == state)] = kind
-    return conflicts, tuple(_counts(states, occupied, free, known))
+    counts = tuple(_counts(states, occupied, free, known))
+    return conflicts, counts, int(np.count_nonzero(known.twice))
 
 
 class _Marks:
@@ -156,24 +166,19 @@ def _counts(
     known_before, occupied_before = np.zeros((2, *states[0].shape), dtype=np.bool_)
     for one in states:
         own_known, own_occupied, own_free = one != NOTHING, one == OCCUPIED, one == FREE
+        shared = own_known & known.elsewhere(own_known)
         other_occupied = occupied.elsewhere(own_occupied)
-        here, there = own_occupied & free.elsewhere(own_free), own_free & other_occupied
+        walls = own_occupied & shared
         yield MapCounts(
             known=int(np.count_nonzero(own_known)),
-            common=int(np.count_nonzero(known.elsewhere(own_known) & own_known)),
+            common=int(np.count_nonzero(shared)),
             added=int(
                 np.count_nonzero((own_known & ~known_before) | (own_occupied & ~occupied_before))
             ),
-            occupied_here=int(np.count_nonzero(here)),
-            free_here=int(np.count_nonzero(there)),
-            apart=_far(here, other_occupied) + _far(there, own_occupied),
+            occupied_here=int(np.count_nonzero(own_occupied & free.elsewhere(own_free))),
+            free_here=int(np.count_nonzero(own_free & other_occupied)),
+            walls=int(np.count_nonzero(walls)),
+            met=int(np.count_nonzero(walls & within_distance(other_occupied, _NEAR**2))),
         )
         known_before |= own_known
         occupied_before |= own_occupied
-
-
-def _far(cells: Mask, obstacles: Mask) -> int:
-    """Return how many cells have no obstacle near."""
-    if not cells.any():
-        return 0
-    return int(np.count_nonzero(cells & ~within_distance(obstacles, _NEAR**2)))

@@ -34,7 +34,7 @@ _MOST = 1e9
 _LOG_ODDS, _HITS, _MISSES = "log_odds", "hits", "misses"
 
 
-def chosen_layers(layers: Layers, shape: tuple[int, int], name: str) -> ChosenLayers:
+def chosen_layers(layers: Layers, shape: tuple[int, int]) -> ChosenLayers:
     """Return those of a map's layers that say what beams have hit; none if there are none.
 
     Raises
@@ -52,26 +52,24 @@ def chosen_layers(layers: Layers, shape: tuple[int, int], name: str) -> ChosenLa
     chosen = {}
     for key in wanted:
         if key not in layers:
-            raise ParameterError("is missing", source=name, place=key)
+            raise ParameterError("is missing", place=key)
         layer = np.asarray(layers[key])
         if layer.shape != shape:
-            raise ParameterError(
-                f"must be of the map's {shape[1]} x {shape[0]} cells", source=name, place=key
-            )
-        chosen[key] = _checked(layer, key, name)
+            raise ParameterError(f"must be of the map's {shape[1]} x {shape[0]} cells", place=key)
+        chosen[key] = _checked(layer, key)
     return chosen
 
 
-def _checked(layer: NDArray[Any], key: str, name: str) -> NDArray[Any]:
+def _checked(layer: NDArray[Any], key: str) -> NDArray[Any]:
     if layer.dtype.kind not in "fiu":
-        raise ParameterError("must be numbers", source=name, place=key, got=str(layer.dtype))
+        raise ParameterError("must be numbers", place=key, got=str(layer.dtype))
     least = -_MOST if key == _LOG_ODDS else 0.0
     odd = (layer < least) | (layer > _MOST)  # which nan is not: no beam has been there
     if key != _LOG_ODDS and layer.dtype.kind == "f":
         odd |= np.isnan(layer)
     if odd.any():
         rule = f"must lie in {least:g}..{_MOST:g}"
-        raise ParameterError(rule, source=name, place=key, got=layer[odd][0].item())
+        raise ParameterError(rule, place=key, got=layer[odd][0].item())
     return layer
 
 

@@ -30,7 +30,8 @@ from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, check_choice
 
 Rule = Literal["occupied", "newest", "evidence"]
 
-_FEWEST = 2
+FEWEST = 2
+"""Maps that can be merged."""
 
 _TOUCHING = 1e-6
 """In cells: borders that differ by less are the same on paper."""
@@ -51,6 +52,8 @@ class Merged(OneLine):
         occupied, 3 where others contradict each other and the first does not; 0 elsewhere.
     maps : tuple of MapCounts
         Of each map, in their order.
+    common : int
+        Cells that two or more of the maps know.
     log_odds : numpy.ndarray of float64, shape of the grid, optional
         Under rule ``evidence`` the sum that decided, as `build_map` has it: 50 is even, nan where
         nothing is known. None under other rules.
@@ -59,6 +62,7 @@ class Merged(OneLine):
     grid: OccupancyGrid
     conflicts: NDArray[np.uint8]
     maps: tuple[MapCounts, ...]
+    common: int
     log_odds: NDArray[np.float64] | None = None
 
     def _told(self) -> Iterator[str]:
@@ -153,7 +157,7 @@ def merge(
     frames = placed(maps, transforms)
     merged = merged_on(lattice_around(maps, frames), maps, frames, rule=rule, evidence=layers)
     names = [f"map {number}" for number in range(1, len(maps) + 1)]
-    for text in remarks_on(merged, names, without_layers(layers) if rule == "evidence" else ()):
+    for text in remarks_on(merged, names, rule, without_layers(layers)):
         emit_warning(text, stacklevel=2)
     return merged
 
@@ -221,9 +225,9 @@ def merged_on(
         del total
         log_odds += EVEN
         log_odds[values == UNKNOWN] = np.nan
-    conflicts, counts = compared(states)
+    conflicts, counts, common = compared(states)
     grid = OccupancyGrid(values, lattice.resolution, lattice.origin)
-    return Merged(grid, conflicts, counts, log_odds)
+    return Merged(grid, conflicts, counts, common, log_odds)
 
 
 def without_layers(evidence: Sequence[ChosenLayers]) -> list[int]:
@@ -232,24 +236,44 @@ def without_layers(evidence: Sequence[ChosenLayers]) -> list[int]:
 
 
 def remarks_on(
-    merged: Merged, names: Sequence[str], layerless: Sequence[int] = ()
+    merged: Merged,
+    names: Sequence[str],
+    rule: Rule,
+    layerless: Sequence[int],
+    *,
+    advice: str = "",
 ) -> Iterator[str]:
-    """Yield what there is to warn of, with a name for each map."""
-    if len(layerless) == len(names):
+    """Yield what there is to warn of.
+
+    Parameters
+    ----------
+    merged : Merged
+        The maps in one.
+    names : sequence of str
+        What to call each.
+    rule : {'occupied', 'newest', 'evidence'}
+        How they were merged.
+    layerless : sequence of int
+        Those that have no layers of evidence.
+    advice : str
+        What to do about a map that is hardly aligned.
+    """
+    if rule == "evidence" and len(layerless) == len(names):
         yield "no map has evidence layers; each of their cells counts as one vote"
-    else:
+    elif rule == "evidence":
         for k in layerless:
             yield f"{names[k]}: has no evidence layers; each of its cells counts as one vote"
     for name, counts in list(zip(names, merged.maps, strict=True))[1:]:
         if not counts.common:
             yield f"{name}: knows no cell that another map knows"
-        elif not counts.added and not counts.conflicts:
+        elif not counts.added and (rule == "occupied" or not counts.conflicts):
             yield f"{name}: adds nothing: the maps before it know all of its cells and obstacles"
         if counts.is_contradicted:
-            share = f"{100 * counts.conflict_share:.1f} % of the cells that it shares"
+            share = 100 * counts.conflict_share
             yield (
-                f"{name}: contradicts the other maps on {share}, mostly with walls that none of "
-                "them has near: it is not aligned, or much has changed"
+                f"{name}: contradicts the other maps on {share:.1f} % of the cells that it shares "
+                f"with them, and only {counts.met} of its {counts.walls} wall cells there have a "
+                f"wall of theirs near: it is hardly aligned{advice}"
             )
 
 
@@ -261,7 +285,7 @@ def _checked(
 ) -> list[ChosenLayers]:
     """Refuse what cannot be merged; return the layers of each map."""
     check_choice(rule, Rule, "rule")
-    if len(maps) < _FEWEST:
+    if len(maps) < FEWEST:
         raise ParameterError("takes two maps or more", place="maps", got=len(maps))
     for number, grid in enumerate(maps, 1):
         check_is_map(grid, f"map {number}")
@@ -276,10 +300,13 @@ def _checked(
         raise ParameterError(
             f"must be {len(maps)}, one for each map", place="evidence", got=len(evidence)
         )
-    return [
-        chosen_layers(layers or {}, grid.shape, f"map {number}")
-        for number, (layers, grid) in enumerate(zip(evidence, maps, strict=True), 1)
-    ]
+    chosen = []
+    for number, (layers, grid) in enumerate(zip(evidence, maps, strict=True), 1):
+        try:
+            chosen.append(chosen_layers(layers or {}, grid.shape))
+        except ParameterError as error:
+            raise error.found_in(f"map {number}") from None
+    return chosen
 
 
 def check_is_map(grid: object, name: str) -> OccupancyGrid:

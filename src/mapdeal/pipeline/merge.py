@@ -1,0 +1,228 @@
+"""Several maps in files as one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from mapdeal.editing.evidence import ChosenLayers, chosen_layers
+from mapdeal.editing.merge import (
+    FEWEST,
+    Merged,
+    Rule,
+    check_is_map,
+    lattice_around,
+    merged_on,
+    placed,
+    remarks_on,
+    without_layers,
+)
+from mapdeal.errors import ParameterError, emit_warning, one_line
+from mapdeal.formats.budget import claim, holding
+from mapdeal.formats.evidence import read_evidence
+from mapdeal.formats.maps import Source, output_paths, write_grid
+from mapdeal.formats.png import write_indexed_png
+from mapdeal.formats.transforms import transform_document
+from mapdeal.grid.framed import Figures
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.transform import Transform
+from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
+from mapdeal.pipeline.memory import bytes_of
+from mapdeal.pipeline.placing import Known, transforms_by_files, transforms_by_walls
+from mapdeal.pipeline.settings import Settings
+from mapdeal.render.merge import merge_image
+from mapdeal.render.pen import Image
+
+_PER_CELL, _OF_EVIDENCE = 22, 26
+"""Bytes for each cell of the result, and more of them for sums; each map takes another one."""
+
+_OF_PICTURE = 2
+"""Bytes more for a picture, besides its own."""
+
+By = Literal["frames", "align"]
+
+
+@dataclass(frozen=True)
+class MergeReport:
+    """What was merged, and how.
+
+    Parameters
+    ----------
+    merged : Merged
+        The map, and the counts.
+    maps : tuple of Known
+        The maps.
+    transforms : tuple of Transform
+        From the first map's frame to that of each, the first included.
+    rule : {'occupied', 'newest', 'evidence'}
+        What decided.
+    """
+
+    merged: Merged
+    maps: tuple[Known, ...]
+    transforms: tuple[Transform, ...]
+    rule: Rule
+
+    @property
+    def figures(self) -> Figures:
+        """The figures of the map."""
+        return self.merged.grid.figures()
+
+    def document(self) -> dict[str, Any]:
+        """Return the report as JSON can hold it."""
+        return {
+            "rule": self.rule,
+            "merged": [
+                {
+                    "file": str(one.path),
+                    "sha256": dict(one.sums),
+                    "transform": transform_document(transform),
+                    **asdict(counts),
+                    "conflicts": counts.conflicts,
+                    "conflict_share": counts.conflict_share,
+                }
+                for one, transform, counts in zip(
+                    self.maps, self.transforms, self.merged.maps, strict=True
+                )
+            ],
+            "common": self.merged.common,
+            "conflicts": self.merged.conflict_count,
+            "figures": self.figures,
+        }
+
+
+def merge_files(
+    paths: Sequence[Path],
+    output: Path,
+    options: Settings,
+    *,
+    by: By | Sequence[Path] = "frames",
+    rule: Rule = "occupied",
+) -> MergeReport:
+    """Merge the maps in files into one, and write it.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The maps, two or more.
+    output : Path
+        Where the result goes. Keys of the first map's YAML that map_server does not know are kept.
+        An ``.npz`` made by rule ``evidence`` has the sum as its layer ``log_odds``.
+    options : Settings
+        How files are read and written.
+    by : {'frames', 'align'} or sequence of Path
+        How the maps lie to each other: all in one map frame; as their walls do; or as files say,
+        see `transforms_by_files`.
+    rule : {'occupied', 'newest', 'evidence'}
+        As of `merge`.
+
+    Raises
+    ------
+    MapdealError
+        If a file cannot be read or written, is no map, or the maps cannot be placed; nothing is
+        written then.
+    """
+    outputs = output_paths(output)
+    if len(paths) < FEWEST:
+        raise ParameterError("takes two maps or more", source="merge", got=len(paths))
+    sources, layers = _read(paths, options, rule)
+    grids = [check_is_map(one.grid, str(path)) for one, path in zip(sources, paths, strict=True)]
+    maps = tuple(Known(path, one.sums) for path, one in zip(paths, sources, strict=True))
+    files = [file for one in sources for file in one.files]
+    if not isinstance(by, str):
+        files += by
+    with outputs_of(outputs, files, options) as transaction:
+        transforms = _transforms(by, grids, maps)
+        frames = placed(grids, transforms)
+        with errors_named(paths[0]):
+            lattice = lattice_around(grids, frames)
+        held = sum(map(bytes_of, grids)) + sum(v.nbytes for one in layers for v in one.values())
+        per_cell = _PER_CELL + len(maps) + _OF_EVIDENCE * (rule == "evidence")
+        per_cell += _OF_PICTURE * (options.image is not None)
+        with options.memory():
+            what = f"{lattice.width} x {lattice.height} cells around all maps"
+            claim(paths[0], held + per_cell * lattice.height * lattice.width, what=what)
+        merged = merged_on(lattice, grids, frames, rule=rule, evidence=layers)
+        _warn(merged, maps, layers, rule, by)
+        metadata = sources[0].metadata
+        more = None if merged.log_odds is None else {"log_odds": merged.log_odds}
+        write_grid(
+            transaction,
+            output,
+            merged.grid,
+            extra=dict(metadata.extra) if metadata else {},
+            more=more,
+        )
+        if options.image is not None:
+            image = _picture(merged, paths, options)
+            transaction.write(
+                options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
+            )
+    return MergeReport(merged, maps, (Transform(), *transforms), rule)
+
+
+def _read(
+    paths: Sequence[Path], options: Settings, rule: Rule
+) -> tuple[list[Source], list[ChosenLayers]]:
+    """Return the maps in files, and the layers of evidence where they are asked for."""
+    sources: list[Source] = []
+    layers: list[ChosenLayers] = []
+    with ExitStack() as stack:
+        stack.enter_context(options.memory())
+        for path in paths:
+            source = read_summed(path, options)
+            stack.enter_context(holding(bytes_of(source.grid)))
+            own: ChosenLayers = {}
+            if rule == "evidence" and source.metadata is None:
+                own = _evidence_in(path, source.grid.shape, options)
+                stack.enter_context(holding(sum(layer.nbytes for layer in own.values())))
+            sources.append(source)
+            layers.append(own)
+    return sources, layers
+
+
+def _evidence_in(path: Path, shape: tuple[int, int], options: Settings) -> ChosenLayers:
+    found = read_evidence(path, max_cells=options.max_cells)
+    try:
+        return chosen_layers(found, shape)
+    except ParameterError as error:
+        raise error.in_file(path) from None
+
+
+def _picture(merged: Merged, paths: Sequence[Path], options: Settings) -> Image:
+    names = [path.stem for path in paths]
+    if len(set(names)) < len(names):
+        names = [f"map {number}" for number in range(1, len(names) + 1)]
+    return merge_image(
+        merged.grid,
+        merged.conflicts,
+        title=one_line(f"{', '.join(names[:-1])} and {names[-1]}, merged"),
+        names=tuple(map(one_line, names)),
+        image_extent=options.image_extent,
+    )
+
+
+def _transforms(
+    by: By | Sequence[Path], grids: Sequence[OccupancyGrid], maps: Sequence[Known]
+) -> list[Transform]:
+    if by == "frames":
+        return [Transform() for _ in maps[1:]]
+    if by == "align":
+        return transforms_by_walls(grids, [one.path for one in maps])
+    return transforms_by_files([Path(path) for path in by], maps)
+
+
+def _warn(
+    merged: Merged,
+    maps: Sequence[Known],
+    layers: Sequence[ChosenLayers],
+    rule: Rule,
+    by: By | Sequence[Path],
+) -> None:
+    advice = "; --by align places maps by their walls" if by == "frames" else ""
+    names = [str(one.path) for one in maps]
+    for text in remarks_on(merged, names, rule, without_layers(layers), advice=advice):
+        emit_warning(text, stacklevel=3)

@@ -1,0 +1,132 @@
+"""How the frames of several maps lie to each other, as files say, or as their walls do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.formats.transforms import TransformFile, read_transform
+from mapdeal.grid.display import count_text
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.transform import Transform
+from mapdeal.pipeline.files import errors_named
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a map that was read.
+
+    Parameters
+    ----------
+    path : Path
+        Its file.
+    sums : mapping of str to str
+        The files that hold it, by their names, and their checksums.
+    """
+
+    path: Path
+    sums: Mapping[str, str]
+
+    def is_of(self, sums: Mapping[str, str]) -> bool:
+        """Return whether these are its checksums, whatever its files are called."""
+        return sorted(self.sums.values()) == sorted(sums.values())
+
+
+def transforms_by_files(files: Sequence[Path], maps: Sequence[Known]) -> list[Transform]:
+    """Return the transform from the first map's frame to that of each other map.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        What says how two maps lie to each other.
+    maps : sequence of Known
+        The maps.
+
+    Raises
+    ------
+    FileAccessError, MalformedInputError
+        If a file cannot be read, or holds no transform.
+    ParameterError
+        If there are too many, or no sequence of transforms leads to one of the maps.
+
+    Warns
+    -----
+    MapdealWarning
+        If a file names maps by checksums, and they are none of these.
+
+    Notes
+    -----
+    A file with checksums is between the two maps that have them, in whatever order these are
+    given, and transforms are chained: from A to B and from C to B place C, too. One without is
+    from the first map to the second, third, ..., as it is the first, second, ... of the files.
+    """
+    if len(files) >= len(maps):
+        rule = f"{len(files)} files are given, and {count_text(len(maps) - 1, 'map')} to place"
+        raise ParameterError(rule, source="--by")
+    own = [next(k for k, one in enumerate(maps) if one.is_of(other.sums)) for other in maps]
+    steps = [
+        _step(read_transform(path), path, number, maps) for number, path in enumerate(files, 1)
+    ]
+    found = {0: Transform()}
+    while more := dict(_next_to(found, [(own[a], own[b], step) for a, b, step in steps])):
+        found |= more
+    for one, first in zip(maps, own, strict=True):
+        if first not in found:
+            rule = f"no transform leads from {maps[0].path} to {one.path}"
+            hint = "give --by once for each map but the first"
+            raise ParameterError(rule, source="--by", hint=hint)
+    return [found[first] for first in own[1:]]
+
+
+def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -> list[Transform]:
+    """Return the transforms that `transforms_by_files` returns, of maps that are aligned.
+
+    Raises
+    ------
+    FindingError
+        If it is not sure that a map is of the place that the first one is of.
+    """
+    from mapdeal.alignment.align import align  # type: ignore[import-not-found,unused-ignore]
+
+    transforms = []
+    for grid, path in zip(grids[1:], paths[1:], strict=True):
+        with errors_named(path):
+            found = align(grids[0], grid)
+        if not found.same_place:
+            rule = f"it is not sure how it lies to {paths[0]}, or that it is of the same place"
+            hint = f"mapdeal align {paths[0]} {path} tells more; --by takes its transform"
+            raise FindingError(rule, source=path, hint=hint)
+        transforms.append(found.transform)
+    return transforms
+
+
+def _next_to(
+    found: Mapping[int, Transform], steps: Sequence[tuple[int, int, Transform]]
+) -> Iterator[tuple[int, Transform]]:
+    """Yield the maps that are a step away from those that are placed."""
+    for first, second, step in steps:
+        if first in found and second not in found:
+            yield second, step.after(found[first])
+        elif second in found and first not in found:
+            yield first, step.inverse().after(found[second])
+
+
+def _step(
+    told: TransformFile, path: Path, number: int, maps: Sequence[Known]
+) -> tuple[int, int, Transform]:
+    """Return which maps a transform is between, and the transform."""
+    ends = [
+        next((k for k, one in enumerate(maps) if one.is_of(sums)), None)
+        for sums in (told.first, told.second)
+    ]
+    if ends[0] is not None and ends[1] is not None:
+        return ends[0], ends[1], told.transform
+    if told.first or told.second:
+        text = (
+            f"{path}: its checksums are not those of the maps; taken as the transform from "
+            f"{maps[0].path} to {maps[number].path}"
+        )
+        emit_warning(text, stacklevel=2)
+    return 0, number, told.transform

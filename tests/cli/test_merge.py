@@ -1,0 +1,331 @@
+"""``mapdeal merge``: files in, one map out."""
+
+import json
+import math
+import sys
+import types
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from drawn import cells, grid_from_text
+from mapdeal import (
+    Costmap,
+    OccupancyGrid,
+    Transform,
+    esdf,
+    merge,
+    read_map,
+    write_map,
+)
+from mapdeal.formats.npz import write_npz
+from mapdeal.render import colours
+
+HALL = "#######\n#.....#\n#..#..#\n#######"
+PART = "????#??\n?...#..\n?..#.?."
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Maps of one frame: b.yaml is two columns and a row off, c.yaml has half the resolution."""
+    monkeypatch.chdir(tmp_path)
+    first = grid_from_text(HALL, 0.1, (1.5, -2.0, 0.4))
+    write_map("a.yaml", first)
+    write_map("b.yaml", OccupancyGrid(cells(PART), 0.1, first.frame.window(1, 2, 3, 7).origin))
+    write_map("c.yaml", grid_from_text("..\n#.", 0.2, (1.5, -2.0, 0.4)))
+    return tmp_path
+
+
+def maps(*names):
+    return [read_map(f"{name}.yaml") for name in names]
+
+
+def transform_file(name, transform, **ends):
+    told = {"x": transform.x, "y": transform.y, "yaw": transform.yaw}
+    document = {"transform": told, **ends} if ends else told
+    with open(name, "w") as file:
+        json.dump(document, file)
+    return name
+
+
+def end(name):
+    """What a document of align says of one of its maps."""
+    from pathlib import Path
+
+    from mapdeal.formats.source import sha256_of  # of files, not of ours
+
+    files = [Path(f"{name}.yaml"), Path(f"{name}.pgm")]
+    return {"file": f"{name}.yaml", "sha256": {one.name: sha256_of(one) for one in files}}
+
+
+@pytest.mark.parametrize("rule", ["occupied", "newest"])
+def test_maps_of_one_frame_are_merged(command, folder, rule):
+    code, out, err = command("merge", "a.yaml", "b.yaml", "c.yaml", "-o", "o.yaml", "--rule", rule)
+    assert (code, err) == (0, "")
+    expected = merge(maps("a", "b", "c"), rule=rule)
+    found = read_map("o.yaml")
+    np.testing.assert_array_equal(found.occupancy, expected.grid.occupancy)
+    assert found.origin == expected.grid.origin
+    assert out.startswith("o.yaml: 9 x 4 cells at 1.5, -2, yaw 0.4, ")
+    assert len(out.splitlines()) == 5
+
+
+def test_by_hand_what_is_told(command, folder):
+    """Of a and b: HALL's columns 2.. and rows 1.. under PART's, cell by cell."""
+    code, out, _ = command("merge", "a.yaml", "b.yaml", "-o", "o.yaml", "--json")
+    assert code == 0
+    document = json.loads(out)
+    # north to south, HALL above and PART below: "#####" ....#  known by both: 1, occupied in both
+    #   "....#" .:  "?...#", the first column is unknown; the last is occupied in both
+    #   ".#..#" :   "?..#.", occupied in a, free in b: columns 3, 6; the other way round: 5
+    first, second = document["merged"]
+    assert [one["file"] for one in (first, second)] == ["a.yaml", "b.yaml"]
+    assert (first["known"], second["known"]) == (28, 12)
+    assert document["common"] == first["common"] == second["common"] == 9
+    assert document["conflicts"] == 3
+    assert (first["occupied_here"], first["free_here"], first["conflicts"]) == (2, 1, 3)
+    assert (second["occupied_here"], second["free_here"]) == (1, 2)
+    assert second["conflict_share"] == 3 / 9
+    assert second["added"] == 3 + 1  # two columns in the east, and the wall
+    assert (second["walls"], second["met"]) == (3, 3)
+    assert document["rule"] == "occupied"
+    assert first["sha256"].keys() == {"a.yaml", "a.pgm"}
+    assert second["transform"] == {"x": 0.0, "y": 0.0, "yaw": 0.0, "yaw_deg": 0.0}
+    assert document["figures"]["width"] == 9
+
+
+STEP = Transform(0.7, -0.3, 0.9)
+OTHER = Transform(-0.2, 0.5, -2.0)
+
+
+def placed(folder):
+    """As a, b and c, but b lies in a frame that STEP leads to, and c in one that OTHER does."""
+    a, b, c = maps("a", "b", "c")
+    for name, grid, transform in (("b", b, STEP), ("c", c, OTHER)):
+        moved = transform.frame(grid.frame)
+        grid = OccupancyGrid(grid.occupancy, grid.resolution, moved.origin)
+        write_map(f"{name}.yaml", grid, force=True)
+    return merge([a, b, c])
+
+
+@pytest.mark.parametrize("told", ["in order", "by sums", "turned round", "chained"])
+def test_transforms_of_files(command, folder, told):
+    expected = placed(folder)
+    if told == "in order":
+        files = [transform_file("s.json", STEP), transform_file("o.json", OTHER)]
+    elif told == "by sums":
+        files = [
+            transform_file("o.json", OTHER, first=end("a"), second=end("c")),
+            transform_file("s.json", STEP, first=end("a"), second=end("b")),
+        ]
+    elif told == "turned round":
+        files = [
+            transform_file("o.json", OTHER.inverse(), first=end("c"), second=end("a")),
+            transform_file("s.json", STEP, first=end("a"), second=end("b")),
+        ]
+    else:  # c -> b -> a
+        files = [
+            transform_file("o.json", STEP.after(OTHER.inverse()), first=end("c"), second=end("b")),
+            transform_file("s.json", STEP.inverse(), first=end("b"), second=end("a")),
+        ]
+    words = [word for name in files for word in ("--by", name)]
+    code, out, err = command("merge", "a.yaml", "b.yaml", "c.yaml", "-o", "o.npz", *words, "--json")
+    assert (code, err) == (0, "")
+    np.testing.assert_array_equal(read_map("o.npz").occupancy, expected.grid.occupancy)
+    found = json.loads(out)["merged"][2]["transform"]
+    assert (found["x"], found["y"], found["yaw"]) == pytest.approx(OTHER.pose)
+
+
+def test_checksums_that_are_of_no_map_are_warned_of(command, folder):
+    placed(folder)
+    strange = {"file": "x.yaml", "sha256": {"x.yaml": "0" * 64}}
+    transform_file("s.json", STEP, first=end("a"), second=strange)
+    code, _, err = command("merge", "a.yaml", "b.yaml", "-o", "o.npz", "--by", "s.json")
+    assert code == 0
+    assert err == (
+        "warning: s.json: its checksums are not those of the maps; taken as the transform from "
+        "a.yaml to b.yaml\n"
+    )
+    np.testing.assert_array_equal(
+        read_map("o.npz").occupancy, merge(maps("a", "b"), transforms=[STEP]).grid.occupancy
+    )
+
+
+def test_the_same_map_twice_needs_no_transform_of_its_own(command, folder):
+    placed(folder)
+    transform_file("s.json", STEP, first=end("a"), second=end("b"))
+    words = ["a.yaml", "b.yaml", "b.yaml", "-o", "o.npz", "--by", "s.json", "--json"]
+    code, out, err = command("merge", *words)
+    assert code == 0
+    assert err == (
+        "warning: b.yaml: adds nothing: the maps before it know all of its cells and obstacles\n"
+    )
+    first, second = (one["transform"] for one in json.loads(out)["merged"][1:])
+    assert first == second
+
+
+@pytest.fixture
+def aligned(monkeypatch):
+    """What stands for the search, and the pairs of maps that it was asked of."""
+    asked = []
+
+    def use(same_place):
+        def align(first, second):
+            asked.append((first, second))
+            return types.SimpleNamespace(transform=STEP, same_place=same_place)
+
+        module = types.ModuleType("mapdeal.alignment.align")
+        module.align = align
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        return asked
+
+    return use
+
+
+def test_maps_are_aligned_to_the_first(command, folder, aligned):
+    placed(folder)
+    asked = aligned(True)
+    code, out, err = command("merge", "a.yaml", "b.yaml", "-o", "o.npz", "--by", "align", "--json")
+    assert (code, err) == (0, "")
+    ((first, second),) = asked
+    np.testing.assert_array_equal(first.occupancy, cells(HALL))
+    np.testing.assert_array_equal(second.occupancy, cells(PART))
+    assert json.loads(out)["merged"][1]["transform"]["x"] == STEP.x
+    np.testing.assert_array_equal(
+        read_map("o.npz").occupancy, merge(maps("a", "b"), transforms=[STEP]).grid.occupancy
+    )
+
+
+def test_a_map_that_is_perhaps_of_another_place_is_not_merged(command, folder, aligned):
+    aligned(False)
+    before = sorted(folder.iterdir())
+    code, out, err = command("merge", "a.yaml", "b.yaml", "-o", "o.yaml", "--by", "align")
+    assert (code, out) == (1, "")
+    assert err.splitlines()[0] == (
+        "error: b.yaml: it is not sure how it lies to a.yaml, or that it is of the same place"
+    )
+    assert sorted(folder.iterdir()) == before
+
+
+def test_keys_of_the_first_yaml_are_kept(command, folder):
+    with open("a.yaml", "a") as file:
+        file.write("building: hall 7\n")
+    with open("b.yaml", "a") as file:
+        file.write("building: hall 8\n")
+    command("merge", "a.yaml", "b.yaml", "-o", "o.yaml")
+    assert yaml.safe_load((folder / "o.yaml").read_text())["building"] == "hall 7"
+
+
+def test_evidence_of_build_is_summed(command, folder):
+    """Hits 2 of 3 beams of a, none of 9 of b: 2 of 12 is free; at the other cell 4 of 12."""
+    grids = [OccupancyGrid([[100, 100, 0]], 0.1, (1.5, -2.0, 0.4)),
+             OccupancyGrid([[0, 0, 0]], 0.1, (1.5, -2.0, 0.4))]  # fmt: skip
+    counts = [([[2, 4, 0]], [[1, 0, 5]]), ([[0, 0, 1]], [[9, 8, 9]])]
+    for name, grid, (hits, misses) in zip("ab", grids, counts, strict=True):
+        layers = {"hits": np.int32(hits), "misses": np.int32(misses)}
+        with open(f"{name}.npz", "wb") as file:
+            write_npz(file, grid, more=layers)
+    words = ["merge", "a.npz", "b.npz", "--rule", "evidence"]
+    assert command(*words, "-o", "o.npz")[0] == 0
+    assert read_map("o.npz").occupancy.tolist() == [[0, 100, 0]]
+    with np.load("o.npz") as stored:
+        # 50, and hits times 7/3 less misses
+        expected = [50 + 2 * 7 / 3 - 10, 50 + 4 * 7 / 3 - 8, 50 + 7 / 3 - 14]
+        np.testing.assert_allclose(stored["log_odds"], [expected])
+    # what was merged can be merged: three are the same, however they are put together
+    assert command("merge", "o.npz", "b.npz", "--rule", "evidence", "-o", "p.npz")[0] == 0
+    assert command(*words, "b.npz", "-o", "q.npz")[0] == 0
+    with np.load("p.npz") as one, np.load("q.npz") as other:
+        np.testing.assert_allclose(one["log_odds"], other["log_odds"])
+
+
+def test_a_map_without_evidence_is_warned_of(command, folder):
+    write_map("d.npz", read_map("a.yaml"))
+    with open("e.npz", "wb") as file:
+        grid = read_map("b.yaml")
+        write_npz(file, grid, more={"log_odds": np.full(grid.shape, 60.0)})
+    code, _, err = command("merge", "e.npz", "d.npz", "--rule", "evidence", "-o", "o.npz")
+    assert code == 0
+    assert "warning: d.npz: has no evidence layers; each of its cells counts as one vote\n" in err
+
+
+def test_the_picture_shows_conflicts(command, folder):
+    command(
+        "merge", "a.yaml", "b.yaml", "-o", "o.yaml", "--image", "o.png", "--image-extent", "all"
+    )
+    with Image.open("o.png") as image:
+        shown = {colour for _, colour in image.convert("RGB").getcolors(1 << 20)}
+    assert {colours.REMOVED, colours.ADDED, colours.RVIZ_OCCUPIED, colours.RVIZ_FREE} <= shown
+    command("merge", "a.yaml", "b.yaml", "c.yaml", "-o", "p.yaml", "--image", "p.png")
+    with Image.open("p.png") as image:
+        shown = {colour for _, colour in image.convert("RGB").getcolors(1 << 20)}
+    assert colours.REMOVED in shown
+    assert colours.ADDED not in shown
+
+
+def test_what_cannot_be_done_is_said_and_nothing_written(command, folder):
+    write_map("costs.npz", Costmap(np.uint8([[0, 254, 90]]), 0.1))
+    write_map("field.npz", esdf(read_map("a.yaml")))
+    write_map("far.yaml", grid_from_text("..#", 0.1, (1e7, 0.0, 0.0)))
+    (folder / "bad.json").write_text('{"x": 1}')
+    with open("odd.npz", "wb") as file:
+        grid = read_map("a.yaml")
+        write_npz(file, grid, more={"log_odds": np.zeros((2, 2))})
+    transform_file("s.json", STEP)
+    transform_file("t.json", STEP, first=end("a"), second=end("c"))
+    before = sorted(folder.iterdir())
+    for words, code, told in [
+        (["a.yaml"], 2, "merge: takes two maps or more, got 1"),
+        (["a.yaml", "costs.npz"], 2, "costs.npz: is no map; merge the maps, and compute costs"),
+        (["a.yaml", "field.npz"], 2, "field.npz: is no map; merge the maps, and compute costs"),
+        (["a.yaml", "far.yaml"], 2, "the maps lie too far apart: "),
+        (["a.yaml", "b.yaml", "--by", "bad.json"], 3, "bad.json: the document: must have a key y"),
+        (["a.yaml", "b.yaml", "--by", "none.json"], 4, "none.json: "),
+        (["a.yaml", "b.yaml", "--by", "a.yaml"], 3, "a.yaml: "),
+        (["a.yaml", "b.yaml", "--by", "s.json", "--by", "align"], 2, "--by: align cannot be given"),
+        (["a.yaml", "b.yaml", "--by", "s.json", "--by", "s.json"], 2, "--by: 2 files are given, "),
+        (["a.yaml", "b.yaml", "c.yaml", "--by", "t.json"], 2,
+         "--by: no transform leads from a.yaml to b.yaml"),
+        (["a.yaml", "odd.npz", "--rule", "evidence"], 3, "odd.npz: log_odds: "),
+        (["a.yaml", "b.yaml", "--image", "o.jpg"], 2, "--image: "),
+    ]:  # fmt: skip
+        found, out, err = command("merge", *words, "-o", "o.yaml")
+        assert (found, out) == (code, ""), err
+        assert err.startswith("error: ")
+        assert told in err
+        assert sorted(folder.iterdir()) == before
+
+
+def test_outputs_replace_no_input(command, folder):
+    transform_file("s.json", STEP)
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    for words in (["-o", "a.yaml"], ["-o", "b.pgm"], ["-o", "o.yaml", "--image", "s.json"]):
+        code, _, err = command("merge", "a.yaml", "b.yaml", *words, "--by", "s.json", "--force")
+        assert code in (2, 4)
+        assert err
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_the_maps_of_one_floor_lie_on_each_other(command, real_maps, tmp_path):
+    """Three maps of it, of three robots and years, placed by transforms found otherwise."""
+    place = real_maps / "align" / "PRBonn__tmcl"
+    if not place.is_dir():
+        pytest.skip("the real maps are not here")
+    real = json.loads((real_maps / "expected" / "align.json").read_text())["real"]
+    truth = {one["id"]: one["truth"] for one in real}
+    files = []
+    for name in ("tmcl-youbot-faro", "tmcl-youbot-gmap"):
+        yaw = math.radians(truth[name]["dtheta_deg"])
+        transform = Transform(truth[name]["dx"], truth[name]["dy"], yaw)
+        files += ["--by", transform_file(tmp_path / f"{name}.json", transform)]
+    names = ["2021_10_27/YouBotMap.yaml", "Faro/FMap.yaml", "GMap/GMap.yaml"]
+    sources = [place / name for name in names]
+    code, out, err = command("merge", *sources, "-o", tmp_path / "o.npz", *files, "--json")
+    assert (code, err) == (0, "")
+    counts = json.loads(out)["merged"]
+    assert all(one["met"] > 0.85 * one["walls"] for one in counts)
+    # in one frame they do not, and it is said
+    code, _, err = command("merge", sources[0], sources[2], "-o", tmp_path / "p.npz")
+    assert "it is hardly aligned; --by align places maps by their walls" in err
