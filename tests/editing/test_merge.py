@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drawn import cells, grid_from_text
@@ -120,6 +120,7 @@ def placed_maps(draw, longest=5):
 
 
 @given(placed_maps(), st.sampled_from(["occupied", "newest"]))
+@settings(max_examples=60)
 def test_cells_are_what_plain_python_makes_of_them(case, rule):
     maps, transforms = case
     grid = merge(maps, transforms=transforms, rule=rule).grid

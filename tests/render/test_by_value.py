@@ -28,6 +28,7 @@ from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.difference import difference_image
 from mapdeal.render.glyphs import capital_height, text_width
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.merge import merge_image
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster
@@ -45,7 +46,7 @@ def asked(monkeypatch):
         seen.update(rest, pixels=pixels, palette=palette)
         return sheet(pixels, palette, **rest)
 
-    for module in ("layers", "potential", "difference"):
+    for module in ("layers", "potential", "difference", "merge"):
         monkeypatch.setattr(f"mapdeal.render.{module}.sheet", record)
     return seen
 
@@ -82,6 +83,42 @@ def test_changes_have_the_colours_that_their_legend_says(asked):
     assert legend(asked) == expected
     assert [tuple(c) for c in cell_colours(asked, (1, 7))[0].tolist()] == list(expected.values())
     assert asked["swatches"][0].label == "wall added"
+
+
+MERGED = OccupancyGrid(np.array([[-1, 0, 50, 100, 100, 100, 100]], np.int8), 0.25)
+CONFLICTS = np.array([[0, 0, 0, 0, 1, 2, 3]], np.uint8)
+
+
+def test_conflicts_of_two_merged_maps_have_a_colour_each(asked):
+    merge_image(MERGED, CONFLICTS, title="t", names=["hall", "later"])
+    greys = [(112, 137, 134), (255,) * 3, (128,) * 3, (0,) * 3]
+    shown = [tuple(c) for c in cell_colours(asked, (1, 7))[0].tolist()]
+    assert shown == [*greys, (225, 30, 60), (0, 120, 220), (225, 30, 60)]
+    assert legend(asked) == {
+        "occupied in hall, free in later": (225, 30, 60),
+        "free in hall, occupied in later": (0, 120, 220),
+        "occupied": (0, 0, 0), "free": (255, 255, 255), "unknown": (112, 137, 134),
+    }  # fmt: skip
+    assert asked["swatches"][0].label == "occupied in hall, free in later"
+
+
+def test_conflicts_of_more_maps_have_one_colour(asked):
+    merge_image(MERGED, CONFLICTS, title="t", names=["hall", "later", "now"])
+    shown = [tuple(c) for c in cell_colours(asked, (1, 7))[0].tolist()]
+    assert shown[3:] == [(0,) * 3, *[(225, 30, 60)] * 3]
+    assert next(iter(legend(asked))) == "occupied in one map, free in another"
+    assert len(legend(asked)) == 4
+
+
+def test_a_conflict_shows_where_cells_share_a_pixel(asked):
+    values, conflicts = np.zeros((2, 10, 400))
+    values[3, 7], values[6, 300], conflicts[3, 6] = 100, 100, 2
+    grid = OccupancyGrid(values, 0.25, (1.5, -2.0, 0.4))
+    merge_image(grid, conflicts.astype(np.uint8), title="t", names="ab", image_max=200)
+    shown = colours_of(asked)
+    assert shown.shape == (5, 200, 3)
+    assert tuple(shown[1, 3]) == (0, 120, 220)
+    assert tuple(shown[3, 150]) == (0, 0, 0)
 
 
 def test_occupancy_is_grey_by_value(asked):

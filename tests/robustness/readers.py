@@ -198,6 +198,8 @@ READERS = [
           CLOUD_WORDS),
     _file("cloud npy", _seeds(seeds.npy_files(), "c.npy"), reading.read_cloud_points, NPY_WORDS),
     _file("reach npz", _zips(["reach.npz"], "r.npz"), reading.read_reached, NPY_WORDS, share=0.5),
+    _file("evidence npz", _zips(["odds.npz", "hits.npz"], "e.npz"), reading.read_evidence_layers,
+          NPY_WORDS, share=0.5),
     _file("cloud npz", _zips(["points.npz"], "c.npz"), reading.read_cloud_points, NPY_WORDS),
     _file("CARMEN log", _logs(), reading.read_log, SCAN_WORDS),
     _file("kinds of files", _of_all_kinds(), reading.kind_of_file, YAML_WORDS, share=0.5),

@@ -24,6 +24,7 @@ from mapdeal import (
 from mapdeal.checks.lint import lint_file
 from mapdeal.checks.selection import selection_of
 from mapdeal.cli.options import numbers, pair, size_of
+from mapdeal.editing.evidence import chosen_layers, evidence_of
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
@@ -34,6 +35,7 @@ from mapdeal.formats.answers import LintAnswer, RouteAnswer, read_answer
 from mapdeal.formats.bit_maps import read_bit_map
 from mapdeal.formats.clouds.reader import cloud_chunks, read_cloud
 from mapdeal.formats.dialects import DIALECTS
+from mapdeal.formats.evidence import read_evidence
 from mapdeal.formats.image import open_pixel_rows, read_image, read_image_size, strips_of_rows
 from mapdeal.formats.kinds import kind_of
 from mapdeal.formats.lint_config import read_lint_config
@@ -240,6 +242,21 @@ def read_reached(path, data):
     assert all(map(math.isfinite, reached.start))
     reached.figures()
     return reached
+
+
+def read_evidence_layers(path, data):
+    """Read what rule evidence of merge takes of an npz, and sum it."""
+    grid = read_map(path)
+    _check_grid(grid)
+    found = read_evidence(path)
+    try:
+        layers = chosen_layers(found, grid.shape)
+    except ParameterError as error:
+        raise error.in_file(path) from None
+    frame = grid.frame
+    total = evidence_of(frame, [np.zeros(grid.shape, np.uint8)], [frame], [layers])
+    assert total.shape == grid.shape
+    return total
 
 
 def decode_bits(path, data):

@@ -553,9 +553,9 @@ def write_stored():
         image.save(file, kind, **options)
         return file.getvalue()
 
-    def npz(grid):
+    def npz(grid, **more):
         file = io.BytesIO()
-        write_npz(file, grid)
+        write_npz(file, grid, more=more)
         return file.getvalue()
 
     def arrays(**named):
@@ -591,6 +591,8 @@ def write_stored():
         "costs.npz": npz(Costmap(costs, 0.25, (1.0, 2.0, 0.3), circumscribed_cost=99)),
         "potential.npz": npz(potential(grid, goal=(1.3, 2.3))),
         "reach.npz": npz(reached),
+        "odds.npz": npz(grid, log_odds=np.arange(12.0).reshape(3, 4) * 7 + 20),
+        "hits.npz": npz(grid, hits=np.int32(costs // 23), misses=np.int32(costs % 7)),
         "points.npz": arrays(points=np.array(TURNED_POINTS)),
         "scans.npz": arrays(
             poses=np.arange(9.0).reshape(3, 3), angles=np.array([-1.0, 0.0, 1.0, 2.0]),

@@ -1,0 +1,129 @@
+"""Evidence of several maps, against the map that all beams make together."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mapdeal import BeamLimits, MapBuilder, OccupancyGrid, ParameterError, Scans, Transform, merge
+from mapdeal.grid.frame import Frame
+
+pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+
+FRAME = Frame(14, 17, 0.25, (1.5, -2.0, 0.0))
+
+
+def scans(seed, count=6, beams=9):
+    rng = np.random.default_rng(seed)
+    poses = np.stack([
+        rng.uniform(1.6, 5.6, count), rng.uniform(-1.9, 1.4, count), rng.uniform(-4, 4, count)
+    ], axis=1)  # fmt: skip
+    return Scans(poses, np.linspace(-2, 2, beams), rng.uniform(0.2, 2.0, (count, beams)))
+
+
+def built(method, *parts):
+    # of 216 beams at most, none of which weighs so much that the bounds 0 and 100 are reached
+    small = {"log_free": -0.125, "log_occ": 0.25} if method == "log-odds" else {}
+    builder = MapBuilder(FRAME, method, BeamLimits(), **small)
+    for part in parts:
+        builder.add(part)
+    return builder.result()
+
+
+@pytest.mark.parametrize("method", ["log-odds", "counting"])
+@given(st.lists(st.integers(0, 999), min_size=2, max_size=4))
+@settings(max_examples=25)
+def test_maps_of_some_scans_each_merge_into_the_map_of_all(method, seeds):
+    parts = [scans(seed) for seed in seeds]
+    each = [built(method, part) for part in parts]
+    together = built(method, *parts)
+    merged = merge(
+        [one.grid for one in each], rule="evidence", evidence=[one.layers for one in each]
+    )
+    sums = merged.log_odds
+    # An even sum is a matter of taste: where the maps differ, an obstacle is kept.
+    even = sums == 50
+    np.testing.assert_array_equal(merged.grid.occupancy[~even], together.grid.occupancy[~even])
+    largest = np.max([one.grid.occupancy for one in each], axis=0)
+    np.testing.assert_array_equal(merged.grid.occupancy[even], largest[even])
+    assert np.array_equal(np.isnan(sums), merged.grid.occupancy == -1)
+    if method == "log-odds":
+        known = ~np.isnan(sums)
+        np.testing.assert_array_equal(sums[known], together.layers["log_odds"][known])
+
+
+def test_one_map_of_counts_is_itself():
+    one = built("counting", scans(3), scans(4))
+    merged = merge([one.grid, one.grid], rule="evidence", evidence=[one.layers] * 2)
+    np.testing.assert_array_equal(merged.grid.occupancy, one.grid.occupancy)
+
+
+@given(
+    hits=st.lists(st.integers(0, 40), min_size=2, max_size=5),
+    misses=st.lists(st.integers(0, 99), min_size=5, max_size=5),
+    order=st.randoms(),
+)
+def test_hits_decide_above_the_share_that_counting_has(hits, misses, order):
+    pairs = list(zip(hits, misses, strict=False))
+    order.shuffle(pairs)
+    maps, layers = [], []
+    for hit, miss in pairs:
+        known = 0 if hit + miss else -1
+        maps.append(OccupancyGrid([[known]], 0.3, (1.0, 2.0, 0.7)))
+        layers.append({"hits": np.array([[hit]]), "misses": np.array([[miss]])})
+    value = merge(maps, rule="evidence", evidence=layers).grid.occupancy[0, 0]
+    all_hits, visits = sum(h for h, _ in pairs), sum(h + m for h, m in pairs)
+    if not visits:
+        assert value == -1
+    else:
+        assert value == (100 if Fraction(all_hits, visits) > Fraction(3, 10) else 0)
+
+
+def test_evidence_moves_with_its_map():
+    """A quarter turn: the layers of the second map are read where its cells come to lie."""
+    first = OccupancyGrid([[0, 0, 0], [0, 0, 0]], 0.5, (1.0, 2.0, 0.0))
+    odds = np.array([[10.0, 20.0], [np.nan, 90.0], [30.0, 55.0]])
+    second = OccupancyGrid([[0, 0], [-1, 100], [0, 100]], 0.5, (0.0, 0.0, 0.0))
+    # the second map's x points to the first's y, and its corner lies at (2.5, 2)
+    transform = Transform(2.5, 2.0, np.pi / 2).inverse()
+    merged = merge(
+        [first, second],
+        transforms=[transform],
+        rule="evidence",
+        evidence=[{"log_odds": np.full((2, 3), 50.0)}, {"log_odds": odds}],
+    )
+    assert merged.grid.origin == first.origin
+    assert merged.log_odds.tolist() == [[30.0, 50.0, 10.0], [55.0, 90.0, 20.0]]
+    assert merged.grid.occupancy.tolist() == [[0, 0, 0], [100, 100, 0]]
+
+
+def test_layers_without_hits_are_votes():
+    grids = [OccupancyGrid([[100, 0]], 0.5), OccupancyGrid([[0, 0]], 0.5)]
+    with pytest.warns(match="map 1: has no evidence layers"):
+        merged = merge(
+            grids,
+            rule="evidence",
+            evidence=[{"tsdf": np.zeros((1, 2))}, {"log_odds": [[49.5, 49.5]]}],
+        )
+    assert merged.log_odds.tolist() == [[50.5, 48.5]]
+
+
+def test_odd_layers_are_refused():
+    grid = OccupancyGrid([[100, 0]], 0.5)
+    good = np.array([[1, 2]])
+    for layers, told in [
+        ({"log_odds": np.zeros((2, 1))}, "map 2: log_odds: must be of the map's 2 x 1 cells"),
+        ({"hits": good}, "map 2: misses: is missing"),
+        ({"hits": good, "misses": -good}, r"map 2: misses: must lie in 0..1e\+09, got -1"),
+        ({"hits": good * np.nan, "misses": good}, "map 2: hits: must lie in .*, got nan"),
+        ({"log_odds": good * np.inf}, "map 2: log_odds: must lie in .*, got inf"),
+        ({"log_odds": np.array([["a", "b"]])}, "map 2: log_odds: must be numbers, got '<U1'"),
+    ]:
+        with pytest.raises(ParameterError, match=f"^{told}"):
+            merge([grid, grid], rule="evidence", evidence=[None, layers])
+    with pytest.raises(ParameterError, match=r"^evidence: must be 2, one for each map, got 1"):
+        merge([grid, grid], rule="evidence", evidence=[None])
+    with pytest.raises(ParameterError, match=r"^evidence: is for rule evidence alone"):
+        merge([grid, grid], evidence=[None, None])
