@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mapdeal.api.diff import DiffReport
+from mapdeal.api.score import Score
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.png import write_indexed_png
@@ -42,7 +43,7 @@ from mapdeal.render.robot import RobotOverlay
 from mapdeal.render.route import RouteOverlay
 from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
-Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | CostCurve
+Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Score | CostCurve
 """What there are pictures of."""
 
 _GRIDS = (OccupancyGrid, Costmap, DistanceField, PotentialField, Reach)
@@ -117,7 +118,7 @@ def draw_picture(
 
     Parameters
     ----------
-    shown : grid, BitMap, LocalMap, BuiltMap, DiffReport or CostCurve
+    shown : grid, BitMap, LocalMap, BuiltMap, DiffReport, Score or CostCurve
         What to draw. Of a local map also the robot; of a map of scans the map alone.
     title : str, optional
         The first line above the map; what it is, if not given. The commands write the name of
@@ -170,6 +171,10 @@ def draw_picture(
         title = one_line(title or shown.title)
         image = difference_image(shown.changes, shown.frame, title=title, **look)
         return _picture(image)
+    if isinstance(shown, Score):
+        if is_over:
+            raise ParameterError("nothing can be drawn over a score", place="route, pose")
+        return _picture(shown.drawn(title=title, **look))
     if isinstance(shown, CostCurve):
         if is_over:
             raise ParameterError("nothing can be drawn over a cost curve", place="route, pose")
@@ -205,7 +210,7 @@ def write_picture(
     ----------
     path : path or str
         Where it goes: a ``.png``. Folders that are missing are made.
-    shown : Picture, grid, BitMap, LocalMap, BuiltMap, DiffReport or CostCurve
+    shown : Picture, grid, BitMap, LocalMap, BuiltMap, DiffReport, Score or CostCurve
         The picture, or what to draw.
     title, route, pose, robot, image_max, image_extent
         As of `draw_picture`; not for a `Picture`.
@@ -244,7 +249,9 @@ def write_picture(
 
 def png_of(shown: object) -> bytes | None:
     """Return what notebooks show of something, None of what would take them long."""
-    if isinstance(shown, (DiffReport, CostCurve)):
+    if isinstance(shown, Score) and not shown.is_drawn:
+        return None
+    if isinstance(shown, (DiffReport, Score, CostCurve)):
         return draw_picture(shown, image_max=_IN_NOTEBOOKS).png()
     if not isinstance(shown, Drawable):
         return None
@@ -265,7 +272,8 @@ def _grid_in(shown: object) -> tuple[Grid, str]:
         return shown.to_occupancy(), shown.kind
     if isinstance(shown, _GRIDS):
         return shown, shown.kind
-    rule = "must be a grid, a bit map, a local map, a map of scans, a comparison or a cost curve"
+    kinds = "a grid, a bit map, a local map, a map of scans, a comparison, a score or a cost curve"
+    rule = f"must be {kinds}"
     raise ParameterError(rule, place="picture", got=shown)
 
 

@@ -10,22 +10,24 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.api.diff import Map
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, one_line
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import as_occupancy, read_map
 from mapdeal.formats.npz import Grid
-from mapdeal.grid.display import OneLine
+from mapdeal.grid.display import Drawn
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.transform import Transform
-from mapdeal.pipeline.score import Asked, ScoreReport, score_files, score_grids
+from mapdeal.pipeline.score import Asked, ScoreReport, score_files, score_grids, title_of, walls_of
 from mapdeal.pipeline.settings import Settings
+from mapdeal.render.pen import Image
+from mapdeal.render.score import score_image
 from mapdeal.scoring.bounds import ScoreBound
 from mapdeal.scoring.compare import Comparison
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Score(OneLine):
+class Score(Drawn):
     """How good a map is, on its own or against a true one.
 
     Parameters
@@ -42,6 +44,11 @@ class Score(OneLine):
     transform : tuple of float or None
         x, y (metres) and yaw (radians) of the transform from the map's frame to that of the
         truth; None without one.
+
+    Notes
+    -----
+    With a truth notebooks show its picture, and `draw_picture` draws it: the walls of the map
+    over the truth, coloured by how far off they are.
     """
 
     values: dict[str, Any]
@@ -51,6 +58,7 @@ class Score(OneLine):
     transform: tuple[float, float, float] | None
     _document: dict[str, Any] = field(default_factory=dict)
     _comparison: Comparison | None = None
+    _title: str = "how far off its walls are"
 
     def document(self) -> dict[str, Any]:
         """Return the score as JSON can hold it, as ``mapdeal score --json`` prints it.
@@ -58,6 +66,23 @@ class Score(OneLine):
         Its `map` and `truth`, the files and their checksums, are None unless they are files.
         """
         return copy.deepcopy(self._document)
+
+    def drawn(self, *, title: str | None = None, **look: Any) -> Image:
+        """Return the picture, as `draw_picture` gives it, with what shapes it.
+
+        Raises
+        ------
+        ParameterError
+            If there is no truth.
+        """
+        if self._comparison is None:
+            raise ParameterError("of a map on its own has no picture", place="a score")
+        return score_image(walls_of(self._comparison), title=one_line(title or self._title), **look)
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether it has a picture: with a truth."""
+        return self._comparison is not None
 
     def _told(self) -> Iterator[str]:
         if self.transform is None:
@@ -163,7 +188,8 @@ def score(
     named = [one for one in (map, truth) if one is not None]
     paths = [Path(one) for one in named if isinstance(one, str | PathLike)]
     if len(paths) == len(named):
-        return _scored(score_files(paths[0], (*paths[1:], None)[0], settings, asked))
+        other = (*paths[1:], None)[0]
+        return _scored(score_files(paths[0], other, settings, asked), title_of(paths[0], other))
     asked.bounds(with_truth=truth is not None)
     grids = [_grid(one, settings) for one in named]
     return _scored(score_grids(grids[0], (*grids[1:], None)[0], asked.with_file_read()))
@@ -195,7 +221,7 @@ def _grid(one: Map, settings: Settings) -> OccupancyGrid:
     return as_occupancy(grid, "the map")
 
 
-def _scored(report: ScoreReport) -> Score:
+def _scored(report: ScoreReport, title: str = "how far off its walls are") -> Score:
     return Score(
         values=report.values,
         passes=report.passes,
@@ -204,4 +230,5 @@ def _scored(report: ScoreReport) -> Score:
         transform=None if report.transform is None else report.transform.pose,
         _document=report.document(),
         _comparison=report.comparison,
+        _title=title,
     )

@@ -11,9 +11,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.formats.budget import claim, holding
 from mapdeal.formats.maps import Source, as_occupancy
+from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.transforms import TransformFile, read_transform, transform_document
 from mapdeal.grid.display import count_text
 from mapdeal.grid.frame import Frame
@@ -26,9 +27,11 @@ from mapdeal.pipeline.diff import ComparedMap
 from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
+from mapdeal.render.score import ScoredWalls, score_image
 from mapdeal.scoring.alone import PER_CELL_ALONE, PER_WALL_ALONE, score_alone
 from mapdeal.scoring.bounds import ScoreBound, checked_bounds, judged
 from mapdeal.scoring.compare import PER_CELL, PER_WALL, Comparison, compare_to_truth
+from mapdeal.scoring.distances import metres_of
 from mapdeal.scoring.states import UNKNOWN, States, states_of
 
 FORMAT = "mapdeal-score/1"
@@ -241,7 +244,7 @@ def score_files(
     if told is not None:
         asked = _with_transform(asked, told, sources)
     with (
-        outputs_of([], files, options),
+        outputs_of([], files, options) as transaction,
         use_threads(options.threads),
         errors_named(path),
     ):
@@ -251,10 +254,32 @@ def score_files(
             asked,
             names=(str(path), str(truth)),
         )
+        if options.image is not None and report.comparison is not None:
+            image = score_image(
+                walls_of(report.comparison),
+                title=title_of(path, truth),
+                image_extent=options.image_extent,
+            )
+            transaction.write(
+                options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
+            )
     maps = [
         ComparedMap(str(one), dict(source.sums)) for source, one in zip(sources, paths, strict=True)
     ]
     return _with_maps(report, maps[0], maps[1] if truth is not None else None)
+
+
+def walls_of(found: Comparison) -> ScoredWalls:
+    """Return what there is to draw of a comparison."""
+    to_truth, missed = (
+        metres_of(squares, found.frame.resolution) for squares in (found.wall_squares, found.missed)
+    )
+    return ScoredWalls(found.frame, found.estimate, found.truth, to_truth, missed)
+
+
+def title_of(path: Path, truth: Path | None) -> str:
+    """Return what stands above the picture of two files."""
+    return one_line(f"{path.stem} on {truth.stem if truth else ''}: how far off its walls are")
 
 
 def _with_maps(

@@ -51,7 +51,7 @@ def sheet(
         Legend entries, below the colour bar.
     """
     height, width = pixels.shape
-    text_size = int(min(40, max(14, max(height, width) / 55)))
+    text_size = text_size_of(pixels.shape)
     pen = _Pen(text_size)
     pad = text_size
     column = pen.legend_width(bar, swatches)
@@ -85,6 +85,11 @@ def sheet(
         pen.frame(x, y, w, h)
 
     return pen.image(colours)
+
+
+def text_size_of(shape: tuple[int, ...]) -> int:
+    """Return the pixels per em of the text around a map of so many pixels."""
+    return int(min(40, max(14, max(shape) / 55)))
 
 
 def swatches_in(pixels: NDArray[np.uint8], swatches: Sequence[Swatch]) -> list[Swatch]:

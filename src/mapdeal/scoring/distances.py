@@ -65,8 +65,7 @@ def wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> Wal
     """
     if not len(squares) or int(squares[0]) == unreachable(squares):
         return WallDistances(len(squares))
-    metres = np.sqrt(squares.astype(np.float64))
-    metres *= resolution
+    metres = metres_of(squares, resolution)
     limit = (_NEAR / resolution) ** 2
     if math.isclose(limit, round(limit), rel_tol=_ROUNDING):
         limit = round(limit)
@@ -80,3 +79,17 @@ def wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> Wal
         float(np.count_nonzero(squares < limit) / len(squares)),
         float(np.count_nonzero(squares <= limit) / len(squares)),
     )
+
+
+def metres_of(squares: NDArray[np.signedinteger], resolution: float) -> NDArray[np.float64]:
+    """Return squared distances in cells as metres; infinite where there is nothing to reach.
+
+    Examples
+    --------
+    >>> metres_of(np.array([0, 4, 2**31 - 1], dtype=np.int32), 0.05).tolist()
+    [0.0, 0.1, inf]
+    """
+    metres = np.sqrt(squares.astype(np.float64))
+    metres *= resolution
+    metres[squares == unreachable(squares)] = math.inf
+    return metres
