@@ -360,6 +360,8 @@ COMMANDS = {
     "clean": ["clean", "site.yaml", "--min-obstacle", "1", *OUT],
     "score": ["score", "site.yaml"],
     "score against a truth": ["score", "site.yaml", "--truth", "other.yaml"],
+    "score drawn": ["score", "site.yaml", "--truth", "other.yaml", "--image", "score.png",
+                    "--force"],
     "query": ["query", "site.yaml", "--at", "2,2"],
     "query field on a canvas": ["query", "canvas.npz", "--at", "2,2"],
     "query field": ["query", "esdf.npz", "--at", "2,2"],

@@ -138,7 +138,7 @@ def test_bands_and_threads_change_no_corner(monkeypatch):
     whole = corners_of(walls)
     assert whole.any()
     for together in (1, 4000):
-        monkeypatch.setattr(corners, "_TOGETHER", together)
+        monkeypatch.setattr(corners, "TOGETHER", together)
         with use_threads(2):
             assert (corners_of(walls) == whole).all()
 

@@ -58,7 +58,7 @@ def test_bands_and_threads_change_nothing(monkeypatch):
     first, second = rng.integers(0, 3, (2, 700, 611), dtype=np.uint8)
     scores = []
     for together, threads in ((1 << 20, 1), (5000, 2), (1, 3)):
-        monkeypatch.setattr(similarity, "_TOGETHER", together)
+        monkeypatch.setattr(similarity, "TOGETHER", together)
         with use_threads(threads):
             scores.append((uniform_similarity(first, second), gaussian_similarity(first, second)))
     assert scores[0] == scores[1] == scores[2]

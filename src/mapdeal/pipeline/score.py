@@ -28,10 +28,11 @@ from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.score import ScoredWalls, score_image
-from mapdeal.scoring.alone import PER_CELL_ALONE, PER_WALL_ALONE, score_alone
+from mapdeal.scoring.alone import score_alone
 from mapdeal.scoring.bounds import ScoreBound, checked_bounds, judged
-from mapdeal.scoring.compare import PER_CELL, PER_WALL, Comparison, compare_to_truth
+from mapdeal.scoring.compare import Comparison, compare_to_truth
 from mapdeal.scoring.distances import metres_of
+from mapdeal.scoring.memory import bytes_alone, bytes_to_compare
 from mapdeal.scoring.states import UNKNOWN, States, states_of
 
 FORMAT = "mapdeal-score/1"
@@ -236,8 +237,8 @@ def score_files(
     grids = [
         as_occupancy(source.grid, str(one)) for source, one in zip(sources, paths, strict=True)
     ]
-    with options.memory():
-        _claim(paths[-1], sources, grids)
+    with options.memory(), use_threads(options.threads):
+        _claim(paths[-1], sources, grids, options)
     files = [file for source in sources for file in source.files]
     if asked.transform_file is not None:
         files.append(asked.transform_file)
@@ -289,16 +290,18 @@ def _with_maps(
     return ScoreReport(**{**fields, "maps": (own, truth)})
 
 
-def _claim(path: Path, sources: list[Source], grids: list[OccupancyGrid]) -> None:
+def _claim(
+    path: Path, sources: list[Source], grids: list[OccupancyGrid], options: Settings
+) -> None:
     """Refuse what takes too much memory."""
-    height, width = grids[-1].shape
+    shape = grids[-1].shape
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
-    per_cell, per_wall = (
-        (PER_CELL, PER_WALL) if len(grids) > 1 else (PER_CELL_ALONE, PER_WALL_ALONE)
-    )
+    if len(grids) > 1:
+        needed = bytes_to_compare(shape, walls, is_drawn=options.image is not None)
+    else:
+        needed = bytes_alone(shape, walls)
     held = sum(bytes_of(source.grid) for source in sources)
-    needed = held + per_cell * height * width + per_wall * walls
-    claim(path, needed, what=f"{width} x {height} cells")
+    claim(path, held + needed, what=f"{shape[1]} x {shape[0]} cells")
 
 
 def _with_transform(asked: Asked, told: TransformFile, sources: list[Source]) -> Asked:

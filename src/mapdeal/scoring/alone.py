@@ -13,15 +13,12 @@ from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.thickness import thickness_of
 from mapdeal.scoring.compare import Values
 from mapdeal.scoring.corners import corners_of
-from mapdeal.scoring.enclosed import enclosed_areas
+from mapdeal.scoring.enclosed import enclosed_areas, label_sizes
 from mapdeal.scoring.overlap import share
 from mapdeal.scoring.states import OCCUPIED, States
 
 LEAST_PIECE = 5
 """Cells below which a piece of wall is a speck."""
-
-PER_CELL_ALONE, PER_WALL_ALONE = 16, 75
-"""Bytes that this takes for each cell of the map, and for each wall cell."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +94,8 @@ def _pieces(walls: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return the sizes of pieces of wall, and take the specks out of `walls`."""
     from scipy.ndimage import label
 
-    labels, _ = label(walls, np.ones((3, 3)))
-    sizes = np.bincount(labels.ravel())
+    labels, count = label(walls, np.ones((3, 3)))
+    sizes = label_sizes(labels, count)
     sizes[0] = 0
     walls &= (sizes >= LEAST_PIECE)[labels]
     return sizes[sizes > 0]

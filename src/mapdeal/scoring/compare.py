@@ -19,9 +19,6 @@ from mapdeal.scoring.overlap import Overlap
 from mapdeal.scoring.similarity import gaussian_similarity, uniform_similarity
 from mapdeal.scoring.states import FREE, OCCUPIED, UNKNOWN, States, states_of
 
-PER_CELL, PER_WALL = 16, 60
-"""Bytes that a comparison takes for each cell of the truth, and for each wall cell of both."""
-
 Values = dict[str, Any]
 """Figures by name: numbers, None where there is nothing to measure, or more of such."""
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.threads import for_rows
+from mapdeal.scoring.memory import TOGETHER
 
 _Floats = NDArray[np.floating[Any]]
 _Mask = NDArray[np.bool_]
@@ -27,8 +28,6 @@ _LEAST_TRACE = 1e-4
 _SAME = 1e-9
 _HALO = 24
 """Cells from which a cell's response is made: 6 + 1 + 10, and those of its neighbours."""
-
-_TOGETHER = 1 << 17
 
 
 def corners_of(walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -62,7 +61,7 @@ def corners_of(walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
     of corners, which doubled walls raise.
     """
     found = np.zeros(walls.shape, dtype=np.bool_)
-    step = max(1, _TOGETHER // (walls.shape[1] + 2 * _HALO))
+    step = max(1, TOGETHER // (walls.shape[1] + 2 * _HALO))
 
     def band(part: slice) -> None:
         for start in range(part.start, part.stop, step):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.scoring.states import FREE, OCCUPIED, States
 
@@ -12,6 +13,7 @@ LEAST_AREA = 0.25
 """Square metres of free cells below which what is enclosed is a pocket, not an area."""
 
 _ROUNDING = 1e-9
+_TOGETHER = 1 << 20
 
 
 class Enclosed(NamedTuple):
@@ -69,9 +71,10 @@ def enclosed_areas(states: States, resolution: float) -> Enclosed:
     from scipy.ndimage import label
 
     labels, count = label(states != OCCUPIED)
-    free = np.bincount(labels[states == FREE], minlength=count + 1)
-    border = (labels[0], labels[-1], labels[:, 0], labels[:, -1])
-    free[np.unique(np.concatenate(border))] = 0
+    border = np.unique(np.concatenate((labels[0], labels[-1], labels[:, 0], labels[:, -1])))
+    labels *= states == FREE
+    free = label_sizes(labels, count)
+    free[border] = 0
     free[0] = 0
     sizes = free[free > 0] * resolution**2
     is_area = sizes >= LEAST_AREA * (1 - _ROUNDING)
@@ -80,3 +83,13 @@ def enclosed_areas(states: States, resolution: float) -> Enclosed:
         int(np.count_nonzero(~is_area)),
         float(sizes[is_area].sum()),
     )
+
+
+def label_sizes(labels: NDArray[np.integer[Any]], count: int) -> NDArray[np.int64]:
+    """Return how many cells each label from 0 to `count` has, without a copy of them all."""
+    sizes = np.zeros(count + 1, dtype=np.int64)
+    step = max(1, _TOGETHER // labels.shape[1])
+    for first in range(0, len(labels), step):
+        found = np.bincount(labels[first : first + step].ravel())
+        sizes[: len(found)] += found
+    return sizes

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.threads import for_rows
+from mapdeal.scoring.memory import TOGETHER
 from mapdeal.scoring.states import FREE, OCCUPIED, UNKNOWN, States
 
 _Floats = NDArray[np.floating[Any]]
@@ -18,8 +19,6 @@ _Moments = tuple[_Floats, _Floats, _Floats, _Floats]
 _C1, _C2 = 0.01**2, 0.03**2
 _UNIFORM = 7
 _SIGMA, _TRUNCATE, _GAUSSIAN = 1.5, 3.5, 11
-_TOGETHER = 1 << 17
-"""Cells of a band of rows: what is made of them takes some megabytes for each thread."""
 
 
 def uniform_similarity(first: States, second: States) -> float | None:
@@ -94,7 +93,7 @@ def _mean_similarity(
         return None
     a, b = _half_pixels(first), _half_pixels(second)
     sums = np.empty(rows)
-    step = max(1, _TOGETHER // width)
+    step = max(1, TOGETHER // width)
 
     def band(part: slice) -> None:
         for start in range(part.start, part.stop, step):
