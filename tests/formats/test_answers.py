@@ -18,6 +18,7 @@ from mapdeal.formats.answers import (
     LintAnswer,
     ReachAnswer,
     RouteAnswer,
+    ScoreAnswer,
     ShapesAnswer,
     read_answer,
 )
@@ -32,7 +33,7 @@ from robustness.seeds import ANSWERS
 SHAPES = {"type": "Feature", "properties": {"radius": 0.5},
           "geometry": {"type": "Point", "coordinates": [1, 2]}}  # fmt: skip
 ALL = {**ANSWERS, "shapes": SHAPES}
-LINT, REACH, ROUTE, DIFF, COMPARISON = ANSWERS.values()
+LINT, REACH, ROUTE, DIFF, COMPARISON, SCORE = ANSWERS.values()
 
 
 @pytest.fixture
@@ -106,6 +107,24 @@ def test_methods_compared(read):
     assert answer.differing == {("tsdf", "beams"): 5}
 
 
+def test_a_score(read):
+    answer = read(SCORE)
+    assert isinstance(answer, ScoreAnswer)
+    assert (answer.file, answer.truth, answer.passes) == ("a<b>.yaml", None, False)
+    assert (answer.width, answer.height, answer.resolution) == (4, 3, 0.25)
+    assert answer.transform == (1.5, -2.0, 0.25)
+    assert answer.figures == {
+        "coverage": 0.9, "ssim_gauss": None, "dist_est_to_truth_m.n": 7.0,
+        "dist_est_to_truth_m.mean": 0.5,
+    }  # fmt: skip
+    assert [(one.name, one.is_least, one.found, one.holds) for one in answer.bounds] == [
+        ("coverage", True, 0.9, True),
+        ("ssim_gauss", False, None, False),
+    ]
+    alone = read({**SCORE, "transform": None, "map": None})
+    assert (alone.has_truth, alone.file, alone.sums) == (False, None, {})
+
+
 def test_shapes_of_either_form(read):
     assert read(SHAPES) == ShapesAnswer((Circle((1.0, 2.0), 0.5),))
     yaml = b"shapes:\n- {type: polygon, points: [[0, 0], [2, 0], [2, 1]]}\n"
@@ -114,7 +133,7 @@ def test_shapes_of_either_form(read):
 
 
 def test_keys_that_are_not_known_yet_are_passed_over(read):
-    for document in (LINT, REACH, ROUTE, DIFF, COMPARISON):
+    for document in (LINT, REACH, ROUTE, DIFF, COMPARISON, SCORE):
         assert type(read({**document, "new": [{}]})) is type(read(document))
 
 
@@ -168,11 +187,16 @@ FINDING = ("maps", 0, "findings", 0)
         (_with(ROUTE, [[0, 1], [True, 2]], "points"), "points[1][0]: must be a number, got True"),
         (_with(ROUTE, [[0, 10**400]], "points"), "points[0][1]: must be a number from -1e+12"),
         (_with(ROUTE, [[0, -2e12]], "points"), "points[0][1]: must be a number from -1e+12"),
-        (_with(ROUTE, {}, "points"), "is not what lint, reach, route, diff"),
+        (_with(ROUTE, {}, "points"), "is not what lint, reach, route, diff, score"),
         (_with(ROUTE, "fly", "method"), "method: must be one of astar, descent, got 'fly'"),
         (_with(DIFF, "AB" * 32, "first", "sha256", "a.pgm"), "must be the 64 hexadecimal digits"),
         (_with(DIFF, [1], "geometry", "width"), "geometry.width: must be two values, got [1]"),
         (_without(DIFF, "walls", "second_to_first"), "walls: must have a key second_to_first"),
+        (_with(SCORE, "low", "bounds", 0, "side"), "bounds[0].side: must be one of min, max"),
+        (_with(SCORE, [], "values"), "values: must be an object, got []"),
+        (_with(SCORE, {"a": {"b": "c"}}, "values"), "values.a.b: must be a number, got 'c'"),
+        (_with(SCORE, 0, "lattice", "width"), "lattice.width: must be a whole number from 1"),
+        (_without(SCORE, "truth"), "must have a key truth"),
         (_with(COMPARISON, [1, 2], "origin"), "origin: must be three numbers"),
         (_with(COMPARISON, 0, "width"), "width: must be a whole number from 1"),
     ],
@@ -198,7 +222,7 @@ def test_what_must_not_be_believed_names_the_key(read, document, told):
         (b'{"errors": 0, "errors": 1}', "key 'errors' stands twice"),
         (b'{"maps": [}', "line 1, column 11: no valid JSON"),
         (b'{"maps": "\xff"}', "not UTF-8"),
-        (b"{}", "is not what lint, reach, route, diff or build --compare writes as JSON"),
+        (b"{}", "is not what lint, reach, route, diff, score or build --compare writes as JSON"),
         (b'{"outputs": {}, "stages": []}', "is the manifest of a run, not what lint"),
         (b"image: a.pgm\nresolution: 1\n", "is a map, not a file of shapes"),
         (b"", "answer.json"),

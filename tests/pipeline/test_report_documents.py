@@ -221,3 +221,54 @@ def test_a_comparison_is_named_by_its_folder(command, rooms, tmp_path):
     folder = tmp_path / "methods"
     assert command("build", "examples/logs/office.log", "--compare", "-o", folder)[0] == 0
     assert len(entries_of(rooms, folder / "comparison.json")) == 2
+
+
+def test_a_score_is_a_table_of_the_map_that_it_names(command, rooms, shut, tmp_path):
+    words = ("--min", "coverage=0.9", "--max", "dist_truth_to_est_m.mean=0.001")
+    code, out, _ = command("score", rooms, "--truth", shut, *words, "--json")
+    assert code == 1
+    (tmp_path / "score.json").write_text(out)
+    values = json.loads(out)["values"]
+    for paths, owner in (
+        ((shut, rooms, tmp_path / "score.json"), 1),
+        ((tmp_path / "score.json",), 0),
+    ):
+        entries = entries_of(*paths)
+        tables = [[table for table in one.tables if "Score" in table.title] for one in entries]
+        assert [len(found) for found in tables] == [
+            number == owner for number in range(len(entries))
+        ]
+        (table,) = tables[owner]
+        assert table.title == "Score: does not pass"
+        rows = dict(table.rows)
+        assert rows["truth"] == str(shut)
+        told = f"{100 * values['coverage']:.1f} %"
+        assert rows["known area of the truth that the map knows (coverage)"] == told
+        far = values["dist_truth_to_est_m"]["mean"]
+        assert [text for name, text in table.rows if name == "bound"] == [
+            f"coverage at least 0.9: holds, found {values['coverage']:.9g}",
+            f"dist_truth_to_est_m.mean at most 0.001: missed, found {far:.9g}",
+        ]
+    assert entries[0].name == "rooms"
+
+
+def test_the_score_of_a_map_that_is_not_here_is_left_out(command, rooms, shut, tmp_path):
+    (tmp_path / "score.json").write_text(command("score", rooms, "--json")[1])
+    mapdeal.write_map(tmp_path / "third.yaml", grid_from_text(ROOMS))
+    with pytest.warns(mapdeal.MapdealWarning, match=r"score of .*rooms\.yaml is left out"):
+        entries = entries_of(shut, tmp_path / "third.yaml", tmp_path / "score.json")
+    assert not [table for one in entries for table in one.tables if "Score" in table.title]
+    (one,) = entries_of(tmp_path / "score.json")
+    rows = dict(next(table for table in one.tables if table.title == "Score").rows)
+    assert rows["corners and ends of walls (corners)"].isdigit()
+    assert "truth" not in rows
+
+
+def test_a_map_that_has_changed_since_it_was_scored_is_told_of(command, rooms, tmp_path):
+    (tmp_path / "score.json").write_text(command("score", rooms, "--json")[1])
+    mapdeal.write_map(rooms, grid_from_text(SHUT), force=True)
+    with pytest.warns(
+        mapdeal.MapdealWarning, match=r"rooms\.yaml: is not the map that score\.json"
+    ):
+        (entry,) = entries_of(rooms, tmp_path / "score.json")
+    assert any("score.json" in text for text in entry.warnings)

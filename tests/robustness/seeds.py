@@ -453,6 +453,18 @@ ANSWERS = {
                              "vanished": [{"x": 1.25, "y": 2.5, "cells": 4}]}},
         "pairs": [{"first": "tsdf", "second": "beams", "differing": 5, "cells": {}}],
     },
+    "score": {
+        "format": "mapdeal-score/1",
+        "map": {"file": "a<b>.yaml", "sha256": {"a<b>.yaml": "ab" * 32}}, "truth": None,
+        "transform": {"x": 1.5, "y": -2, "yaw": 0.25, "yaw_deg": 14.3, "by": "align"},
+        "lattice": {"width": 4, "height": 3, "resolution": 0.25, "origin": [1, 2, 0]},
+        "values": {"cells": [3, 4], "coverage": 0.9, "ssim_gauss": None,
+                   "dist_est_to_truth_m": {"n": 7, "mean": 0.5}},
+        "bounds": [{"name": "coverage", "side": "min", "allowed": 0.8, "found": 0.9, "holds": True},
+                   {"name": "ssim_gauss", "side": "max", "allowed": 1, "found": None,
+                    "holds": False}],
+        "passes": False,
+    },
 }  # fmt: skip
 """What mapdeal writes as JSON."""
 

@@ -24,8 +24,8 @@ def report(
         list[Path],
         typer.Argument(
             metavar="PATH...",
-            help="Folders of runs or batches; maps, fields and costs; JSON of lint, reach, route "
-            "and diff; shapes.",
+            help="Folders of runs or batches; maps, fields and costs; JSON of lint, reach, "
+            "route, diff and score; shapes.",
         ),
     ],
     output: Annotated[Path, opt.output_argument("OUT.html", "The page.")],

@@ -1,4 +1,4 @@
-"""The JSON documents of lint, reach, route, diff and build --compare, read back.
+"""The JSON documents of lint, reach, route, diff, score and build --compare, read back.
 
 They may come from elsewhere: each value is checked, and an error names the file and the key.
 Numbers that JSON does not have, an infinite width for instance, are null there.
@@ -14,9 +14,18 @@ from typing import Literal, cast, get_args
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.geojson import geojson_shapes
-from mapdeal.formats.json_kinds import COMPARISON, DIFF, LINT, REACH, ROUTE, document_kind
+from mapdeal.formats.json_kinds import (
+    COMPARISON,
+    DIFF,
+    LINT,
+    REACH,
+    ROUTE,
+    SCORE,
+    document_kind,
+)
 from mapdeal.formats.json_values import JsonValue, read_document
 from mapdeal.formats.kinds import SHAPES, recognised
+from mapdeal.formats.score_json import ScoreAnswer, score_answer
 from mapdeal.formats.shapes import read_shapes
 from mapdeal.formats.source import head_of
 from mapdeal.grid.coordinates import FARTHEST, Origin, Point
@@ -31,7 +40,9 @@ Severity = Literal["error", "warning", "note"]
 _WIDEST = 1000.0
 """Largest coordinate of a robot's corner, metres."""
 _MOST_CORNERS = 500
-_WANTED = "what lint, reach, route, diff or build --compare writes as JSON, nor a file of shapes"
+_WANTED = (
+    "what lint, reach, route, diff, score or build --compare writes as JSON, nor a file of shapes"
+)
 
 
 @dataclass(frozen=True)
@@ -196,11 +207,14 @@ class ShapesAnswer:
     shapes: tuple[Shape, ...]
 
 
-Answer = LintAnswer | ReachAnswer | RouteAnswer | DiffAnswer | ComparisonAnswer | ShapesAnswer
+Answer = (
+    LintAnswer | ReachAnswer | RouteAnswer | DiffAnswer | ScoreAnswer | ComparisonAnswer
+    | ShapesAnswer
+)  # fmt: skip
 
 
 def read_answer(path: Path) -> Answer:
-    """Return what lint, reach, route, diff or build --compare has written, or a file's shapes.
+    """Return what lint, reach, route, diff, score or build --compare has written, or shapes.
 
     Parameters
     ----------
@@ -432,5 +446,6 @@ def _method(one: JsonValue) -> ComparedMethod:
 
 
 _READERS: dict[str | None, Callable[[JsonValue], Answer]] = {
-    LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, COMPARISON: _comparison,
+    LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, SCORE: score_answer,
+    COMPARISON: _comparison,
 }  # fmt: skip

@@ -6,8 +6,10 @@ from typing import Any
 
 SHAPES, MANIFEST, SUMMARY = "shapes", "manifest", "summary"
 ROUTE, REACH, LINT, DIFF, COMPARISON = "route", "reach", "lint", "diff", "comparison"
+SCORE = "score"
 
 COMPARISON_FORMAT = "mapdeal-comparison/1"
+SCORE_FORMAT = "mapdeal-score/1"
 _GEOMETRIES = (
     "FeatureCollection", "Feature", "GeometryCollection", "Polygon", "LineString", "Point",
     "MultiPolygon", "MultiLineString", "MultiPoint",
@@ -39,4 +41,6 @@ def document_kind(value: Any) -> str | None:
         return REACH
     if {"confusion", "walls"} <= value.keys():
         return DIFF
+    if value.get("format") == SCORE_FORMAT:
+        return SCORE
     return COMPARISON if value.get("format") == COMPARISON_FORMAT else None

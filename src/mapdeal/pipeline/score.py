@@ -13,6 +13,7 @@ import numpy as np
 
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.formats.budget import claim, holding
+from mapdeal.formats.json_kinds import SCORE_FORMAT
 from mapdeal.formats.maps import Source, as_occupancy
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.transforms import TransformFile, read_transform, transform_document
@@ -34,8 +35,6 @@ from mapdeal.scoring.compare import Comparison, compare_to_truth
 from mapdeal.scoring.distances import metres_of
 from mapdeal.scoring.memory import bytes_alone, bytes_to_compare
 from mapdeal.scoring.states import UNKNOWN, States, states_of
-
-FORMAT = "mapdeal-score/1"
 
 Way = Literal["frames", "transform", "align"]
 """How the maps were brought together: as their files say, by a transform, or by aligning them."""
@@ -135,7 +134,7 @@ class ScoreReport:
         if self.transform is not None:
             transform = {**transform_document(self.transform), "by": self.way}
         return {
-            "format": FORMAT,
+            "format": SCORE_FORMAT,
             "map": named,
             "truth": truth,
             "transform": transform,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from mapdeal.formats.answers import (
     read_answer,
 )
 from mapdeal.formats.kinds import SHAPES, kind_of
+from mapdeal.formats.score_json import ScoreAnswer
 from mapdeal.formats.source import exists, is_folder, real_path, status_of
 from mapdeal.grid.display import count_text
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -40,6 +41,7 @@ from mapdeal.pipeline.reports.runs import (
     rows_of,
     runs_in,
 )
+from mapdeal.pipeline.reports.scores import give_score, map_of
 from mapdeal.report.document import Report, Table
 from mapdeal.version import __version__
 
@@ -58,10 +60,10 @@ def gathered(
     Parameters
     ----------
     paths : sequence of Path
-        Folders of runs, or of several; maps and other grids; JSON documents of lint, reach, route
-        and diff; shapes. Runs and maps are entries of their own, but a map that a run was made of
-        joins it, and a grid that is no map joins what was named before it, if it covers the same
-        cells. Documents belong to what was named before them, or by name if they tell one.
+        Folders of runs, or of several; maps and other grids; JSON documents of lint, reach, route,
+        diff and score; shapes. Runs and maps are entries of their own, but a map that a run was
+        made of joins it, and a grid that is no map joins what was named before it, if it covers
+        the same cells. Documents belong to what was named before them, or by name if they tell one.
     grids : Grids
         Where the grids are read.
     title : str, optional
@@ -146,6 +148,7 @@ class _Gathering:
         self.drafts: list[Draft] = []
         self._documents: list[tuple[Path, Answer, Draft | None]] = []
         self._linted: list[tuple[Path, LintAnswer]] = []
+        self._scored: list[tuple[Path, ScoreAnswer]] = []
 
     def add_grid(self, path: Path) -> None:
         """Add the grid of a file to the draft that it belongs to, or to a new one."""
@@ -198,6 +201,8 @@ class _Gathering:
             draft.tables += tables_of(answer)
         elif isinstance(answer, LintAnswer):
             self._linted.append((path, answer))
+        elif isinstance(answer, ScoreAnswer):
+            self._scored.append((path, answer))
         elif isinstance(answer, ComparisonAnswer):
             rule = "is what build --compare has written beside its maps"
             raise ParameterError(rule, source=path, hint=f"name the folder, {path.parent}")
@@ -214,7 +219,9 @@ class _Gathering:
         """
         if not self.drafts:
             for _, linted in self._linted:
-                self._add_linted_maps(linted)
+                self._add_maps(Path(told.file) for told in linted.files if not told.is_parameters)
+            places = (map_of(answer, path) for path, answer in self._scored)
+            self._add_maps(dict.fromkeys(place for place in places if place is not None))
         for path, answer, draft in self._documents:
             if draft is None and not self.drafts:
                 rule = "belongs to a map or a run, and none is named"
@@ -224,13 +231,12 @@ class _Gathering:
             owner.tables += tables_of(answer)
         for path, linted in self._linted:
             self._add_findings(path, linted)
+        for path, scored in self._scored:
+            give_score(path, scored, self.drafts, self._grids)
 
-    def _add_linted_maps(self, answer: LintAnswer) -> None:
-        """Add the maps that lint tells of, where nothing else is named."""
-        for told in answer.files:
-            if told.is_parameters:
-                continue
-            path = Path(told.file)
+    def _add_maps(self, paths: Iterable[Path]) -> None:
+        """Add the maps that documents tell of, where nothing else is named."""
+        for path in paths:
             try:
                 self.add_grid(path)
             except MapdealError as error:
