@@ -72,6 +72,7 @@ _DOCUMENTS = {
     "reach": ("what a robot can reach (JSON)", _OF_A_MAP_USE),
     "lint": ("what lint has found (JSON)", _REPORT_USE),
     "diff": ("what differs between two maps (JSON)", _REPORT_USE),
+    "score": ("the score of a map (JSON)", _REPORT_USE),
     "comparison": ("methods of mapping compared (JSON)", _REPORT_USE),
 }  # fmt: skip
 """JSON that mapdeal writes: what it is, and which command takes it."""
@@ -287,6 +288,8 @@ def _kind_of_json(path: Path, head: bytes) -> FileKind | None:
         figures = {**_counted(value, maps="maps"), **told}
     elif name == "diff":
         figures = {"cells": value.get("common_cells"), "differing": value.get("differing")}
+    elif name == "score":
+        figures = {"passes": bool(value.get("passes")), **_counted(value, bounds="bounds")}
     elif name == "comparison":
         methods = value.get("methods")
         figures = {"methods": ", ".join(methods)} if isinstance(methods, dict) else {}
