@@ -25,8 +25,8 @@ reports as pictures by themselves.
 Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
 `reset_region`; `rotate`, `straighten` by `yaw_to_straighten`, `rescale`; `clean`, which gives a
 `Cleaned`; `xy_ahead` of a pose.
-Several maps of one place: `merge`, which gives a `Merged` with the `MapCounts` of each map; a
-`Transform` says how the frames of two maps lie.
+Several maps of one place: `align`, which gives an `Alignment`; `merge`, which gives a `Merged`
+with the `MapCounts` of each map; a `Transform` says how the frames of two maps lie.
 Errors: `MapdealError`, of which `ParameterError`, `MalformedInputError`, `FileAccessError` and
 `FindingError` are kinds; `MapdealWarning`.
 

@@ -1,6 +1,8 @@
 # The public names: what `import mapdeal` gives, each loaded on first use.
 # `mapdeal.__init__` reads this file, so that no name stands in two places.
 
+from mapdeal.alignment.align import Alignment as Alignment
+from mapdeal.api.align import align as align
 from mapdeal.api.build import build_map_from_log as build_map_from_log
 from mapdeal.api.curve import cost_curve as cost_curve
 from mapdeal.api.diff import DiffReport as DiffReport

@@ -358,6 +358,7 @@ COMMANDS = {
     "merge by evidence": ["merge", "odds.npz", "turned.yaml", "--rule", "evidence", "-q",
                           "-o", "out.npz"],
     "clean": ["clean", "site.yaml", "--min-obstacle", "1", *OUT],
+    "align": ["align", "site.yaml", "other.yaml"],
     "score": ["score", "site.yaml"],
     "score against a truth": ["score", "site.yaml", "--truth", "other.yaml"],
     "score drawn": ["score", "site.yaml", "--truth", "other.yaml", "--image", "score.png",

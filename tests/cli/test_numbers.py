@@ -40,6 +40,7 @@ WORKING = {
     "diff": ["m.yaml", "m.yaml"],
     "merge": ["m.yaml", "m.yaml", "-o", "o.yaml", "--force"],
     "clean": IN_OUT,
+    "align": ["m.yaml", "m.yaml"],
     "score": ["m.yaml", "--truth", "m.yaml"],
     "report": ["m.yaml", "-o", "o.html", "--force"],
     "completion": ["bash"],

@@ -42,6 +42,7 @@ LINES = {
     "diff": ["diff", "m.yaml", "m.yaml"],
     "merge": ["merge", "m.yaml", "m.yaml", "-o", "o.yaml"],
     "clean": ["clean", "m.yaml", "-o", "o.yaml"],
+    "align": ["align", "m.yaml", "m.yaml"],
     "score": ["score", "m.yaml", "--truth", "m.yaml"],
     "report": ["report", "m.yaml", "-o", "o.html"],
 }  # fmt: skip

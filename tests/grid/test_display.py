@@ -93,6 +93,7 @@ def samples():
             mapdeal.MapBuilder(map_.frame), mapdeal.RollingMapper([[0, 0, 0]], options, keep=1),
             mapdeal.load_recipe("nav2"), mapdeal.draw_picture(map_), differing, finding,
             mapdeal.cost_curve(0.25, inscribed_radius=0.1),
+            mapdeal.align(map_, map_),
             mapdeal.score(map_.as_amcl_sees_it(), minimum={"corners": 0}),
             mapdeal.ScoreBound("coverage", "min", 0.9, None),
             mapdeal.WallShift(1.0, 0.5, 0.25), mapdeal.Bound("max-shift", "m", 0.5, 0.25), checked,

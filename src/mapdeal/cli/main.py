@@ -39,7 +39,7 @@ _ClickError: Any = typer.BadParameter.__mro__[2]
 _MAKERS = ("run", "local", "build")
 _OTHERS = (
     "query", "route", "edit", "window", "shift", "convert", "pack", "unpack", "info", "lint",
-    "diff", "merge", "rotate", "rescale", "clean", "score", "report", "completion",
+    "diff", "align", "merge", "rotate", "rescale", "clean", "score", "report", "completion",
 )  # fmt: skip
 _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 

@@ -10,6 +10,7 @@ SCORE = "score"
 
 COMPARISON_FORMAT = "mapdeal-comparison/1"
 SCORE_FORMAT = "mapdeal-score/1"
+ALIGNMENT_FORMAT = "mapdeal-alignment/1"
 _GEOMETRIES = (
     "FeatureCollection", "Feature", "GeometryCollection", "Polygon", "LineString", "Point",
     "MultiPolygon", "MultiLineString", "MultiPoint",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mapdeal.errors import emit_warning
 from mapdeal.formats.json_values import JsonValue, read_document
 from mapdeal.grid.transform import Transform
 
@@ -52,10 +53,19 @@ def read_transform(path: Path) -> TransformFile:
     ------
     FileAccessError, MalformedInputError
         If the file cannot be read, or holds no transform.
+
+    Warns
+    -----
+    MapdealWarning
+        If align was not sure of it.
     """
     document = read_document(path)
     place = document.get("transform")
     own = document if place is None else place
+    sure = document.get("same_place")
+    if sure is not None and not sure.flag():
+        text = f"{path}: align was not sure of this transform; it is taken as it is"
+        emit_warning(text, stacklevel=2)
     x, y, yaw = (own[key].number() for key in ("x", "y", "yaw"))
     return TransformFile(
         Transform(x, y, yaw), _sums_of(document, "first"), _sums_of(document, "second")

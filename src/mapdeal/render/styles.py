@@ -141,6 +141,20 @@ def cleaning_style() -> LayerStyle:
     return _style_of_kinds([*kinds, ("unknown, now free", colours.FILLED)])
 
 
+def alignment_style(names: tuple[str, str]) -> LayerStyle:
+    """Return the colours of the kinds of cells of two maps laid over each other, 0 to 5.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What to call the maps.
+    """
+    _, unknown, free, _, wall, first, second = (colour for _, colour in _KINDS_OF_DIFFERENCE)
+    kinds = [("outside of both", unknown), ("unknown", unknown), ("free in one of them", free)]
+    kinds += [(f"wall of {names[0]}", first), (f"wall of {names[1]}", second)]
+    return _style_of_kinds([*kinds, ("wall of both", wall)])
+
+
 def _style_of_kinds(kinds: Sequence[tuple[str, Colour]]) -> LayerStyle:
     """Return the colours of kinds of cells, whose values are 0, 1, ..."""
     count = len(kinds)

@@ -1,0 +1,170 @@
+"""Where the map in one file lies in the frame of the map in another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mapdeal.alignment.align import Alignment, align
+from mapdeal.checks.difference import frame_around
+from mapdeal.errors import one_line
+from mapdeal.formats.budget import claim, holding
+from mapdeal.formats.json_kinds import ALIGNMENT_FORMAT
+from mapdeal.formats.json_text import json_of
+from mapdeal.formats.maps import Source, as_occupancy
+from mapdeal.formats.png import write_indexed_png
+from mapdeal.formats.transforms import transform_document
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.resample import obstacles_in, sampled
+from mapdeal.grid.transform import Transform
+from mapdeal.kernels.threads import use_threads
+from mapdeal.pipeline.diff import ComparedMap
+from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
+from mapdeal.pipeline.memory import bytes_of
+from mapdeal.pipeline.settings import Settings
+from mapdeal.render.difference import difference_image
+from mapdeal.render.pen import Image
+from mapdeal.render.styles import alignment_style
+
+_PER_CELL = 20
+"""Bytes for each cell of a map while its walls are found; one map at a time takes so much."""
+
+_SEARCH = 60_000_000
+"""Bytes that looking for places takes, of large maps; of small ones `_PER_CELL` has enough."""
+
+_OF_PICTURE = 12
+
+_UNKNOWN, _FREE = 1, 2
+"""Kinds of cells in a picture: 3 is a wall of the first map, 4 of the second, 5 of both."""
+
+
+@dataclass(frozen=True)
+class AlignReport:
+    """Where a map lies in the frame of another.
+
+    Parameters
+    ----------
+    found : Alignment
+        The place, and whether it is sure.
+    maps : tuple of ComparedMap
+        The first map and the second.
+    """
+
+    found: Alignment
+    maps: tuple[ComparedMap, ComparedMap]
+
+    def document(self) -> dict[str, Any]:
+        """Return the report as JSON can hold it."""
+        found, (first, second) = self.found, map(asdict, self.maps)
+        other = found.runner_up_transform
+        return {
+            "format": ALIGNMENT_FORMAT,
+            "first": first,
+            "second": second,
+            "same_place": found.same_place,
+            "reason": found.reason,
+            "transform": transform_document(found.transform),
+            "score": found.score,
+            "runner_up": found.runner_up,
+            "runner_up_transform": None if other is None else transform_document(other),
+            "overlap": found.overlap,
+            "agreement": found.agreement,
+        }
+
+
+def align_files(
+    first: Path,
+    second: Path,
+    options: Settings,
+    *,
+    output: Path | None = None,
+    prior: Transform | None = None,
+    rotations: Sequence[float] | None = None,
+) -> AlignReport:
+    """Return where the map in a file lies in the frame of the map in another.
+
+    Parameters
+    ----------
+    first, second : Path
+        The maps; of fields and costs the map that ROS would have.
+    options : Settings
+        How they are read, and where a picture goes.
+    output : Path, optional
+        Where the report goes as JSON, whether or not it is sure.
+    prior, rotations
+        As of `align`.
+    """
+    with ExitStack() as stack:
+        stack.enter_context(options.memory())
+        sources: list[Source] = []
+        for path in (first, second):
+            sources.append(read_summed(path, options))
+            stack.enter_context(holding(bytes_of(sources[-1].grid)))
+    own, other = (
+        as_occupancy(source.grid, str(path))
+        for source, path in zip(sources, (first, second), strict=True)
+    )
+    with options.memory():
+        _claim(second, (own, other), sum(bytes_of(source.grid) for source in sources), options)
+    outputs = [] if output is None else [output]
+    files = [file for source in sources for file in source.files]
+    with outputs_of(outputs, files, options) as transaction:
+        with use_threads(options.threads), errors_named(second):
+            found = align(own, other, prior=prior, rotations=rotations)
+        sums = [
+            ComparedMap(str(path), dict(source.sums))
+            for source, path in zip(sources, (first, second), strict=True)
+        ]
+        report = AlignReport(found, (sums[0], sums[1]))
+        if output is not None:
+            transaction.write_bytes(output, json_of(report.document()))
+        if options.image is not None:
+            with errors_named(first):
+                image = alignment_image(own, other, found, (first.stem, second.stem), options)
+            transaction.write(
+                options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
+            )
+    return report
+
+
+def alignment_image(
+    first: OccupancyGrid,
+    second: OccupancyGrid,
+    found: Alignment,
+    names: tuple[str, str],
+    options: Settings,
+) -> Image:
+    """Return a picture of the first map at its place over the second, on the second's cells."""
+    moved = found.transform.frame(first.frame)
+    lattice = frame_around(second.frame, moved)
+    kinds = np.full(lattice.shape, _UNKNOWN, dtype=np.uint8)
+    walls = np.zeros(lattice.shape, dtype=np.uint8)
+    for k, (grid, frame) in enumerate(((first, moved), (second, second.frame))):
+        values, is_inside = sampled(lattice, grid.occupancy, frame)
+        kinds[is_inside & (values >= 0)] = _FREE
+        walls += obstacles_in(lattice, grid.occupied(), frame) * np.uint8(k + 1)
+    np.add(walls, _FREE, out=kinds, where=walls > 0)
+    verdict = "the same place" if found.same_place else "not sure"
+    named = names if names[0] != names[1] else ("the first map", "the second map")
+    shown = one_line(named[0]), one_line(named[1])
+    return difference_image(
+        kinds,
+        lattice,
+        title=f"{shown[0]} on {shown[1]}: {verdict}",
+        image_extent=options.image_extent,
+        style=alignment_style(shown),
+    )
+
+
+def _claim(path: Path, grids: Sequence[OccupancyGrid], held: int, options: Settings) -> None:
+    """Refuse what takes too much memory."""
+    sizes = [grid.shape[0] * grid.shape[1] for grid in grids]
+    needed = held + _PER_CELL * max(sizes) + min(_SEARCH, _PER_CELL * sum(sizes))
+    if options.image is not None:
+        needed += _OF_PICTURE * sum(sizes)
+    claim(path, needed, what=f"maps of {sizes[0]} and {sizes[1]} cells")
