@@ -56,9 +56,9 @@ def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
     Notes
     -----
     ``area``: a cell gets the largest value that it shares an area with, so that no obstacle is
-    lost and no wall opens, and walls get thicker by up to a cell on each side. Free and unknown
-    cells are as the map is at their centre. ``nearest``: all cells are, and thin walls may get
-    gaps.
+    lost and no wall opens, and walls get thicker on each side, by less than the diagonal of a
+    cell. Free and unknown cells are as the map is at their centre. ``nearest``: all cells are,
+    and thin walls may get gaps.
 
     Examples
     --------

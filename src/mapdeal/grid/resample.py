@@ -35,9 +35,10 @@ def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
         The cells of the result; size, resolution, corner and yaw may be any.
     rule : {'area', 'nearest'}
         ``area``: a cell gets the largest of the values, or costs, above 0 that it shares an area
-        with, however small the area: no obstacle is lost and no gap opens in a wall, which may
-        become thicker by up to a cell. Where there is none it is free or unknown as the grid is
-        at the cell's centre, so that neither of the two grows at the cost of the other.
+        with, however small the area: no obstacle is lost and no gap opens in a wall, which gets
+        thicker on each side, by less than the diagonal of a cell. Where there is none it is free
+        or unknown as the grid is at the cell's centre, so that neither of the two grows at the
+        cost of the other.
         ``nearest``: a cell gets the value at its centre. Thin walls may get gaps or vanish.
 
     Returns
@@ -113,7 +114,7 @@ def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
     numpy.ndarray of bool, shape of `frame`
         Where a cell and an obstacle share an area, however small: every point of an obstacle
         lies in a cell that is set, so that no wall is lost and no gap opens in one. A cell that
-        is set may reach beyond its obstacle by less than a cell. Where both lattices are the
+        is set may reach beyond its obstacle by less than its diagonal. Where both lattices are the
         same this is a copy.
 
     Examples
