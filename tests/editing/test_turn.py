@@ -164,6 +164,27 @@ def test_a_crooked_room_is_straightened(drawn, yaw):
     assert longest >= 55
 
 
+def test_the_outline_of_a_turned_map_is_no_wall():
+    """A room in a large block of occupied cells, turned once: all around it is unknown."""
+    block = np.full((150, 200), 100, np.int8)
+    block[50:80, 60:120] = 0
+    block[60:62, 70:100] = 100
+    crooked = rotate(OccupancyGrid(np.pad(rotated_room(block), 30, constant_values=100), 0.05), 0.5)
+    assert yaw_to_straighten(crooked) == pytest.approx(-0.2, abs=0.01)
+
+
+def rotated_room(block):
+    """The block, in which the room lies at -0.3 rad to its outline."""
+    turned = rotate(OccupancyGrid(block, 0.05, (1.5, -2.0, 0.0)), -0.3).occupancy
+    return np.where(turned == 0, 0, 100).astype(np.int8)
+
+
+def test_walls_that_border_on_unknown_alone_are_walls():
+    wall = np.full((60, 80), -1, np.int8)
+    wall[20:22, 5:75] = 100
+    assert yaw_to_straighten(OccupancyGrid(wall, 0.1, (1.5, -2.0, 0.25))) == pytest.approx(-0.25)
+
+
 def test_what_lies_straight_is_not_touched():
     room = grid_from_text(ROOM, 0.1, (1.5, -2.0, 0.0))
     assert yaw_to_straighten(room) == 0

@@ -23,6 +23,9 @@ _QUARTER = math.pi / 2
 _AS_WRITTEN = 2e-5
 """Radians. 1.5708 and 4.7124 stand for quarter turns; over 100 m this is 2 mm."""
 
+_THICKEST_WALL = 5
+"""Cells of it that count, from its open side."""
+
 V = TypeVar("V", bound=ValueGrid)
 
 
@@ -140,7 +143,7 @@ def yaw_to_straighten(grid: ValueGrid) -> float | None:
     """
     from mapdeal.kernels.wall_directions import main_direction
 
-    direction = main_direction(_obstacles_of(grid))
+    direction = main_direction(_walls_of(grid))
     if direction is None:
         return None
     return 0.0 - math.remainder(grid.origin[2] + direction, _QUARTER)  # never -0.0
@@ -223,6 +226,23 @@ def _at(grid: V, origin: Origin, values: NDArray[Any] | None = None) -> V:
     like_any: Any = grid
     made: V = replace(like_any, origin=origin, **layers)
     return made
+
+
+def _walls_of(grid: ValueGrid) -> NDArray[np.bool_]:
+    """Return the obstacle cells near known open space, all of them if none is.
+
+    The outline of a map that is occupied outside, where it has been turned before, is no wall.
+    """
+    obstacles = _obstacles_of(grid)
+    near = ~obstacles & (grid.values != grid.unknown_value)
+    for _ in range(_THICKEST_WALL):
+        before = near.copy()
+        near[1:] |= before[:-1] & obstacles[1:]
+        near[:-1] |= before[1:] & obstacles[:-1]
+        near[:, 1:] |= before[:, :-1] & obstacles[:, 1:]
+        near[:, :-1] |= before[:, 1:] & obstacles[:, :-1]
+    near &= obstacles
+    return near if near.any() else obstacles
 
 
 def _obstacles_of(grid: ValueGrid) -> NDArray[np.bool_]:
