@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 import types
 
 import numpy as np
@@ -174,11 +173,11 @@ def aligned(monkeypatch):
     def use(same_place):
         def align(first, second):
             asked.append((first, second))
-            return types.SimpleNamespace(transform=STEP, same_place=same_place)
+            return types.SimpleNamespace(
+                transform=STEP, same_place=same_place, reason="another place fits as well"
+            )
 
-        module = types.ModuleType("mapdeal.alignment.align")
-        module.align = align
-        monkeypatch.setitem(sys.modules, module.__name__, module)
+        monkeypatch.setattr("mapdeal.alignment.align.align", align)
         return asked
 
     return use
@@ -204,7 +203,7 @@ def test_a_map_that_is_perhaps_of_another_place_is_not_merged(command, folder, a
     code, out, err = command("merge", "a.yaml", "b.yaml", "-o", "o.yaml", "--by", "align")
     assert (code, out) == (1, "")
     assert err.splitlines()[0] == (
-        "error: b.yaml: it is not sure how it lies to a.yaml, or that it is of the same place"
+        "error: b.yaml: how it lies to a.yaml is not sure: another place fits as well"
     )
     assert sorted(folder.iterdir()) == before
 
@@ -326,6 +325,13 @@ def test_the_maps_of_one_floor_lie_on_each_other(command, real_maps, tmp_path):
     assert (code, err) == (0, "")
     counts = json.loads(out)["merged"]
     assert all(one["met"] > 0.85 * one["walls"] for one in counts)
+    # and as their own walls place them
+    words = [sources[2], sources[0], "-o", tmp_path / "q.npz", "--by", "align", "--json"]
+    code, out, err = command("merge", *words)
+    assert (code, err) == (0, "")
+    found = json.loads(out)["merged"][1]["transform"]
+    placed_by_walls = Transform(found["x"], found["y"], found["yaw"]).after(transform)
+    assert placed_by_walls.pose == pytest.approx((0, 0, 0), abs=0.1)
     # in one frame they do not, and it is said
     code, _, err = command("merge", sources[0], sources[2], "-o", tmp_path / "p.npz")
     assert "it is hardly aligned; --by align places maps by their walls" in err

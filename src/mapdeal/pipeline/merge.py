@@ -135,7 +135,8 @@ def merge_files(
     if not isinstance(by, str):
         files += by
     with outputs_of(outputs, files, options) as transaction:
-        transforms = _transforms(by, grids, maps)
+        with options.memory(), holding(sum(map(bytes_of, grids))):
+            transforms = _transforms(by, grids, maps)
         frames = placed(grids, transforms)
         with errors_named(paths[0]):
             lattice = lattice_around(grids, frames)

@@ -7,11 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.formats.budget import claim
 from mapdeal.formats.transforms import TransformFile, read_transform
 from mapdeal.grid.display import count_text
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.transform import Transform
 from mapdeal.pipeline.files import errors_named
+
+_PER_CELL = 4
+"""Bytes for each cell of two maps that are aligned."""
 
 
 @dataclass(frozen=True)
@@ -86,17 +90,21 @@ def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -
     Raises
     ------
     FindingError
-        If it is not sure that a map is of the place that the first one is of.
+        If it is not sure how a map lies to the first.
+    MalformedInputError
+        If aligning them takes more memory than may be taken.
     """
-    from mapdeal.alignment.align import align  # type: ignore[import-not-found,unused-ignore]
+    from mapdeal.alignment.align import align
 
+    cells = [grid.frame.height * grid.frame.width for grid in grids]
+    claim(paths[0], _PER_CELL * (cells[0] + max(cells[1:])), what="maps that are aligned")
     transforms = []
     for grid, path in zip(grids[1:], paths[1:], strict=True):
         with errors_named(path):
             found = align(grids[0], grid)
         if not found.same_place:
-            rule = f"it is not sure how it lies to {paths[0]}, or that it is of the same place"
-            hint = f"mapdeal align {paths[0]} {path} tells more; --by takes its transform"
+            rule = f"how it lies to {paths[0]} is not sure: {found.reason}"
+            hint = f"mapdeal align {paths[0]} {path} shows what it found; --by FILE.json takes that"
             raise FindingError(rule, source=path, hint=hint)
         transforms.append(found.transform)
     return transforms
