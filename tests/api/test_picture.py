@@ -75,6 +75,15 @@ def test_a_comparison_is_the_commands_picture(drawn_by):
     )
 
 
+def test_merged_maps_are_the_commands_picture(office, drawn_by, tmp_path):
+    """Two maps of one name, which the command calls as Python does."""
+    later = mapdeal.draw(office, [mapdeal.Circle((1.0, -2.0), 0.4)], value=100)
+    other = tmp_path / "later" / "office.yaml"
+    mapdeal.write_map(other, later)
+    picture = mapdeal.draw_picture(mapdeal.merge([office, later]))
+    assert picture.png() == drawn_by("merge", OFFICE, str(other))
+
+
 def test_pictures_of_a_run_are_these_of_applied_recipes(office, tmp_path):
     report = mapdeal.run(OFFICE, tmp_path, "default", image_max=200)
     made = mapdeal.apply_recipe(office, "default")
@@ -189,8 +198,10 @@ def test_pictures_of_notebooks_have_a_longest_side():
     grid = mapdeal.OccupancyGrid(np.zeros((10, 3000), np.int8), 0.05)
     with Image.open(io.BytesIO(grid._repr_png_())) as image:
         assert 1000 <= image.width < 1400  # three cells a pixel, and what is around
-    with Image.open(io.BytesIO(mapdeal.diff(grid, grid)._repr_png_())) as image:
-        assert 1000 <= image.width < 1400
+    beside = mapdeal.OccupancyGrid(grid.occupancy, 0.05, (9.0, 0.0, 0.0))
+    for both in (mapdeal.diff(grid, grid), mapdeal.merge([grid, beside])):
+        with Image.open(io.BytesIO(both._repr_png_())) as image:
+            assert 1000 <= image.width < 1500
 
 
 def test_a_route_and_a_robot_are_drawn_over_the_same_map(office):
@@ -231,3 +242,6 @@ def test_only_grids_and_comparisons_are_drawn(office):
             mapdeal.draw_picture(other)
     with pytest.raises(mapdeal.ParameterError, match="over a comparison"):
         mapdeal.draw_picture(mapdeal.diff(office, office), pose=(0, 0, 0))
+    later = mapdeal.draw(office, [mapdeal.Circle((1.0, -2.0), 0.4)], value=100)
+    with pytest.raises(mapdeal.ParameterError, match="over merged maps"):
+        mapdeal.draw_picture(mapdeal.merge([office, later]), pose=(0, 0, 0))

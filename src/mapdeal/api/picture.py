@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mapdeal.api.diff import DiffReport
+from mapdeal.editing.merge import Merged
 from mapdeal.api.score import Score
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.formats.npz import Grid
@@ -35,6 +36,7 @@ from mapdeal.pipeline.products import PICTURE, files_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.difference import difference_image
+from mapdeal.render.merge import merge_image
 from mapdeal.render.overlay import Overlay, Overlays
 from mapdeal.render.pen import Image
 from mapdeal.render.pose import PoseOverlay
@@ -43,6 +45,7 @@ from mapdeal.render.robot import RobotOverlay
 from mapdeal.render.route import RouteOverlay
 from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
+Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | CostCurve
 Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Score | CostCurve
 """What there are pictures of."""
 
@@ -118,6 +121,7 @@ def draw_picture(
 
     Parameters
     ----------
+    shown : grid, BitMap, LocalMap, BuiltMap, DiffReport, Merged or CostCurve
     shown : grid, BitMap, LocalMap, BuiltMap, DiffReport, Score or CostCurve
         What to draw. Of a local map also the robot; of a map of scans the map alone.
     title : str, optional
@@ -171,6 +175,12 @@ def draw_picture(
         title = one_line(title or shown.title)
         image = difference_image(shown.changes, shown.frame, title=title, **look)
         return _picture(image)
+    if isinstance(shown, Merged):
+        if is_over:
+            raise ParameterError("nothing can be drawn over merged maps", place="route, pose")
+        names = [f"map {number}" for number in range(1, len(shown.maps) + 1)]
+        title = None if title is None else one_line(title)
+        return _picture(merge_image(shown.grid, shown.conflicts, names=names, title=title, **look))
     if isinstance(shown, Score):
         if is_over:
             raise ParameterError("nothing can be drawn over a score", place="route, pose")
@@ -210,6 +220,7 @@ def write_picture(
     ----------
     path : path or str
         Where it goes: a ``.png``. Folders that are missing are made.
+    shown : Picture, grid, BitMap, LocalMap, BuiltMap, DiffReport, Merged or CostCurve
     shown : Picture, grid, BitMap, LocalMap, BuiltMap, DiffReport, Score or CostCurve
         The picture, or what to draw.
     title, route, pose, robot, image_max, image_extent
@@ -255,7 +266,7 @@ def png_of(shown: object) -> bytes | None:
         return draw_picture(shown, image_max=_IN_NOTEBOOKS).png()
     if not isinstance(shown, Drawable):
         return None
-    grid, _ = _grid_in(shown)
+    grid = shown.grid if isinstance(shown, Merged) else _grid_in(shown)[0]
     most = _MOST_CELLS_OF_POTENTIAL if isinstance(grid, PotentialField) else _MOST_CELLS
     if grid.is_lazy or grid.shape[0] * grid.shape[1] > most:
         return None
@@ -272,6 +283,10 @@ def _grid_in(shown: object) -> tuple[Grid, str]:
         return shown.to_occupancy(), shown.kind
     if isinstance(shown, _GRIDS):
         return shown, shown.kind
+    rule = (
+        "must be a grid, a bit map, a local map, a map of scans, merged maps, a comparison or a "
+        "cost curve"
+    )
     kinds = "a grid, a bit map, a local map, a map of scans, a comparison, a score or a cost curve"
     rule = f"must be {kinds}"
     raise ParameterError(rule, place="picture", got=shown)

@@ -19,7 +19,7 @@ from mapdeal.editing.evidence import (
     in_beams,
 )
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.display import OneLine, count_text
+from mapdeal.grid.display import Drawn, count_text
 from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -40,7 +40,7 @@ Values = NDArray[np.int8]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Merged(OneLine):
+class Merged(Drawn):
     """Several maps in one, see `merge`.
 
     Parameters

@@ -200,8 +200,7 @@ def _picture(merged: Merged, paths: Sequence[Path], options: Settings) -> Image:
     return merge_image(
         merged.grid,
         merged.conflicts,
-        title=one_line(f"{', '.join(names[:-1])} and {names[-1]}, merged"),
-        names=tuple(map(one_line, names)),
+        names=[one_line(name) for name in names],
         image_extent=options.image_extent,
     )
 

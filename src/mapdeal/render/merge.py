@@ -34,8 +34,8 @@ def merge_image(
     grid: OccupancyGrid,
     conflicts: NDArray[np.uint8],
     *,
-    title: str,
     names: Sequence[str],
+    title: str | None = None,
     image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "known",
 ) -> Image:
@@ -49,10 +49,10 @@ def merge_image(
         What its cells are: 0 no conflict, 1 occupied in the first map and free in another, 2 the
         other way round, 3 both among the others. Where cells share a pixel a conflict shows before
         a wall, and a wall before free space.
-    title : str
-        What stands above.
     names : sequence of str
         What to call the maps. Of two, conflicts have two colours, of more maps they have one.
+    title : str, optional
+        What stands above; the names, if not given.
     image_max : int
         Longest side in pixels; 0 for one pixel per cell.
     image_extent : {'known', 'all'}
@@ -77,7 +77,7 @@ def merge_image(
     return sheet(
         raster.enlarged(pixels),
         _palette(),
-        title=title,
+        title=title or f"{', '.join(names[:-1])} and {names[-1]}, merged",
         subtitle=frame_text(frame, part),
         metres_per_pixel=raster.metres_per_pixel(frame.resolution),
         corner_xy=corner_of(raster.frame_of(frame)),
