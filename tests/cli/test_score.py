@@ -119,6 +119,31 @@ def test_a_transform_the_other_way_round_is_turned_and_told_of(command, maps):
     assert "aligned.json: is between other maps" in err
 
 
+def test_align_finds_how_the_map_lies(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    values = np.full((60, 90), -1, np.int8)
+    values[5:55, 5:85] = 0
+    values[[5, 54], 5:85] = values[5:55, [5, 84]] = 100
+    values[5:40, 30], values[25, 30:60], values[40:55, 65] = 100, 100, 100
+    write_map("truth.yaml", OccupancyGrid(values, 0.1, (1.5, -2.0, 0.3)))
+    turned = np.ascontiguousarray(np.rot90(values))
+    write_map("own.yaml", OccupancyGrid(turned, 0.1, (-7.0, 3.0, 1.0)))
+    words = ("--align", "--min", "iou_occupied=0.9", "--min", "coverage=0.99")
+    code, found, err = answer(command, "own.yaml", "--truth", "truth.yaml", *words)
+    assert (code, err, found["transform"]["by"]) == (0, "", "align")
+    # the cells are turned by +90 degrees on a lattice at 1.0 instead of 0.3
+    assert found["transform"]["yaw_deg"] == pytest.approx(math.degrees(0.3 - 1.0) + 90, abs=0.3)
+    _, out, _ = command("score", "own.yaml", "--truth", "truth.yaml", "--align")
+    assert "found by align" in out
+    hall = np.zeros((80, 80), np.int8)
+    hall[[0, -1]] = 100
+    write_map("hall.yaml", OccupancyGrid(hall, 0.1))
+    code, out, err = command("score", "hall.yaml", "--truth", "truth.yaml", "--align")
+    assert (code, out) == (1, "")
+    assert err.startswith("error: hall.yaml: cannot be aligned to truth.yaml with certainty: ")
+    assert "hint: --transform" in err
+
+
 def test_bounds_decide_the_exit_code_and_are_told_one_by_one(command, maps):
     pair = ("own.yaml", "--truth", "truth.yaml")
     code, out, _ = command(

@@ -98,7 +98,7 @@ FILES = {
                   "differs between two maps", {"cells": 9, "differing": 2},
                   "mapdeal report "),
     "score.json": (b'{"format": "mapdeal-score/1", "bounds": [{}, {}], "passes": false}', "score",
-                   "score of a map", {"passes": False, "bounds": 2}, "mapdeal report "),
+                   "score of a map", {"bounds": 2}, "mapdeal report "),
     "comparison.json": (b'{"format": "mapdeal-comparison/1", "methods": {"tsdf": {}, "beams": 1}}',
                         "comparison", "methods of mapping", {"methods": "tsdf, beams"},
                         "mapdeal report "),

@@ -34,10 +34,10 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 _COLUMNS = (
     ("n", "n", COUNT, 9),
-    ("mean", "mean", METRES, 11),
-    ("median", "median", METRES, 11),
-    ("p95", "p95", METRES, 11),
-    ("max", "max", METRES, 11),
+    ("mean", "mean", METRES, 13),
+    ("median", "median", METRES, 13),
+    ("p95", "p95", METRES, 13),
+    ("max", "max", METRES, 13),
     ("within 0.1 m", "share_le_0p1", SHARE, 14),
 )
 

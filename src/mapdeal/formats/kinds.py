@@ -289,7 +289,7 @@ def _kind_of_json(path: Path, head: bytes) -> FileKind | None:
     elif name == "diff":
         figures = {"cells": value.get("common_cells"), "differing": value.get("differing")}
     elif name == "score":
-        figures = {"passes": bool(value.get("passes")), **_counted(value, bounds="bounds")}
+        figures = _counted(value, bounds="bounds")
     elif name == "comparison":
         methods = value.get("methods")
         figures = {"methods": ", ".join(methods)} if isinstance(methods, dict) else {}

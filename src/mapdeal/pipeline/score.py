@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -327,10 +326,11 @@ def _brought_together(
         return asked.transform, "transform"
     if not asked.align:
         return Transform(), "frames"
-    align = import_module("mapdeal.alignment.align").align
+    from mapdeal.alignment.align import align
+
     found = align(estimate, truth)
     if not found.same_place:
-        rule = f"may not show the place of {names[1]}: it cannot be aligned with certainty"
+        rule = f"cannot be aligned to {names[1]} with certainty: {found.reason}"
         raise FindingError(rule, source=names[0], hint="--transform takes a transform as it is")
     return found.transform, "align"
 
