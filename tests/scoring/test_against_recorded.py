@@ -2,6 +2,7 @@
 
 import hashlib
 import importlib.util
+import json
 import math
 
 import numpy as np
@@ -83,3 +84,11 @@ def check_maps(estimate, truth, transform, pair):
         digest = hashlib.sha256(greys.tobytes()).hexdigest()
         assert digest == pair["lattice"][which]["sha256_cells_image_order"]
     assert disagreeing(found.values, pair) == []
+
+
+def test_the_command_prints_all_recorded_values(real_maps, command):
+    pair = recorded_pairs(real_maps)["tmcl-gmap-faro-asis"]
+    words = [real_maps / pair["est"], "--truth", real_maps / pair["truth"], "--json"]
+    code, out, err = command("score", *words)
+    assert (code, err) == (0, "")
+    assert disagreeing(json.loads(out)["values"], pair) == []

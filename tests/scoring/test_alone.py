@@ -134,11 +134,12 @@ def test_which_way_is_north_changes_no_count(seed, threshold):
 
 
 def test_bands_and_threads_change_no_corner(monkeypatch):
-    walls = np.random.default_rng(5).random((300, 190)) < 0.2
+    walls = np.random.default_rng(5).random((700, 400)) < 0.2
     whole = corners_of(walls)
     assert whole.any()
-    for together in (1, 4000):
-        monkeypatch.setattr(corners, "TOGETHER", together)
+    monkeypatch.setattr(corners, "TOGETHER", 1)
+    for rows in (37, 333):
+        monkeypatch.setattr(corners, "LEAST_ROWS_ALONE", rows)
         with use_threads(2):
             assert (corners_of(walls) == whole).all()
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.threads import for_rows
-from mapdeal.scoring.memory import TOGETHER
+from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, in_parallel
+from mapdeal.scoring.memory import LEAST_ROWS_ALONE, TOGETHER
 
 _Floats = NDArray[np.floating[Any]]
 _Mask = NDArray[np.bool_]
@@ -25,9 +25,11 @@ _APART = 3
 _LEAST_TRACE = 1e-4
 """A fifteenth of what the end of a slanted line of single cells has."""
 
-_SAME = 1e-9
-_HALO = 24
-"""Cells from which a cell's response is made: 6 + 1 + 10, and those of its neighbours."""
+_SAME = 1e-5
+"""Of responses in 32 bits."""
+
+_HALO = 20
+"""Cells from which a cell's response is made, 6 + 1 + 10, and those of cells up to 3 away."""
 
 
 def corners_of(walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -61,14 +63,18 @@ def corners_of(walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
     of corners, which doubled walls raise.
     """
     found = np.zeros(walls.shape, dtype=np.bool_)
-    step = max(1, TOGETHER // (walls.shape[1] + 2 * _HALO))
+    step = max(LEAST_ROWS_ALONE, TOGETHER // walls.shape[1])
+    bands = -(-len(walls) // step)
 
-    def band(part: slice) -> None:
-        for start in range(part.start, part.stop, step):
-            stop = min(start + step, part.stop)
+    def some(first: int, end: int) -> None:
+        for start in range(first * step, min(end * step, len(walls)), step):
+            stop = min(start + step, len(walls))
             found[start:stop] = _corners_in(_with_halo(walls, start, stop))
 
-    for_rows(band, walls.shape)
+    if walls.size < CELLS_WORTH_A_THREAD:
+        some(0, bands)
+    else:
+        in_parallel(some, bands)
     return found
 
 
@@ -106,7 +112,7 @@ def _response(walls: _Mask) -> tuple[_Floats, _Floats]:
     """Return Harris's response, and the trace of M."""
     from scipy.ndimage import gaussian_filter
 
-    smooth = gaussian_filter(walls.astype(np.float64), _SMOOTHING, mode="constant")
+    smooth = gaussian_filter(walls.astype(np.float32), _SMOOTHING, mode="constant")
     down, across = np.zeros_like(smooth), np.zeros_like(smooth)
     np.subtract(smooth[2:], smooth[:-2], out=down[1:-1])
     np.subtract(smooth[:, 2:], smooth[:, :-2], out=across[:, 1:-1])
