@@ -1,7 +1,8 @@
 """Draw the pictures of the documentation.
 
-Run it as ``python docs/figures.py [intel-corrected.log]``.
-Reads examples and writes docs/images; the pictures of the Intel lab only if its log is given.
+Run it as ``python docs/figures.py [intel-corrected.log] [tmcl]``.
+Reads examples and writes docs/images; the pictures of the Intel lab only if its log is given, those
+of an office floor only if the folder with PRBonn/tmcl's maps of it is.
 """
 
 from __future__ import annotations
@@ -21,9 +22,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import mapdeal
-from mapdeal.checks.difference import changes_of, states_of
+from mapdeal.alignment.align import align
+from mapdeal.checks.difference import changes_of, frame_around, states_of
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.scans.reader import open_log
+from mapdeal.grid.resample import sampled
+from mapdeal.grid.transform import Transform
 from mapdeal.render.colours import Colour
 from mapdeal.render.difference import difference_image
 from mapdeal.render.keepout import KeepoutOverlay
@@ -34,7 +38,7 @@ from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster
 from mapdeal.render.reach import reach_image
 from mapdeal.render.route import RouteOverlay
-from mapdeal.render.style import Swatch
+from mapdeal.render.style import LayerStyle, Swatch
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
@@ -95,8 +99,11 @@ def main() -> None:
     draw_office()
     draw_reach()
     draw_report()
-    for log in sys.argv[1:]:
-        draw_intel(Path(log))
+    for given in map(Path, sys.argv[1:]):
+        if given.is_dir():
+            draw_floor(given)
+        else:
+            draw_intel(given)
 
 
 def draw_cost_curve(path: Path) -> None:
@@ -210,6 +217,60 @@ def draw_intel(log: Path) -> None:
         image_max=600, only_in=("counting", "tsdf"),
     )  # fmt: skip
     with (IMAGES / "intel_counting_tsdf.png").open("wb") as file:
+        write_indexed_png(file, image.indices, image.palette)
+
+
+FLOOR = ("Faro/FMap.yaml", "GMap/GMap.yaml", "2021_10_27/YouBotMap.yaml")
+FLOOR_COLOURS = {
+    "outside": (225, 225, 225), "unknown": (112, 137, 134), "free": (255, 255, 255),
+    "wall of the laser scanner": (20, 20, 24), "wall of gmapping": (0, 120, 220),
+    "wall of the later map": (225, 110, 0), "wall of several": (150, 150, 160),
+}  # fmt: skip
+FLOOR_COMMANDS = """\
+merge {faro} {gmap} {youbot} --by align -o {out}/merged.yaml --image {images}/tmcl_merged.png
+score {gmap} --truth {faro} --align --image {images}/tmcl_scored.png
+clean {youbot} -o {out}/cleaned.yaml --image {images}/tmcl_cleaned.png"""
+
+
+def draw_floor(folder: Path) -> None:
+    """Draw three maps of an office floor before and after they are aligned, merged, and scored."""
+    maps = [mapdeal.read_map(folder / name) for name in FLOOR]
+    aligned = [Transform()] + [align(one, maps[0]).transform for one in maps[1:]]
+    _draw_walls(
+        "tmcl_frames.png", maps, [Transform()] * 3, "office floor: three maps, as their files say"
+    )
+    _draw_walls("tmcl_aligned.png", maps, aligned, "office floor: three maps, aligned")
+    paths = dict(zip(("faro", "gmap", "youbot"), (folder / name for name in FLOOR), strict=True))
+    with tempfile.TemporaryDirectory() as out:
+        for words in FLOOR_COMMANDS.format(out=out, images=IMAGES, **paths).splitlines():
+            command = [sys.executable, "-m", "mapdeal", *shlex.split(words), "--force"]
+            subprocess.run(command, check=True, capture_output=True)  # noqa: S603 - ours
+
+
+def _draw_walls(
+    name: str, maps: list[mapdeal.OccupancyGrid], transforms: list[Transform], title: str
+) -> None:
+    """Draw the walls of maps in colours of their own, around all, on the first one's lattice."""
+    frame = maps[0].frame
+    for one, transform in zip(maps, transforms, strict=True):
+        frame = frame_around(frame, transform.frame(one.frame))
+    kinds = np.full(frame.shape, 1, dtype=np.uint8)
+    walls = np.zeros((len(maps), *frame.shape), dtype=bool)
+    for wall, one, transform in zip(walls, maps, transforms, strict=True):
+        values, inside = sampled(frame, one.occupancy, transform.frame(one.frame))
+        kinds[inside & (values == 0)] = 2
+        wall[:] = inside & (values == 100)
+    for number, wall in enumerate(walls, 3):
+        kinds[wall] = number
+    kinds[walls.sum(axis=0) > 1] = 6
+    style = LayerStyle(
+        np.array(list(FLOOR_COLOURS.values()), dtype=np.uint8),
+        swatches=tuple(Swatch(kind, text) for kind, text in enumerate(FLOOR_COLOURS) if kind),
+    )
+    image = difference_image(
+        kinds, frame, title=title, image_max=LONG_SIDE, image_extent="known", style=style
+    )
+    with (IMAGES / name).open("wb") as file:
         write_indexed_png(file, image.indices, image.palette)
 
 

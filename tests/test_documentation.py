@@ -87,7 +87,9 @@ def test_every_link_leads_somewhere(page):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
-@pytest.mark.parametrize(("name", "blocks"), [("lint.md", 5), ("robots.md", 2), ("reach.md", 2)])
+@pytest.mark.parametrize(
+    ("name", "blocks"), [("lint.md", 5), ("robots.md", 2), ("reach.md", 2), ("two_maps.md", 5)]
+)
 def test_a_page_shows_what_its_commands_print(project, command, name, blocks):
     page = (ROOT / "docs" / name).read_text()
     shown = 0
