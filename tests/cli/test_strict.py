@@ -47,7 +47,7 @@ LINES = {
     "report": ["report", "m.yaml", "-o", "o.html"],
 }  # fmt: skip
 
-TWO = {"diff", "merge", "score"}
+TWO = {"align", "diff", "merge", "score"}
 """Those that read two maps there."""
 
 # lint has findings, and these read no maps.
