@@ -12,6 +12,7 @@ from mapdeal.checks.finding import Finding
 from mapdeal.checks.reports.as_json import json_lines
 from mapdeal.checks.reports.report import LintReport, MapReport
 from mapdeal.errors import FileAccessError, MalformedInputError
+from mapdeal.formats.alignment_json import AlignmentAnswer
 from mapdeal.formats.answers import (
     ComparisonAnswer,
     DiffAnswer,
@@ -33,7 +34,7 @@ from robustness.seeds import ANSWERS
 SHAPES = {"type": "Feature", "properties": {"radius": 0.5},
           "geometry": {"type": "Point", "coordinates": [1, 2]}}  # fmt: skip
 ALL = {**ANSWERS, "shapes": SHAPES}
-LINT, REACH, ROUTE, DIFF, COMPARISON, SCORE = ANSWERS.values()
+LINT, REACH, ROUTE, DIFF, COMPARISON, ALIGNMENT, SCORE = ANSWERS.values()
 
 
 @pytest.fixture
@@ -105,6 +106,18 @@ def test_methods_compared(read):
     assert answer.methods["tsdf"].figures == {"occupied": 3.0, "mean_thickness_m": None}
     assert answer.methods["tsdf"].vanished == ((1.25, 2.5, 4),)
     assert answer.differing == {("tsdf", "beams"): 5}
+
+
+def test_an_alignment(read):
+    answer = read(ALIGNMENT)
+    assert isinstance(answer, AlignmentAnswer)
+    assert answer.transform.pose == (1.5, -2.0, 0.25)
+    assert (answer.first.file, answer.second) == ("a<b>.yaml", None)
+    assert (answer.same_place, answer.reason) == (False, "another <place> fits")
+    assert (answer.score, answer.runner_up) == (3.5, 3.25)
+    assert (answer.overlap, answer.agreement) == (0.5, 1.0)
+    with pytest.raises(MalformedInputError, match=r"overlap: must be a number from 0 to 1"):
+        read({**ALIGNMENT, "overlap": 1.5})
 
 
 def test_a_score(read):
@@ -187,7 +200,7 @@ FINDING = ("maps", 0, "findings", 0)
         (_with(ROUTE, [[0, 1], [True, 2]], "points"), "points[1][0]: must be a number, got True"),
         (_with(ROUTE, [[0, 10**400]], "points"), "points[0][1]: must be a number from -1e+12"),
         (_with(ROUTE, [[0, -2e12]], "points"), "points[0][1]: must be a number from -1e+12"),
-        (_with(ROUTE, {}, "points"), "is not what lint, reach, route, diff, score"),
+        (_with(ROUTE, {}, "points"), "is not what lint, reach, route, diff, align, score"),
         (_with(ROUTE, "fly", "method"), "method: must be one of astar, descent, got 'fly'"),
         (_with(DIFF, "AB" * 32, "first", "sha256", "a.pgm"), "must be the 64 hexadecimal digits"),
         (_with(DIFF, [1], "geometry", "width"), "geometry.width: must be two values, got [1]"),
@@ -222,7 +235,10 @@ def test_what_must_not_be_believed_names_the_key(read, document, told):
         (b'{"errors": 0, "errors": 1}', "key 'errors' stands twice"),
         (b'{"maps": [}', "line 1, column 11: no valid JSON"),
         (b'{"maps": "\xff"}', "not UTF-8"),
-        (b"{}", "is not what lint, reach, route, diff, score or build --compare writes as JSON"),
+        (
+            b"{}",
+            "is not what lint, reach, route, diff, align, score or build --compare writes as JSON",
+        ),
         (b'{"outputs": {}, "stages": []}', "is the manifest of a run, not what lint"),
         (b"image: a.pgm\nresolution: 1\n", "is a map, not a file of shapes"),
         (b"", "answer.json"),

@@ -97,6 +97,8 @@ FILES = {
     "diff.json": (b'{"common_cells": 9, "differing": 2, "confusion": {}, "walls": {}}', "diff",
                   "differs between two maps", {"cells": 9, "differing": 2},
                   "mapdeal report "),
+    "alignment.json": (b'{"format": "mapdeal-alignment/1", "same_place": true}', "alignment",
+                       "lies in the frame of another", {"same_place": True}, "mapdeal report "),
     "score.json": (b'{"format": "mapdeal-score/1", "bounds": [{}, {}], "passes": false}', "score",
                    "score of a map", {"bounds": 2}, "mapdeal report "),
     "comparison.json": (b'{"format": "mapdeal-comparison/1", "methods": {"tsdf": {}, "beams": 1}}',

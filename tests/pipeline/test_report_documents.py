@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import mapdeal
+from alignment.buildings import WALLS, drawn
 from drawn import grid_from_text
 from mapdeal.errors import ParameterError
+from mapdeal.grid.transform import Transform
 from mapdeal.pipeline.reports.draft import Draft
 from mapdeal.pipeline.reports.findings import drafts_about
 from mapdeal.pipeline.reports.gather import gathered
@@ -272,3 +274,25 @@ def test_a_map_that_has_changed_since_it_was_scored_is_told_of(command, rooms, t
     ):
         (entry,) = entries_of(rooms, tmp_path / "score.json")
     assert any("score.json" in text for text in entry.warnings)
+
+
+def test_an_alignment_shows_the_first_map_where_it_lies_on_the_second(command, tmp_path):
+    here, there = Transform(-3.2, 11.7, 0.3), Transform(5.0, 2.0, 2.2)
+    maps = tmp_path / "a.yaml", tmp_path / "b.yaml"
+    for path, place in zip(maps, (here, there), strict=True):
+        mapdeal.write_map(path, drawn(WALLS, 0.2, place))
+    assert command("align", *maps, "-o", tmp_path / "t.json")[0] == 0
+    (entry,) = entries_of(tmp_path / "t.json")
+    assert entry.compared == ("first", "second")
+    first, second = (layer.frame for layer in entry.layers)
+    assert second == mapdeal.read_map(maps[1]).frame
+    cell = mapdeal.read_map(maps[0]).frame.unbounded_rowcol_from_xy(here.points([[8.0, 6.0]]))
+    moved = first.xy_from_rowcol(cell)
+    assert np.hypot(*(moved - there.points([[8.0, 6.0]]))[0]) < 0.25
+    alignment, *_ = entry.tables
+    assert alignment.title == "Alignment"
+    assert dict(alignment.rows)["same place"] == "yes"
+    maps[0].unlink()
+    with pytest.warns(mapdeal.MapdealWarning, match="so this map is not shown"):
+        (entry,) = entries_of(tmp_path / "t.json")
+    assert [layer.name for layer in entry.layers] == ["second"]

@@ -453,6 +453,13 @@ ANSWERS = {
                              "vanished": [{"x": 1.25, "y": 2.5, "cells": 4}]}},
         "pairs": [{"first": "tsdf", "second": "beams", "differing": 5, "cells": {}}],
     },
+    "alignment": {
+        "format": "mapdeal-alignment/1",
+        "first": {"file": "a<b>.yaml", "sha256": {"a<b>.yaml": "ab" * 32}}, "second": None,
+        "same_place": False, "reason": "another <place> fits", "score": 3.5, "runner_up": 3.25,
+        "transform": {"x": 1.5, "y": -2, "yaw": 0.25, "yaw_deg": 14.3},
+        "runner_up_transform": None, "overlap": 0.5, "agreement": 1,
+    },
     "score": {
         "format": "mapdeal-score/1",
         "map": {"file": "a<b>.yaml", "sha256": {"a<b>.yaml": "ab" * 32}}, "truth": None,

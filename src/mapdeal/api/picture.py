@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mapdeal.api.diff import DiffReport
-from mapdeal.editing.merge import Merged
 from mapdeal.api.score import Score
+from mapdeal.editing.merge import Merged
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.png import write_indexed_png
@@ -45,8 +45,7 @@ from mapdeal.render.robot import RobotOverlay
 from mapdeal.render.route import RouteOverlay
 from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
-Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | CostCurve
-Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Score | CostCurve
+Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | Score | CostCurve
 """What there are pictures of."""
 
 _GRIDS = (OccupancyGrid, Costmap, DistanceField, PotentialField, Reach)

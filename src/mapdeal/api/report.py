@@ -60,8 +60,8 @@ def write_report(
     path : path or str
         The page, ``.html``. Folders that are missing are made.
     sources : path or str, or a sequence of them
-        Folders of runs or batches; maps, fields and costs; JSON of lint, reach, route, diff
-        and score; shapes. How they come together is that of ``mapdeal report``.
+        Folders of runs or batches; maps, fields and costs; JSON of lint, reach, route, diff,
+        align and score; shapes. How they come together is that of ``mapdeal report``.
     title : str, optional
         What stands above all; the map's name if there is one map.
     max_size : int

@@ -25,7 +25,7 @@ def report(
         typer.Argument(
             metavar="PATH...",
             help="Folders of runs or batches; maps, fields and costs; JSON of lint, reach, "
-            "route, diff and score; shapes.",
+            "route, diff, align and score; shapes.",
         ),
     ],
     output: Annotated[Path, opt.output_argument("OUT.html", "The page.")],

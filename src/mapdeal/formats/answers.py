@@ -1,4 +1,4 @@
-"""The JSON documents of lint, reach, route, diff, score and build --compare, read back.
+"""The JSON documents of lint, reach, route, diff, align, score and build --compare, read back.
 
 They may come from elsewhere: each value is checked, and an error names the file and the key.
 Numbers that JSON does not have, an infinite width for instance, are null there.
@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.formats.alignment_json import AlignmentAnswer, alignment_answer
 from mapdeal.formats.geojson import geojson_shapes
 from mapdeal.formats.json_kinds import (
+    ALIGNMENT,
     COMPARISON,
     DIFF,
     LINT,
@@ -25,6 +27,7 @@ from mapdeal.formats.json_kinds import (
 )
 from mapdeal.formats.json_values import JsonValue, read_document
 from mapdeal.formats.kinds import SHAPES, recognised
+from mapdeal.formats.named_map import NamedMap, named_map
 from mapdeal.formats.score_json import ScoreAnswer, score_answer
 from mapdeal.formats.shapes import read_shapes
 from mapdeal.formats.source import head_of
@@ -41,7 +44,8 @@ _WIDEST = 1000.0
 """Largest coordinate of a robot's corner, metres."""
 _MOST_CORNERS = 500
 _WANTED = (
-    "what lint, reach, route, diff, score or build --compare writes as JSON, nor a file of shapes"
+    "what lint, reach, route, diff, align, score or build --compare writes as JSON, nor a file of "
+    "shapes"
 )
 
 
@@ -113,22 +117,6 @@ class RouteAnswer:
     """What ``mapdeal route`` has written."""
 
     route: Route
-
-
-@dataclass(frozen=True)
-class NamedMap:
-    """A map that a document is about.
-
-    Parameters
-    ----------
-    file : str
-        Its name, relative to the working directory of then.
-    sha256 : mapping of str to str
-        The names of the files that it was read from, without folders, and their checksums.
-    """
-
-    file: str
-    sha256: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -208,13 +196,13 @@ class ShapesAnswer:
 
 
 Answer = (
-    LintAnswer | ReachAnswer | RouteAnswer | DiffAnswer | ScoreAnswer | ComparisonAnswer
-    | ShapesAnswer
+    LintAnswer | ReachAnswer | RouteAnswer | DiffAnswer | AlignmentAnswer | ScoreAnswer
+    | ComparisonAnswer | ShapesAnswer
 )  # fmt: skip
 
 
 def read_answer(path: Path) -> Answer:
-    """Return what lint, reach, route, diff, score or build --compare has written, or shapes.
+    """Return what lint, reach, route, diff, align, score or build --compare wrote, or shapes.
 
     Parameters
     ----------
@@ -364,8 +352,8 @@ def _diff(document: JsonValue) -> DiffAnswer:
     first, second, symmetry = document.get("first"), document.get("second"), document["symmetry"]
     walls = document["walls"]
     return DiffAnswer(
-        None if first is None else _named(first),
-        None if second is None else _named(second),
+        None if first is None else named_map(first),
+        None if second is None else named_map(second),
         document["equal"].flag(),
         document["passes"].flag(),
         document["common_cells"].whole(),
@@ -382,14 +370,6 @@ def _diff(document: JsonValue) -> DiffAnswer:
         (_shift(walls["first_to_second"]), _shift(walls["second_to_first"])),
         {name: _bound(one) for name, one in document["bounds"].fields().items()},
     )
-
-
-def _named(one: JsonValue) -> NamedMap | None:
-    """Return a map and its files; None of one that was no file."""
-    if one.is_null:
-        return None
-    sums = {name: digest.sha256() for name, digest in one["sha256"].fields().items()}
-    return NamedMap(one["file"].text(), sums)
 
 
 def _pairs(one: JsonValue) -> dict[str, tuple[str, str]]:
@@ -446,6 +426,6 @@ def _method(one: JsonValue) -> ComparedMethod:
 
 
 _READERS: dict[str | None, Callable[[JsonValue], Answer]] = {
-    LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, SCORE: score_answer,
-    COMPARISON: _comparison,
+    LINT: _lint, REACH: _reach, ROUTE: _route, DIFF: _diff, COMPARISON: _comparison,
+    SCORE: score_answer, ALIGNMENT: alignment_answer,
 }  # fmt: skip

@@ -6,11 +6,14 @@ from typing import Any
 
 SHAPES, MANIFEST, SUMMARY = "shapes", "manifest", "summary"
 ROUTE, REACH, LINT, DIFF, COMPARISON = "route", "reach", "lint", "diff", "comparison"
-SCORE = "score"
+SCORE, ALIGNMENT = "score", "alignment"
 
 COMPARISON_FORMAT = "mapdeal-comparison/1"
 SCORE_FORMAT = "mapdeal-score/1"
 ALIGNMENT_FORMAT = "mapdeal-alignment/1"
+_BY_FORMAT = {
+    COMPARISON_FORMAT: COMPARISON, SCORE_FORMAT: SCORE, ALIGNMENT_FORMAT: ALIGNMENT
+}  # fmt: skip
 _GEOMETRIES = (
     "FeatureCollection", "Feature", "GeometryCollection", "Polygon", "LineString", "Point",
     "MultiPolygon", "MultiLineString", "MultiPoint",
@@ -42,6 +45,4 @@ def document_kind(value: Any) -> str | None:
         return REACH
     if {"confusion", "walls"} <= value.keys():
         return DIFF
-    if value.get("format") == SCORE_FORMAT:
-        return SCORE
-    return COMPARISON if value.get("format") == COMPARISON_FORMAT else None
+    return _BY_FORMAT.get(str(value.get("format")))

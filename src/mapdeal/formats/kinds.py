@@ -72,6 +72,10 @@ _DOCUMENTS = {
     "reach": ("what a robot can reach (JSON)", _OF_A_MAP_USE),
     "lint": ("what lint has found (JSON)", _REPORT_USE),
     "diff": ("what differs between two maps (JSON)", _REPORT_USE),
+    "alignment": (
+        "where one map lies in the frame of another (JSON)",
+        f"{_REPORT_USE}; mapdeal merge --by takes it",
+    ),
     "score": ("the score of a map (JSON)", _REPORT_USE),
     "comparison": ("methods of mapping compared (JSON)", _REPORT_USE),
 }  # fmt: skip
@@ -288,6 +292,8 @@ def _kind_of_json(path: Path, head: bytes) -> FileKind | None:
         figures = {**_counted(value, maps="maps"), **told}
     elif name == "diff":
         figures = {"cells": value.get("common_cells"), "differing": value.get("differing")}
+    elif name == "alignment":
+        figures = {"same_place": value.get("same_place")}
     elif name == "score":
         figures = _counted(value, bounds="bounds")
     elif name == "comparison":

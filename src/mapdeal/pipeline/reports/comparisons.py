@@ -6,7 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from mapdeal.errors import MalformedInputError, MapdealError, kept_warnings, one_line
-from mapdeal.formats.answers import ComparisonAnswer, DiffAnswer, NamedMap, read_answer
+from mapdeal.formats.alignment_json import AlignmentAnswer
+from mapdeal.formats.answers import ComparisonAnswer, DiffAnswer, read_answer
+from mapdeal.formats.named_map import NamedMap
 from mapdeal.formats.source import exists
 from mapdeal.pipeline.compare import DOCUMENT
 from mapdeal.pipeline.diff import diff_files
@@ -98,6 +100,35 @@ def _found(draft: Draft, named: NamedMap, document: Path, grids: Grids) -> Path 
         text = f"{place}: is not the map that {document.name} tells of, its checksum differs"
         draft.miss(text, place)
     return place
+
+
+def aligned_maps(path: Path, answer: AlignmentAnswer, grids: Grids) -> Draft:
+    """Return the draft of a document of ``align``: the first map where it lies on the second.
+
+    Raises
+    ------
+    MalformedInputError
+        If the document names no maps.
+    """
+    if answer.first is None or answer.second is None:
+        raise MalformedInputError("does not name its two maps", source=path)
+    draft = Draft(f"{_stem(answer.first)} on {_stem(answer.second)}", path)
+    titles = ("First map, moved", "Second map")
+    for named, name, title in zip(
+        (answer.first, answer.second), ("first", "second"), titles, strict=True
+    ):
+        place = _found(draft, named, path, grids)
+        if place is None:
+            continue
+        layers = grids.layers(place, name, title)
+        if named is answer.first:
+            layers = [replace(one, frame=answer.transform.frame(one.frame)) for one in layers]
+        draft.layers += layers
+        draft.tables.append(Table(f"{name}: SHA-256", rows_of(grids.open(place).sums)))
+    names = [layer.name for layer in draft.layers]
+    if len(names) > 1:
+        draft.compared = names[0], names[-1]
+    return draft
 
 
 def _add_difference(draft: Draft, first: Path, second: Path, settings: Settings) -> None:

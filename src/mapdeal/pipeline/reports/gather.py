@@ -13,6 +13,7 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
+from mapdeal.formats.alignment_json import AlignmentAnswer
 from mapdeal.formats.answers import (
     Answer,
     ComparisonAnswer,
@@ -28,7 +29,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.compare import DOCUMENT
 from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.jobs import SUMMARY
-from mapdeal.pipeline.reports.comparisons import methods_in, two_maps
+from mapdeal.pipeline.reports.comparisons import aligned_maps, methods_in, two_maps
 from mapdeal.pipeline.reports.draft import Draft
 from mapdeal.pipeline.reports.findings import drafts_about
 from mapdeal.pipeline.reports.grids import Grids, Opened
@@ -199,6 +200,10 @@ class _Gathering:
             draft = two_maps(path, answer, self._grids, self._grids.settings)
             self.drafts.append(draft)
             draft.tables += tables_of(answer)
+        elif isinstance(answer, AlignmentAnswer):
+            draft = aligned_maps(path, answer, self._grids)
+            self.drafts.append(draft)
+            draft.tables[:0] = tables_of(answer)
         elif isinstance(answer, LintAnswer):
             self._linted.append((path, answer))
         elif isinstance(answer, ScoreAnswer):

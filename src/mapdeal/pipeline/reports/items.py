@@ -12,18 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import one_line
+from mapdeal.formats.alignment_json import AlignmentAnswer
 from mapdeal.formats.answers import (
     Answer,
     ComparisonAnswer,
     DiffAnswer,
     LintedFile,
-    NamedMap,
     ReachAnswer,
     RouteAnswer,
     Severity,
     ShapesAnswer,
     ToldFinding,
 )
+from mapdeal.formats.named_map import NamedMap
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.display import count_text
 from mapdeal.grid.footprint import Footprint
@@ -59,6 +60,8 @@ def tables_of(answer: Answer) -> list[Table]:
         return [route_table(answer)]
     if isinstance(answer, DiffAnswer):
         return diff_tables(answer)
+    if isinstance(answer, AlignmentAnswer):
+        return [alignment_table(answer)]
     return comparison_tables(answer) if isinstance(answer, ComparisonAnswer) else []
 
 
@@ -253,6 +256,22 @@ def _middle(lines: Sequence[NDArray[np.float64]]) -> Point | None:
         return None
     x, y = ((lines[0].min(axis=0) + lines[0].max(axis=0)) / 2).tolist()
     return x, y
+
+
+def alignment_table(answer: AlignmentAnswer) -> Table:
+    """Return where a map lies on another, and how sure that is."""
+    x, y, yaw = answer.transform.pose
+    rows = [
+        ("same place", "yes" if answer.same_place else f"not sure: {_text(answer.reason or '')}")
+    ]
+    rows += [
+        ("transform", f"x {x:.4g} m, y {y:.4g} m, yaw {math.degrees(yaw):.4g} degrees"),
+        ("score", f"{answer.score:.2f}"),
+        ("best score elsewhere", f"{answer.runner_up:.2f}"),
+        ("overlap", f"{100 * answer.overlap:.0f} %"),
+        ("walls in common that agree", f"{100 * answer.agreement:.0f} %"),
+    ]
+    return Table("Alignment", tuple(rows))
 
 
 def diff_tables(answer: DiffAnswer) -> list[Table]:

@@ -1,0 +1,63 @@
+"""The JSON document of align, read back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mapdeal.formats.json_values import JsonValue
+from mapdeal.formats.named_map import NamedMap, named_map
+from mapdeal.grid.transform import Transform
+
+
+@dataclass(frozen=True)
+class AlignmentAnswer:
+    """What ``mapdeal align`` has written.
+
+    Parameters
+    ----------
+    first, second : NamedMap, optional
+        The maps; None of what was no file.
+    transform : Transform
+        From the first map's frame to the second's.
+    same_place : bool
+        Whether it was sure.
+    reason : str, optional
+        Why it was not.
+    score, runner_up : float
+        Of the place, and of the best one elsewhere.
+    overlap, agreement : float
+        Shares, 0..1.
+    """
+
+    first: NamedMap | None
+    second: NamedMap | None
+    transform: Transform
+    same_place: bool
+    reason: str | None
+    score: float
+    runner_up: float
+    overlap: float
+    agreement: float
+
+
+def alignment_answer(document: JsonValue) -> AlignmentAnswer:
+    """Return what a document of align tells.
+
+    Raises
+    ------
+    MalformedInputError
+        If something in it cannot be; the error names the key.
+    """
+    moved, reason = document["transform"], document["reason"]
+    x, y, yaw = (moved[key].number() for key in ("x", "y", "yaw"))
+    return AlignmentAnswer(
+        named_map(document["first"]),
+        named_map(document["second"]),
+        Transform(x, y, yaw),
+        document["same_place"].flag(),
+        None if reason.is_null else reason.text(),
+        document["score"].number(least=0),
+        document["runner_up"].number(least=0),
+        document["overlap"].number(least=0, most=1),
+        document["agreement"].number(least=0, most=1),
+    )
