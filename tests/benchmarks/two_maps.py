@@ -74,6 +74,7 @@ class Outcome(NamedTuple):
     shift: float
     degrees: float
     seconds: float
+    processor: float
 
     @property
     def kind(self) -> str:
@@ -102,6 +103,11 @@ def print_alignments(data: Path, *, each: bool) -> None:
         print(row("mapdeal", summary(found)))
         for peer, figures in recorded["peers"][name].items():
             print(row(peer, figures))
+        processor = [one.processor for one in found]
+        print(
+            f"\nmapdeal's processor time: {statistics.median(processor):.2f} s, "
+            f"at most {max(processor):.2f} s"
+        )
         for one in found if each else ():
             print(
                 f"{one.pair.name}: {one.kind}, {one.shift:.4f} m, {one.degrees:.4f} deg, "
@@ -136,16 +142,16 @@ def outcome(pair: Pair) -> Outcome:
     from mapdeal.alignment.align import align
 
     first, second = read_map(pair.first), read_map(pair.second)
-    started = time.perf_counter()
+    started, used = time.perf_counter(), time.process_time()
     found = align(first, second)
-    seconds = time.perf_counter() - started
+    times = (time.perf_counter() - started, time.process_time() - used)
     if pair.truth is None:
-        return Outcome(pair, found.same_place, math.inf, math.inf, seconds)
+        return Outcome(pair, found.same_place, math.inf, math.inf, *times)
     points = first.frame.xy_from_rowcol(np.argwhere(first.occupied()))
     apart = found.transform.points(points) - pair.truth.points(points)
     turn = math.remainder(found.transform.yaw - pair.truth.yaw, math.tau)
     shift = float(np.hypot(*apart.T).mean())
-    return Outcome(pair, found.same_place, shift, abs(math.degrees(turn)), seconds)
+    return Outcome(pair, found.same_place, shift, abs(math.degrees(turn)), *times)
 
 
 def summary(found: Sequence[Outcome]) -> Values:
