@@ -85,14 +85,23 @@ class Agreement:
     def evidence(self, chance: Floats) -> Floats:
         """Return how much more agrees than by chance would, shape (K,).
 
-        The divergence (Kullback and Leibler) of the share that agrees from the share by chance,
-        times the pieces of wall; the mean over the tolerances. Where maps hardly overlap, it is
-        less in proportion: a few walls always agree somewhere.
+        The divergence of the share that agrees from the share by chance, times the pieces of
+        wall; the mean over the tolerances. Where maps hardly overlap, it is less in proportion:
+        a few walls always agree somewhere.
         """
         pieces = (self.agreeing + self.contradicting) / self.piece
-        evidence: Floats = (pieces * _divergence(self.shares, chance)).mean(axis=1)
+        evidence: Floats = (pieces * self._divergences(chance)).mean(axis=1)
         evidence *= np.minimum(self.overlap / _FULL_OVERLAP, 1)
         return evidence
+
+    def quality(self, chance: Floats) -> Floats:
+        """Return the same for each piece of wall, shape (K,): how well what is common agrees."""
+        quality: Floats = self._divergences(chance).mean(axis=1)
+        return quality
+
+    def _divergences(self, chance: Floats) -> Floats:
+        """Return the divergences (Kullback and Leibler) from shares by chance, shape (K, T)."""
+        return _divergence(self.shares, chance)
 
 
 def agreement_at(first: WallMap, second: WallMap, poses: Poses, most: int) -> Agreement:

@@ -29,6 +29,10 @@ LEAST_OVERLAP = 0.1
 MOST_RUNNER_UP = 0.75
 """Of the score: a place that fits nearly as well may be the right one."""
 
+_AS_GOOD, _MOST_AS_GOOD = 0.9, 0.35
+"""A place where what is common agrees so well, relative to the best, may be the right one with
+less of a score: the maps have less in common there, and need not have more."""
+
 _SHOWN = TOLERANCES.index(0.25)
 
 _PRIOR_TURN = math.radians(30)
@@ -129,7 +133,7 @@ def align(
     if it lies in the other map's free space. A score is the divergence of the share that agrees
     from the share that agrees at wrong places, times the length of the walls in pieces of 2 m (of
     small maps less). It is sure if it is at least 2.5, the maps overlap by a tenth, and no place
-    elsewhere scores 0.75 times as much.
+    elsewhere scores 0.75 times as much, or 0.35 times where the walls agree as well.
 
     A place is found where walls tell it: in a long corridor whose ends neither map shows, the
     place along it is chance, and the runner-up says so.
@@ -220,7 +224,7 @@ def _judged(first: WallMap, second: WallMap, poses: Poses) -> Alignment:
     found = agreement_at(first, second, poses, _MOST_CHECKED)
     likely = int(found.evidence(found.by_chance()).argmax())
     chance = found.by_chance(_is_elsewhere(first, poses, likely))
-    scores = found.evidence(chance)
+    scores, qualities = found.evidence(chance), found.quality(chance)
     order = np.argsort(-scores, kind="stable")
     best = int(order[0])
     elsewhere = order[_is_elsewhere(first, poses, best)[order]]
@@ -230,7 +234,7 @@ def _judged(first: WallMap, second: WallMap, poses: Poses) -> Alignment:
     overlap = float(found.overlap[best])
     return Alignment(
         transform=_transform_of(first, second, polished),
-        reason=_reason(float(scores[best]), runner_up, overlap),
+        reason=_reason(float(scores[best]), _rival(scores, qualities, best, elsewhere), overlap),
         score=float(scores[best]),
         runner_up=runner_up,
         runner_up_transform=None if other is None else _transform_of(first, second, poses[other]),
@@ -239,14 +243,25 @@ def _judged(first: WallMap, second: WallMap, poses: Poses) -> Alignment:
     )
 
 
-def _reason(score: float, runner_up: float, overlap: float) -> str | None:
+def _rival(
+    scores: NDArray[Any], qualities: NDArray[Any], best: int, elsewhere: NDArray[np.int64]
+) -> float | None:
+    """Return the score of the best place elsewhere that may be the right one; None without any."""
+    others = scores[elsewhere]
+    limit = np.where(qualities[elsewhere] >= _AS_GOOD * qualities[best], _MOST_AS_GOOD, 1.0)
+    limit = np.minimum(limit, MOST_RUNNER_UP) * scores[best]
+    rivals = others[(others > limit) | (scores[best] - others < LEAST_LEAD)]
+    return float(rivals.max()) if len(rivals) else None
+
+
+def _reason(score: float, rival: float | None, overlap: float) -> str | None:
     """Return why a place is not sure; None if it is."""
     if score < LEAST_SCORE:
         return f"the walls agree no more than those of different places do (score {score:.2f})"
     if overlap < LEAST_OVERLAP:
         return f"the maps have too little in common there ({overlap:.0%} of their free space)"
-    if runner_up > MOST_RUNNER_UP * score or score - runner_up < LEAST_LEAD:
-        return f"another place fits nearly as well (scores {score:.2f} and {runner_up:.2f})"
+    if rival is not None:
+        return f"another place fits nearly as well (scores {score:.2f} and {rival:.2f})"
     return None
 
 

@@ -63,7 +63,7 @@ def align(
     the other map's free space. The score says how much more agrees than at wrong places: it is
     the divergence (Kullback and Leibler) of the two shares, for each 2 m of wall, in small maps
     for less. A place is sure if its score is at least 2.5, the maps overlap by a tenth, and no
-    place elsewhere has 0.75 of its score.
+    place elsewhere has 0.75 of its score, or 0.35 where walls agree as well as there.
 
     References
     ----------
