@@ -209,8 +209,10 @@ def _best_of_blocks(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], list[float]]:
     """Return row, column and score of the best cells, of each block one at most."""
     height, width = (side // _BLOCK for side in scores.shape)
-    blocks = scores[: height * _BLOCK, : width * _BLOCK].reshape(height, _BLOCK, width, _BLOCK)
-    best = blocks.max(axis=(1, 3)).ravel()
+    whole = scores[: height * _BLOCK, : width * _BLOCK]
+    # down the rows first, which is one pass over whole rows
+    best = whole.reshape(height, _BLOCK, -1).max(axis=1).reshape(-1, _BLOCK).max(axis=1)
+    blocks = whole.reshape(height, _BLOCK, width, _BLOCK)
     top = np.argpartition(best, -min(most, len(best)))[-most:]
     top = top[np.isfinite(best[top])]
     down, right = np.divmod(top, width)
