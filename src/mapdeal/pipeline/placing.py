@@ -87,10 +87,12 @@ def transforms_by_files(files: Sequence[Path], maps: Sequence[Known]) -> list[Tr
 def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -> list[Transform]:
     """Return the transforms that `transforms_by_files` returns, of maps that are aligned.
 
+    A map that has too little in common with the first one is placed on another that is placed.
+
     Raises
     ------
     FindingError
-        If it is not sure how a map lies to the first.
+        If it is not sure how a map lies to any of them.
     MalformedInputError
         If aligning them takes more memory than may be taken.
     """
@@ -98,16 +100,30 @@ def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -
 
     cells = [grid.frame.height * grid.frame.width for grid in grids]
     claim(paths[0], _PER_CELL * (cells[0] + max(cells[1:])), what="maps that are aligned")
-    transforms = []
-    for grid, path in zip(grids[1:], paths[1:], strict=True):
-        with errors_named(path):
-            found = align(grids[0], grid)
-        if not found.same_place:
-            rule = f"how it lies to {paths[0]} is not sure: {found.reason}"
+    found = {0: Transform()}
+    reasons: dict[int, str] = {}
+    new = [0]
+    while new:
+        placed, new = new, []
+        for number in range(1, len(grids)):
+            for base in placed:
+                if number in found:
+                    break
+                with errors_named(paths[number]):
+                    step = align(grids[base], grids[number])
+                if step.same_place:
+                    found[number] = step.transform.after(found[base])
+                    new.append(number)
+                else:
+                    reasons.setdefault(number, str(step.reason))  # that of the first map
+    for number, reason in reasons.items():
+        if number not in found:
+            path = paths[number]
+            others = " or to another" if len(found) > 1 else ""
+            rule = f"how it lies to {paths[0]}{others} is not sure: {reason}"
             hint = f"mapdeal align {paths[0]} {path} shows what it found; --by FILE.json takes that"
             raise FindingError(rule, source=path, hint=hint)
-        transforms.append(found.transform)
-    return transforms
+    return [found[number] for number in range(1, len(grids))]
 
 
 def _next_to(
