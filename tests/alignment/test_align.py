@@ -19,11 +19,11 @@ HERE = Transform(-3.2, 11.7, 0.3)
 
 
 def first_map():
-    return drawn(WALLS, 0.1, HERE, origin_yaw=0.2)
+    return drawn(WALLS, 0.2, HERE, origin_yaw=0.2)
 
 
 @pytest.mark.parametrize("degrees", [3.3, 90.0, -137.6, 180.0])
-@pytest.mark.parametrize(("resolution", "origin_yaw"), [(0.1, 0.0), (0.16, 0.7)])
+@pytest.mark.parametrize(("resolution", "origin_yaw"), [(0.2, 0.0), (0.27, 0.7)])
 def test_a_building_is_found_wherever_it_lies(degrees, resolution, origin_yaw):
     place = Transform(40.0, -7.5, math.radians(degrees))
     first, second = first_map(), drawn(WALLS, resolution, place, origin_yaw)
@@ -36,19 +36,19 @@ def test_a_building_is_found_wherever_it_lies(degrees, resolution, origin_yaw):
     assert found.agreement > 0.95
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.floats(-math.pi, math.pi), st.sampled_from(["area", "nearest"]))
 def test_a_map_and_its_own_copy_turned_by_any_angle(angle, rule):
-    first = drawn(WALLS, 0.15, HERE)
+    first = drawn(WALLS, 0.25, HERE)
     found = align(first, rotate(first, angle, rule=rule))
     assert found.same_place
     assert abs(math.remainder(found.transform.yaw - angle, 2 * math.pi)) < math.radians(0.3)
     off, _ = errors(found.transform, Transform(0.0, 0.0, angle), first)
-    assert off < 0.12
+    assert off < 0.15
 
 
 def test_the_way_back_is_the_inverse():
-    first, second = first_map(), drawn(WALLS, 0.12, Transform(5.0, 2.0, 2.2))
+    first, second = first_map(), drawn(WALLS, 0.23, Transform(5.0, 2.0, 2.2))
     there, back = align(first, second), align(second, first)
     x, y, yaw = back.transform.after(there.transform).pose
     assert math.hypot(x, y) < 0.1
@@ -57,7 +57,7 @@ def test_the_way_back_is_the_inverse():
 
 def test_parts_that_have_a_third_in_common():
     there = Transform(-8.0, 3.0, 1.1)
-    western = cut(first_map(), HERE, lambda x: x < 16)
+    western = cut(drawn(WALLS, 0.1, HERE), HERE, lambda x: x < 16)
     eastern = cut(drawn(WALLS, 0.1, there), there, lambda x: x > 8)
     found = align(western, eastern)
     off, turn = errors(found.transform, between(HERE, there), western)
@@ -68,13 +68,13 @@ def test_parts_that_have_a_third_in_common():
 
 
 def test_another_building_is_not_the_same_place():
-    found = align(first_map(), drawn(OTHER_WALLS, 0.1, Transform(1.0, 1.0, 0.4)))
+    found = align(first_map(), drawn(OTHER_WALLS, 0.2, Transform(1.0, 1.0, 0.4)))
     assert not found.same_place
     assert found.reason
 
 
 def test_a_hall_that_looks_the_same_from_both_ends_is_not_sure():
-    found = align(drawn(HALL, 0.1), drawn(HALL, 0.1, Transform(3.0, 1.0, 0.5)))
+    found = align(drawn(HALL, 0.2), drawn(HALL, 0.2, Transform(3.0, 1.0, 0.5)))
     assert not found.same_place
     assert "another place fits nearly as well" in found.reason
     turn = found.runner_up_transform.yaw - found.transform.yaw
@@ -82,7 +82,7 @@ def test_a_hall_that_looks_the_same_from_both_ends_is_not_sure():
 
 
 def test_a_prior_decides_what_the_maps_do_not():
-    first, second = drawn(HALL, 0.1), drawn(HALL, 0.1, Transform(3.0, 1.0, 0.5))
+    first, second = drawn(HALL, 0.2), drawn(HALL, 0.2, Transform(3.0, 1.0, 0.5))
     other_way = Transform(3.0, 1.0, 0.5).after(Transform(20.0, 9.0, math.pi))
     for true in (Transform(3.0, 1.0, 0.5), other_way):
         prior = Transform(true.x + 0.9, true.y - 0.4, true.yaw - 0.2)
@@ -92,7 +92,7 @@ def test_a_prior_decides_what_the_maps_do_not():
 
 
 def test_only_turns_that_were_given_are_looked_for():
-    first, second = first_map(), drawn(WALLS, 0.1, Transform(0.0, 0.0, 0.3 + math.pi / 2))
+    first, second = first_map(), drawn(WALLS, 0.2, Transform(0.0, 0.0, 0.3 + math.pi / 2))
     quarters = [0.0, math.pi / 2, math.pi, -math.pi / 2]
     found = align(first, second, rotations=quarters)
     assert found.same_place
@@ -115,7 +115,7 @@ def test_maps_of_few_cells_are_never_sure(cells):
 
 
 def test_results_do_not_depend_on_threads():
-    first, second = first_map(), drawn(WALLS, 0.16, Transform(5.0, 2.0, 2.2))
+    first, second = first_map(), drawn(WALLS, 0.27, Transform(5.0, 2.0, 2.2))
     with use_threads(1):
         alone = align(first, second)
     with use_threads(3):
