@@ -50,6 +50,7 @@ def test_json_says_what_the_file_says(maps, command):
     assert document["same_place"] is True
     assert document["reason"] is None
     assert document["score"] > 2 * document["runner_up"]
+    assert document["transform"] == {key: document[key] for key in ("x", "y", "yaw", "yaw_deg")}
     assert math.degrees(document["transform"]["yaw"]) == pytest.approx(
         document["transform"]["yaw_deg"]
     )
