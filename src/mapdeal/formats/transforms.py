@@ -37,7 +37,7 @@ def transform_document(transform: Transform) -> dict[str, Any]:
     Examples
     --------
     >>> transform_document(Transform(1.0, 2.0, 0.5))
-    {'x': 1.0, 'y': 2.0, 'yaw': 0.5, 'yaw_deg': 28.64788976}
+    {'x': 1.0, 'y': 2.0, 'yaw': 0.5, 'yaw_deg': 28.647889757}
     """
     degrees = round(math.degrees(transform.yaw), 9)
     return {"x": transform.x, "y": transform.y, "yaw": transform.yaw, "yaw_deg": degrees}

@@ -54,7 +54,7 @@ def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
     Examples
     --------
     >>> wall = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
-    >>> hough_spectrum(wall, np.radians([45.0, 135.0]), 0.5).tolist()
+    >>> hough_spectrum(wall, np.radians([45.0, 135.0]), 2**-0.5).round(9).tolist()
     [9.0, 3.0]
     """
     points = points_xy - points_xy.mean(axis=0)
