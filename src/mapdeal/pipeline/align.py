@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mapdeal.alignment.align import Alignment, align
+from mapdeal.alignment.memory import bytes_to_align
 from mapdeal.checks.difference import frame_around
 from mapdeal.errors import one_line
 from mapdeal.formats.budget import claim, holding
@@ -31,13 +32,8 @@ from mapdeal.render.difference import difference_image
 from mapdeal.render.pen import Image
 from mapdeal.render.styles import alignment_style
 
-_PER_CELL = 20
-"""Bytes for each cell of a map while its walls are found; one map at a time takes so much."""
-
-_SEARCH = 60_000_000
-"""Bytes that looking for places takes, of large maps; of small ones `_PER_CELL` has enough."""
-
 _OF_PICTURE = 12
+"""Bytes for each cell of both maps while one is drawn on the other."""
 
 _UNKNOWN, _FREE = 1, 2
 """Kinds of cells in a picture: 3 is a wall of the first map, 4 of the second, 5 of both."""
@@ -169,7 +165,7 @@ def alignment_image(
 def _claim(path: Path, grids: Sequence[OccupancyGrid], held: int, options: Settings) -> None:
     """Refuse what takes too much memory."""
     sizes = [grid.shape[0] * grid.shape[1] for grid in grids]
-    needed = held + _PER_CELL * max(sizes) + min(_SEARCH, _PER_CELL * sum(sizes))
+    needed = bytes_to_align(sizes)
     if options.image is not None:
-        needed += _OF_PICTURE * sum(sizes)
-    claim(path, needed, what=f"maps of {sizes[0]} and {sizes[1]} cells")
+        needed = max(needed, _OF_PICTURE * sum(sizes))
+    claim(path, held + needed, what=f"maps of {sizes[0]} and {sizes[1]} cells")

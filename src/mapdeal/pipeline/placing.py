@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mapdeal.alignment.memory import bytes_to_align
 from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.formats.budget import claim
 from mapdeal.formats.transforms import TransformFile, read_transform
@@ -13,9 +14,6 @@ from mapdeal.grid.display import count_text
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.transform import Transform
 from mapdeal.pipeline.files import errors_named
-
-_PER_CELL = 4
-"""Bytes for each cell of two maps that are aligned."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +97,7 @@ def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -
     from mapdeal.alignment.align import align
 
     cells = [grid.frame.height * grid.frame.width for grid in grids]
-    claim(paths[0], _PER_CELL * (cells[0] + max(cells[1:])), what="maps that are aligned")
+    claim(paths[0], bytes_to_align(sorted(cells)[-2:]), what="maps that are aligned")
     found = {0: Transform()}
     reasons: dict[int, str] = {}
     new = [0]

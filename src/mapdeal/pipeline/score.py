@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from mapdeal.alignment.memory import bytes_to_align
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.formats.budget import claim, holding
 from mapdeal.formats.json_kinds import SCORE_FORMAT
@@ -236,7 +237,7 @@ def score_files(
         as_occupancy(source.grid, str(one)) for source, one in zip(sources, paths, strict=True)
     ]
     with options.memory(), use_threads(options.threads):
-        _claim(paths[-1], sources, grids, options)
+        _claim(paths[-1], sources, grids, options, aligns=asked.align)
     files = [file for source in sources for file in source.files]
     if asked.transform_file is not None:
         files.append(asked.transform_file)
@@ -289,13 +290,21 @@ def _with_maps(
 
 
 def _claim(
-    path: Path, sources: list[Source], grids: list[OccupancyGrid], options: Settings
+    path: Path,
+    sources: list[Source],
+    grids: list[OccupancyGrid],
+    options: Settings,
+    *,
+    aligns: bool,
 ) -> None:
     """Refuse what takes too much memory."""
     shape = grids[-1].shape
     walls = sum(int(histogram(grid.occupancy)[OCCUPIED]) for grid in grids)
     if len(grids) > 1:
         needed = bytes_to_compare(shape, walls, is_drawn=options.image is not None)
+        if aligns:
+            cells = [grid.shape[0] * grid.shape[1] for grid in grids]
+            needed = max(needed, bytes_to_align(cells))
     else:
         needed = bytes_alone(shape, walls)
     held = sum(bytes_of(source.grid) for source in sources)
