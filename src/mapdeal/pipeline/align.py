@@ -32,7 +32,7 @@ from mapdeal.render.difference import difference_image
 from mapdeal.render.pen import Image
 from mapdeal.render.styles import alignment_style
 
-_OF_PICTURE = 12
+_OF_PICTURE = 16
 """Bytes for each cell of both maps while one is drawn on the other."""
 
 _UNKNOWN, _FREE = 1, 2
