@@ -126,3 +126,13 @@ def test_results_do_not_depend_on_threads():
 def test_turns_that_are_none_are_refused(rotations):
     with pytest.raises(ParameterError, match="rotations"):
         align(first_map(), first_map(), rotations=rotations)
+
+
+def test_maps_of_walls_alone_are_aligned_as_if_all_else_were_free():
+    there = Transform(40.0, -7.5, 2.0)
+    grids = [drawn(WALLS, 0.2, HERE), drawn(WALLS, 0.2, there)]
+    walls = [grid.with_values(np.where(grid.occupied(), 100, -1)) for grid in grids]
+    found = align(*walls)
+    assert found.same_place
+    assert errors(found.transform, between(HERE, there), grids[0])[0] < 0.1
+    assert align(walls[0], grids[1]).same_place

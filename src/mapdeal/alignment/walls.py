@@ -100,6 +100,11 @@ def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | No
     most : int
         The longest side in cells. Cells of larger maps are put together: occupied if one of
         them is, else free if at least half of them are.
+
+    Notes
+    -----
+    A map that knows less free space than obstacles is one of walls alone, such as a drawing:
+    all that is no obstacle counts as free.
     """
     occupied = grid.occupied()
     values = grid.occupancy
@@ -109,6 +114,8 @@ def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | No
         return None
     part = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
     occupied, free = occupied[part], free[part]
+    if np.count_nonzero(free) < np.count_nonzero(occupied):
+        free = ~occupied
     frame = grid.frame.window(int(rows[0]), int(cols[0]), *occupied.shape)
     factor = math.ceil(max(frame.shape) / most)
     if factor > 1:

@@ -62,7 +62,7 @@ def align(
     on a wall of the other map with free space on the same side, and contradicts if it lies in
     the other map's free space. The score says how much more agrees than at wrong places: it is
     the divergence (Kullback and Leibler) of the two shares, for each 2 m of wall, in small maps
-    for less. A place is sure if its score is at least 2.5, the maps overlap by a tenth, and no
+    for less. A place is sure if its score is at least 3, the maps overlap by a tenth, and no
     place elsewhere has 0.75 of its score, or 0.35 where walls agree as well as there.
 
     References
