@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import PathLike
-from pathlib import Path
 
 from mapdeal.alignment.align import Alignment
 from mapdeal.alignment.align import align as align_grids
-from mapdeal.api.diff import Map
-from mapdeal.errors import ParameterError
+from mapdeal.api.maps import Map, occupancy_of, transform_of
 from mapdeal.formats.map_yaml import Dialect
-from mapdeal.formats.maps import as_occupancy, read_map
-from mapdeal.formats.npz import Grid
 from mapdeal.grid.transform import Transform
+from mapdeal.pipeline.settings import Settings
 
 
 def align(
@@ -81,26 +77,10 @@ def align(
     >>> found.same_place, round(abs(found.transform.yaw), 3)
     (True, 3.142)
     """
-    if prior is not None and not isinstance(prior, Transform):
-        try:
-            x, y, yaw = (float(value) for value in prior)
-        except (TypeError, ValueError):
-            rule = "must be a Transform, or three numbers x, y, yaw"
-            raise ParameterError(rule, place="prior", got=prior) from None
-        prior = Transform(x, y, yaw)
+    about = transform_of(prior, place="prior")
+    settings = Settings(dialect=dialect, max_cells=max_cells, max_memory=max_memory)
     grids = [
-        as_occupancy(
-            read_map(Path(one), dialect=dialect, max_cells=max_cells, max_memory=max_memory)
-            if isinstance(one, str | PathLike)
-            else _checked(one),
-            f"map {name}",
-        )
+        occupancy_of(one, settings, place="align", name=f"map {name}")
         for one, name in ((first, "A"), (second, "B"))
     ]
-    return align_grids(*grids, prior=prior, rotations=rotations)
-
-
-def _checked(grid: object) -> Grid:
-    if not isinstance(grid, Grid):
-        raise ParameterError("takes files or grids", place="align", got=grid)
-    return grid
+    return align_grids(*grids, prior=about, rotations=rotations)

@@ -11,20 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.api.maps import Map, occupancy_of
 from mapdeal.checks.bounds import Bound, Bounds
 from mapdeal.checks.difference import WallShift, compare
-from mapdeal.errors import ParameterError
 from mapdeal.formats.map_yaml import Dialect
-from mapdeal.formats.maps import as_occupancy, read_map
-from mapdeal.formats.npz import Grid
 from mapdeal.grid.display import Drawn
 from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.diff import DiffReport as FoundByFiles
 from mapdeal.pipeline.diff import diff_files
 from mapdeal.pipeline.settings import Settings
-
-Map = str | PathLike[str] | Grid
-"""A map's file, or the map itself."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -169,30 +164,19 @@ def diff(
     1
     """
     bounds = Bounds(max_shift, max_differing)
+    settings = Settings(dialect=dialect, max_cells=max_cells, max_memory=max_memory)
     if isinstance(first, str | PathLike) and isinstance(second, str | PathLike):
         paths = Path(first), Path(second)
-        settings = Settings(dialect=dialect, max_cells=max_cells, max_memory=max_memory)
         found = diff_files(*paths, settings, tolerance=tolerance, bounds=bounds)
         title = f"{paths[0].stem} and {paths[1].stem}: what differs"
         return _report(found, tolerance, title)
     grids = [
-        as_occupancy(
-            read_map(Path(one), dialect=dialect, max_cells=max_cells, max_memory=max_memory)
-            if isinstance(one, str | PathLike)
-            else _checked(one),
-            f"map {name}",
-        )
+        occupancy_of(one, settings, place="diff", name=f"map {name}")
         for one, name in ((first, "A"), (second, "B"))
     ]
     between = compare(*grids, tolerance=tolerance)
     found = FoundByFiles(between, {}, bounds.judged(between))
     return _report(found, tolerance, "what differs")
-
-
-def _checked(grid: object) -> Grid:
-    if not isinstance(grid, Grid):
-        raise ParameterError("takes files or grids", place="diff", got=grid)
-    return grid
 
 
 def _report(report: FoundByFiles, tolerance: float, title: str) -> DiffReport:

@@ -9,14 +9,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from mapdeal.api.diff import Map
+from mapdeal.api.maps import Map, occupancy_of, transform_of
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.formats.map_yaml import Dialect
-from mapdeal.formats.maps import as_occupancy, read_map
-from mapdeal.formats.npz import Grid
 from mapdeal.grid.display import Drawn
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.transform import Transform
 from mapdeal.pipeline.score import Asked, ScoreReport, score_files, score_grids, title_of, walls_of
 from mapdeal.pipeline.settings import Settings
@@ -180,7 +177,7 @@ def score(
     asked = Asked(
         dict(minimum or {}),
         dict(maximum or {}),
-        None if is_file else _transform(transform),
+        None if is_file else transform_of(transform, place="transform", or_file=True),
         Path(transform) if isinstance(transform, str | PathLike) else None,
         align,
     )
@@ -191,34 +188,8 @@ def score(
         other = (*paths[1:], None)[0]
         return _scored(score_files(paths[0], other, settings, asked), title_of(paths[0], other))
     asked.bounds(with_truth=truth is not None)
-    grids = [_grid(one, settings) for one in named]
+    grids = [occupancy_of(one, settings, place="score", name="the map") for one in named]
     return _scored(score_grids(grids[0], (*grids[1:], None)[0], asked.with_file_read()))
-
-
-def _transform(given: object) -> Transform | None:
-    if given is None or isinstance(given, Transform):
-        return given
-    try:
-        x, y, yaw = (float(number) for number in given)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        rule = "must be a file, a transform, or three numbers x, y, yaw"
-        raise ParameterError(rule, place="transform", got=given) from None
-    return Transform(x, y, yaw)
-
-
-def _grid(one: Map, settings: Settings) -> OccupancyGrid:
-    if isinstance(one, str | PathLike):
-        grid: object = read_map(
-            Path(one),
-            dialect=settings.dialect,
-            max_cells=settings.max_cells,
-            max_memory=settings.max_memory,
-        )
-    else:
-        grid = one
-    if not isinstance(grid, Grid):
-        raise ParameterError("takes files or grids", place="score", got=grid)
-    return as_occupancy(grid, "the map")
 
 
 def _scored(report: ScoreReport, title: str = "how far off its walls are") -> Score:
