@@ -40,7 +40,7 @@ class Agreement:
     ----------
     agreeing : numpy.ndarray of float64, shape (K, T)
         Metres of wall that lie on a wall of the other map within each of `TOLERANCES`, with
-        free space on the same side; the mean of both maps.
+        free space on the same side, if they have it on one; the mean of both maps.
     contradicting : numpy.ndarray of float64, shape (K, T)
         Metres of wall that lie in the other map's free space instead.
     overlap : numpy.ndarray of float64, shape (K,)
@@ -124,9 +124,10 @@ def agreement_at(first: WallMap, second: WallMap, poses: Poses, most: int) -> Ag
         faces, normals = own.some_faces(most)
         metres = own.wall_length / len(faces) / 2
         distance, is_free, _ = _looked_up(other, move(poses, faces))
+        is_thin = ~normals.any(axis=1)
         for k, tolerance in enumerate(_tolerances(first, second)):
             beside = faces + normals * np.float32(tolerance + _cell(first, second))
-            open_there = _looked_up(other, move(poses, beside))[1]
+            open_there = _looked_up(other, move(poses, beside))[1] | is_thin
             agreeing[:, k] += metres * ((distance <= tolerance) & open_there).sum(axis=1)
             contradicting[:, k] += metres * ((distance > tolerance) & is_free).sum(axis=1)
         points = _some_free(own, most)

@@ -257,7 +257,11 @@ def _rival(
 def _reason(score: float, rival: float | None, overlap: float) -> str | None:
     """Return why a place is not sure; None if it is."""
     if score < LEAST_SCORE:
-        return f"the walls agree no more than those of different places do (score {score:.2f})"
+        shown = (
+            math.floor(100 * score) / 100
+        )  # one that is too small is never shown as large enough
+        told = f"score {shown:g}, of {LEAST_SCORE:g} at least"
+        return f"the walls agree hardly better than those of different places do ({told})"
     if overlap < LEAST_OVERLAP:
         return f"the maps have too little in common there ({overlap:.0%} of their free space)"
     if rival is not None:

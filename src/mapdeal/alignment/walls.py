@@ -21,6 +21,9 @@ MOST_CELLS_A_SIDE = 1000
 _MOST_FREE = 25
 """Occupancy up to which a cell counts as free: map_server's default threshold of 0.25."""
 
+_LEAST_FREE = 0.1
+"""Free cells of a map, for each obstacle cell, that is not one of walls alone."""
+
 _REACH = 2
 """Cells within which a wall looks for free space to face."""
 
@@ -48,7 +51,7 @@ class WallMap:
     faces_xy : numpy.ndarray of float32, shape (N, 2)
         The centres of the cells that are faces of walls; empty if there are no walls.
     normals_xy : numpy.ndarray of float32, shape (N, 2)
-        Of each face a vector of length 1 to its free side; 0, 0 where it has none.
+        Of each face a vector of length 1 to its free side; 0, 0 where it has none, or two.
     """
 
     frame: Frame
@@ -103,8 +106,8 @@ def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | No
 
     Notes
     -----
-    A map that knows less free space than obstacles is one of walls alone, such as a drawing:
-    all that is no obstacle counts as free.
+    A map that knows hardly any free space is one of walls alone, such as a drawing: all that is
+    no obstacle counts as free.
     """
     occupied = grid.occupied()
     values = grid.occupancy
@@ -114,7 +117,7 @@ def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | No
         return None
     part = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
     occupied, free = occupied[part], free[part]
-    if np.count_nonzero(free) < np.count_nonzero(occupied):
+    if np.count_nonzero(free) < _LEAST_FREE * np.count_nonzero(occupied):
         free = ~occupied
     frame = grid.frame.window(int(rows[0]), int(cols[0]), *occupied.shape)
     factor = math.ceil(max(frame.shape) / most)
