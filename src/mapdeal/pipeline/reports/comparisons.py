@@ -120,7 +120,7 @@ def aligned_maps(path: Path, answer: AlignmentAnswer, grids: Grids) -> Draft:
         place = _found(draft, named, path, grids)
         if place is None:
             continue
-        layers = grids.layers(place, name, title)
+        layers = grids.layers(place, name, f"{title}: {place.name}")
         if named is answer.first:
             layers = [replace(one, frame=answer.transform.frame(one.frame)) for one in layers]
         draft.layers += layers
