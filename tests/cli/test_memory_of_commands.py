@@ -359,7 +359,7 @@ COMMANDS = {
                           "-o", "out.npz"],
     "clean": ["clean", "site.yaml", "--min-obstacle", "1", *OUT],
     "align": ["align", "site.yaml", "other.yaml"],
-    "align drawn": ["align", "site.yaml", "other.yaml", "--image", "o.png"],
+    "align drawn": ["align", "site.yaml", "other.yaml", "--image", "o.png", "--force"],
     "score": ["score", "site.yaml"],
     "score against a truth": ["score", "site.yaml", "--truth", "other.yaml"],
     "score drawn": ["score", "site.yaml", "--truth", "other.yaml", "--image", "score.png",

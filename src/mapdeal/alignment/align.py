@@ -42,7 +42,6 @@ _ROTATION_OFF = math.radians(3)
 
 _ALL_AROUND = 100
 _COARSE, _FINE = 200, 500
-_MOST_YAWS = 8
 _MOST_FACES, _MOST_CHECKED, _MOST_POLISHED = 400, 2000, 4000
 _SAME_TURN, _SAME_PLACE = math.radians(5), 1.2
 _LEFT = 1.2
@@ -183,7 +182,7 @@ class _Search:
         """Return the candidates, yaw, x, y, moved to where walls lie on walls."""
         first, second = self._maps
         around = np.arange(_ALL_AROUND) * (2 * math.pi / _ALL_AROUND)
-        walls = yaws_by_walls(first, second, _MOST_YAWS)
+        walls = yaws_by_walls(first, second)
         if self._yaws is not None:
             around = walls = np.unique(np.mod(self._yaws, 2 * math.pi))
         around, walls = self._within(around), self._within(walls)

@@ -14,8 +14,12 @@ from mapdeal.kernels.wall_directions import hough_spectrum
 _DIRECTIONS = 360
 """In half a turn: one every half degree."""
 
-_APART = 4
-"""Steps between turns that are looked at; what is nearer is refined to the same."""
+_PEAKS, _DOUBTFUL = 3, 2
+"""Peaks of the correlation that are looked at, and how many of them beside the peak, too."""
+
+_BESIDE = math.radians(1.2)
+"""Where maps have little in common, their peak may be so far from the turn that brings that
+together; and what lies a degree off is not found."""
 
 _STRIP = 0.1
 _MOST_FACES = 4000
@@ -23,21 +27,19 @@ _MOST_FACES = 4000
 Floats = NDArray[np.floating[Any]]
 
 
-def yaws_by_walls(first: WallMap, second: WallMap, most: int) -> Floats:
+def yaws_by_walls(first: WallMap, second: WallMap) -> Floats:
     """Return the turns that bring the walls of one map into the directions of another's.
 
     Parameters
     ----------
     first, second : WallMap
         The maps.
-    most : int
-        How many turns; each is followed by the one that is half a turn from it, since walls
-        have no beginning and no end.
 
     Returns
     -------
-    numpy.ndarray of float64, shape (most,)
-        Radians, that which fits best first.
+    numpy.ndarray of float64, shape (N,)
+        Radians, that which fits best first; each is followed by the one that is half a turn
+        from it, since walls have no beginning and no end.
 
     References
     ----------
@@ -47,16 +49,16 @@ def yaws_by_walls(first: WallMap, second: WallMap, most: int) -> Floats:
     width = max(_STRIP, first.resolution, second.resolution)
     here, there = (np.fft.rfft(_spectrum(walls, width)) for walls in (first, second))
     correlation = np.fft.irfft(np.conj(here) * there, _DIRECTIONS)
-    peaks: list[int] = []
-    for step in np.argsort(-correlation, kind="stable").tolist():
-        apart = ((step - peak) % _DIRECTIONS for peak in peaks)
-        if all(_APART < steps < _DIRECTIONS - _APART for steps in apart):
-            peaks.append(step)
-        if 2 * len(peaks) >= most:
-            break
-    turns = np.array([_between(correlation, peak) for peak in peaks]) * math.pi / _DIRECTIONS
+    before, after = np.roll(correlation, 1), np.roll(correlation, -1)
+    smooth = (before + 2 * correlation + after) / 4
+    is_peak = (smooth >= np.roll(smooth, 1)) & (smooth > np.roll(smooth, -1))
+    peaks = np.flatnonzero(is_peak)
+    peaks = peaks[np.argsort(-smooth[peaks], kind="stable")][:_PEAKS]
+    turns = np.array([_between(smooth, int(peak)) for peak in peaks]) * math.pi / _DIRECTIONS
+    doubtful = turns[:_DOUBTFUL]
+    turns = np.concatenate([turns, doubtful - _BESIDE, doubtful + _BESIDE])
     both: Floats = np.stack([turns, turns + math.pi], axis=-1).ravel()
-    return both[:most]
+    return both
 
 
 def _spectrum(walls: WallMap, width: float) -> Floats:
