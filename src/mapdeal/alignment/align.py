@@ -41,9 +41,17 @@ _ROTATION_OFF = math.radians(3)
 """How far a turn may be from one that was given: maps are rarely turned exactly."""
 
 _ALL_AROUND = 100
+"""Turns that are looked at on coarse cells, whatever the directions of the walls."""
+
 _COARSE, _FINE = 200, 500
+"""Cells of a side of what is correlated: at all turns, and at those that the walls tell."""
+
 _MOST_FACES, _MOST_CHECKED, _MOST_POLISHED = 400, 2000, 4000
+"""Faces of walls that move a candidate, that judge it, and that move the best one at the end."""
+
 _SAME_TURN, _SAME_PLACE = math.radians(5), 1.2
+"""Radians and metres within which two candidates are one place: drift bends maps so far."""
+
 _LEFT = 1.2
 """Of a prior's limits: places are moved a little after they were found."""
 
