@@ -1,0 +1,276 @@
+"""What every bag is: connections, and messages that are found by an index and read one by one."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError, emit_warning
+from mapdeal.formats.budget import PIECES, claim
+
+Encoding = Literal["ros1", "cdr", ""]
+
+CAN_BE_READ: tuple[Encoding, ...] = ("ros1", "cdr")
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Connection:
+    """One recorded publisher of a topic.
+
+    Parameters
+    ----------
+    id : int
+        Its number in the bag.
+    topic : str
+        With a leading slash, and no others that do nothing.
+    type : str
+        As ROS 2 spells it: ``sensor_msgs/msg/LaserScan``, for bags of ROS 1, too.
+    encoding : {'ros1', 'cdr', ''}
+        How its messages are serialized; empty for what cannot be read.
+    definition : str
+        The text of the type, empty where the bag has none.
+    is_idl : bool
+        Whether that text is IDL, and not a ``.msg``.
+    serialization : str
+        The name of the encoding, as the bag has it.
+    """
+
+    id: int
+    topic: str
+    type: str
+    encoding: Encoding
+    definition: str = ""
+    is_idl: bool = False
+    serialization: str = ""
+
+
+class Place(NamedTuple):
+    """Where a message is.
+
+    Parameters
+    ----------
+    connection : int
+        The number of its connection.
+    time : int
+        When it was recorded, nanoseconds.
+    block, offset : int
+        The chunk or row, and the byte in it.
+    """
+
+    connection: int
+    time: int
+    block: int
+    offset: int
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """How many messages there are, and when the first and the last were recorded, nanoseconds."""
+
+    count: int = 0
+    first: int = 0
+    last: int = 0
+
+    def joined(self, other: Recorded) -> Recorded:
+        """Return the same of both together."""
+        if not (other.count and self.count):
+            return self if self.count else other
+        first, last = min(self.first, other.first), max(self.last, other.last)
+        return Recorded(self.count + other.count, first, last)
+
+
+@dataclass(frozen=True, eq=False)
+class MessageIndex:
+    """The places of messages, 32 bytes for each.
+
+    Parameters
+    ----------
+    connections, times, blocks, offsets : numpy.ndarray of int64, shape (N,)
+        As in `Place`.
+    """
+
+    connections: Integers
+    times: Integers
+    blocks: Integers
+    offsets: Integers
+
+    def __len__(self) -> int:
+        """Return how many messages there are."""
+        return len(self.times)
+
+    def __iter__(self) -> Iterator[Place]:
+        """Yield all places in their order."""
+        for start in range(0, len(self), _TOGETHER):
+            some = slice(start, start + _TOGETHER)
+            lists = (self.connections, self.times, self.blocks, self.offsets)
+            yield from map(Place, *(one[some].tolist() for one in lists))
+
+    def __getitem__(self, number: int) -> Place:
+        """Return the place of one message."""
+        lists = (self.connections, self.times, self.blocks, self.offsets)
+        return Place(*(int(one[number]) for one in lists))
+
+    def chosen(self, which: NDArray[np.bool_] | Integers) -> MessageIndex:
+        """Return some of the places, by a mask or by numbers."""
+        return MessageIndex(
+            self.connections[which], self.times[which], self.blocks[which], self.offsets[which]
+        )
+
+    def in_time(self) -> MessageIndex:
+        """Return the places in the order of their times; of equal ones as they were recorded."""
+        if len(self) < 2 or bool((self.times[1:] >= self.times[:-1]).all()):
+            return self
+        return self.chosen(np.argsort(self.times, kind="stable"))
+
+    @classmethod
+    def of(cls, numbers: Sequence[int] | Sequence[Place]) -> MessageIndex:
+        """Return the index of places that stand one behind the other, four numbers each."""
+        table = np.array(numbers, dtype=np.int64).reshape(-1, 4)
+        return cls(table[:, 0], table[:, 1], table[:, 2], table[:, 3])
+
+    @classmethod
+    def joined(cls, parts: Sequence[MessageIndex]) -> MessageIndex:
+        """Return several, one behind the other."""
+        if not parts:
+            return cls.of([])
+        return cls(
+            *(
+                np.concatenate([getattr(part, name) for part in parts])
+                for name in ("connections", "times", "blocks", "offsets")
+            )
+        )
+
+
+class Bag(ABC):
+    """A recording of messages that is open for reading.
+
+    An index of the messages that are wanted is small whatever the size of the bag; messages are
+    then read one by one, and memory holds some chunks at most.
+    """
+
+    path: Path
+    form: str
+    """What it is, with an article: ``a ROS 1 bag``."""
+
+    def __init__(self, path: Path, form: str) -> None:
+        self.path = path
+        self.form = form
+        self._remarks: list[str] = []
+
+    @property
+    @abstractmethod
+    def connections(self) -> Sequence[Connection]:
+        """All connections, also those without messages."""
+
+    @abstractmethod
+    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
+        """Yield the places of all messages of some connections, some at a time, as recorded.
+
+        Raises
+        ------
+        MalformedInputError
+            If the bag is damaged where they are.
+        """
+
+    @abstractmethod
+    def data(self, place: Place) -> bytes:
+        """Return a message as it was serialized.
+
+        Raises
+        ------
+        MalformedInputError
+            If the bag is damaged there.
+        """
+
+    def index(self, connections: Collection[int]) -> MessageIndex:
+        """Return the places of all messages of some connections, in the order of their times.
+
+        Raises
+        ------
+        MalformedInputError
+            If the bag is damaged where they are, or there are too many for the memory.
+        """
+        parts, taken = [], 0
+        for part in self.pieces(connections):
+            taken += len(part)
+            claim(self.path, 2 * _PLACE * taken + PIECES, what=f"the places of {taken} messages")
+            parts.append(part)
+        return MessageIndex.joined(parts).in_time()
+
+    def summary(self) -> dict[int, Recorded]:
+        """Return how many messages each connection has, and when the first and last came."""
+        found = {one.id: Recorded() for one in self.connections}
+        for piece in self.pieces(found.keys()):
+            for number in np.unique(piece.connections).tolist():
+                times = piece.times[piece.connections == number]
+                told = Recorded(len(times), int(times.min()), int(times.max()))
+                found[number] = found[number].joined(told)
+        return found
+
+    def remark(self, text: str) -> None:
+        """Note what is wrong with the bag; each thing is warned of once."""
+        if text not in self._remarks:
+            self._remarks.append(text)
+            emit_warning(f"{self.path}: {text}", stacklevel=3)
+
+    def of_types(self, *types: str) -> list[Connection]:
+        """Return the connections of some types."""
+        return [one for one in self.connections if one.type in types]
+
+    def malformed(self, rule: str, place: str | None = None) -> MalformedInputError:
+        """Return an error about this bag."""
+        return MalformedInputError(rule, source=self.path, place=place)
+
+    def close(self) -> None:  # noqa: B027 - most have a file
+        """Close the files."""
+
+    def __enter__(self) -> Self:
+        """Return the bag."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the files."""
+        self.close()
+
+
+def normalised_topic(topic: str) -> str:
+    """Return a topic's name with one leading slash.
+
+    Examples
+    --------
+    >>> normalised_topic("scan"), normalised_topic("//robot//scan/")
+    ('/scan', '/robot/scan')
+    """
+    return "/" + "/".join(part for part in topic.split("/") if part)
+
+
+def normalised_type(name: str) -> str:
+    """Return the name of a message type as ROS 2 spells it.
+
+    Examples
+    --------
+    >>> normalised_type("sensor_msgs/LaserScan"), normalised_type("tf2_msgs/msg/TFMessage")
+    ('sensor_msgs/msg/LaserScan', 'tf2_msgs/msg/TFMessage')
+    """
+    match = re.fullmatch(r"([^/]+)/([^/]+)", name)
+    return f"{match[1]}/msg/{match[2]}" if match else name
+
+
+_TOGETHER = 1 << 14
+_PLACE = 32
+"""Bytes of a place."""

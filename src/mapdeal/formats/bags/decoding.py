@@ -1,0 +1,115 @@
+"""Messages of bags from their bytes, by rosbags, with the types that the bag itself describes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from mapdeal.formats.bags.bag import Bag, Connection, Place
+from mapdeal.formats.bags.extra import needs_bags
+
+_COSTMAP = """\
+std_msgs/Header header
+nav2_msgs/CostmapMetaData metadata
+uint8[] data
+"""
+_COSTMAP_METADATA = """\
+builtin_interfaces/Time map_load_time
+builtin_interfaces/Time update_time
+string layer
+float32 resolution
+uint32 size_x
+uint32 size_y
+geometry_msgs/Pose origin
+"""
+
+_SEPARATOR = "=" * 80
+
+
+class Decoder:
+    """Makes messages of bytes.
+
+    Parameters
+    ----------
+    bag : Bag
+        Theirs.
+
+    Notes
+    -----
+    A type is what the bag says it is; where it says nothing, as before ROS 2 Iron, what the
+    latest ROS 2 has, which for the types that are asked for here has never changed.
+    """
+
+    def __init__(self, bag: Bag) -> None:
+        needs_bags(bag.path)
+        self._bag = bag
+        self._connections = {one.id: one for one in bag.connections}
+        self._readers: dict[int, Callable[[bytes], Any]] = {}
+        self._stores: dict[tuple[str, str], Any] = {}
+
+    def message(self, place: Place) -> Any:
+        """Return the message at a place, an object with the fields of its type.
+
+        Raises
+        ------
+        MalformedInputError
+            If the bag is damaged there, or the bytes are no such message.
+        """
+        reader = self._readers.get(place.connection)
+        if reader is None:
+            reader = self._reader_of(self._connections[place.connection])
+            self._readers[place.connection] = reader
+        data = self._bag.data(place)
+        try:
+            return reader(data)
+        except Exception as error:  # noqa: BLE001 - decoders of damaged bytes fail in many ways
+            one = self._connections[place.connection]
+            rule = f"a message at {place.time} ns is no {one.type}: {error or type(error).__name__}"
+            raise self._bag.malformed(rule, one.topic) from None
+
+    def _reader_of(self, connection: Connection) -> Callable[[bytes], Any]:
+        store, name = self._store_of(connection), connection.type
+        if connection.encoding == "ros1":
+            return lambda data: store.deserialize_ros1(data, name)
+        return lambda data: store.deserialize_cdr(data, name)
+
+    def _store_of(self, connection: Connection) -> Any:
+        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+        key = connection.type, connection.definition
+        if key in self._stores:
+            return self._stores[key]
+        try:
+            if not connection.definition:
+                store = get_typestore(Stores.LATEST)
+                store.register(costmap_types())
+            else:
+                store = get_typestore(Stores.EMPTY)
+                if connection.is_idl:
+                    for text in _idl_parts(connection.definition):
+                        store.register(get_types_from_idl(text))
+                else:
+                    store.register(get_types_from_msg(connection.definition, connection.type))
+            if connection.type not in store.fielddefs:
+                rule = f"its type {connection.type} is described nowhere"
+                raise self._bag.malformed(rule, connection.topic)
+        except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
+            rule = f"its type {connection.type} cannot be understood: {error}"
+            raise self._bag.malformed(rule, connection.topic) from None
+        self._stores[key] = store
+        return store
+
+
+def costmap_types() -> Any:
+    """Return the types of a costmap of Nav2, which rosbags does not have."""
+    from rosbags.typesys import get_types_from_msg
+
+    types = get_types_from_msg(_COSTMAP, "nav2_msgs/msg/Costmap")
+    return types | get_types_from_msg(_COSTMAP_METADATA, "nav2_msgs/msg/CostmapMetaData")
+
+
+def _idl_parts(text: str) -> list[str]:
+    """Return the parts of a definition, one for each type that it needs."""
+    if not text.startswith(f"{_SEPARATOR}\nIDL: "):
+        return [text]
+    return [part.split("\n", 1)[1] for part in text.split(f"{_SEPARATOR}\n")[1:]]

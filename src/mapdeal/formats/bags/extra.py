@@ -1,0 +1,24 @@
+"""The extra ``bags``: the package rosbags, imported when a bag is opened or written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mapdeal.errors import ParameterError
+
+
+def needs_bags(source: Path | str) -> None:
+    """Import rosbags.
+
+    Raises
+    ------
+    ParameterError
+        If it is not installed.
+    """
+    try:
+        import rosbags.typesys  # noqa: F401
+    except ImportError as error:
+        missing = (error.name or "").partition(".")[0] in ("rosbags", "")
+        why = "" if missing else f" ({error})"
+        hint = "pip install 'mapdeal[bags]'"
+        raise ParameterError(f"needs the extra 'bags'{why}", source=source, hint=hint) from None

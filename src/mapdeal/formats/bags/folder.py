@@ -1,0 +1,257 @@
+"""Bags of ROS 2 in folders: ``metadata.yaml`` and the files that it names.
+
+References
+----------
+rosbag2_storage's ``BagMetadata``: files in their order, and how they or their messages are
+compressed.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+import numpy as np
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.bags.bag import (
+    Bag,
+    Connection,
+    MessageIndex,
+    Place,
+    Recorded,
+    normalised_topic,
+)
+from mapdeal.formats.bags.chunks import expanded, zstd_module
+from mapdeal.formats.bags.mcap import McapBag
+from mapdeal.formats.bags.sqlite import SqliteBag
+from mapdeal.formats.budget import check_expansion
+from mapdeal.formats.source import access_to, exists, is_regular, status_of
+from mapdeal.formats.yaml_text import Entry, YamlLimits, read_mapping
+
+METADATA = "metadata.yaml"
+TOP_KEY = "rosbag2_bagfile_information"
+ZSTD_SUFFIXES = (".zstd", ".zst")
+
+_LIMITS = YamlLimits(bytes=1 << 22, nodes=400_000, aliases=1000)
+_STORAGES: dict[str, Callable[[Path], Bag]] = {"sqlite3": SqliteBag, "mcap": McapBag}
+_SUFFIXES = {".db3": "sqlite3", ".mcap": "mcap"}
+_PIECE = 1 << 20
+_TOPICS = "topics_with_message_count"
+
+
+@dataclass(frozen=True)
+class _Metadata:
+    """What ``metadata.yaml`` says that matters here."""
+
+    storage: str
+    files: tuple[str, ...]
+    compression: str
+    """Of files, of messages, or of nothing: ``file``, ``message``, ``none``."""
+    serializations: Mapping[str, str]
+    """How the messages of each topic are serialized: files need not say so."""
+
+
+class FolderBag(Bag):
+    """A folder with a ROS 2 bag in one file or several.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+
+    Raises
+    ------
+    FileAccessError
+        If a file of it cannot be read.
+    MalformedInputError
+        If its metadata or a file is malformed, or of a storage or compression that is not known.
+
+    Warns
+    -----
+    MapdealWarning
+        If there is no metadata, as a recorder leaves it that was killed, or a file is missing.
+
+    Notes
+    -----
+    Topics, counts and times are those of the files. A file that is compressed as a whole is
+    expanded into a temporary folder, which goes with the bag.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "a folder with a ROS 2 bag")
+        self._stack = ExitStack()
+        try:
+            metadata = self._metadata()
+            self._compresses_messages = metadata.compression == "message"
+            self._parts = [
+                self._stack.enter_context(self._opened(path / name, metadata.storage))
+                for name in metadata.files
+            ]
+        except BaseException:
+            self._stack.close()
+            raise
+        self._found: list[Connection] = []
+        self._homes: list[tuple[Bag, int]] = []
+        for part in self._parts:
+            for one in part.connections:
+                self._homes.append((part, one.id))
+                said = metadata.serializations.get(one.topic, one.serialization)
+                is_same = said == one.serialization
+                self._found.append(
+                    replace(
+                        one,
+                        id=len(self._found),
+                        encoding=one.encoding if is_same else "",
+                        serialization=said,
+                    )
+                )
+
+    @property
+    def connections(self) -> Sequence[Connection]:
+        """All connections of all files; see `Bag`."""
+        return self._found
+
+    def close(self) -> None:
+        """Close the files, and remove those that were expanded."""
+        self._stack.close()
+
+    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
+        """Yield the places of all messages of some connections; see `Bag`."""
+        for part in self._parts:
+            numbers = {
+                self._homes[one][1]: one for one in connections if self._homes[one][0] is part
+            }
+            if numbers:
+                own = np.array(sorted(numbers), np.int64)
+                ids = np.array([numbers[one] for one in own.tolist()], np.int64)
+                for piece in part.pieces(numbers):
+                    at = np.searchsorted(own, piece.connections)
+                    yield replace(piece, connections=ids[at])
+
+    def summary(self) -> dict[int, Recorded]:
+        """Return how many messages each connection has, and when; see `Bag`."""
+        of_parts = {id(part): part.summary() for part in self._parts}
+        return {
+            number: of_parts[id(part)][own] for number, (part, own) in enumerate(self._homes)
+        }  # fmt: skip
+
+    def data(self, place: Place) -> bytes:
+        """Return a message as it was serialized; see `Bag`."""
+        part, own = self._homes[place.connection]
+        data = part.data(place._replace(connection=own))
+        return expanded(data, "zstd", None, self.path) if self._compresses_messages else data
+
+    def _metadata(self) -> _Metadata:
+        path = self.path / METADATA
+        if not exists(path):
+            return self._guessed()
+        top = read_mapping(path, _LIMITS).get(TOP_KEY)
+        if top is None:
+            raise MalformedInputError("missing", source=path, place=TOP_KEY)
+        fields = top.fields()
+        for key in ("storage_identifier", "relative_file_paths"):
+            if key not in fields:
+                raise MalformedInputError("missing", source=path, place=key)
+        storage = fields["storage_identifier"].text()
+        if storage not in _STORAGES:
+            rule = "must be sqlite3 or mcap: others are not read"
+            raise fields["storage_identifier"].error(rule)
+        mode = _text_of(fields, "compression_mode").lower() or "none"
+        form = _text_of(fields, "compression_format").lower()
+        if mode not in ("none", "file", "message", "storage"):
+            raise fields["compression_mode"].error("must be none, file or message")
+        if mode in ("file", "message") and form not in ("zstd", "fake_comp"):
+            raise fields["compression_mode"].error("can be read with compression_format zstd alone")
+        names = tuple(self._present(fields["relative_file_paths"]))
+        return _Metadata(storage, names, mode, _serializations(fields))
+
+    def _present(self, entry: Entry) -> Iterator[str]:
+        """Yield the names of the files that are there; older bags name them with folders."""
+        names = [
+            PurePosixPath(PureWindowsPath(one.text()).as_posix()).name for one in entry.items()
+        ]
+        missing = [name for name in names if not is_regular(self.path / name)]
+        if names and len(missing) == len(names):
+            status_of(self.path / names[0])  # which says why not
+        for name in missing:
+            self.remark(f"its file {name} is missing; the others are read")
+        yield from (name for name in names if name not in missing)
+
+    def _guessed(self) -> _Metadata:
+        with access_to(self.path):
+            names = sorted((one.name for one in self.path.iterdir()), key=_in_natural_order)
+        for suffix, storage in _SUFFIXES.items():
+            found = [name for name in names if _plain(name).endswith(suffix)]
+            if found:
+                self.remark(f"has no {METADATA}, as a recorder leaves it that was killed")
+                return _Metadata(storage, tuple(found), "none", {})
+        raise self.malformed(f"is a folder without {METADATA}, .db3 and .mcap files")
+
+    @contextmanager
+    def _opened(self, path: Path, storage: str) -> Iterator[Bag]:
+        with plain_file(path) as file, _STORAGES[storage](file) as bag:
+            bag.path = path  # that errors name, and not a temporary one
+            yield bag
+
+
+@contextmanager
+def plain_file(path: Path) -> Iterator[Path]:
+    """Give a file that is not compressed as a whole: itself, or a temporary one.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read, or there is no room to expand it.
+    MalformedInputError
+        If its compressed data are damaged.
+    """
+    if path.suffix.lower() not in ZSTD_SUFFIXES:
+        yield path
+        return
+    zstd = zstd_module()
+    stored = status_of(path).st_size
+    with tempfile.TemporaryDirectory(prefix="mapdeal-") as folder:
+        file = Path(folder) / path.stem
+        with access_to(path), path.open("rb") as raw, file.open("wb") as out:
+            try:
+                with zstd.open(raw, "rb") as source:
+                    length = 0
+                    while piece := source.read(_PIECE):
+                        length += len(piece)
+                        check_expansion(path, stored, length)
+                        out.write(piece)
+            except (zstd.ZstdError, EOFError) as error:
+                rule = f"its compressed data are damaged: {error}"
+                raise MalformedInputError(rule, source=path) from None
+        yield file
+
+
+def _serializations(fields: Mapping[str, Entry]) -> dict[str, str]:
+    found = {}
+    for one in fields[_TOPICS].items() if _TOPICS in fields else ():
+        topic = one.fields().get("topic_metadata")
+        of_topic = topic.fields() if topic is not None else {}
+        if {"name", "serialization_format"} <= of_topic.keys():
+            name = normalised_topic(of_topic["name"].text())
+            found[name] = of_topic["serialization_format"].text()
+    return found
+
+
+def _text_of(fields: Mapping[str, Entry], key: str) -> str:
+    return fields[key].text() if key in fields and not fields[key].is_nothing() else ""
+
+
+def _plain(name: str) -> str:
+    suffix = Path(name).suffix.lower()
+    return name[: -len(suffix)] if suffix in ZSTD_SUFFIXES else name
+
+
+def _in_natural_order(name: str) -> list[tuple[int, str]]:
+    return [
+        (int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)
+    ]

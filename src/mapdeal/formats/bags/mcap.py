@@ -1,0 +1,338 @@
+"""Bags in MCAP files, also cut ones and those without a summary.
+
+References
+----------
+mcap.dev, "MCAP Format Specification", version 0: records of an opcode, a length and fields.
+"""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+from zlib import crc32
+
+import numpy as np
+
+from mapdeal.formats.bags.bag import (
+    Bag,
+    Connection,
+    Encoding,
+    MessageIndex,
+    Place,
+    normalised_topic,
+    normalised_type,
+)
+from mapdeal.formats.bags.chunks import KeptChunks, expanded
+from mapdeal.formats.budget import claim
+from mapdeal.formats.source import access_to
+
+MAGIC = b"\x89MCAP0\r\n"
+
+_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX = 1, 2, 3, 4, 5, 6, 7
+_DATA_END = 0x0F
+_LONGEST_RECORD = 1 << 26
+"""Bytes of a record that is read whole: a schema or a channel."""
+
+_IN_THE_FILE = -1
+"""The number of no chunk: a message that stands between them."""
+
+_BEFORE_DATA = 22
+"""Bytes of a message's record before its data."""
+
+_ENCODINGS: dict[str, Encoding] = {"cdr": "cdr", "ros1": "ros1"}
+
+
+class _Schema(NamedTuple):
+    name: str
+    encoding: str
+    text: str
+
+
+@dataclass
+class _Chunk:
+    """A chunk, and where its index records have their entries: (channel, start, count)."""
+
+    compression: str
+    size: int
+    crc: int
+    start: int
+    length: int
+    entries: list[tuple[int, int, int]] = field(default_factory=list)
+    is_indexed: bool = False
+    is_cut: bool = False
+
+
+class _CutError(Exception):
+    """A record that does not end before the data do."""
+
+
+class McapBag(Bag):
+    """An MCAP file with messages of ROS 1 or 2.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        If it is no MCAP file.
+
+    Warns
+    -----
+    MapdealWarning
+        If it ends too early: what is whole of it is read.
+
+    Notes
+    -----
+    Records are gone through from the start, and the data of chunks passed over: the summary at
+    the end is not needed. Chunks without index records are expanded to see what they hold.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "a bag (MCAP)")
+        self._chunks: list[_Chunk] = []
+        self._schemas: dict[int, _Schema] = {}
+        self._found: dict[int, Connection] = {}
+        self._loose = array("q")
+        with access_to(path):
+            self._file = path.open("rb")
+        try:
+            with access_to(path):
+                self._size = path.stat().st_size
+                self._walk()
+                self._find_channels()
+        except BaseException:
+            self._file.close()
+            raise
+        self._kept = KeptChunks(self._expanded)
+
+    @property
+    def connections(self) -> Sequence[Connection]:
+        """All connections; see `Bag`."""
+        return list(self._found.values())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
+        """Yield the places of all messages of some connections; see `Bag`."""
+        wanted = set(connections)
+        if self._loose:
+            index = MessageIndex.of(self._loose)
+            yield index.chosen(np.isin(index.connections, list(wanted)))
+        for number in range(len(self._chunks)):
+            yield from self._index_of(number, wanted)
+
+    def data(self, place: Place) -> bytes:
+        """Return a message as it was serialized; see `Bag`."""
+        with access_to(self.path):
+            if place.block == _IN_THE_FILE:
+                self._file.seek(place.offset + 1)
+                (length,) = struct.unpack("<Q", self._read(8))
+                return self._read(length)[_BEFORE_DATA:]
+        chunk = self._kept[place.block]
+        try:
+            opcode, start, end = _record(chunk, place.offset)
+        except _CutError:
+            opcode, start, end = 0, 0, 0
+        if opcode != _MESSAGE or end - start < _BEFORE_DATA:
+            raise self.malformed("an index record points to no message")
+        return chunk[start + _BEFORE_DATA : end]
+
+    def _walk(self) -> None:
+        """Go through all records of the file."""
+        if self._file.read(8) != MAGIC:
+            raise self.malformed("is no MCAP file: it must begin with its magic bytes")
+        position, is_ended = 8, False
+        while position + 9 <= self._size:
+            self._file.seek(position)
+            opcode, length = struct.unpack("<BQ", self._read(9))
+            if is_ended and opcode not in (_SCHEMA, _CHANNEL):
+                if opcode == _FOOTER:
+                    return
+            elif length > self._size - position - 9:
+                if opcode == _CHUNK and not is_ended:
+                    self._note_chunk(position + 9, self._size - position - 9, is_cut=True)
+                break
+            else:
+                self._take(opcode, position, length)
+                is_ended = is_ended or opcode == _DATA_END
+                if opcode == _FOOTER:
+                    return
+            position += 9 + length
+        if is_ended:
+            self.remark("ends too early, behind its messages; all of them are read")
+        else:
+            self.remark("ends too early; what is whole before that is read")
+
+    def _take(self, opcode: int, position: int, length: int) -> None:
+        """Take in the record at a position, behind which the file stands."""
+        start = position + 9
+        if opcode in (_SCHEMA, _CHANNEL):
+            if length > _LONGEST_RECORD:
+                raise self.malformed(f"a record at byte {position} is too long")
+            self._note(opcode, self._read(length))
+        elif opcode == _CHUNK:
+            self._note_chunk(start, length)
+        elif opcode == _INDEX and self._chunks:
+            head = self._read(min(length, 6))
+            channel, size = struct.unpack("<HI", head) if len(head) == 6 else (0, 1)
+            if size % 16 or size > length - 6:
+                raise self.malformed(f"an index record at byte {position} is damaged")
+            self._chunks[-1].is_indexed = True
+            self._chunks[-1].entries.append((channel, start + 6, size // 16))
+        elif opcode == _MESSAGE and length >= _BEFORE_DATA:
+            channel, _, time = struct.unpack("<HIQ", self._read(14))
+            self._loose.extend((channel, _signed(time), _IN_THE_FILE, position))
+
+    def _note_chunk(self, start: int, length: int, *, is_cut: bool = False) -> None:
+        head = self._file.read(min(length, 32))
+        if len(head) < 32:
+            return
+        _, _, size, crc, name_length = struct.unpack("<QQQII", head)
+        name = self._file.read(min(name_length, 64, length - 32))
+        word = self._file.read(8)
+        before = 40 + name_length
+        if len(name) < name_length or len(word) < 8:
+            if is_cut:
+                return
+            raise self.malformed("the head of a chunk is damaged")
+        stored = int.from_bytes(word, "little")
+        if not is_cut and stored > length - before:
+            raise self.malformed("the head of a chunk is damaged")
+        self._chunks.append(
+            _Chunk(
+                name.decode("latin-1"), size, crc, start + before, min(stored, length - before),
+                is_cut=is_cut,
+            )
+        )  # fmt: skip
+
+    def _note(self, opcode: int, data: bytes) -> None:
+        """Take in a schema or a channel."""
+        try:
+            if opcode == _SCHEMA:
+                (number,) = struct.unpack_from("<H", data)
+                name, position = _text(data, 2)
+                encoding, position = _text(data, position)
+                text, _ = _text(data, position)
+                self._schemas[number] = _Schema(name, encoding, text)
+                return
+            number, schema_number = struct.unpack_from("<HH", data)
+            topic, position = _text(data, 4)
+            serialization, _ = _text(data, position)
+        except (struct.error, _CutError):
+            raise self.malformed("a schema or channel is damaged") from None
+        schema = self._schemas.get(schema_number, _Schema("", "", ""))
+        self._found.setdefault(
+            number,
+            Connection(
+                number,
+                normalised_topic(topic),
+                normalised_type(schema.name),
+                _ENCODINGS.get(serialization, ""),
+                schema.text if schema.encoding in ("ros2msg", "ros1msg", *_IDL) else "",
+                schema.encoding in _IDL,
+                serialization,
+            ),
+        )
+
+    def _find_channels(self) -> None:
+        """Look into chunks for channels that no record behind them describes."""
+        for number, chunk in enumerate(self._chunks):
+            known = {one for one, _, _ in chunk.entries}
+            if chunk.is_indexed and known <= self._found.keys():
+                continue
+            data = self._expanded(number)
+            for opcode, start, end in self._records_of(number, data):
+                if opcode in (_SCHEMA, _CHANNEL):
+                    self._note(opcode, data[start:end])
+
+    def _index_of(self, number: int, wanted: set[int]) -> Iterator[MessageIndex]:
+        chunk = self._chunks[number]
+        if not chunk.is_indexed:
+            data, found = self._expanded(number), []
+            for opcode, start, end in self._records_of(number, data):
+                if opcode != _MESSAGE or end - start < _BEFORE_DATA:
+                    continue
+                channel, _, time = struct.unpack_from("<HIQ", data, start)
+                if channel in wanted:
+                    found.append(Place(channel, _signed(time), number, start - 9))
+            if found:
+                yield MessageIndex.of(found)
+            return
+        for channel, start, count in chunk.entries:
+            if channel not in wanted or not count:
+                continue
+            with access_to(self.path):
+                self._file.seek(start)
+                data = self._read(16 * count)
+            rows = np.frombuffer(data, "<i8").reshape(-1, 2)
+            yield MessageIndex(
+                np.full(count, channel), rows[:, 0], np.full(count, number), rows[:, 1]
+            )
+
+    def _records_of(self, number: int, data: bytes) -> Iterator[tuple[int, int, int]]:
+        """Yield opcode, start and end of the records in a chunk, as far as they are whole."""
+        position = 0
+        while position < len(data):
+            try:
+                opcode, start, end = _record(data, position)
+            except _CutError:
+                if not self._chunks[number].is_cut:
+                    self.remark("a chunk is damaged; what is whole before that is read")
+                return
+            yield opcode, start, end
+            position = end
+
+    def _expanded(self, number: int) -> bytes:
+        chunk = self._chunks[number]
+        claim(self.path, chunk.length, what="a chunk")
+        with access_to(self.path):
+            self._file.seek(chunk.start)
+            data = self._read(chunk.length)
+        data = expanded(data, chunk.compression, chunk.size, self.path, partly=chunk.is_cut)
+        if chunk.crc and not chunk.is_cut and crc32(data) != chunk.crc:
+            raise self.malformed("a chunk is damaged: its checksum differs")
+        return data
+
+    def _read(self, length: int) -> bytes:
+        data = self._file.read(length)
+        if len(data) < length:
+            raise self.malformed("ends within a record, or was cut meanwhile")
+        return data
+
+
+_IDL = ("ros2idl", "omgidl")
+
+
+def _record(data: bytes, position: int) -> tuple[int, int, int]:
+    """Return the opcode of a record in a chunk, and where its fields begin and end."""
+    if position < 0 or position + 9 > len(data):
+        raise _CutError
+    opcode, length = struct.unpack_from("<BQ", data, position)
+    if length > len(data) - position - 9:
+        raise _CutError
+    return opcode, position + 9, position + 9 + length
+
+
+def _text(data: bytes, position: int) -> tuple[str, int]:
+    """Return a text with its length before it, and where it ends."""
+    (length,) = struct.unpack_from("<I", data, position)
+    end = position + 4 + length
+    if end > len(data):
+        raise _CutError
+    return data[position + 4 : end].decode("utf-8", "replace"), end
+
+
+def _signed(time: int) -> int:
+    """Return a time that numpy can hold; what is beyond is no time of a recording."""
+    return min(time, (1 << 63) - 1)

@@ -1,0 +1,330 @@
+"""Bags of ROS 1, version 2.0, also unindexed and cut ones.
+
+References
+----------
+ROS wiki, "Bags/Format/2.0": records of a header of fields and of data. A bag without an index, as
+a recorder leaves it that was killed, has the same chunks as one with it.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from array import array
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from mapdeal.formats.bags.bag import (
+    Bag,
+    Connection,
+    MessageIndex,
+    Place,
+    normalised_topic,
+    normalised_type,
+)
+from mapdeal.formats.bags.chunks import KeptChunks, expanded
+from mapdeal.formats.budget import claim
+from mapdeal.formats.source import access_to
+
+_MAGIC = re.compile(rb"#ROSBAG V(\d+)\.(\d+)\n")
+_MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
+_LONGEST_HEADER = 1 << 20
+_SECOND = 10**9
+_IN_THE_FILE = -1
+"""The number of no chunk: a message that stands between them."""
+
+_U32 = struct.Struct("<I")
+
+Fields = Mapping[bytes, bytes]
+
+
+@dataclass
+class _Chunk:
+    """A chunk, and where its index records have their entries: (offset, count) by connection."""
+
+    compression: str
+    size: int
+    start: int
+    length: int
+    entries: list[tuple[int, int, int]] = field(default_factory=list)
+    is_cut: bool = False
+
+
+class _CutError(Exception):
+    """A record that does not end before the data do, or is none."""
+
+
+class Ros1Bag(Bag):
+    """A ROS 1 bag.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        If it is no bag of version 2.0, or encrypted.
+
+    Warns
+    -----
+    MapdealWarning
+        If it has no index, or ends too early: what is whole of it is read.
+
+    Notes
+    -----
+    Records are gone through from the start, and the data of chunks passed over; so neither the
+    position of the index nor a killed recorder matters. The entries of an index record are
+    counted by its field ``count``, since some writers have a wrong length there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "a ROS 1 bag")
+        self._chunks: list[_Chunk] = []
+        self._found: dict[int, Connection] = {}
+        self._loose = array("q")
+        self._has_summary = False
+        with access_to(path):
+            self._file = path.open("rb")
+        try:
+            with access_to(path):
+                self._size = path.stat().st_size
+                self._walk()
+                self._find_connections()
+        except BaseException:
+            self._file.close()
+            raise
+        self._kept = KeptChunks(self._expanded)
+
+    @property
+    def connections(self) -> Sequence[Connection]:
+        """All connections; see `Bag`."""
+        return list(self._found.values())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
+        """Yield the places of all messages of some connections; see `Bag`."""
+        wanted = set(connections)
+        if self._loose:
+            index = MessageIndex.of(self._loose)
+            yield index.chosen(np.isin(index.connections, list(wanted)))
+        for number in range(len(self._chunks)):
+            yield from self._index_of(number, wanted)
+
+    def data(self, place: Place) -> bytes:
+        """Return a message as it was serialized; see `Bag`."""
+        with access_to(self.path):
+            if place.block == _IN_THE_FILE:
+                self._file.seek(place.offset)
+                _, length = self._header_at(place.offset)
+                return self._read(length)
+        chunk = self._kept[place.block]
+        try:
+            fields, start, end = _record(chunk, place.offset)
+            while fields.get(b"op") == bytes([_CONNECTION]):  # which some writers count to it
+                fields, start, end = _record(chunk, end)
+        except _CutError:
+            raise self.malformed("an index record points to no message") from None
+        if fields.get(b"op") != bytes([_MESSAGE]):
+            raise self.malformed("an index record points to no message")
+        return chunk[start:end]
+
+    def _walk(self) -> None:
+        """Go through all records of the file."""
+        magic = self._file.readline(64)
+        match = _MAGIC.fullmatch(magic)
+        if match is None:
+            raise self.malformed("is no ROS 1 bag: it must begin with #ROSBAG V2.0")
+        if match[1] != b"2":
+            version = f"{int(match[1])}.{int(match[2])}"
+            error = self.malformed(f"is a bag of version {version}; 2.0 is read")
+            error.hint = "rosbag migrates old bags: rosbag fix"
+            raise error
+        position = len(magic)
+        while position < self._size:
+            try:
+                position = self._walk_record(position)
+            except _CutError as error:
+                self.remark(f"ends too early ({error}); what is whole before that is read")
+                return
+        if not self._has_summary and self._chunks:
+            self.remark("has no index, as a recorder leaves it that was killed; it is read all")
+
+    def _walk_record(self, position: int) -> int:
+        """Take one record in, and return where the next one begins."""
+        self._file.seek(position)
+        fields, length = self._header_at(position)
+        start = self._file.tell()
+        op = fields.get(b"op", b"\0")[0]
+        end = start + length
+        if op == _INDEX:
+            return self._note_entries(fields, start)
+        is_cut = end > self._size
+        if op == _CHUNK:
+            compression = fields.get(b"compression", b"").decode("latin-1")
+            size = _number(fields, b"size")
+            chunk = _Chunk(compression, size, start, min(length, self._size - start), [], is_cut)
+            self._chunks.append(chunk)
+        if is_cut:
+            raise _CutError(f"a record of {length} bytes at byte {position}")
+        if op == _BAG and fields.get(b"encryptor", b""):
+            raise self.malformed("is encrypted")
+        if op == _CONNECTION:
+            self._note_connection(fields, self._read(length))
+        elif op == _MESSAGE:
+            connection, time = _number(fields, b"conn"), _time(fields)
+            self._loose.extend((connection, time, _IN_THE_FILE, position))
+        elif op == _CHUNK_INFO:
+            self._has_summary = True
+        return end
+
+    def _note_entries(self, fields: Fields, start: int) -> int:
+        count = _number(fields, b"count")
+        end = start + 12 * count
+        if end > self._size or not self._chunks:
+            raise _CutError(f"an index record at byte {start}")
+        if _number(fields, b"ver") == 1:
+            self._chunks[-1].entries.append((_number(fields, b"conn"), start, count))
+        return end
+
+    def _note_connection(self, fields: Fields, data: bytes) -> None:
+        number = _number(fields, b"conn")
+        if number in self._found:
+            return
+        told = _fields_in(data)
+        topic = fields.get(b"topic", told.get(b"topic", b""))
+        name = normalised_type(told.get(b"type", b"").decode("utf-8", "replace"))
+        text = told.get(b"message_definition", b"").decode("utf-8", "replace")
+        name_of_topic = normalised_topic(topic.decode("utf-8", "replace"))
+        self._found[number] = Connection(number, name_of_topic, name, "ros1", text, False, "ros1")
+
+    def _find_connections(self) -> None:
+        """Look into chunks for connections that no record behind them describes."""
+        for number, chunk in enumerate(self._chunks):
+            known = {one for one, _, _ in chunk.entries}
+            if chunk.entries and known <= self._found.keys():
+                continue
+            for fields, data, _ in self._records_of(number):
+                if fields.get(b"op") == bytes([_CONNECTION]):
+                    self._note_connection(fields, data)
+
+    def _index_of(self, number: int, wanted: set[int]) -> Iterator[MessageIndex]:
+        chunk = self._chunks[number]
+        if not chunk.entries:
+            found = [
+                Place(_number(fields, b"conn"), _time(fields), number, offset)
+                for fields, _, offset in self._records_of(number)
+                if fields.get(b"op") == bytes([_MESSAGE]) and _number(fields, b"conn") in wanted
+            ]
+            if found:
+                yield MessageIndex.of(found)
+            return
+        for connection, start, count in chunk.entries:
+            if connection not in wanted or not count:
+                continue
+            with access_to(self.path):
+                self._file.seek(start)
+                data = self._read(12 * count)
+            rows = np.frombuffer(data, "<u4").reshape(-1, 3).astype(np.int64)
+            times = rows[:, 0] * _SECOND + rows[:, 1]
+            yield MessageIndex(
+                np.full(count, connection), times, np.full(count, number), rows[:, 2]
+            )
+
+    def _records_of(self, number: int) -> Iterator[tuple[Fields, bytes, int]]:
+        """Yield fields, data and offset of the records in a chunk, as far as they are whole."""
+        chunk = self._expanded(number)
+        position = 0
+        while position < len(chunk):
+            try:
+                fields, start, end = _record(chunk, position)
+            except _CutError:
+                if not self._chunks[number].is_cut:
+                    self.remark("a chunk is damaged; what is whole before that is read")
+                return
+            yield fields, chunk[start:end], position
+            position = end
+
+    def _expanded(self, number: int) -> bytes:
+        chunk = self._chunks[number]
+        claim(self.path, chunk.length, what="a chunk")
+        with access_to(self.path):
+            self._file.seek(chunk.start)
+            data = self._read(chunk.length)
+        return expanded(
+            data, chunk.compression, chunk.size, self.path, partly=chunk.is_cut
+        )  # fmt: skip
+
+    def _header_at(self, position: int) -> tuple[Fields, int]:
+        """Return fields of the record that the file stands at, and the length of its data."""
+        where = f"a record at byte {position}"
+        word = self._file.read(4)
+        if len(word) < 4:
+            raise _CutError(where)
+        (length,) = _U32.unpack(word)
+        if length > min(_LONGEST_HEADER, self._size - position):
+            raise _CutError(where)
+        header, word = self._file.read(length), self._file.read(4)
+        if len(header) < length or len(word) < 4:
+            raise _CutError(where)
+        return _fields_in(header), _U32.unpack(word)[0]
+
+    def _read(self, length: int) -> bytes:
+        data = self._file.read(length)
+        if len(data) < length:
+            raise self.malformed("ends within a record, or was cut meanwhile")
+        return data
+
+
+def _fields_in(data: bytes) -> Fields:
+    """Return the fields of a header: lengths, and ``name=value``."""
+    fields: dict[bytes, bytes] = {}
+    position = 0
+    while position < len(data):
+        if position + 4 > len(data):
+            raise _CutError("a header of fields")
+        (length,) = _U32.unpack_from(data, position)
+        position += 4
+        name, equals, value = data[position : position + length].partition(b"=")
+        if not equals or position + length > len(data):
+            raise _CutError("a header of fields")
+        fields[name] = value
+        position += length
+    return fields
+
+
+def _record(data: bytes, position: int) -> tuple[Fields, int, int]:
+    """Return the fields of a record in a chunk, and where its data begin and end."""
+    if position + 4 > len(data):
+        raise _CutError("a chunk")
+    start = position + 4 + _U32.unpack_from(data, position)[0]
+    if start + 4 > len(data):
+        raise _CutError("a chunk")
+    fields = _fields_in(data[position + 4 : start])
+    end = start + 4 + _U32.unpack_from(data, start)[0]
+    if end > len(data):
+        raise _CutError("a chunk")
+    return fields, start + 4, end
+
+
+def _number(fields: Fields, name: bytes) -> int:
+    value = fields.get(name, b"")
+    if len(value) not in (4, 8):
+        raise _CutError(f"a header without {name.decode()}")
+    return int.from_bytes(value, "little")
+
+
+def _time(fields: Fields) -> int:
+    value = fields.get(b"time", b"")
+    if len(value) != 8:
+        raise _CutError("a message without time")
+    return int.from_bytes(value[:4], "little") * _SECOND + int.from_bytes(value[4:], "little")

@@ -1,0 +1,156 @@
+"""Bags of ROS 2 in SQLite files (``.db3``), also cut ones.
+
+References
+----------
+rosbag2_storage_sqlite3: tables ``topics`` and ``messages``, from its schema 4 on also
+``message_definitions``.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from mapdeal.formats.bags.bag import (
+    Bag,
+    Connection,
+    MessageIndex,
+    Place,
+    Recorded,
+    normalised_topic,
+    normalised_type,
+)
+from mapdeal.formats.source import absolute_path, check_readable
+
+MAGIC = b"SQLite format 3\0"
+
+_ROWS_TOGETHER = 1 << 14
+_SMALL_CACHE = "PRAGMA cache_size = -16384"
+_WORDS = {"not a database": "is no SQLite file", "malformed": "is damaged, or cut"}
+
+
+class SqliteBag(Bag):
+    """A ROS 2 bag in one SQLite file.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is opened for reading only, and nothing is written beside it.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        If it is no bag, or too damaged to know its topics.
+
+    Warns
+    -----
+    MapdealWarning
+        If messages behind a damaged place cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "a ROS 2 bag (SQLite)")
+        check_readable(path)
+        with self._damage():
+            # Immutable: no lock, no journal, and files of others are not looked for. Recordings
+            # that still run have some of their messages in such a file.
+            how = "mode=ro" if path.with_name(path.name + "-wal").exists() else "immutable=1"
+            address = f"file:{quote(str(absolute_path(path)))}?{how}"
+            self._db = sqlite3.connect(address, uri=True, check_same_thread=False)
+        try:
+            with self._damage():
+                self._db.execute(_SMALL_CACHE)
+                self._found = tuple(self._read_connections())
+        except BaseException:
+            self._db.close()
+            raise
+
+    @property
+    def connections(self) -> Sequence[Connection]:
+        """All connections; see `Bag`."""
+        return self._found
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
+        """Yield the places of all messages of some connections; see `Bag`."""
+        wanted = ",".join(str(int(one)) for one in connections)
+        query = f"SELECT topic_id, timestamp, id FROM messages WHERE topic_id IN ({wanted})"  # noqa: S608
+        try:
+            cursor = self._db.execute(query)
+            while rows := cursor.fetchmany(_ROWS_TOGETHER):
+                topics, times, ids = np.array(rows, dtype=np.int64).T
+                yield MessageIndex(topics, times, ids, np.zeros(len(ids), np.int64))
+        except sqlite3.DatabaseError as error:
+            self.remark(f"{_told(error)}; the messages before that place are read")
+        except (TypeError, ValueError, OverflowError):
+            raise self.malformed("a time or topic of a message is no whole number") from None
+
+    def summary(self) -> dict[int, Recorded]:
+        """Return how many messages each connection has, and when; see `Bag`."""
+        query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages"
+        try:
+            rows = self._db.execute(f"{query} GROUP BY topic_id").fetchall()
+            found = {number: Recorded(*map(int, told)) for number, *told in rows}
+        except (sqlite3.DatabaseError, TypeError, ValueError):
+            return super().summary()  # up to the damaged place
+        return {one.id: found.get(one.id, Recorded()) for one in self._found}
+
+    def data(self, place: Place) -> bytes:
+        """Return a message as it was serialized; see `Bag`."""
+        with self._damage():
+            row = self._db.execute("SELECT data FROM messages WHERE id = ?", (place.block,))
+            (found,) = row.fetchone() or (None,)
+        if not isinstance(found, bytes):
+            raise self.malformed("a message has no data")
+        return found
+
+    def _read_connections(self) -> Iterator[Connection]:
+        names = {row[0] for row in self._db.execute("SELECT name FROM sqlite_master")}
+        if not {"topics", "messages"} <= names:
+            rule = "is an SQLite file without the tables topics and messages of a ROS 2 bag"
+            raise self.malformed(rule)
+        texts: dict[str, tuple[str, bool]] = {}
+        if "message_definitions" in names:
+            query = "SELECT topic_type, encoding, encoded_message_definition"
+            with suppress(sqlite3.OperationalError):  # a table of other columns
+                for name, encoding, text in self._db.execute(f"{query} FROM message_definitions"):
+                    if encoding in ("ros2msg", "ros2idl"):
+                        texts[name] = (str(text), encoding == "ros2idl")
+        rows: list[tuple[Any, ...]] = self._db.execute(
+            "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+        ).fetchall()
+        for number, topic, name, serialization in rows:
+            text, is_idl = texts.get(name, ("", False))
+            yield Connection(
+                int(number),
+                normalised_topic(str(topic)),
+                normalised_type(str(name)),
+                "cdr" if serialization == "cdr" else "",
+                text,
+                is_idl,
+                str(serialization),
+            )
+
+    @contextmanager
+    def _damage(self) -> Iterator[None]:
+        """Turn what SQLite raises into one error that names the file."""
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise self.malformed(_told(error)) from None
+
+
+def _told(error: sqlite3.Error) -> str:
+    text = str(error)
+    return next((told for words, told in _WORDS.items() if words in text), f"is damaged: {text}")
