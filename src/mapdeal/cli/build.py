@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from mapdeal.cli import bag_options as bag_opt
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
 from mapdeal.errors import ParameterError
+from mapdeal.formats.kinds import is_bag
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.formats.scans.source import DEFAULT_MAX_BAD, ScanSource
 from mapdeal.formats.scans.text import ScanTexts
@@ -40,10 +43,18 @@ def build(
     ],
     log: Annotated[
         Path | None,
-        typer.Argument(metavar="LOG", help="A CARMEN log (also .gz), or an .npz of scans."),
+        typer.Argument(
+            metavar="LOG",
+            help="A CARMEN log (also .gz), an .npz of scans, or a bag of ROS 1 or ROS 2.",
+        ),
     ] = None,
     poses: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Text: x,y,yaw of a scan, a line each.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Text: x,y,yaw of a scan, a line each. With a bag: the robot's poses, "
+            "t x y z qx qy qz qw a line, in the place of transforms.",
+        ),
     ] = None,
     angles: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Text: the angles of the beams, radians.")
@@ -55,6 +66,17 @@ def build(
     flip_y: Annotated[
         bool,
         typer.Option("--flip-y", help="With --poses: y of the poses points to the right."),
+    ] = False,
+    topics: bag_opt.Topics = None,
+    fixed_frame: bag_opt.FixedFrame = None,
+    base_frame: bag_opt.BaseFrame = None,
+    odometry: bag_opt.Odometry = None,
+    mount: bag_opt.Mount = None,
+    deskew: Annotated[
+        bool,
+        typer.Option(
+            "--deskew", help="With a bag: give each beam the pose of its own time_increment."
+        ),
     ] = False,
     method: Annotated[
         Method | None,
@@ -137,6 +159,8 @@ def build(
 ) -> None:
     """Make a map from laser scans with known poses.
 
+    Of a bag, poses are those of its transforms, or of its odometry.
+
     Cells that a beam passes become free, those that it ends in occupied; what no beam reaches
     stays unknown. --compare shows what each method makes of a log; docs/mapping.md explains it.
     """
@@ -161,9 +185,17 @@ def build(
         None if size is None else opt.pair(size, "--size"),
         None if origin is None else opt.pair(origin, "--origin"),
     )
-    source = _source_of(log, poses, angles, ranges, flip_y=flip_y, max_bad=max_bad)
-    passes = 2 if how.sizes_itself else 1
-    with terminal.progress(passes * source.count) as bar:
+    of_bag = bag_opt.BagWords(topics, fixed_frame, base_frame, odometry, mount, deskew=deskew)
+    texts = {"--angles": angles, "--ranges": ranges, "--flip-y": flip_y}
+    with ExitStack() as stack:
+        if log is not None and is_bag(log):
+            _refuse(texts, "is not for bags")
+            source: ScanSource = stack.enter_context(of_bag.scans(log, poses))
+        else:
+            of_bag.refuse("needs a bag for LOG")
+            source = _source_of(log, poses, angles, ranges, flip_y=flip_y, max_bad=max_bad)
+        passes = 2 if how.sizes_itself else 1
+        bar = stack.enter_context(terminal.progress(source.preparation + passes * source.count))
         if compare:
             from mapdeal.pipeline.compare import compare_methods  # not loaded for one map
 

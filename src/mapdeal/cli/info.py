@@ -11,6 +11,7 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
+from mapdeal.cli.info_bag import text_of_bag
 from mapdeal.cli.info_robot import line_of_robot, text_of_robot
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
@@ -32,7 +33,8 @@ def info(
     sources: Annotated[
         list[Path],
         typer.Argument(
-            metavar="MAP...", help=f"Maps, costmaps, fields, or folders of runs. {opt.OR_STDIN}"
+            metavar="MAP...",
+            help=f"Maps, costmaps, fields, bags, or folders of runs. {opt.OR_STDIN}",
         ),
         FROM_STDIN,
     ],
@@ -63,12 +65,17 @@ def info(
 ) -> None:
     """Tell size, origin, cell counts and checksum of files, and how a run has made them.
 
-    Of a robot's parameter files, shape and costmap layers as the robot resolves them. ROS 1's
-    files that are given one after the other are one robot's.
+    Of a bag, topics and transforms. Of a robot's parameter files, shape and costmap layers as the
+    robot resolves them. ROS 1's files that are given one after the other are one robot's.
     """
     is_of_robot = any(one is not None for one in (costmap, namespace, of_map))
     reports = (
-        describe_file(group[0], dialect=settings.dialect, max_cells=settings.max_cells)
+        describe_file(
+            group[0],
+            dialect=settings.dialect,
+            max_cells=settings.max_cells,
+            progress=terminal.counted,
+        )
         if not is_robot
         else describe_robot(
             group,
@@ -89,6 +96,8 @@ def info(
 def _text(report: dict[str, Any]) -> str:
     if report["kind"] == "robot parameters":
         return text_of_robot(report)
+    if report["kind"] == "bag":
+        return text_of_bag(report)
     rows_of = _rows_of_file if "use" in report else _rows_of_map
     rows = _rows_of_run(report) if report["kind"] == "run" else rows_of(report)
     lines = [f"  {name:<11} {value}" for name, value in rows]

@@ -274,6 +274,16 @@ def blocks_done(steps: int) -> Iterator[Callable[[int], object]]:
         yield bar.advance
 
 
+@contextmanager
+def counted(steps: int) -> Iterator[Callable[[int], object]]:
+    """Show the progress of some steps, if there are any; give what takes some of them."""
+    if not steps:
+        yield lambda _: None
+        return
+    with progress(steps) as bar:
+        yield bar.advance
+
+
 def _duration(seconds: float) -> str:
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)

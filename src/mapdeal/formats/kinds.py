@@ -45,6 +45,8 @@ _OF_ROBOTS = (
 _TUM, _PLANAR = 8, 3
 _MOST_OF_A_POINT = 16
 
+_METADATA = "metadata.yaml"
+_ZSTD, _OF_BAGS = b"\x28\xb5\x2f\xfd", (".mcap", ".db3")
 _MAP_SUFFIXES = (".yaml", ".yml", ".npz", ".pbm")
 _UNKNOWN = "is not a kind of file that mapdeal knows"
 _MAPS_ARE = "a map is a map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's"
@@ -53,13 +55,7 @@ _MAP_USE = "mapdeal info {path} describes it, mapdeal run {path} -o DIR processe
 _CLOUD_USE = "mapdeal local --cloud {path} --pose X,Y,YAW -o DIR makes a map of it"
 _SCANS_USE = "mapdeal build {path} -o OUT.yaml makes a map of it"
 _POSES_USE = "--poses {path} gives it to mapdeal build and mapdeal local"
-_ROS1_USE = (
-    "mapdeal does not read bags; rosbag play with map_server's map_saver writes the map of a topic"
-)
-_ROS2_USE = (
-    "mapdeal does not read bags; ros2 bag play with nav2_map_server's map_saver_cli writes the map "
-    "of a topic"
-)
+_BAG_USE = "mapdeal info {path} lists its topics; convert, build and local --cloud take them"
 _PARAMETERS_USE = "mapdeal run MAP -o DIR --params-file {path} takes it"
 _REPORT_USE = "mapdeal report {path} -o OUT.html shows it"
 _OF_A_MAP_USE = "mapdeal report MAP {path} -o OUT.html shows it on its map"
@@ -125,6 +121,16 @@ def kind_of(path: Path) -> FileKind | None:
     return FileKind(kind.name, kind.what, use, kind.figures)
 
 
+def is_bag(path: Path) -> bool:
+    """Return whether a file or folder is a bag of ROS 1 or ROS 2, or the metadata of one."""
+    if path.suffix.lower() in _MAP_SUFFIXES and path.name != _METADATA:
+        return False
+    with suppress(MapdealError):
+        kind = kind_of(path)
+        return kind is not None and kind.name == BAG
+    return False
+
+
 @contextmanager
 def recognised(path: Path, wanted: str, *kinds: str) -> Iterator[None]:
     """Have an error about a file of another kind than is wanted say what it is.
@@ -166,10 +172,13 @@ def other_kind(path: Path, kind: FileKind, wanted: str) -> MalformedInputError:
 
 
 def _kind_of_folder(path: Path) -> FileKind | None:
-    if exists(path / "metadata.yaml") and _is_bag_metadata(path / "metadata.yaml"):
-        return FileKind(BAG, "a folder with a ROS 2 bag", _ROS2_USE)
+    if exists(path / _METADATA) and _is_bag_metadata(path / _METADATA):
+        return FileKind(BAG, "a folder with a ROS 2 bag", _BAG_USE)
     if exists(path / "summary.json"):
         return _kind_of_json(path / "summary.json", b"{")
+    with suppress(OSError):
+        if any(one.suffix in _OF_BAGS for one in path.iterdir()):
+            return FileKind(BAG, "a folder with a ROS 2 bag, without its metadata", _BAG_USE)
     return None
 
 
@@ -186,12 +195,14 @@ def _kind_by_magic(path: Path, head: bytes) -> FileKind | None:
         what = "a Git LFS pointer" + (f" to a file of {int(found[1])} bytes" if found else "")
         return FileKind(POINTER, what, "git lfs pull fetches the file itself")
     if head.startswith(b"#ROSBAG V"):
-        return FileKind(BAG, "a ROS 1 bag", _ROS1_USE, size)
+        return FileKind(BAG, "a ROS 1 bag", _BAG_USE, size)
     if head.startswith(b"\x89MCAP0\r\n"):
-        return FileKind(BAG, "a bag (MCAP)", _ROS2_USE, size)
+        return FileKind(BAG, "a bag (MCAP)", _BAG_USE, size)
     if head.startswith(b"SQLite format 3\0"):
         what = "a ROS 2 bag (SQLite)" if path.suffix == ".db3" else "an SQLite database"
-        return FileKind(BAG, what, _ROS2_USE, size)
+        return FileKind(BAG, what, _BAG_USE, size)
+    if head.startswith(_ZSTD) and Path(path.stem).suffix.lower() in _OF_BAGS:
+        return FileKind(BAG, "a ROS 2 bag, compressed with zstd", _BAG_USE, size)
     return None
 
 
@@ -335,7 +346,7 @@ def _kind_of_yaml(path: Path, head: bytes) -> FileKind | None:
         with suppress(MalformedInputError):
             return _shapes("YAML", {"shapes": len(entries["shapes"].items())})
     if "rosbag2_bagfile_information" in entries:
-        return FileKind(BAG, "the description of a ROS 2 bag", _ROS2_USE)
+        return FileKind(BAG, "the description of a ROS 2 bag", _BAG_USE)
     found = [key for key in _OF_COSTMAPS if key in entries]
     if _ROS_PARAMETERS.search(head) or found or sum(key in entries for key in _OF_ROBOTS) > 1:
         what = "a file of ROS parameters"

@@ -6,6 +6,7 @@ import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ _ROUNDED = 1e-2
 
 _LEVEL = math.radians(10)
 """How far a robot may lean before its heading says too little."""
+
+_LATEST = 9e9
+"""Seconds: what is later is in other units."""
 
 _COPIES = 5
 """Arrays of the size of all numbers that are there at the same time, at most."""
@@ -71,6 +75,60 @@ def read_poses(path: Path | str) -> Poses:
         return _poses_in(path)
 
 
+class Trajectory(NamedTuple):
+    """Poses with their times.
+
+    Parameters
+    ----------
+    times : numpy.ndarray of int64, shape (N,)
+        Nanoseconds.
+    translations : numpy.ndarray of float64, shape (N, 3)
+        Metres.
+    quaternions : numpy.ndarray of float64, shape (N, 4)
+        x, y, z, w.
+    """
+
+    times: NDArray[np.int64]
+    translations: Poses
+    quaternions: Poses
+
+
+def read_trajectory(path: Path | str) -> Trajectory:
+    """Return the poses in a file of TUM's benchmark tools, with their times.
+
+    Parameters
+    ----------
+    path : path or str
+        Text with ``t x y z qx qy qz qw`` on each line, t in seconds; see `read_poses`.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be read.
+    MalformedInputError
+        As `read_poses`, and if its poses have no times.
+
+    Warns
+    -----
+    MapdealWarning
+        As `read_poses`.
+    """
+    path = Path(path)
+    with recognised(path, "a file of poses", POSES, NUMBERS):
+        rows = _rows_in(path)
+        if rows.shape[1] != _TUM:
+            rule = "has poses without times; scans of a bag need t x y z qx qy qz qw"
+            raise MalformedInputError(rule, source=path)
+        _planar_poses(rows, path)  # with its errors and warnings
+    times = rows[:, 0]
+    if not (np.abs(times) < _LATEST).all():
+        rule = f"must be seconds, below {_LATEST:g}"
+        raise MalformedInputError(rule, source=path, place="t", got=times[np.argmax(np.abs(times))])
+    whole = np.floor(times)
+    nanoseconds = whole.astype(np.int64) * 10**9 + np.rint((times - whole) * 1e9).astype(np.int64)
+    return Trajectory(nanoseconds, rows[:, 1:4], rows[:, 4:])
+
+
 def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
     """Return x, y and yaw of a pose as TUM's tools have it.
 
@@ -93,6 +151,11 @@ def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _poses_in(path: Path) -> Poses:
+    return _planar_poses(_rows_in(path), path)
+
+
+def _rows_in(path: Path) -> Poses:
+    """Return all numbers in a file, shape (N, 3) or (N, 8)."""
     file = io.BytesIO(_contents_of(path))
     number, start, line = first_line(file)
     delimiter = delimiter_of(line)
@@ -115,7 +178,12 @@ def _poses_in(path: Path) -> Poses:
         parts.append(part)
     if not parts:
         raise MalformedInputError("holds no poses", source=path)
-    rows = np.concatenate(parts)
+    return np.concatenate(parts)
+
+
+def _planar_poses(rows: Poses, path: Path) -> Poses:
+    """Return x, y and yaw of each row."""
+    width = rows.shape[1]
     used = rows if width == _PLANAR else rows[:, 1:]  # times may be in nanoseconds
     good = (np.abs(used) <= FARTHEST).all(axis=1) & np.isfinite(rows[:, 0])  # refuses nan too
     if not good.all():

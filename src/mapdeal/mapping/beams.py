@@ -32,6 +32,8 @@ class Scans(OneLine):
         Of the beams, radians from the sensor's heading, anticlockwise; in any order.
     ranges : array_like of float, shape (N, M)
         Metres; inf for a beam that returns nothing, nan for one that means nothing.
+    sweeps : int, optional
+        How many scans they count as, where beams have poses of their own; one each by default.
 
     Raises
     ------
@@ -42,6 +44,7 @@ class Scans(OneLine):
     poses: Floats
     angles: Floats
     ranges: Floats
+    sweeps: int | None = None
 
     def __post_init__(self) -> None:
         poses, angles, ranges = (
@@ -70,7 +73,8 @@ class Scans(OneLine):
         together = max(1, _BEAMS_TOGETHER // max(1, len(self.angles)))
         for first in range(0, len(self.poses), together):
             some = slice(first, first + together)
-            yield Scans(self.poses[some], self.angles, self.ranges[some])
+            sweeps = self.sweeps if first == 0 or self.sweeps is None else 0
+            yield Scans(self.poses[some], self.angles, self.ranges[some], sweeps)
 
 
 @dataclass(frozen=True)
@@ -220,7 +224,8 @@ def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
     scan, beam = np.nonzero(used)
     angle = scans.poses[scan, 2] + scans.angles[beam]
     hits, no_return = int(np.count_nonzero(is_hit)), int(np.count_nonzero(is_open))
-    counts = BeamCounts(len(ranges), ranges.size, hits, no_return, ranges.size - hits - no_return)
+    sweeps = len(ranges) if scans.sweeps is None else scans.sweeps
+    counts = BeamCounts(sweeps, ranges.size, hits, no_return, ranges.size - hits - no_return)
     hit = is_hit[used]
     return Beams(
         scans.poses[scan, :2],

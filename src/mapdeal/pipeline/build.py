@@ -192,6 +192,7 @@ def gather(
     states = {path: state_of(path) for path in source.files if is_regular(path)}
     try:
         with errors_named(source.named):
+            source.prepare(advance)
             frame = _frame(source, settings, advance)
             _claim(source.named, frame, per_cell, options)
             gathered = _gathered(source, frame, settings, advance)
@@ -245,7 +246,7 @@ def _scans(source: ScanSource, advance: Advance, *, is_told: bool = False) -> It
             text = f"{source.named}: angles of up to {largest:.6g} rad: are they in degrees?"
             emit_warning(text, stacklevel=2)
         yield Scans(*arrays)
-        advance(len(arrays.poses))
+        advance(len(arrays.poses) if arrays.sweeps is None else arrays.sweeps)
 
 
 def warn_of_nothing(grid: OccupancyGrid, path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.formats.kinds import IMAGE, MAP, POINTER, kind_of
+from mapdeal.formats.kinds import BAG, IMAGE, MAP, POINTER, kind_of
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.maps import open_map
 from mapdeal.formats.npz import holds_reach, read_reach
@@ -21,6 +21,7 @@ from mapdeal.grid.values import UNKNOWN
 from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.manifest import manifest_in, stages_behind
 from mapdeal.pipeline.memory import claim_work
+from mapdeal.pipeline.settings import ProgressCallback
 
 _OF_POTENTIAL, _OF_OTHERS = 62.0, 2.0
 """Bytes for each cell that figures take; those of a potential are of layers that it does not have
@@ -33,7 +34,11 @@ _SHOWN_KEYS = ("image", "mode", "negate", "occupied_thresh", "free_thresh")
 
 
 def describe_file(
-    path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
+    path: Path,
+    *,
+    dialect: Dialect = "nav2",
+    max_cells: int | None = None,
+    progress: ProgressCallback | None = None,
 ) -> dict[str, Any]:
     """Return what there is to know of a map, costmap or field, as JSON can hold it.
 
@@ -41,7 +46,8 @@ def describe_file(
     the south; ``sha256`` is of the layer's bytes in that order. ``made_by`` has the stages that
     have made the file, with the parameters that took effect, where it lies in the folder of the
     run that wrote it. A folder of a run, or its manifest, is told of as a whole. Of a file that
-    is no map there is what it ``is``, the ``figures`` that its header tells, and its ``use``.
+    is no map there is what it ``is``, the ``figures`` that its header tells, and its ``use``; of a
+    bag what `describe_bag` returns.
 
     Raises
     ------
@@ -62,6 +68,10 @@ def describe_file(
         kind = kind_of(path) if str(error.source) == str(path) else None
         if kind is None or kind.name in (MAP, IMAGE, POINTER):
             raise _without_run(path) if kind is None and is_folder(path) else error from None
+    if kind.name == BAG:
+        from mapdeal.pipeline.inspect_bag import describe_bag  # not loaded for a map
+
+        return describe_bag(path, progress=progress)
     report = {"file": str(path), "kind": kind.name, "is": kind.what}
     return report | {"figures": kind.figures(), "use": kind.use}
 

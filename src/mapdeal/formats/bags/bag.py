@@ -168,6 +168,11 @@ class Bag(ABC):
         self._remarks: list[str] = []
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """All files of it."""
+        return (self.path,)
+
+    @property
     @abstractmethod
     def connections(self) -> Sequence[Connection]:
         """All connections, also those without messages."""

@@ -112,6 +112,12 @@ class FolderBag(Bag):
                 )
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """Its metadata, if there are any, and all files that it names."""
+        metadata = self.path / METADATA
+        return (*((metadata,) if exists(metadata) else ()), *(part.path for part in self._parts))
+
+    @property
     def connections(self) -> Sequence[Connection]:
         """All connections of all files; see `Bag`."""
         return self._found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,6 +81,20 @@ class LaserScan:
     def angles(self) -> NDArray[np.float64]:
         """Of the beams, shape (M,), radians."""
         return self.start + self.step * np.arange(len(self.ranges), dtype=np.float64)
+
+    @property
+    def geometry(self) -> tuple[str, float, float, int]:
+        """Frame, first angle, step and number of readings."""
+        return self.frame, self.start, self.step, len(self.ranges)
+
+    def beam_times(self) -> NDArray[np.int64]:
+        """Return when each beam was measured, shape (M,), nanoseconds."""
+        after = np.arange(len(self.ranges)) * (self.between * _SECOND)
+        return np.asarray(self.time + np.rint(after).astype(np.int64))
+
+    def at(self, time: int) -> LaserScan:
+        """Return the same scan at another time."""
+        return replace(self, time=time)
 
 
 def time_of(stamp: Any) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -31,17 +31,28 @@ class ScanArrays(NamedTuple):
         Radians from its heading.
     ranges : numpy.ndarray of float64, shape (N, M)
         Metres.
+    sweeps : int, optional
+        How many scans they are, if not one for each pose: beams may have poses of their own.
     """
 
     poses: Floats
     angles: Floats
     ranges: Floats
+    sweeps: int | None = None
 
 
 class ScanSource(ABC):
     """Scans in files, which can be read more than once."""
 
     files: tuple[Path, ...]
+
+    @property
+    def preparation(self) -> int:
+        """How many steps there are before the scans can be read: for a bar."""
+        return 0
+
+    def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:  # noqa: B027
+        """Read what scans need, once, before any of them; `advance` is told of each step."""
 
     @abstractmethod
     def scans(self) -> Iterator[ScanArrays]:

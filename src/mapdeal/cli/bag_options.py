@@ -1,0 +1,95 @@
+"""Options of commands that read bags."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mapdeal.cli import options as opt
+from mapdeal.errors import ParameterError
+
+if TYPE_CHECKING:
+    from mapdeal.pipeline.bag_frames import FrameOptions
+    from mapdeal.pipeline.bag_scans import BagScans
+
+Topics = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topic",
+        metavar="TOPIC",
+        help="With a bag: the topic, if there are several. Can be repeated.",
+    ),
+]
+FixedFrame = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FRAME", help="With a bag: the frame of the map.  [default: map, or else odom]"
+    ),
+]
+BaseFrame = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FRAME",
+        help="With a bag: the frame of the robot.  [default: base_link, or else base_footprint]",
+    ),
+]
+Odometry = Annotated[
+    str | None,
+    typer.Option(
+        metavar="TOPIC",
+        help="With a bag: the topic of odometry to take where no transforms lead to the robot.",
+    ),
+]
+Mount = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,YAW",
+        help="With a bag: where the sensor stands on the robot, if no transform tells.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class BagWords:
+    """What was given of the options of bags."""
+
+    topics: list[str] | None = None
+    fixed_frame: str | None = None
+    base_frame: str | None = None
+    odometry: str | None = None
+    mount: str | None = None
+    deskew: bool = False
+
+    def refuse(self, rule: str) -> None:
+        """Refuse all of them."""
+        named = {
+            "--topic": self.topics,
+            "--fixed-frame": self.fixed_frame,
+            "--base-frame": self.base_frame,
+            "--odometry": self.odometry,
+            "--mount": self.mount,
+            "--deskew": self.deskew,
+        }
+        for name, value in named.items():
+            if value:
+                raise ParameterError(rule, source=name)
+
+    def frames(self, poses: Path | None) -> FrameOptions:
+        """Return how it is known where sensors were."""
+        from mapdeal.pipeline.bag_frames import FrameOptions  # not loaded where there is no bag
+
+        mount = None
+        if self.mount is not None:
+            x, y, yaw = opt.numbers(self.mount, 3, "X,Y,YAW", "--mount")
+            mount = x, y, yaw
+        return FrameOptions(self.fixed_frame, self.base_frame, poses, self.odometry, mount)
+
+    def scans(self, path: Path, poses: Path | None) -> AbstractContextManager[BagScans]:
+        """Open the laser scans of a bag."""
+        from mapdeal.pipeline.bag_scans import scans_of_bag
+
+        return scans_of_bag(path, self.topics or [], self.frames(poses), deskew=self.deskew)

@@ -1,0 +1,88 @@
+"""Beams in the plane, of sensors that stand anyhow in space."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.rotations import rotated
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_LEVEL = 1e-6
+"""Radians: of 30 m, 30 micrometres."""
+
+MOST_LEANING = math.radians(10)
+"""From here on what a beam hits says too little of what stands at the height of a robot."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stances:
+    """How sensors stand.
+
+    Parameters
+    ----------
+    poses : numpy.ndarray of float64, shape (N, 3)
+        x, y (metres) and the heading of the x axis (radians).
+    is_flipped : numpy.ndarray of bool, shape (N,)
+        Whether they hang upside down: beams then go round clockwise.
+    is_level : numpy.ndarray of bool, shape (N,)
+        Whether their beams lie in the plane.
+    leans : numpy.ndarray of bool, shape (N,)
+        Whether they lean by more than 10 degrees, whichever side is up.
+    """
+
+    poses: Floats
+    is_flipped: Flags
+    is_level: Flags
+    leans: Flags
+
+
+def stances(translations: Floats, quaternions: Floats) -> Stances:
+    """Return how sensors stand, given where they are.
+
+    Parameters
+    ----------
+    translations : numpy.ndarray of float64, shape (N, 3)
+        Metres.
+    quaternions : numpy.ndarray of float64, shape (N, 4)
+        x, y, z, w, of length 1.
+
+    Examples
+    --------
+    >>> half = math.sqrt(0.5)
+    >>> found = stances(np.array([[1.0, 2.0, 0.3]]), np.array([[half, half, 0.0, 0.0]]))
+    >>> found.poses.round(6).tolist(), found.is_flipped.tolist(), found.is_level.tolist()
+    ([[1.0, 2.0, 1.570796]], [True], [True])
+    """
+    ahead = rotated(quaternions, np.array([1.0, 0.0, 0.0]))
+    up = rotated(quaternions, np.array([0.0, 0.0, 1.0]))
+    aside = np.hypot(up[:, 0], up[:, 1])
+    yaws = np.arctan2(ahead[:, 1], ahead[:, 0])
+    poses = np.column_stack([translations[:, :2], yaws])
+    return Stances(poses, up[:, 2] < 0, aside < _LEVEL, aside > math.sin(MOST_LEANING))
+
+
+def beams_in_plane(quaternions: Floats, angles: Floats) -> tuple[Floats, Floats]:
+    """Return where beams go in the plane, and which part of their length lies in it.
+
+    Parameters
+    ----------
+    quaternions : numpy.ndarray of float64, shape (N, 4)
+        How the sensor of each beam stands.
+    angles : numpy.ndarray of float64, shape (N,)
+        Of the beams, from the sensor's heading, radians.
+
+    Returns
+    -------
+    tuple of numpy.ndarray of float64, shape (N,)
+        Headings, radians; factors of at most 1.
+    """
+    beams = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
+    turned = rotated(quaternions, beams)
+    shares = np.minimum(np.hypot(turned[:, 0], turned[:, 1]), 1.0)
+    return np.arctan2(turned[:, 1], turned[:, 0]), shares

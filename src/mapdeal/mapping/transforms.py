@@ -1,0 +1,301 @@
+"""Where frames of a robot were over time: transforms of a recording, as tf2 has them."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.grid.coordinates import FARTHEST
+from mapdeal.kernels.rotations import composed, normalised, slerp, undone
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+_NAMED = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """Where a frame was at some times.
+
+    Parameters
+    ----------
+    translations : numpy.ndarray of float64, shape (N, 3)
+        Of its origin, metres.
+    quaternions : numpy.ndarray of float64, shape (N, 4)
+        x, y, z, w, of length 1.
+    known : numpy.ndarray of bool, shape (N,)
+        Whether all transforms on the way are known at that time; where not, the rest is nan.
+    """
+
+    translations: Floats
+    quaternions: Floats
+    known: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A transform between two frames, as often as it was recorded.
+
+    Parameters
+    ----------
+    parent, child : str
+        The frames.
+    count : int
+        How often.
+    first, last : int
+        When, nanoseconds.
+    is_static : bool
+        Whether it holds at all times.
+    """
+
+    parent: str
+    child: str
+    count: int
+    first: int
+    last: int
+    is_static: bool
+
+
+class _Samples:
+    """The samples of one transform: 64 bytes each."""
+
+    def __init__(self, *, is_static: bool) -> None:
+        self.is_static = is_static
+        self._times = array("q")
+        self._numbers = array("d")
+        self._sorted: tuple[Times, Floats] | None = None
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    def add(self, time: int, numbers: Sequence[float]) -> None:
+        if self.is_static:
+            del self._times[:], self._numbers[:]
+        self._sorted = None
+        self._times.append(time)
+        self._numbers.extend(numbers)
+
+    def in_time(self) -> tuple[Times, Floats]:
+        """Return times that increase, and the numbers of each; of equal times the last counts."""
+        if self._sorted is None:
+            times = np.array(self._times, dtype=np.int64)
+            order = np.argsort(times, kind="stable")
+            times = times[order]
+            is_last = np.append(times[1:] != times[:-1], True)
+            numbers = np.array(self._numbers).reshape(-1, 7)[order][is_last]
+            self._sorted = times[is_last], numbers
+        return self._sorted
+
+    def at(self, times: Times) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Return translations, quaternions, and whether they are known."""
+        if self.is_static:
+            numbers = np.broadcast_to(np.array(self._numbers[-7:]), (len(times), 7))
+            return numbers[:, :3], numbers[:, 3:], np.ones(len(times), dtype=np.bool_)
+        known_times, numbers = self.in_time()
+        known = (times >= known_times[0]) & (times <= known_times[-1])
+        after = np.clip(np.searchsorted(known_times, times), 0, len(known_times) - 1)
+        is_exact = known_times[after] == times
+        before = np.where(is_exact, after, np.maximum(after - 1, 0))
+        span = known_times[after] - known_times[before]
+        # differences of whole numbers: as floats, times of this century are 256 ns apart
+        share = (times - known_times[before]) / np.maximum(span, 1)
+        share = np.where(known, share, 0.0)
+        one, other = numbers[before], numbers[after]
+        moves = one[:, :3] + share[:, np.newaxis] * (other[:, :3] - one[:, :3])
+        return moves, slerp(one[:, 3:], other[:, 3:], share), known
+
+
+class TransformTree:
+    """The transforms of a recording, to be asked where one frame was in another.
+
+    Notes
+    -----
+    As in tf2, a transform between two frames is interpolated along a line and an arc between the
+    samples before and after a time, each transform of a chain on its own, and never continued
+    beyond its samples. A frame has one parent: where several come, the one that comes most often.
+
+    References
+    ----------
+    tf2's ``BufferCore`` and ``TimeCache``.
+
+    Examples
+    --------
+    >>> tree = TransformTree()
+    >>> for time, x in (0, 1.0), (100, 2.0):
+    ...     tree.add("odom", "base", time, (x, 0, 0), (0, 0, 0, 1), is_static=False)
+    >>> tree.add("base", "laser", 0, (0, 0.5, 0), (0, 0, 0, 1), is_static=True)
+    >>> found = tree.lookup("odom", "laser", np.array([25, 200]))
+    >>> found.translations[0].tolist(), found.known.tolist()
+    ([1.25, 0.5, 0.0], [True, False])
+    """
+
+    def __init__(self) -> None:
+        self._samples: dict[tuple[str, str], _Samples] = {}
+        self.bad = 0
+        """Transforms that were left out: not finite, or without a rotation."""
+
+    def add(
+        self,
+        parent: str,
+        child: str,
+        time: int,
+        translation: Sequence[float],
+        quaternion: Sequence[float],
+        *,
+        is_static: bool,
+    ) -> None:
+        """Take in a transform.
+
+        Parameters
+        ----------
+        parent, child : str
+            The frames; leading slashes are left out.
+        time : int
+            Nanoseconds.
+        translation, quaternion : sequence of float
+            x, y, z (metres) and x, y, z, w of the child in the parent.
+        is_static : bool
+            Whether it holds at all times, and takes the place of what was said before.
+        """
+        parent, child = parent.lstrip("/"), child.lstrip("/")
+        length = math.hypot(*quaternion)
+        is_near = all(abs(value) <= FARTHEST for value in translation)  # refuses nan, too
+        if not (is_near and math.isfinite(length) and length > 0) or parent == child:
+            self.bad += 1
+            return
+        known = self._samples.get((parent, child))
+        if known is None or known.is_static != is_static:
+            known = self._samples[parent, child] = _Samples(is_static=is_static)
+        turn = (part / length for part in quaternion)
+        known.add(time, (*translation, *turn))
+
+    @property
+    def frames(self) -> list[str]:
+        """The names of all frames, sorted."""
+        return sorted({name for edge in self._samples for name in edge})
+
+    def edges(self) -> list[Edge]:
+        """Return all transforms that there are."""
+        found = []
+        for (parent, child), samples in sorted(self._samples.items()):
+            times, _ = samples.in_time()
+            first, last = int(times[0]), int(times[-1])
+            found.append(Edge(parent, child, len(samples), first, last, samples.is_static))
+        return found
+
+    @property
+    def several_parents(self) -> dict[str, list[str]]:
+        """Frames that come with several parents: that which counts, and then the others."""
+        found: dict[str, list[str]] = {}
+        for child, parent in self._chosen_parents().items():
+            others = sorted(p for p, c in self._samples if c == child and p != parent)
+            if others:
+                found[child] = [parent, *others]
+        return found
+
+    def leads(self, fixed: str, frame: str) -> bool:
+        """Return whether transforms lead from one frame to another."""
+        return self._way(fixed.lstrip("/"), frame.lstrip("/")) is not None
+
+    def root_of(self, frame: str) -> str:
+        """Return the frame that all others above a frame hang on."""
+        return self._above(frame.lstrip("/"))[-1]
+
+    def is_moving(self, fixed: str, frame: str) -> bool:
+        """Return whether any transform between two frames changes with time."""
+        way = self._way(fixed.lstrip("/"), frame.lstrip("/")) or ([], [])
+        return any(not self._samples[edge].is_static for part in way for edge in part)
+
+    def lookup(self, fixed: str, frame: str, times: Times) -> Posed:
+        """Return where a frame was in another one.
+
+        Parameters
+        ----------
+        fixed, frame : str
+            The transforms take points of `frame` into `fixed`.
+        times : numpy.ndarray of int64, shape (N,)
+            Nanoseconds.
+
+        Raises
+        ------
+        MalformedInputError
+            If no transforms lead from one to the other.
+        """
+        fixed, frame = fixed.lstrip("/"), frame.lstrip("/")
+        way = self._way(fixed, frame)
+        if way is None:
+            raise self.no_way(fixed, frame)
+        times = np.asarray(times, dtype=np.int64)
+        known = np.ones(len(times), dtype=np.bool_)
+        unit = np.zeros((len(times), 3)), np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
+        down, up = unit, unit
+        for edge in way[1]:
+            moves, turns, is_known = self._samples[edge].at(times)
+            up = composed((moves, turns), up)
+            known &= is_known
+        for edge in way[0]:
+            moves, turns, is_known = self._samples[edge].at(times)
+            down = composed((moves, turns), down)
+            known &= is_known
+        moves, turns = composed(undone(down), up) if way[0] else up
+        moves, turns = np.array(moves), normalised(turns)
+        moves[~known] = np.nan
+        turns[~known] = np.nan
+        return Posed(moves, turns, known)
+
+    def no_way(self, fixed: str, frame: str) -> MalformedInputError:
+        """Return the error for two frames that no transforms join."""
+        names = self.frames
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        there = f"frames are {', '.join(names[:_NAMED])}{more}" if names else "there are none"
+        return MalformedInputError(f"no transforms lead from {fixed!r} to {frame!r}: {there}")
+
+    def span(self, fixed: str, frame: str) -> tuple[int, int] | None:
+        """Return the first and last time at which all transforms of a chain are known.
+
+        None if there is no such time, or they all are static.
+        """
+        way = self._way(fixed.lstrip("/"), frame.lstrip("/"))
+        edges = [edge for part in way or () for edge in part]
+        moving = [self._samples[edge].in_time()[0] for edge in edges
+                  if not self._samples[edge].is_static]  # fmt: skip
+        if not moving:
+            return None
+        first, last = max(int(one[0]) for one in moving), min(int(one[-1]) for one in moving)
+        return (first, last) if first <= last else None
+
+    def _chosen_parents(self) -> dict[str, str]:
+        found: dict[str, str] = {}
+        for (parent, child), samples in self._samples.items():
+            chosen = found.get(child)
+            if chosen is None or len(samples) > len(self._samples[chosen, child]):
+                found[child] = parent
+        return found
+
+    def _above(self, frame: str) -> list[str]:
+        """Return a frame and those above it, up to the root; a circle ends where it closes."""
+        parents, found = self._chosen_parents(), [frame]
+        while (parent := parents.get(found[-1])) is not None and parent not in found:
+            found.append(parent)
+        return found
+
+    def _way(
+        self, fixed: str, frame: str
+    ) -> tuple[list[tuple[str, str]], list[tuple[str, str]]] | None:
+        """Return the transforms above two frames up to where they meet, from below."""
+        first, second = self._above(fixed), self._above(frame)
+        known = set(self.frames)
+        meeting = next((name for name in second if name in first), None)
+        if meeting is None or (fixed != frame and not {fixed, frame} <= known):
+            return None
+        ways = (chain[: chain.index(meeting) + 1] for chain in (first, second))
+        down, up = ([(p, c) for c, p in pairwise(way)] for way in ways)
+        return down, up

@@ -1,0 +1,262 @@
+"""Where the sensors of a bag were: by its transforms, its odometry, or a file of poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.bags.bag import CAN_BE_READ, Bag, Connection
+from mapdeal.formats.bags.decoding import Decoder
+from mapdeal.formats.bags.messages import (
+    ODOMETRY,
+    TF_TYPES,
+    Stamped,
+    odometry_of,
+    transforms_of,
+)
+from mapdeal.formats.bags.reader import chosen_connections
+from mapdeal.formats.poses import read_trajectory
+from mapdeal.grid.coordinates import Point
+from mapdeal.kernels.rotations import from_yaw
+from mapdeal.mapping.transforms import Posed, TransformTree
+
+FIXED_FRAMES = ("map", "odom")
+"""Frames that maps are made in, the best first."""
+
+BASE_FRAMES = ("base_link", "base_footprint")
+"""What robots are called, the usual name first."""
+
+_TF, _STATIC = "/tf", "/tf_static"
+_SEVERAL = 3
+
+Pose = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class FrameOptions:
+    """How it is known where sensors were.
+
+    Parameters
+    ----------
+    fixed_frame : str, optional
+        The frame of the map: by default map, or else odom.
+    base_frame : str, optional
+        The frame of the robot: by default base_link, or else base_footprint.
+    poses : Path, optional
+        A file of the robot's poses with their times, in the place of transforms.
+    odometry : str, optional
+        The topic of odometry to take, where transforms do not lead to the fixed frame.
+    mount : tuple of float, optional
+        x, y (metres) and yaw (radians) of sensors on the robot, where no transform tells.
+    """
+
+    fixed_frame: str | None = None
+    base_frame: str | None = None
+    poses: Path | None = None
+    odometry: str | None = None
+    mount: Pose | None = None
+
+
+class SensorFrames:
+    """Where the sensors of a bag were.
+
+    Parameters
+    ----------
+    bag : Bag
+        The bag.
+    options : FrameOptions
+        How it is known.
+    """
+
+    def __init__(self, bag: Bag, options: FrameOptions) -> None:
+        self._bag = bag
+        self._options = options
+        self._decoder = Decoder(bag)
+        self._tree = TransformTree()
+        self._fixed: str | None = None
+        self._moving, self._static = _of_tf(bag)
+        wanted = self._static if options.poses is not None else [*self._moving, *self._static]
+        self._index = bag.index([one.id for one in wanted])
+
+    @property
+    def count(self) -> int:
+        """How many messages with transforms there are."""
+        return len(self._index)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Files that are read besides the bag."""
+        return () if self._options.poses is None else (self._options.poses,)
+
+    @property
+    def fixed_frame(self) -> str:
+        """The frame of the map."""
+        return self._fixed or FIXED_FRAMES[0]
+
+    def read(self, sensors: Iterable[str], advance: Callable[[int], object]) -> None:
+        """Read all transforms, and find the way to some sensors.
+
+        Parameters
+        ----------
+        sensors : iterable of str
+            Their frames.
+        advance : callable
+            Told of each message that was read.
+
+        Raises
+        ------
+        MalformedInputError
+            If a message is damaged, or no transforms lead to a sensor.
+
+        Warns
+        -----
+        MapdealWarning
+            If a choice had to be made, or transforms mean nothing.
+        """
+        sensors = sorted(set(sensors))
+        static = {one.id for one in self._static}
+        for place in self._index:
+            message = self._decoder.message(place)
+            for one in transforms_of(message):
+                self._add(one, is_static=place.connection in static)
+            advance(1)
+        if self._options.poses is not None:
+            self._take_poses(self._options.poses, sensors)
+        else:
+            self._take_mount(sensors)
+            self._fixed = self._fixed_for(sensors)
+        if self._tree.bad:
+            self._bag.remark(f"{self._tree.bad} transforms mean nothing, and are left out")
+        for child, (chosen, *others) in sorted(self._tree.several_parents.items())[:_SEVERAL]:
+            text = f"frame {child} has several parents: {chosen}, which comes most often, is taken"
+            self._bag.remark(f"{text}, and not {', '.join(others)}")
+
+    def at(self, frame: str, times: NDArray[np.int64]) -> Posed:
+        """Return where a frame was in the fixed one."""
+        return self._tree.lookup(self.fixed_frame, frame, times)
+
+    def told_span(self, frame: str) -> str:
+        """Return when it is known where a frame was, as a message has it."""
+        span = self._tree.span(self.fixed_frame, frame)
+        if span is None:
+            return "at no time"
+        return f"from {span[0] / 1e9:.3f} to {span[1] / 1e9:.3f} s"
+
+    def base_frame(self) -> str | None:
+        """Return the frame of the robot, if transforms know one."""
+        named = self._options.base_frame
+        names = BASE_FRAMES if named is None else (named.lstrip("/"),)
+        return next((name for name in names if name in self._tree.frames), None)
+
+    def _add(self, one: Stamped, *, is_static: bool) -> None:
+        self._tree.add(
+            one.parent, one.child, one.time, one.translation, one.quaternion, is_static=is_static
+        )
+
+    def _take_mount(self, sensors: list[str]) -> None:
+        """Have sensors stand where the user says, on a robot whose frame is known or not yet."""
+        if self._options.mount is None:
+            return
+        x, y, yaw = self._options.mount
+        base = self.base_frame() or self._options.base_frame or BASE_FRAMES[0]
+        for sensor in sensors:
+            if self._tree.leads(base, sensor):
+                rule = f"transforms tell already where {sensor} stands on {base}"
+                raise MalformedInputError(rule, source=self._bag.path, place="--mount")
+            self._tree.add(base, sensor, 0, (x, y, 0.0), from_yaw(yaw).tolist(), is_static=True)
+
+    def _take_poses(self, path: Path, sensors: list[str]) -> None:
+        """Take the poses of a file for those of the robot, or of the sensor that is alone."""
+        self._fixed = fixed = (self._options.fixed_frame or FIXED_FRAMES[0]).lstrip("/")
+        self._take_mount(sensors)
+        base = self.base_frame()
+        frames = [base] if base is not None else sensors
+        if base is None:
+            named = ", ".join(sensors)
+            text = f"{path} is taken for the poses of {named}: no transform leads there from"
+            wanted = self._options.base_frame or BASE_FRAMES[0]
+            self._bag.remark(f"{text} {wanted}; --mount says where a sensor stands on the robot")
+        trajectory = read_trajectory(path)
+        rows = zip(*(part.tolist() for part in trajectory), strict=True)
+        for time, translation, quaternion in rows:
+            for frame in frames:
+                self._tree.add(fixed, frame, time, translation, quaternion, is_static=False)
+        self._check(fixed, sensors)
+
+    def _fixed_for(self, sensors: list[str]) -> str:
+        """Return the frame of the map, to which transforms lead from all sensors."""
+        named = self._options.fixed_frame
+        if named is not None:
+            named = named.lstrip("/")
+            if not self._leads(named, sensors):
+                self._take_odometry(sensors)
+            self._check(named, sensors)
+            return named
+        found = next((name for name in FIXED_FRAMES if self._leads(name, sensors)), None)
+        if found is None:
+            self._take_odometry(sensors)
+            found = next((name for name in FIXED_FRAMES if self._leads(name, sensors)), None)
+        if found is None:
+            found = self._root_of(sensors)
+        if found != FIXED_FRAMES[0]:
+            text = f"no transforms lead to {FIXED_FRAMES[0]}: the map is made in {found}"
+            drift = ", with whatever its odometry drifts" if found == FIXED_FRAMES[1] else ""
+            self._bag.remark(text + drift)
+        return found
+
+    def _leads(self, fixed: str, sensors: list[str]) -> bool:
+        return all(self._tree.leads(fixed, sensor) for sensor in sensors)
+
+    def _root_of(self, sensors: list[str]) -> str:
+        """Return the frame that all hang on, if the robot moves in it."""
+        root = self._tree.root_of(sensors[0])
+        if self._leads(root, sensors) and self._tree.is_moving(root, sensors[0]):
+            return root
+        raise self._no_way(FIXED_FRAMES[0], sensors)
+
+    def _check(self, fixed: str, sensors: list[str]) -> None:
+        if not self._leads(fixed, sensors):
+            raise self._no_way(fixed, sensors)
+
+    def _no_way(self, fixed: str, sensors: list[str]) -> MalformedInputError:
+        sensor = next((one for one in sensors if not self._tree.leads(fixed, one)), sensors[0])
+        error = self._tree.no_way(fixed, sensor).found_in(self._bag.path)
+        hint = "--poses FILE gives the robot's poses, t x y z qx qy qz qw a line"
+        if len(self._tree.frames) > 1:
+            hint = "--fixed-frame names another frame, --mount says where a sensor stands on the "
+            hint += "robot, --poses FILE gives its poses"
+        error.hint = hint
+        return error
+
+    def _take_odometry(self, sensors: list[str]) -> None:
+        """Take odometry for the transform that it stands for."""
+        named = [] if self._options.odometry is None else [self._options.odometry]
+        if not named and not self._bag.of_types(ODOMETRY):
+            return
+        connections = chosen_connections(self._bag, named, (ODOMETRY,), "odometry")
+        for place in self._bag.index([one.id for one in connections]):
+            self._add(odometry_of(self._decoder.message(place)), is_static=False)
+        self._take_mount([one for one in sensors if one not in self._tree.frames])
+
+
+def _of_tf(bag: Bag) -> tuple[list[Connection], list[Connection]]:
+    """Return the connections with transforms: those that move, and those that are static.
+
+    Those of /tf and /tf_static; of a robot with a namespace, if there are no others, its own.
+    """
+    ours = [one for one in bag.of_types(*TF_TYPES) if one.encoding in CAN_BE_READ]
+    plain = [one for one in ours if one.topic in (_TF, _STATIC)]
+    ours = plain or ours
+    static = [one for one in ours if one.topic.endswith(_STATIC)]
+    return [one for one in ours if one not in static], static
+
+
+def offset_of(posed: Posed) -> Point:
+    """Return x and y of the only pose."""
+    x, y = posed.translations[0, :2].tolist()
+    return x, y

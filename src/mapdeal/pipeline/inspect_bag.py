@@ -1,0 +1,148 @@
+"""What a bag holds, and which commands take it."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from mapdeal.errors import MalformedInputError
+from mapdeal.formats.bags.bag import CAN_BE_READ, Bag, Connection, Recorded
+from mapdeal.formats.bags.decoding import Decoder
+from mapdeal.formats.bags.messages import (
+    GRID_TYPES,
+    LASER_SCAN,
+    ODOMETRY,
+    POINT_CLOUD,
+    TF_TYPES,
+    frame_of,
+    odometry_of,
+    transforms_of,
+)
+from mapdeal.formats.bags.reader import open_bag
+from mapdeal.pipeline.progress import report_nothing
+from mapdeal.pipeline.settings import ProgressCallback
+
+_SECONDS = 1e-9
+_COMMANDS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(GRID_TYPES, ("convert",)),
+    LASER_SCAN: ("build", "local"),
+    POINT_CLOUD: ("local",),
+    ODOMETRY: ("build",),
+    **dict.fromkeys(TF_TYPES, ("build", "local")),
+}
+"""Which commands take the messages of a type."""
+
+
+def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dict[str, Any]:
+    """Return what there is to know of a bag, as JSON can hold it.
+
+    ``topics`` has a mapping for each topic: its type, the number of its messages, the times of the
+    first and the last (when they were recorded, nanoseconds), the frame of the first, and the
+    commands that take it. ``transforms`` has those between frames that /tf tells of, with counts;
+    ``use`` the command lines for what can be used.
+
+    Raises
+    ------
+    ParameterError
+        If the extra ``bags`` is not installed.
+    FileAccessError
+        If a file cannot be read.
+    MalformedInputError
+        If it is no bag that can be read.
+
+    Warns
+    -----
+    MapdealWarning
+        If it is damaged, or holds no messages.
+    """
+    with open_bag(path) as bag:
+        told = bag.summary()
+        decoder = Decoder(bag)
+        topics = list(_topics(bag, told, decoder))
+        edges = _edges(bag, decoder, progress or report_nothing)
+        whole = Recorded()
+        for one in told.values():
+            whole = whole.joined(one)
+        if not whole.count:
+            bag.remark("holds no messages")
+        return {
+            "file": str(path),
+            "kind": "bag",
+            "is": bag.form,
+            "messages": whole.count,
+            "start_ns": whole.first if whole.count else None,
+            "end_ns": whole.last if whole.count else None,
+            "duration_s": (whole.last - whole.first) * _SECONDS if whole.count else None,
+            "topics": topics,
+            "transforms": edges,
+            "use": list(_uses(path, topics)),
+        }
+
+
+def _topics(bag: Bag, told: dict[int, Recorded], decoder: Decoder) -> Iterator[dict[str, Any]]:
+    groups: dict[tuple[str, str], list[Connection]] = {}
+    for one in bag.connections:
+        groups.setdefault((one.topic, one.type), []).append(one)
+    for (topic, name), ours in sorted(groups.items()):
+        recorded = Recorded()
+        for one in ours:
+            recorded = recorded.joined(told[one.id])
+        can_be_read = ours[0].encoding in CAN_BE_READ
+        commands = list(_COMMANDS.get(name, ())) if can_be_read and recorded.count else []
+        yield {
+            "topic": topic,
+            "type": name,
+            "count": recorded.count,
+            "first_ns": recorded.first if recorded.count else None,
+            "last_ns": recorded.last if recorded.count else None,
+            "frame": _frame(bag, ours, decoder) if commands and name not in TF_TYPES else None,
+            "commands": commands,
+        }
+
+
+def _frame(bag: Bag, connections: list[Connection], decoder: Decoder) -> str | None:
+    """Return the frame of a topic's first message."""
+    for one in connections:
+        for piece in bag.pieces([one.id]):
+            if len(piece):
+                with suppress(MalformedInputError, AttributeError):
+                    return frame_of(decoder.message(piece[0]).header)
+    return None
+
+
+def _edges(bag: Bag, decoder: Decoder, progress: ProgressCallback) -> list[dict[str, Any]]:
+    """Return how often each transform comes, those of odometry included."""
+    ours = [one for one in bag.of_types(*TF_TYPES, ODOMETRY) if one.encoding in CAN_BE_READ]
+    by_id = {one.id: one for one in ours}
+    index = bag.index(by_id) if ours else ()
+    found: Counter[tuple[str, str, str]] = Counter()
+    with progress(len(index)) as advance:
+        for place in index:
+            one = by_id[place.connection]
+            message = decoder.message(place)
+            stamped = [odometry_of(message)] if one.type == ODOMETRY else transforms_of(message)
+            found.update((one.topic, of.parent, of.child) for of in stamped)
+            advance(1)
+    return [
+        {"topic": topic, "parent": parent, "child": child, "count": count}
+        for (topic, parent, child), count in sorted(found.items())
+    ]
+
+
+def _uses(path: Path, topics: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield a command line for each kind of topic that there is."""
+    name = shlex.quote(str(path))
+    lines = {
+        "convert": f"mapdeal convert {name} --topic {{}} -o OUT.yaml",
+        "build": f"mapdeal build {name} --topic {{}} -o OUT.yaml",
+        "local": f"mapdeal local --cloud {name} --topic {{}} -o DIR",
+    }
+    types = {"convert": GRID_TYPES, "build": (LASER_SCAN,), "local": (POINT_CLOUD,)}
+    for command, line in lines.items():
+        fitting = [one["topic"] for one in topics if one["type"] in types[command] and one["count"]]
+        if fitting:
+            yield line.format(shlex.quote(fitting[0]))
