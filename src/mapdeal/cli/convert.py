@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from mapdeal.cli import options as opt
+from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
 from mapdeal.cli.streams import TO_STDOUT
 from mapdeal.errors import ParameterError
 from mapdeal.formats.map_yaml import Mode
-from mapdeal.pipeline.convert import Scale, convert_file
+from mapdeal.pipeline.convert import BagTopic, Scale, convert_all, convert_file
 from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.parameters import is_plain
 
@@ -28,10 +29,51 @@ def convert(
         Path,
         opt.output_argument(
             "OUT",
-            f"The result: .yaml or .pgm (a pgm pair), .png (a png pair), or .npz. {opt.OR_STDOUT}",
+            "The result: .yaml or .pgm (a pgm pair), .png (a png pair), or .npz; for a bag to "
+            "replay .mcap, .db3 (a folder of ROS 2) or .bag (ROS 1); with --all a folder. "
+            + opt.OR_STDOUT,
         ),
         TO_STDOUT,
     ],
+    topic: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TOPIC",
+            help="Of a bag: the topic that is read, if there are several, or written.  [default: "
+            "/map, of costs /costmap]",
+            show_default=False,
+        ),
+    ] = None,
+    index: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Of a bag that is read: which message, from 0 on, or from the last back, -1.  "
+            "[default: the last]",
+            show_default=False,
+        ),
+    ] = None,
+    takes_all: Annotated[
+        bool,
+        typer.Option("--all", help="Of a bag that is read: all messages, into a folder."),
+    ] = False,
+    read_as: Annotated[
+        Literal["map", "costs"] | None,
+        typer.Option(
+            help="Of a bag that is read: what an OccupancyGrid holds.  [default: costs if the "
+            "topic's name has costmap in it, else a map]",
+            show_default=False,
+        ),
+    ] = None,
+    frame_id: Annotated[
+        str | None,
+        typer.Option(
+            "--frame-id",
+            metavar="FRAME",
+            help="Of a bag that is written: the frame of its header.  [default: map]",
+            show_default=False,
+        ),
+    ] = None,
     encoding: Annotated[
         Scale | None,
         typer.Option(
@@ -87,7 +129,7 @@ def convert(
     *,
     settings: Settings,
 ) -> None:
-    """Write a grid in another format or on another scale."""
+    """Write a grid in another format or on another scale, out of a bag or into one."""
     layer = opt.given(
         lethal_threshold=lethal_threshold, trinary=trinary_costmap, track_unknown=track_unknown
     )
@@ -98,6 +140,18 @@ def convert(
         name = next(iter(layer))
         option = words.get(name, f"--{name.replace('_', '-')}")
         raise ParameterError("needs --static-layer", source=option)
+    of_bag = BagTopic(topic, index, read_as, frame_id)
+    if takes_all:
+        given = {"--mode": mode, "--static-layer": static_layer, "--image": settings.image}
+        for name, value in {**given, "--encoding": encoding == "amcl"}.items():
+            if value:
+                raise ParameterError("cannot be given together with --all", source=name)
+        scale = None if encoding == "amcl" else encoding
+        count = convert_all(
+            source, output, settings, encoding=scale, of_bag=of_bag, progress=terminal.counted
+        )
+        terminal.summary([f"{output}: {count} of {source}"])
+        return
     figures = convert_file(
         source,
         output,
@@ -105,6 +159,7 @@ def convert(
         encoding=encoding,
         mode=mode,
         static_layer=layer if static_layer else None,
+        of_bag=of_bag,
     )
     say_written(output, figures)
 

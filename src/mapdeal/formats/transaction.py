@@ -142,6 +142,10 @@ class Transaction:
 
         self.write(path, write)
 
+    def wait(self) -> None:
+        """Wait for the files whose writing has begun, so that what they are made of can go."""
+        self._finished()
+
     def remove_if_unchanged(self, path: Path, sha256: str) -> None:
         """Have a file go with the old ones, if it has just these contents and is no input.
 

@@ -71,6 +71,7 @@ class GridTopic:
         self._index: MessageIndex = bag.index(self._types)
         self._decoder = Decoder(bag)
         self._path = bag.path
+        self.files = bag.files
         self.topic = connections[0].topic
         self.is_costs = _is_of_costs(connections[0]) if read_as is None else read_as == "costs"
         if not len(self._index):

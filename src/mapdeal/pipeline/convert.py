@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from mapdeal.errors import ParameterError
+from mapdeal.formats.bags.names import BAG_OUTPUTS, bag_paths
+from mapdeal.formats.kinds import is_bag
 from mapdeal.formats.map_writer import in_trinary
 from mapdeal.formats.map_yaml import Mode
-from mapdeal.formats.maps import output_paths, write_grid
+from mapdeal.formats.maps import Source, output_paths, write_grid
 from mapdeal.formats.npz import Grid
+from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView
@@ -19,10 +23,33 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
 from mapdeal.pipeline.memory import claim_work
-from mapdeal.pipeline.settings import Settings
+from mapdeal.pipeline.progress import report_nothing
+from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.stages.esdf import field_view
 
 Scale = Literal["occupancy", "costmap2d", "amcl"]
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """Which topic of a bag is read or written.
+
+    Parameters
+    ----------
+    topic : str, optional
+        Its name. Not needed to read the only one that fits; written are /map and /costmap.
+    index : int, optional
+        Which of its messages is read, in the order of time; the last if not given.
+    read_as : {'map', 'costs'}, optional
+        What the values of an OccupancyGrid are that is read; see `GridTopic`.
+    frame : str, optional
+        The frame of what is written; map if not given.
+    """
+
+    topic: str | None = None
+    index: int | None = None
+    read_as: Literal["map", "costs"] | None = None
+    frame: str | None = None
 
 
 def convert_file(
@@ -33,6 +60,7 @@ def convert_file(
     encoding: Scale | None = None,
     mode: Mode | None = None,
     static_layer: Mapping[str, Any] | None = None,
+    of_bag: BagTopic = BagTopic(),
 ) -> Figures:
     """Read a grid and write it in another format; return its figures.
 
@@ -49,16 +77,26 @@ def convert_file(
         How values become pixels.
     static_layer : mapping, optional
         Parameters of `mapdeal.Costmap.from_static_layer`, which then turns a map into costs.
+    of_bag : BagTopic
+        Where the grid is in a bag, or is to be.
     """
-    outputs = output_paths(output)
+    writes_bag = output.suffix in BAG_OUTPUTS
+    outputs = bag_paths(output) if writes_bag else output_paths(output)
+    _check_words(of_bag, reads_bag=is_bag(path), writes_bag=writes_bag)
+    if writes_bag and mode is not None:
+        raise ParameterError("is for pixels, and not for bags", source="--mode", got=mode)
     if static_layer is not None and encoding != "costmap2d":
         raise ParameterError("needs --encoding costmap2d", place="--static-layer")
-    source = read_input(path, options)
+    source = _read_bag(path, of_bag, options) if is_bag(path) else read_input(path, options)
     with options.memory():
         claim_work(path, source.grid, _per_cell(source.grid, mode, drawn=options.image is not None))
     with outputs_of(outputs, source.files, options) as transaction:
         with errors_named(path):
             grid = _converted(source.grid, encoding, static_layer)
+        if writes_bag:
+            _write_bag(transaction, output, grid, of_bag)
+            add_picture(transaction, options, grid, path.stem)
+            return grid.figures()
         if isinstance(grid, DistanceField) and output.suffix != ".npz":
             grid, mode = field_view(grid), mode or "raw"
         if isinstance(grid, FieldView) and mode not in (None, "raw"):
@@ -75,6 +113,80 @@ def convert_file(
         write_grid(transaction, output, grid, mode=mode, encoding=pixels, extra=extra, more=more)
         add_picture(transaction, options, grid, path.stem)
     return grid.figures()
+
+
+def convert_all(
+    path: Path,
+    folder: Path,
+    options: Settings,
+    *,
+    encoding: Literal["occupancy", "costmap2d"] | None = None,
+    of_bag: BagTopic = BagTopic(),
+    progress: ProgressCallback = report_nothing,
+) -> int:
+    """Write all maps or costmaps of a topic into a folder: ``0000.yaml``, ``0001.yaml`` and so on.
+
+    Returns
+    -------
+    int
+        How many there are.
+
+    Raises
+    ------
+    MapdealError
+        If the bag cannot be read, or an output exists; nothing is changed then.
+    """
+    from mapdeal.pipeline.bag_grids import grid_topic  # not loaded for maps
+
+    _check_words(of_bag, reads_bag=is_bag(path), writes_bag=False)
+    if of_bag.index is not None:
+        raise ParameterError("cannot be given together with --all", source="--index")
+    with options.memory(), grid_topic(path, of_bag.topic, read_as=of_bag.read_as) as topic:
+        digits = max(4, len(str(len(topic) - 1)))
+        names = [folder / f"{number:0{digits}}.yaml" for number in range(len(topic))]
+        outputs = [one for name in names for one in output_paths(name)]
+        with (
+            outputs_of(outputs, topic.files, options) as transaction,
+            progress(len(topic)) as advance,
+        ):
+            for number, name in enumerate(names):
+                grid = _converted(topic.read(number).grid, encoding, None)
+                write_grid(transaction, name, grid, encoding=encoding or "occupancy")
+                transaction.wait()
+                advance(1)
+        return len(topic)
+
+
+def _check_words(given: BagTopic, *, reads_bag: bool, writes_bag: bool) -> None:
+    """Refuse options of bags where there are none."""
+    if not reads_bag:
+        for name, value in (("--index", given.index), ("--read-as", given.read_as)):
+            if value is not None:
+                raise ParameterError("is for bags that are read", source=name)
+    if given.frame is not None and not writes_bag:
+        raise ParameterError("is for bags that are written", source="--frame-id")
+    if given.topic is not None and not (reads_bag or writes_bag):
+        raise ParameterError("is for bags", source="--topic")
+
+
+def _read_bag(path: Path, given: BagTopic, options: Settings) -> Source:
+    """Return a map or costmap of a bag."""
+    from mapdeal.pipeline.bag_grids import grid_topic  # not loaded for maps
+
+    with options.memory(), grid_topic(path, given.topic, read_as=given.read_as) as topic:
+        return Source(topic.read(-1 if given.index is None else given.index).grid, topic.files)
+
+
+def _write_bag(transaction: Transaction, output: Path, grid: Grid, given: BagTopic) -> None:
+    from mapdeal.formats.bags.write import FRAME, write_bag
+
+    if isinstance(grid, FieldView):
+        grid = grid.as_map()
+    if not isinstance(grid, (OccupancyGrid, Costmap)):
+        rule = f"a {grid.kind} has no message in ROS"
+        hint = "mapdeal cost makes costs of it, which have"
+        raise ParameterError(rule, source=output, hint=hint)
+    write_bag(transaction, output, grid, topic=given.topic, frame=given.frame or FRAME)
 
 
 def _per_cell(grid: Grid, mode: Mode | None, *, drawn: bool) -> float:
