@@ -347,4 +347,4 @@ def test_folders_have_as_many_digits_as_the_last_number(tmp_path, monkeypatch, c
     (tmp_path / "poses.txt").write_text("0 0 0\n" * clouds)
     jobs = sequence_of(names, tmp_path / "poses.txt", tmp_path / "o")
     assert [job.folder.name for job in jobs] == [f"{k:0{digits}}" for k in range(clouds)]
-    assert [job.cloud.stem for job in jobs] == [str(k) for k in range(clouds)]
+    assert [job.cloud.path.stem for job in jobs] == [str(k) for k in range(clouds)]

@@ -13,6 +13,7 @@ from mapdeal.cli import options as opt
 from mapdeal.errors import ParameterError
 
 if TYPE_CHECKING:
+    from mapdeal.pipeline.bag_clouds import BagClouds
     from mapdeal.pipeline.bag_frames import FrameOptions
     from mapdeal.pipeline.bag_scans import BagScans
 
@@ -87,6 +88,15 @@ class BagWords:
             x, y, yaw = opt.numbers(self.mount, 3, "X,Y,YAW", "--mount")
             mount = x, y, yaw
         return FrameOptions(self.fixed_frame, self.base_frame, poses, self.odometry, mount)
+
+    def clouds(
+        self, path: Path, poses: Path | None, *, has_poses: bool, is_raw: bool
+    ) -> AbstractContextManager[BagClouds]:
+        """Open the clouds of a bag."""
+        from mapdeal.pipeline.bag_clouds import clouds_of_bag
+
+        frames = self.frames(poses)
+        return clouds_of_bag(path, self.topics or [], frames, has_poses=has_poses, is_raw=is_raw)
 
     def scans(self, path: Path, poses: Path | None) -> AbstractContextManager[BagScans]:
         """Open the laser scans of a bag."""

@@ -8,15 +8,18 @@ from typing import Annotated, Any
 
 import typer
 
+from mapdeal.cli import bag_options as bag_opt
 from mapdeal.cli import options as opt
 from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
 from mapdeal.cli.run_batch import lines_of_local
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import BatchError, MapdealError, ParameterError
+from mapdeal.formats.kinds import is_bag
+from mapdeal.formats.poses import has_times
 from mapdeal.grid.footprint import Footprint
 from mapdeal.mapping.local_options import CloudFrame, LocalOptions, Unknown
-from mapdeal.mapping.poses import check_pose
+from mapdeal.mapping.poses import Pose, check_pose
 from mapdeal.pipeline.applied import LOCAL_RECIPE, RunReport
 from mapdeal.pipeline.batch import run_all
 from mapdeal.pipeline.jobs import SUMMARY, Job, Outcome
@@ -29,6 +32,7 @@ from mapdeal.pipeline.local import (
     other_folders,
     read_global_map,
     sequence_of,
+    sequence_of_bag,
 )
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.rolling import RollingRun
@@ -57,18 +61,40 @@ def local(
         typer.Option(
             "--cloud",
             metavar="FILE",
-            help="A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz. With --poses it can be "
-            "repeated, or a folder, or a quoted pattern. Without it the window of --map is taken.",
+            help="A cloud: .pcd, .ply, .xyz, .txt, .csv, .asc, .npy, .npz, or a bag of ROS 1 or "
+            "ROS 2. With --poses it can be repeated, or a folder, or a quoted pattern. Without it "
+            "the window of --map is taken.",
         ),
     ] = None,
     pose: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,YAW", help="Where the robot stands, metres and radians."),
+        typer.Option(
+            metavar="X,Y,YAW",
+            help="Where the robot stands, metres and radians.  [default: by a bag's transforms]",
+            show_default=False,
+        ),
     ] = None,
     poses: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="A pose for each cloud, a line each: x y yaw, or TUM's."),
     ] = None,
+    topics: bag_opt.Topics = None,
+    index: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="With a bag: which message, from 0 on, or from the last back, -1.  [default: the "
+            "last]",
+            show_default=False,
+        ),
+    ] = None,
+    takes_all: Annotated[
+        bool, typer.Option("--all", help="With a bag: a map of each message, as of a sequence.")
+    ] = False,
+    fixed_frame: bag_opt.FixedFrame = None,
+    base_frame: bag_opt.BaseFrame = None,
+    odometry: bag_opt.Odometry = None,
+    mount: bag_opt.Mount = None,
     frame: Annotated[
         CloudFrame,
         typer.Option(help="What the points' coordinates are: the robot's, or the map's already."),
@@ -113,7 +139,8 @@ def local(
         str | None,
         typer.Option(
             metavar="N|all",
-            help="With --poses: clouds to remember. Their obstacles stay until a beam passes them.",
+            help="With --poses, or a bag: clouds to remember. Their obstacles stay until a beam "
+            "passes them.",
         ),
     ] = None,
     require_points: Annotated[
@@ -129,12 +156,23 @@ def local(
 ) -> None:
     """Make maps around a robot from point clouds, a global map, or both.
 
+    Of a bag the last cloud is taken, or with --all each; points are brought to the robot's frame.
+
     Cells with a point are occupied, others free; with --map, those that neither the map nor a
     beam has seen stay unknown. Then come the stages of the recipe: inflation, field, rings of
     costs. A sequence, given by --poses, gets a numbered folder for each cloud; one whose manifest
     shows that nothing has changed is skipped.
     """
-    if pose is None and poses is None:
+    bag = Path(clouds[0]) if clouds and len(clouds) == 1 and is_bag(Path(clouds[0])) else None
+    of_bag = bag_opt.BagWords(topics, fixed_frame, base_frame, odometry, mount)
+    if bag is None:
+        of_bag.refuse("needs a bag for --cloud")
+        for name, value in (("--index", index), ("--all", takes_all or None)):
+            if value is not None:
+                raise ParameterError("needs a bag for --cloud", source=name)
+    elif index is not None and (takes_all or poses is not None or keep is not None):
+        raise ParameterError("is for one cloud, and not for a sequence", source="--index")
+    if pose is None and poses is None and bag is None:
         raise ParameterError("--pose or --poses must be given", source="--pose")
     if pose is not None and poses is not None:
         raise ParameterError("cannot be given together with --poses", source="--pose")
@@ -153,7 +191,10 @@ def local(
                 "--require-points": require_points or None,
             },
         )
-    kept = _number_of_clouds(keep, has_poses=poses is not None)
+    is_sequence = poses is not None or (bag is not None and (takes_all or keep is not None))
+    if is_sequence and pose is not None:
+        raise ParameterError("is for one cloud, and not for a sequence", source="--pose")
+    kept = _number_of_clouds(keep, is_sequence=is_sequence)
     if unknown == "keep" and global_map is None and kept is None:
         terminal.warn(
             "--unknown keep has no effect without --map or --keep: cells without points are free"
@@ -182,12 +223,34 @@ def local(
     )
     for one in common.recipe.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
-    if poses is None:
-        place = check_pose(opt.numbers(pose or "", 3, "X,Y,YAW", "--pose"), "--pose")
+    if bag is not None:
+        trajectory = poses if poses is not None and has_times(poses) else None
+        with of_bag.clouds(
+            bag,
+            trajectory,
+            has_poses=pose is not None or (poses is not None and trajectory is None),
+            is_raw=frame == "map",
+        ) as source:
+            with terminal.counted(source.preparation) as advance:
+                source.prepare(advance)
+            if is_sequence:
+                sequence = sequence_of_bag(source, None if trajectory else poses, output)
+                _run_sequence(sequence, output, common)
+                return
+            number = source.number(index)
+            place = source.pose(number) if pose is None else _pose(pose)
+            job = LocalJob(source.cloud(number), place, output)
+            terminal.summary(lines_of_local(job.source(common), make_local(job, common)))
+    elif poses is None:
+        place = _pose(pose or "")
         job = LocalJob(only_cloud(clouds) if clouds else None, place, output)
         terminal.summary(lines_of_local(job.source(common), make_local(job, common)))
     else:
-        _run_sequence(clouds or [], poses, output, common)
+        _run_sequence(sequence_of(clouds or [], poses, output), output, common)
+
+
+def _pose(text: str) -> Pose:
+    return check_pose(opt.numbers(text, 3, "X,Y,YAW", "--pose"), "--pose")
 
 
 def _check_window_of_map(global_map: Path | None, given: dict[str, object]) -> None:
@@ -199,11 +262,11 @@ def _check_window_of_map(global_map: Path | None, given: dict[str, object]) -> N
             raise ParameterError("is for clouds: it needs --cloud", source=name)
 
 
-def _number_of_clouds(text: str | None, *, has_poses: bool) -> Keep | None:
+def _number_of_clouds(text: str | None, *, is_sequence: bool) -> Keep | None:
     """Return what --keep says."""
     if text is None:
         return None
-    if not has_poses:
+    if not is_sequence:
         raise ParameterError("is for a sequence: it needs --poses", source="--keep")
     if text == "all":
         return "all"
@@ -213,10 +276,7 @@ def _number_of_clouds(text: str | None, *, has_poses: bool) -> Keep | None:
     return int(text)
 
 
-def _run_sequence(
-    clouds: list[str], poses_file: Path, output: Path, common: LocalCommon
-) -> None:  # fmt: skip
-    sequence = sequence_of(clouds, poses_file, output)
+def _run_sequence(sequence: list[LocalJob], output: Path, common: LocalCommon) -> None:
     numbers = {job.folder: number for number, job in enumerate(sequence)}
     rolling = None if common.keep is None else RollingRun(sequence, common)
     started = time.perf_counter()
@@ -242,7 +302,7 @@ def _run_sequence(
             bar.advance(failed=outcome.status == "failed")
 
         jobs = [
-            Job(cloud, job.folder, cloud.name, job.folder.name)
+            Job(cloud.path, job.folder, cloud.name, job.folder.name)
             for job in sequence
             if (cloud := job.cloud) is not None
         ]

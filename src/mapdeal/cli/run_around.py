@@ -115,7 +115,7 @@ def around_of(
             prefix="--local-",
         ),
         LocalOptions(frame or "robot", **options),
-        None if cloud is None else only_cloud([cloud]),
+        None if cloud is None else only_cloud([cloud]).path,
         takes_cells=cloud is None and "resolution" not in options,
     )
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, emit_warning
+from mapdeal.errors import MalformedInputError, MapdealError, emit_warning
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.kinds import NUMBERS, POSES, recognised
 from mapdeal.formats.source import LARGEST_FILE, LONGEST_STREAM, chunks_of, is_regular
@@ -73,6 +74,14 @@ def read_poses(path: Path | str) -> Poses:
     path = Path(path)
     with recognised(path, "a file of poses", POSES, NUMBERS):
         return _poses_in(path)
+
+
+def has_times(path: Path) -> bool:
+    """Return whether a file has poses with times; one that cannot be read has none."""
+    with suppress(MapdealError, OSError), path.open("rb") as file:
+        _, _, line = first_line(file)
+        return len(line.split(delimiter_of(line))) == _TUM
+    return False
 
 
 class Trajectory(NamedTuple):

@@ -11,6 +11,7 @@ from mapdeal.formats.source import sha256_of
 from mapdeal.mapping.local_options import LocalOptions
 from mapdeal.mapping.poses import Pose
 from mapdeal.pipeline.applied import around_in
+from mapdeal.pipeline.clouds import FileCloud
 from mapdeal.pipeline.folder import Filling, OutputFolder
 from mapdeal.pipeline.local import (
     GlobalMap,
@@ -69,8 +70,9 @@ class Around:
         grid = as_occupancy(source.grid, str(source.files[0]))
         known = GlobalMap(grid, source.files, dict(source.sums), heard)
         common = self._common(settings, known.grid.resolution, known)
+        cloud = None if self.cloud is None else FileCloud(self.cloud)
         with holding_map(None if known.grid.is_lazy else known):
-            return local_filling(LocalJob(self.cloud, self.pose, around_in(folder)), common)
+            return local_filling(LocalJob(cloud, self.pose, around_in(folder)), common)
 
     def folder(
         self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings

@@ -21,7 +21,6 @@ from mapdeal.formats.bags.messages import (
 )
 from mapdeal.formats.bags.reader import chosen_connections
 from mapdeal.formats.poses import read_trajectory
-from mapdeal.grid.coordinates import Point
 from mapdeal.kernels.rotations import from_yaw
 from mapdeal.mapping.transforms import Posed, TransformTree
 
@@ -119,12 +118,7 @@ class SensorFrames:
             If a choice had to be made, or transforms mean nothing.
         """
         sensors = sorted(set(sensors))
-        static = {one.id for one in self._static}
-        for place in self._index:
-            message = self._decoder.message(place)
-            for one in transforms_of(message):
-                self._add(one, is_static=place.connection in static)
-            advance(1)
+        self._read_all(advance)
         if self._options.poses is not None:
             self._take_poses(self._options.poses, sensors)
         else:
@@ -135,6 +129,19 @@ class SensorFrames:
         for child, (chosen, *others) in sorted(self._tree.several_parents.items())[:_SEVERAL]:
             text = f"frame {child} has several parents: {chosen}, which comes most often, is taken"
             self._bag.remark(f"{text}, and not {', '.join(others)}")
+
+    def read_alone(self, sensor: str, advance: Callable[[int], object]) -> None:
+        """Read all transforms, where only the place of a sensor on the robot is asked for."""
+        self._read_all(advance)
+        self._take_mount([sensor])
+
+    def leads(self, base: str, frame: str) -> bool:
+        """Return whether transforms lead from one frame to another."""
+        return self._tree.leads(base, frame)
+
+    def between(self, base: str, frame: str, times: NDArray[np.int64]) -> Posed:
+        """Return where a frame was in another one."""
+        return self._tree.lookup(base, frame, times)
 
     def at(self, frame: str, times: NDArray[np.int64]) -> Posed:
         """Return where a frame was in the fixed one."""
@@ -152,6 +159,14 @@ class SensorFrames:
         named = self._options.base_frame
         names = BASE_FRAMES if named is None else (named.lstrip("/"),)
         return next((name for name in names if name in self._tree.frames), None)
+
+    def _read_all(self, advance: Callable[[int], object]) -> None:
+        static = {one.id for one in self._static}
+        for place in self._index:
+            message = self._decoder.message(place)
+            for one in transforms_of(message):
+                self._add(one, is_static=place.connection in static)
+            advance(1)
 
     def _add(self, one: Stamped, *, is_static: bool) -> None:
         self._tree.add(
@@ -254,9 +269,3 @@ def _of_tf(bag: Bag) -> tuple[list[Connection], list[Connection]]:
     ours = plain or ours
     static = [one for one in ours if one.topic.endswith(_STATIC)]
     return [one for one in ours if one not in static], static
-
-
-def offset_of(posed: Posed) -> Point:
-    """Return x and y of the only pose."""
-    x, y = posed.translations[0, :2].tolist()
-    return x, y

@@ -6,10 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Literal
 
 from mapdeal.errors import (
     FileAccessError,
@@ -18,17 +15,13 @@ from mapdeal.errors import (
     emit_warning,
 )
 from mapdeal.formats.budget import holding
-from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES, cloud_chunks
-from mapdeal.formats.file_state import FileState
+from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES
 from mapdeal.formats.listing import list_files, numbered_folders
 from mapdeal.formats.maps import as_occupancy, open_map
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.source import (
-    check_state,
     is_same_file,
     real_path,
-    sha256_of,
-    state_of,
     sums_of_reads,
 )
 from mapdeal.grid.coordinates import cells_to_cover
@@ -42,6 +35,7 @@ from mapdeal.mapping.local_map import LocalMap, LocalMapper, local_map
 from mapdeal.mapping.local_options import LocalOptions
 from mapdeal.mapping.poses import Pose
 from mapdeal.pipeline.applied import RunReport, products_of
+from mapdeal.pipeline.clouds import Cloud, FileCloud
 from mapdeal.pipeline.files import errors_named
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product, fill_together
 from mapdeal.pipeline.heard import heard
@@ -51,6 +45,9 @@ from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.stages.definition import Stage
+
+if TYPE_CHECKING:  # only bags need what it imports
+    from mapdeal.pipeline.bag_clouds import BagClouds
 
 _DIGITS = 4
 
@@ -118,7 +115,7 @@ class LocalJob:
 
     Parameters
     ----------
-    cloud : Path, optional
+    cloud : Cloud, optional
         Its cloud; without one it is a window of the global map.
     pose : tuple of float
         x, y (metres) and yaw (radians) of the robot in the map frame.
@@ -126,14 +123,14 @@ class LocalJob:
         Where outputs go.
     """
 
-    cloud: Path | None
+    cloud: Cloud | None
     pose: Sequence[float]
     folder: Path
 
     def source(self, common: LocalCommon) -> Path:
         """Return the file that messages and pictures name: the cloud, or the global map."""
         if self.cloud is not None:
-            return self.cloud
+            return self.cloud.path
         if common.global_map is None:
             raise ParameterError("a cloud or a global map must be given", place="cloud")
         return common.global_map.files[0]
@@ -219,22 +216,15 @@ def local_filling(job: LocalJob, common: LocalCommon) -> Filling:
     )
     if job.cloud is None:
         return filling_of(job, mapper.pose, {}, common, mapper.result)
-    cloud, state = job.cloud, state_of(job.cloud)  # of what its sum is of, and then its points
+    summed = job.cloud.summed()
 
     def made() -> LocalMap:
-        with errors_named(cloud):
-            for points in points_of(cloud, state):
+        with errors_named(summed.cloud.path):
+            for points in summed.points():
                 mapper.add(points)
         return mapper.result()
 
-    return filling_of(job, mapper.pose, {cloud.name: sha256_of(cloud)}, common, made)
-
-
-def points_of(cloud: Path, state: FileState) -> Iterator[NDArray[np.float64]]:
-    """Yield the points of a cloud, some at a time; an error names it, also if it was replaced."""
-    with errors_named(cloud):
-        yield from cloud_chunks(cloud)
-    check_state(cloud, state)
+    return filling_of(job, mapper.pose, summed.sums, common, made, summed.options)
 
 
 def filling_of(
@@ -252,10 +242,12 @@ def filling_of(
     known = common.global_map
     named = {**sums, **(known.sums if known is not None else {})}
     folder = local_folder(job.folder, pose, named, common, options, has_map=known is not None)
-    clouds = () if job.cloud is None else (job.cloud,)
+    clouds = () if job.cloud is None else job.cloud.files
     files = (*clouds, *(known.files if known is not None else ()))
     products = _products(folder.steps[0], job, make, common)
-    subject = job.folder if job.cloud is None else job.cloud  # not the map, which is another one's
+    subject = (
+        job.folder if job.cloud is None else job.cloud.path
+    )  # not the map, which is another one's
     return Filling(
         folder, products, job.source(common).stem, (*files, *common.recipe.files), subject,
         PoseOverlay(pose),
@@ -307,7 +299,7 @@ def _products(
 ) -> Iterator[Product]:
     made, known, source = make(), common.global_map, job.source(common)
     if job.cloud is not None:
-        _check_points(made, job.cloud, required=common.require_points)
+        _check_points(made, job.cloud.path, required=common.require_points)
     if known is not None and not frames_overlap(made.grid.frame, known.grid.frame):
         x, y = made.pose[:2]
         text = f"{known.files[0]}: the map does not reach into the window around {x:.10g}, {y:.10g}"
@@ -392,11 +384,7 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Lo
     if len(poses) != len(clouds):
         rule = f"must have a pose for each of {len(clouds)} clouds"
         raise MalformedInputError(rule, source=poses_file, got=len(poses))
-    digits = max(_DIGITS, len(str(len(clouds) - 1)))
-    jobs = [
-        LocalJob(cloud, (x, y, yaw), output / f"{k:0{digits}}")
-        for k, (cloud, (x, y, yaw)) in enumerate(zip(clouds, poses.tolist(), strict=True))
-    ]
+    jobs = numbered_jobs(list(map(FileCloud, clouds)), poses.tolist(), output)
     places = {real_path(output), *(real_path(job.folder) for job in jobs)}
     for path in (poses_file, *clouds):
         if real_path(path).parent in places:
@@ -405,12 +393,56 @@ def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[Lo
     return jobs
 
 
+def numbered_jobs(
+    clouds: Sequence[Cloud], poses: Sequence[Sequence[float]], output: Path
+) -> list[LocalJob]:
+    """Return the jobs of clouds with their poses, in folders ``0000``, ``0001`` and so on."""
+    digits = max(_DIGITS, len(str(len(clouds) - 1)))
+    return [
+        LocalJob(cloud, tuple(pose), output / f"{k:0{digits}}")
+        for k, (cloud, pose) in enumerate(zip(clouds, poses, strict=True))
+    ]
+
+
+def sequence_of_bag(source: BagClouds, poses_file: Path | None, output: Path) -> list[LocalJob]:
+    """Return the jobs of all clouds of a bag of which it is known where the robot was.
+
+    Parameters
+    ----------
+    source : BagClouds
+        The clouds.
+    poses_file : Path, optional
+        A pose a line, in the order of the clouds; by transforms if not given.
+    output : Path
+        Where the folders go: ``0000``, ``0001``, ...
+
+    Raises
+    ------
+    MapdealError
+        If the poses cannot be read, there is not one for each cloud, or none is known.
+    """
+    numbers = range(len(source))
+    if poses_file is None:
+        poses = source.poses(numbers)
+    else:
+        poses = [(x, y, yaw) for x, y, yaw in read_poses(poses_file).tolist()]
+        if len(poses) != len(source):
+            rule = f"must have a pose for each of {len(source)} clouds"
+            raise MalformedInputError(rule, source=poses_file, got=len(poses))
+    known = [(source.cloud(k), pose) for k, pose in zip(numbers, poses, strict=True)
+             if pose is not None]  # fmt: skip
+    if not known:
+        raise MalformedInputError("of no cloud it is known where the robot was",
+                                  source=source.bag.path)  # fmt: skip
+    return numbered_jobs([cloud for cloud, _ in known], [pose for _, pose in known], output)
+
+
 def _clouds_of(names: Sequence[str]) -> list[Path]:
     # beside clouds there often lie texts that are none, such as their poses
     return list_files(names, CLOUD_SUFFIXES, not_in_folders=(".txt",))
 
 
-def only_cloud(names: Sequence[str]) -> Path:
+def only_cloud(names: Sequence[str]) -> FileCloud:
     """Return the one cloud that names stand for.
 
     Raises
@@ -423,4 +455,4 @@ def only_cloud(names: Sequence[str]) -> Path:
         rule = f"is for one cloud, there are {len(clouds)}"
         hint = "--poses FILE takes a pose for each"
         raise ParameterError(rule, source="--pose", hint=hint)
-    return clouds[0]
+    return FileCloud(clouds[0])

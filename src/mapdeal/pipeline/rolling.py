@@ -8,12 +8,11 @@ from pathlib import Path
 
 from mapdeal.errors import MapdealError, ParameterError, emit_warning
 from mapdeal.formats.budget import claim
-from mapdeal.formats.file_state import FileState
 from mapdeal.formats.json_text import json_of
-from mapdeal.formats.source import sha256_of, state_of
 from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.rolling_map import RollingMapper
 from mapdeal.pipeline.applied import RunReport
+from mapdeal.pipeline.clouds import SummedCloud
 from mapdeal.pipeline.files import errors_named
 from mapdeal.pipeline.local import (
     LocalCommon,
@@ -22,7 +21,6 @@ from mapdeal.pipeline.local import (
     filled,
     filling_of,
     holding_map,
-    points_of,
 )
 
 _PER_CELL = 10
@@ -72,7 +70,7 @@ class RollingRun:
                 what=f"{most.width} x {most.height} cells to remember",
                 hint="a smaller --keep takes less",
             )
-        self._states: list[tuple[str, FileState] | None] = []
+        self._summed: list[SummedCloud | None] = []
 
     def __call__(self, index: int) -> RunReport:
         """Make the map of a cloud; each is asked for after those before it, once.
@@ -82,22 +80,23 @@ class RollingRun:
         MapdealError
             If the cloud cannot be read, or its outputs exist. The maps after it do without it.
         """
-        job, cloud = self._jobs[index], self._cloud(index)
-        self._states.append(None)  # unless it can be read
-        state = state_of(cloud)
-        sum_ = sha256_of(cloud)
+        job = self._jobs[index]
+        self._summed.append(None)  # unless it can be read
+        if job.cloud is None:
+            raise ParameterError("must be given", place="cloud")
+        summed = job.cloud.summed()
         first = 0 if self._keep is None else max(0, index + 1 - self._keep)
-        before = self._states[first:index]
+        before = self._summed[first:index]
         missing = sum(one is None for one in before)
         filling = filling_of(
             job,
             self._mapper.poses[index],
-            {cloud.name: sum_},
+            summed.sums,
             self._common,
             lambda: self._made(index, missing),
-            {"clouds_before": self._sum_before(first, index)},
+            {"clouds_before": self._sum_before(first, index), **summed.options},
         )
-        self._states[index] = sum_, state
+        self._summed[index] = summed
         return filled(filling, self._common.settings, skip=True)
 
     def _cloud(self, index: int) -> Path:
@@ -106,9 +105,9 @@ class RollingRun:
     def _sum_before(self, first: int, index: int) -> str:
         """Return one checksum of the earlier clouds of a map, and of their poses."""
         parts = [
-            [None if state is None else state[0], *pose]
-            for state, pose in zip(
-                self._states[first:index], self._mapper.poses[first:index], strict=True
+            [*([None] if one is None else one.identity), *pose]
+            for one, pose in zip(
+                self._summed[first:index], self._mapper.poses[first:index], strict=True
             )
         ]
         return sha256(json_of(parts)).hexdigest()
@@ -126,20 +125,20 @@ class RollingRun:
         """Add the cloud whose turn it is, if the map of a later one needs it."""
         turn = self._mapper.turn
         forgotten = self._keep is not None and turn + self._keep <= index
-        if forgotten or self._states[turn] is None:
+        if forgotten or self._summed[turn] is None:
             self._mapper.skip()
         else:
             self._add(turn)
 
     def _add(self, turn: int) -> None:
         """Add a cloud; one that cannot be read is left out of the maps after it."""
-        known = self._states[turn]
+        known = self._summed[turn]
         if known is None:
             raise ParameterError("was not read", source=self._cloud(turn))
         try:
             with errors_named(self._cloud(turn)):
-                self._mapper.add_in_parts(points_of(self._cloud(turn), known[1]))
+                self._mapper.add_in_parts(known.points())
         except MapdealError:
-            self._states[turn] = None
+            self._summed[turn] = None
             self._mapper.skip()
             raise

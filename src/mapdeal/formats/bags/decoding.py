@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -66,6 +67,33 @@ class Decoder:
             one = self._connections[place.connection]
             rule = f"a message at {place.time} ns is no {one.type}: {error or type(error).__name__}"
             raise self._bag.malformed(rule, one.topic) from None
+
+    def header(self, place: Place) -> tuple[int, str]:
+        """Return time (nanoseconds) and frame of the header of the message at a place.
+
+        The rest of the message is not decoded.
+
+        Raises
+        ------
+        MalformedInputError
+            If there is none.
+        """
+        data = self._bag.data(place)
+        if self._connections[place.connection].encoding == "ros1":
+            order, start = "<", 4  # behind the number
+        else:
+            order, start = ("<" if data[1:2] == b"\x01" else ">"), 4  # behind the byte order
+        try:
+            seconds, nanoseconds, length = struct.unpack_from(f"{order}III", data, start)
+            frame = data[start + 12 : start + 12 + length]
+            if len(frame) < length:
+                raise ValueError
+            text = frame.rstrip(b"\0").decode()
+        except (struct.error, ValueError):
+            topic = self._connections[place.connection].topic
+            rule = f"a message at {place.time} ns has no header"
+            raise self._bag.malformed(rule, topic) from None
+        return seconds * 10**9 + nanoseconds, text.lstrip("/")
 
     def _reader_of(self, connection: Connection) -> Callable[[bytes], Any]:
         store, name = self._store_of(connection), connection.type
