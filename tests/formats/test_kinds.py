@@ -71,11 +71,11 @@ FILES = {
     "scans.log.gz": (gzip.compress(b"# log\n" + 2 * FLASER), "laser scans", "CARMEN", {"scans": 2},
                      "mapdeal build"),
     "scans.clf": (2 * FLASER, "laser scans", "CARMEN", {"scans": 2}, "mapdeal build"),
-    "a.bag": (b"#ROSBAG V2.0\n\x45\0\0\0", "bag", "ROS 1", {"bytes": 17}, "rosbag play"),
-    "a.mcap": (b"\x89MCAP0\r\n\x01", "bag", "MCAP", {"bytes": 9}, "ros2 bag play"),
-    "a.db3": (b"SQLite format 3\0\x10\0", "bag", "ROS 2", {"bytes": 18}, "ros2 bag play"),
+    "a.bag": (b"#ROSBAG V2.0\n\x45\0\0\0", "bag", "ROS 1", {"bytes": 17}, "mapdeal info"),
+    "a.mcap": (b"\x89MCAP0\r\n\x01", "bag", "MCAP", {"bytes": 9}, "mapdeal info"),
+    "a.db3": (b"SQLite format 3\0\x10\0", "bag", "ROS 2", {"bytes": 18}, "mapdeal info"),
     "metadata.yaml": (b"rosbag2_bagfile_information:\n  version: 5\n", "bag", "ROS 2", {},
-                      "ros2 bag play"),
+                      "mapdeal info"),
     "r.yaml": (b"stages:\n  - inflate: {radius: 1}\n  - esdf\n", "recipe", "recipe",
                {"stages": "inflate, esdf"}, "--recipe"),
     "s.yaml": (b"shapes:\n- {type: circle, center: [0, 0], radius: 1}\n", "shapes", "YAML",
@@ -176,6 +176,9 @@ def test_a_folder_with_a_bag_and_one_of_a_batch(here):
     assert kind_of(here / "of metadata.yaml").what == "a folder with a ROS 2 bag"
     assert kind_of(here / "of summary.json").figures()["maps"] == 3
     assert kind_of(here) is None
+    (here / "killed").mkdir()
+    (here / "a.db3").rename(here / "killed" / "a.db3")
+    assert kind_of(here / "killed").what == "a folder with a ROS 2 bag, without its metadata"
 
 
 def test_only_errors_about_the_file_itself_are_changed(here):
@@ -255,8 +258,13 @@ def test_lint_finds_what_a_folder_is(command, here):
     assert "bag: error: run.no-manifest: is a folder with a ROS 2 bag, not a folder of maps" in out
 
 
+ROBOTS = ("nav2.yaml", "ros1.yaml")
+"""Of these, and of bags, info tells more."""
+
+
 @pytest.mark.parametrize(
-    "name", [n for n in FILES if not n.endswith(".pgm") and n not in ("nav2.yaml", "ros1.yaml")]
+    "name",
+    [n for n in FILES if not n.endswith(".pgm") and n not in ROBOTS and FILES[n][1] != "bag"],
 )
 def test_info_tells_of_files_that_are_no_maps(command, here, name):
     _, kind, what, figures, use = FILES[name]

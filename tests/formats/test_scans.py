@@ -47,7 +47,7 @@ def read(tmp_path):
         path = tmp_path / name
         path.write_bytes(gzip.compress(data) if packed else data)
         log = open_log(path, max_bad=max_bad)
-        parts = [[array.tolist() for array in part] for part in log.scans()]
+        parts = [[array.tolist() for array in part[:3]] for part in log.scans()]
         log.warn()
         return parts
 
@@ -310,7 +310,7 @@ def test_an_npz_of_scans(tmp_path, order):
     assert source.count == 2
     for _ in range(2):  # it can be read again
         (part,) = source.scans()
-        assert [array.tolist() for array in part] == [a.tolist() for a in SCANS.values()]
+        assert [array.tolist() for array in part[:3]] == [a.tolist() for a in SCANS.values()]
 
 
 @pytest.mark.parametrize(

@@ -47,6 +47,7 @@ _MOST_OF_A_POINT = 16
 
 _METADATA = "metadata.yaml"
 _ZSTD, _OF_BAGS = b"\x28\xb5\x2f\xfd", (".mcap", ".db3")
+_BESIDE_BAGS = (".zstd", ".db3-wal", ".db3-shm", ".txt")
 _MAP_SUFFIXES = (".yaml", ".yml", ".npz", ".pbm")
 _UNKNOWN = "is not a kind of file that mapdeal knows"
 _MAPS_ARE = "a map is a map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's"
@@ -177,7 +178,8 @@ def _kind_of_folder(path: Path) -> FileKind | None:
     if exists(path / "summary.json"):
         return _kind_of_json(path / "summary.json", b"{")
     with suppress(OSError):
-        if any(one.suffix in _OF_BAGS for one in path.iterdir()):
+        suffixes = {one.suffix.lower() for one in path.iterdir()}
+        if suffixes & set(_OF_BAGS) and suffixes <= {*_OF_BAGS, *_BESIDE_BAGS}:
             return FileKind(BAG, "a folder with a ROS 2 bag, without its metadata", _BAG_USE)
     return None
 

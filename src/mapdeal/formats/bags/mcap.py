@@ -173,6 +173,8 @@ class McapBag(Bag):
             self.remark("ends too early, behind its messages; all of them are read")
         else:
             self.remark("ends too early; what is whole before that is read")
+            if self._chunks:  # of whose index records some may be missing
+                self._chunks[-1].is_indexed = False
 
     def _take(self, opcode: int, position: int, length: int) -> None:
         """Take in the record at a position, behind which the file stands."""

@@ -155,6 +155,8 @@ class Ros1Bag(Bag):
                 position = self._walk_record(position)
             except _CutError as error:
                 self.remark(f"ends too early ({error}); what is whole before that is read")
+                if self._chunks:  # of whose index records some may be missing
+                    self._chunks[-1].entries.clear()
                 return
         if not self._has_summary and self._chunks:
             self.remark("has no index, as a recorder leaves it that was killed; it is read all")
