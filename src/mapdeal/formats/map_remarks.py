@@ -250,10 +250,10 @@ def remark_on_lost(count: int) -> str:
     return f"{count} pixels of mode raw hold 101..254, read as unknown"
 
 
-def warn_of_nothing_known(path: Path, occupancy: Layer) -> None:
+def warn_of_nothing_known(path: Path, occupancy: Layer, *, has_pixels: bool = True) -> None:
     """Warn of a map without any known cell; of a lazy one, rows are looked at up to the first."""
     if holds_everywhere(occupancy, lambda values: values < 0):
-        _warn(path, NOTHING_KNOWN, "map.all-unknown")
+        _warn(path, NOTHING_KNOWN if has_pixels else "every cell is unknown", "map.all-unknown")
 
 
 def warn_of_one_cost(path: Path, costmap: Costmap) -> None:

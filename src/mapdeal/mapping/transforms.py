@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 _NAMED = 12
+_SLACK = 1000
+"""Nanoseconds: times that came through a float64 of seconds are off by a quarter of that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,14 +102,14 @@ class _Samples:
             numbers = np.broadcast_to(np.array(self._numbers[-7:]), (len(times), 7))
             return numbers[:, :3], numbers[:, 3:], np.ones(len(times), dtype=np.bool_)
         known_times, numbers = self.in_time()
-        known = (times >= known_times[0]) & (times <= known_times[-1])
+        known = (times >= known_times[0] - _SLACK) & (times <= known_times[-1] + _SLACK)
         after = np.clip(np.searchsorted(known_times, times), 0, len(known_times) - 1)
         is_exact = known_times[after] == times
         before = np.where(is_exact, after, np.maximum(after - 1, 0))
         span = known_times[after] - known_times[before]
         # differences of whole numbers: as floats, times of this century are 256 ns apart
         share = (times - known_times[before]) / np.maximum(span, 1)
-        share = np.where(known, share, 0.0)
+        share = np.clip(np.where(known, share, 0.0), 0.0, 1.0)
         one, other = numbers[before], numbers[after]
         moves = one[:, :3] + share[:, np.newaxis] * (other[:, :3] - one[:, :3])
         return moves, slerp(one[:, 3:], other[:, 3:], share), known
@@ -129,10 +131,10 @@ class TransformTree:
     Examples
     --------
     >>> tree = TransformTree()
-    >>> for time, x in (0, 1.0), (100, 2.0):
+    >>> for time, x in (0, 1.0), (100_000, 2.0):
     ...     tree.add("odom", "base", time, (x, 0, 0), (0, 0, 0, 1), is_static=False)
     >>> tree.add("base", "laser", 0, (0, 0.5, 0), (0, 0, 0, 1), is_static=True)
-    >>> found = tree.lookup("odom", "laser", np.array([25, 200]))
+    >>> found = tree.lookup("odom", "laser", np.array([25_000, 200_000]))
     >>> found.translations[0].tolist(), found.known.tolist()
     ([1.25, 0.5, 0.0], [True, False])
     """

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from mapdeal.errors import ParameterError
 from mapdeal.formats.bags.names import BAG_OUTPUTS, bag_paths
 from mapdeal.formats.kinds import is_bag
+from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
 from mapdeal.formats.map_writer import in_trinary
 from mapdeal.formats.map_yaml import Mode
 from mapdeal.formats.maps import Source, output_paths, write_grid
@@ -174,7 +175,13 @@ def _read_bag(path: Path, given: BagTopic, options: Settings) -> Source:
     from mapdeal.pipeline.bag_grids import grid_topic  # not loaded for maps
 
     with options.memory(), grid_topic(path, given.topic, read_as=given.read_as) as topic:
-        return Source(topic.read(-1 if given.index is None else given.index).grid, topic.files)
+        grid = topic.read(-1 if given.index is None else given.index).grid
+        files = topic.files
+    if isinstance(grid, Costmap):
+        warn_of_one_cost(path, grid)
+    else:
+        warn_of_nothing_known(path, grid.occupancy, has_pixels=False)
+    return Source(grid, files)
 
 
 def _write_bag(transaction: Transaction, output: Path, grid: Grid, given: BagTopic) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 from mapdeal.errors import ParameterError
 
 
-def needs_bags(source: Path | str) -> None:
-    """Import rosbags.
+def needs_bags(source: Path | str, *modules: str) -> None:
+    """Import rosbags' types, and other modules of it.
 
     Raises
     ------
@@ -16,7 +17,8 @@ def needs_bags(source: Path | str) -> None:
         If it is not installed.
     """
     try:
-        import rosbags.typesys  # noqa: F401
+        for module in ("rosbags.typesys", *modules):
+            import_module(module)
     except ImportError as error:
         missing = (error.name or "").partition(".")[0] in ("rosbags", "")
         why = "" if missing else f" ({error})"

@@ -69,7 +69,7 @@ def write_bag(
     MapdealWarning
         If costs are published on another scale than their own.
     """
-    needs_bags(output)
+    needs_bags(output, "rosbags.rosbag1", "rosbags.rosbag2")
     claim(output, _COPIES * grid.layer.size, what="a message of this size")
     is_ros1 = output.suffix == ".bag"
     if isinstance(grid, Costmap) and grid.scale == "costmap2d" and is_ros1:
