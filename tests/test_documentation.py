@@ -88,7 +88,8 @@ def test_every_link_leads_somewhere(page):
 
 
 @pytest.mark.parametrize(
-    ("name", "blocks"), [("lint.md", 5), ("robots.md", 2), ("reach.md", 2), ("two_maps.md", 6)]
+    ("name", "blocks"),
+    [("lint.md", 5), ("robots.md", 2), ("reach.md", 2), ("two_maps.md", 6), ("bags.md", 4)],
 )
 def test_a_page_shows_what_its_commands_print(project, command, name, blocks):
     page = (ROOT / "docs" / name).read_text()

@@ -20,6 +20,8 @@ WALKS = {
     "formats/map_listing.py:look_into": "lists one folder",
     "formats/map_server.py:_nearest_name": "lists one folder",
     "formats/commit.py:_inside": "lists one folder",
+    "formats/bags/folder.py:_guessed": "lists one folder",
+    "formats/kinds.py:_kind_of_folder": "lists one folder",
     "formats/temporary.py:remove_stale": "lists one folder",
     "formats/transaction.py:_make": "a path gets shorter with each step, up to the root",
     "pipeline/reports/runs.py:runs_in": "by `folders_below`, into each real folder once",

@@ -42,6 +42,9 @@ REASONS = {
     ("cli/usage.py", r": '(?P<word>[^']*)' is not one of "):
         ("search", "a word of the command line; the repeat ends at the next quote"),
     ("cli/stage_command.py", r".*?\.(?=\s+[A-Z`]|$)"): ("match", OURS),
+    ("formats/bags/bag.py", r"([^/]+)/([^/]+)"): ("fullmatch", "a slash stands between the runs"),
+    ("formats/bags/ros1.py", r"#ROSBAG V(\d+)\.(\d+)\n"):
+        ("fullmatch", "a point stands between the runs; 64 bytes at most"),
     ("formats/commit.py", r"\.mapdeal-[0-9a-f]{12}\.old"): ("fullmatch", "of fixed length"),
     ("formats/free_memory.py", r"^MemAvailable:\s+(\d+) kB"):
         ("search", "tried at the beginnings of lines; the two runs have nothing in common"),

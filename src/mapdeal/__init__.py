@@ -1,7 +1,7 @@
 """mapdeal: batch processing of robot map files without ROS.
 
 Read and write: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_shapes`,
-`read_cloud`, `read_poses`.
+`read_cloud`, `read_poses`, `read_map_from_bag`.
 Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField`, `Reach` (any of them a
 `Grid`) and `BitMap`, each with its `Frame`; `FieldView` with its `ViewScale`.
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
@@ -9,9 +9,9 @@ Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `t
 `apply_keepout_mask`. Robots: a `Footprint`, and `read_robot_parameters` of a robot's own files,
 which gives `RobotParameters`.
 Maps from sensors: `local_map`, and `LocalMapper` with `LocalOptions` for clouds that come in
-parts, which gives a `LocalMap`, or `RollingMapper` for sequences; `build_map` of laser scans
-and `build_map_from_log`, which give a `BuiltMap`, and `MapBuilder` with `BeamLimits` for `Scans`
-that come in parts.
+parts, which gives a `LocalMap`, or `RollingMapper` for sequences; `build_map` of laser scans,
+`build_map_from_log` and `build_map_from_bag`, which give a `BuiltMap`, and `MapBuilder` with
+`BeamLimits` for `Scans` that come in parts.
 Questions: `DistanceField.query`, which gives `FieldSamples`; `footprint_costs` of a robot at poses;
 `cost_curve`, which gives a `CostCurve`; `shortest_route` and `descend`, which give a `Route`. A
 `Reach` has a `GoalReach` with a `Bottleneck` for each `Goal`, and each `Passage`.

@@ -3,6 +3,8 @@
 
 from mapdeal.alignment.align import Alignment as Alignment
 from mapdeal.api.align import align as align
+from mapdeal.api.bags import build_map_from_bag as build_map_from_bag
+from mapdeal.api.bags import read_map_from_bag as read_map_from_bag
 from mapdeal.api.build import build_map_from_log as build_map_from_log
 from mapdeal.api.curve import cost_curve as cost_curve
 from mapdeal.api.diff import DiffReport as DiffReport

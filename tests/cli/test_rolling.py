@@ -267,7 +267,7 @@ def test_a_real_log_rolls_as_it_is_built(command, real_maps, tmp_path, monkeypat
 
     monkeypatch.chdir(tmp_path)
     log = open_log(real_maps / "acschaefer__ple" / "intel-corrected.log")
-    poses, angles, ranges = next(iter(log.scans()))
+    poses, angles, ranges, _ = next(iter(log.scans()))
     poses, ranges = poses[:40], ranges[:40]
     (tmp_path / "scans").mkdir()
     builder = MapBuilder(

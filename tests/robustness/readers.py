@@ -13,6 +13,7 @@ from mapdeal.formats.dialects import DIALECTS
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 from robustness import reading, seeds
 from robustness.words import (
+    BAG_WORDS,
     CLOUD_WORDS,
     IMAGE_WORDS,
     JSON_WORDS,
@@ -141,6 +142,13 @@ def _of_all_kinds():
     return _seeds(files, "f") + _zips(["scans.npz"], "f")
 
 
+def _bags():
+    names = ["plain.bag", "lz4.bag", "none.mcap", "zstd.mcap", "bag.db3"]
+    *files, database = map(Seed, names, seeds.stored(*names))
+    metadata = seeds.bag_metadata("bag.db3", "sqlite3")
+    return [*files, database, Seed("metadata.yaml", metadata, beside={"bag.db3": database.data})]
+
+
 _BY_ROWS = [data for data in seeds.pnm_files() if data[:2] in (b"P4", b"P5", b"P6")]
 _MAP_FILES = {"m.pgm": seeds.MAP_PGM, "n.png": seeds.png(8, 0)}
 _MAP_SEEDS = [
@@ -202,6 +210,8 @@ READERS = [
           NPY_WORDS, share=0.5),
     _file("cloud npz", _zips(["points.npz"], "c.npz"), reading.read_cloud_points, NPY_WORDS),
     _file("CARMEN log", _logs(), reading.read_log, SCAN_WORDS),
+    Reader("bag", _bags(), reading.read_bag, (MalformedInputError, FileAccessError), BAG_WORDS,
+           share=0.25),
     _file("kinds of files", _of_all_kinds(), reading.kind_of_file, YAML_WORDS, share=0.5),
     _file("scans npz", _zips(["scans.npz"], "s.npz"), reading.read_log, NPY_WORDS, share=0.7),
     _file("scans as text", _scan_texts(), reading.read_scan_texts, CLOUD_WORDS),

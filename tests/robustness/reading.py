@@ -19,6 +19,8 @@ from mapdeal import (
     DistanceField,
     OccupancyGrid,
     PotentialField,
+    build_map_from_bag,
+    read_map_from_bag,
     read_robot_parameters,
 )
 from mapdeal.checks.lint import lint_file
@@ -32,6 +34,8 @@ from mapdeal.errors import (
     ParameterError,
 )
 from mapdeal.formats.answers import LintAnswer, RouteAnswer, read_answer
+from mapdeal.formats.bags.messages import LASER_SCAN, POINT_CLOUD
+from mapdeal.formats.bags.reader import open_bag
 from mapdeal.formats.bit_maps import read_bit_map
 from mapdeal.formats.clouds.reader import cloud_chunks, read_cloud
 from mapdeal.formats.dialects import DIALECTS
@@ -50,7 +54,7 @@ from mapdeal.formats.points import (
     read_points,
     read_pose_lines,
 )
-from mapdeal.formats.poses import read_poses
+from mapdeal.formats.poses import has_times, read_poses, read_trajectory
 from mapdeal.formats.ros_parameters.ros2 import read_ros2
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.formats.scans.text import ScanTexts
@@ -59,7 +63,10 @@ from mapdeal.formats.transforms import read_transform
 from mapdeal.grid.coordinates import FARTHEST
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
+from mapdeal.pipeline.bag_clouds import clouds_of_bag
+from mapdeal.pipeline.bag_frames import FrameOptions
 from mapdeal.pipeline.golden import differences_from_golden
+from mapdeal.pipeline.inspect_bag import describe_bag
 from mapdeal.pipeline.lint import (
     LintRules,
     ParameterFiles,
@@ -259,6 +266,34 @@ def read_evidence_layers(path, data):
     return total
 
 
+def read_bag(path, data):
+    """Take all that commands take out of a bag: topics, maps, a map of scans, clouds."""
+    if path.suffix == ".yaml":
+        path = path.parent
+    report = describe_bag(path)
+    assert json.dumps(report)
+    grids = []
+    for one in report["topics"]:
+        if "convert" in one["commands"]:
+            grids.append(read_map_from_bag(path, one["topic"], index=0))
+            _check_grid(grids[-1])
+    with open_bag(path) as bag:
+        has_scans, has_clouds = (bool(bag.of_types(name)) for name in (LASER_SCAN, POINT_CLOUD))
+    if has_scans:
+        built = build_map_from_bag(path, size=(8, 8), origin=(-4, -4), resolution=0.5, deskew=True)
+        assert built.grid.shape == (16, 16)
+    for has_poses in (False, True) if has_clouds else ():
+        options = {"has_poses": has_poses}
+        with clouds_of_bag(path, ["/points"], FrameOptions(), **options) as clouds:
+            clouds.prepare()
+            if not has_poses:
+                clouds.poses(range(len(clouds)))
+            for k in range(len(clouds)):
+                for points in clouds.cloud(k).chunks():
+                    assert points.shape[1] in (2, 3)
+    return report
+
+
 def decode_bits(path, data):
     packed, width = decode_pbm(data, path)
     assert packed.dtype == np.uint8
@@ -405,6 +440,12 @@ def read_all_poses(path, data):
     assert 0 < len(poses) <= len(data)
     assert (np.abs(poses[:, :2]) <= FARTHEST).all()
     assert (np.abs(poses[:, 2]) <= 2 * math.pi).all()
+    try:
+        trajectory = read_trajectory(path)
+    except MalformedInputError:
+        return poses
+    assert has_times(path)
+    np.testing.assert_array_equal(trajectory.translations[:, :2], poses[:, :2])
     return poses
 
 

@@ -557,6 +557,70 @@ PAIRS = [b"1.5,-2e3", b"0, .5"]
 SIZES = [b"500M", b"4GiB", b"1.5 kB", b"4096", b"0.5g", b"2TB"]
 
 
+def bag_metadata(file, storage):
+    """Return the metadata of a folder with one file."""
+    return (
+        f"rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: {storage}\n"
+        f"  relative_file_paths: [{file}]\n  topics_with_message_count:\n"
+        "  - topic_metadata: {name: /map, type: nav_msgs/msg/OccupancyGrid, "
+        "serialization_format: cdr}\n    message_count: 1\n"
+        '  compression_format: ""\n  compression_mode: ""\n'
+    ).encode()
+
+
+def stored_bags():
+    """Return a small bag in each container: a map, costs, two scans, transforms, and a cloud."""
+    import sqlite3
+    import tempfile
+
+    import numpy as np
+    from mcap.writer import CompressionType
+
+    from formats.bags import making
+
+    def maker(*, has_costs):
+        made = making.Maker()
+        grid = making.occupancy(making.START, [[-1, 0, 100], [0, 50, 0]], 0.25, (1.0, 2.0, 0.3))
+        made.add("/map", "nav_msgs/msg/OccupancyGrid", making.START, grid)
+        if has_costs:
+            costs = making.costmap(making.START, [[0, 253, 255]], 0.25, (1.0, 2.0, 0.0))
+            made.add("/costs", "nav2_msgs/msg/Costmap", making.START, costs)
+        mount = ("base_link", "laser", (0.2, 0, 0.5), (0, 0, 0, 1))
+        made.add("/tf_static", "tf2_msgs/msg/TFMessage", making.START,
+                 making.tf(making.START, mount))  # fmt: skip
+        for k in range(2):
+            time = making.START + k * 1000
+            move = ("map", "base_link", (k / 4, 1, 0), (0, 0, 0, 1))
+            made.add("/tf", "tf2_msgs/msg/TFMessage", time, making.tf(time, move))
+            seen = making.scan(time, [1.0, 2.0, np.inf, 0.5], step=0.5)
+            made.add("/scan", "sensor_msgs/msg/LaserScan", time, seen)
+            made.add("/odom", "nav_msgs/msg/Odometry", time, making.odometry(time, k, 1, 0.1))
+        points = np.array([[1, 0.5, 0], [2, np.nan, 1]], "<f4").tobytes()
+        fields = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)]
+        cloud = making.cloud(making.START, points, fields, width=2, step=12)
+        made.add("/points", "sensor_msgs/msg/PointCloud2", making.START, cloud)
+        return made
+
+    files = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for form, called in (("ros1", "plain.bag"), ("ros1-lz4", "lz4.bag")):
+            path = maker(has_costs=False).write(folder, form)
+            files[called] = path.read_bytes()
+            path.unlink()
+        maker_ = maker(has_costs=True)
+        for kind in (CompressionType.NONE, CompressionType.ZSTD):
+            path = maker_._write_mcap(folder / f"{kind.name}.mcap", kind)
+            files[f"{kind.name.lower()}.mcap"] = path.read_bytes()
+        path = maker_.write(folder, "sqlite3") / "bag.db3"
+        db = sqlite3.connect(path)
+        db.execute("PRAGMA page_size = 512")
+        db.execute("VACUUM")
+        db.close()
+        files["bag.db3"] = path.read_bytes()
+    return files
+
+
 def write_stored():
     """Write the files that libraries compress, those that are not there yet."""
     import numpy as np
@@ -617,6 +681,7 @@ def write_stored():
             poses=np.arange(9.0).reshape(3, 3), angles=np.array([-1.0, 0.0, 1.0, 2.0]),
             ranges=np.arange(12.0).reshape(3, 4),
         ),
+        **stored_bags(),
     }  # fmt: skip
     STORED.mkdir(exist_ok=True)
     for name, data in files.items():

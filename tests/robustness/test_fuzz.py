@@ -38,6 +38,7 @@ NOT_READERS = {
     "pipeline.files.read_summed", "pipeline.reports.grids.Grids.open",
     "pipeline.reports.items.lint_table",  # a table
     "planning.terrain.Terrain.open_cell_of",  # a cell that is open
+    "cli.bag_options.BagWords.scans",  # opens readers
     "cli.lint.lint", "cli.terminal.input_chunks",  # the command line
     "api.lint.lint", "api.recipe.load_recipe",  # call what commands call
 }  # fmt: skip

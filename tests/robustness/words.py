@@ -56,3 +56,9 @@ TEXT_WORDS = (
     b"[", b"]", b"]]", b"[[", b", ", b"[0, 0], ", b"[1, 1]" * 20, b"-", b"nan", b".inf", b"1_0",
     b"G", b"iB", b"kB", b"=", b".", b"none", b"\xc2\xa0", b"\xd9\xa1", b"(", b"9" * 30, b" " * 40,
 )  # fmt: skip
+BAG_WORDS = (
+    b"\xff\xff\xff\x7f", b"\0\0\0\0", b"\1\0\0\0\0\0\0\0", b"\xff" * 8, b"op=\x02", b"op=\x05",
+    b"conn=\0\0\0\0", b"\x05\x16\0\0\0\0\0\0\0", b"\x07", b"\x0f", b"\0\0\xc0\x7f", b"\0\0\x80\x7f",
+    b"laser", b"base_link", b"map", b"float32", b"uint64", b"[]", b"string", b"cdr",
+    b"zstd", b"bz2",
+)  # fmt: skip

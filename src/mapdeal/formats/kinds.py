@@ -21,7 +21,7 @@ from mapdeal.formats.image import read_image_size
 from mapdeal.formats.images.catalogue import recognised as recognised_image
 from mapdeal.formats.json_kinds import document_kind
 from mapdeal.formats.json_text import read_json
-from mapdeal.formats.source import chunks_of, exists, head_of, is_folder, status_of
+from mapdeal.formats.source import chunks_of, contents_of, exists, head_of, is_folder, status_of
 from mapdeal.formats.text_rows import delimiter_of, is_number
 from mapdeal.formats.yaml_text import OF_RECIPES, Entry, read_mapping
 
@@ -177,8 +177,8 @@ def _kind_of_folder(path: Path) -> FileKind | None:
         return FileKind(BAG, "a folder with a ROS 2 bag", _BAG_USE)
     if exists(path / "summary.json"):
         return _kind_of_json(path / "summary.json", b"{")
-    with suppress(OSError):
-        suffixes = {one.suffix.lower() for one in path.iterdir()}
+    with suppress(FileAccessError):
+        suffixes = {Path(name).suffix.lower() for name in contents_of(path)[1]}
         if suffixes & set(_OF_BAGS) and suffixes <= {*_OF_BAGS, *_BESIDE_BAGS}:
             return FileKind(BAG, "a folder with a ROS 2 bag, without its metadata", _BAG_USE)
     return None

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -195,14 +196,8 @@ class BagClouds:
     def points(self, number: int) -> Points:
         """Return the points of a cloud, shape (N, 3), as the robot sees them."""
         place = self._index[number]
-        message = self._decoder.message(place)
-        with errors_named(self.bag.path):
-            if self._types[place.connection] == POINT_CLOUD:
-                claim(self.bag.path, _BYTES * int(message.width) * int(message.height),
-                      what="the points of a cloud")  # fmt: skip
-                points = points_of(message)
-            else:
-                points = points_of_scan(laser_scan_of(message))
+        is_cloud = self._types[place.connection] == POINT_CLOUD
+        points = self._decoder.read(place, self._points_of if is_cloud else _points_of_scan)
         if self._is_raw or self._base is None:
             return points
         time, sensor = self._header(number)
@@ -211,6 +206,11 @@ class BagClouds:
             points = np.column_stack([points, np.zeros(len(points))])
         with np.errstate(invalid="ignore"):
             return np.asarray(rotated(turns, points) + moves)
+
+    def _points_of(self, message: Any) -> Points:
+        count = int(message.width) * int(message.height)
+        claim(self.bag.path, _BYTES * count, what="the points of a cloud")
+        return points_of(message)
 
     @cached_property
     def sums(self) -> dict[str, str]:
@@ -244,6 +244,10 @@ class BagClouds:
             rule = f"where {sensor} stands on {base} is not known at {time} ns"
             raise MalformedInputError(rule, source=self.bag.path, place=self.topic)
         return posed.translations[0], posed.quaternions[0]
+
+
+def _points_of_scan(message: Any) -> Points:
+    return points_of_scan(laser_scan_of(message))
 
 
 @dataclass(frozen=True, eq=False)

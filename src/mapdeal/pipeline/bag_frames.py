@@ -22,6 +22,7 @@ from mapdeal.formats.bags.messages import (
 from mapdeal.formats.bags.reader import chosen_connections
 from mapdeal.formats.poses import read_trajectory
 from mapdeal.kernels.rotations import from_yaw
+from mapdeal.mapping.beams import FARTHEST_POSE
 from mapdeal.mapping.transforms import Posed, TransformTree
 
 FIXED_FRAMES = ("map", "odom")
@@ -144,8 +145,18 @@ class SensorFrames:
         return self._tree.lookup(base, frame, times)
 
     def at(self, frame: str, times: NDArray[np.int64]) -> Posed:
-        """Return where a frame was in the fixed one."""
-        return self._tree.lookup(self.fixed_frame, frame, times)
+        """Return where a frame was in the fixed one.
+
+        Raises
+        ------
+        MalformedInputError
+            If no transforms lead there, or it was too far away.
+        """
+        found = self._tree.lookup(self.fixed_frame, frame, times)
+        if (np.abs(found.translations[found.known]) > FARTHEST_POSE).any():
+            rule = f"{frame} is farther than {FARTHEST_POSE:g} m from {self.fixed_frame}"
+            raise MalformedInputError(rule, source=self._bag.path)
+        return found
 
     def told_span(self, frame: str) -> str:
         """Return when it is known where a frame was, as a message has it."""
@@ -163,8 +174,7 @@ class SensorFrames:
     def _read_all(self, advance: Callable[[int], object]) -> None:
         static = {one.id for one in self._static}
         for place in self._index:
-            message = self._decoder.message(place)
-            for one in transforms_of(message):
+            for one in self._decoder.read(place, transforms_of):
                 self._add(one, is_static=place.connection in static)
             advance(1)
 
@@ -255,7 +265,7 @@ class SensorFrames:
             return
         connections = chosen_connections(self._bag, named, (ODOMETRY,), "odometry")
         for place in self._bag.index([one.id for one in connections]):
-            self._add(odometry_of(self._decoder.message(place)), is_static=False)
+            self._add(self._decoder.read(place, odometry_of), is_static=False)
         self._take_mount([one for one in sensors if one not in self._tree.frames])
 
 

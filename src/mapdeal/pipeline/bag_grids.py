@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from mapdeal.errors import ParameterError
 from mapdeal.formats.bags.bag import Bag, Connection, MessageIndex
@@ -15,7 +15,6 @@ from mapdeal.formats.bags.messages import GRID_TYPES, frame_of, grid_of, time_of
 from mapdeal.formats.bags.reader import chosen_connections, open_bag
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.pipeline.files import errors_named
 
 ReadAs = Literal["map", "costs"]
 
@@ -70,7 +69,6 @@ class GridTopic:
         self._types = {one.id: one.type for one in connections}
         self._index: MessageIndex = bag.index(self._types)
         self._decoder = Decoder(bag)
-        self._path = bag.path
         self.files = bag.files
         self.topic = connections[0].topic
         self.is_costs = _is_of_costs(connections[0]) if read_as is None else read_as == "costs"
@@ -96,11 +94,14 @@ class GridTopic:
             rule = f"{self.topic} has {count} messages: 0 to {count - 1}, or -1 to {-count}"
             raise ParameterError(rule, source="--index", got=number)
         place = self._index[number % count]
-        message = self._decoder.message(place)
-        with errors_named(self._path):
-            grid = grid_of(message, self._types[place.connection], is_costs=self.is_costs)
-        stamp = time_of(message.header.stamp)
-        return RecordedGrid(grid, number % count, stamp, frame_of(message.header))
+        name = self._types[place.connection]
+
+        def recorded(message: Any) -> RecordedGrid:
+            grid = grid_of(message, name, is_costs=self.is_costs)
+            stamp = time_of(message.header.stamp)
+            return RecordedGrid(grid, number % count, stamp, frame_of(message.header))
+
+        return self._decoder.read(place, recorded)
 
 
 @contextmanager

@@ -96,8 +96,7 @@ class BagScans(ScanSource):
         together: list[LaserScan] = []
         readings = 0
         for place in self._index:
-            with errors_named(self._bag.path):
-                scan = laser_scan_of(self._decoder.message(place))
+            scan = self._decoder.read(place, laser_scan_of)
             if scan.time == 0:
                 self._unstamped += 1
                 scan = scan.at(place.time)
@@ -127,11 +126,7 @@ class BagScans(ScanSource):
     def _sensors(self) -> set[str]:
         """Return the frames of all topics, by the first message of each connection."""
         _, firsts = np.unique(self._index.connections, return_index=True)
-        with errors_named(self._bag.path):
-            return {
-                laser_scan_of(self._decoder.message(self._index[int(first)])).frame
-                for first in firsts
-            }
+        return {self._decoder.header(self._index[int(first)])[1] for first in firsts}
 
     def _placed(self, scans: list[LaserScan]) -> Iterator[ScanArrays]:
         """Yield scans with the poses of their sensors, those of one kind together."""

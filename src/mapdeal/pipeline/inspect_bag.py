@@ -18,7 +18,7 @@ from mapdeal.formats.bags.messages import (
     ODOMETRY,
     POINT_CLOUD,
     TF_TYPES,
-    frame_of,
+    Stamped,
     odometry_of,
     transforms_of,
 )
@@ -109,8 +109,8 @@ def _frame(bag: Bag, connections: list[Connection], decoder: Decoder) -> str | N
     for one in connections:
         for piece in bag.pieces([one.id]):
             if len(piece):
-                with suppress(MalformedInputError, AttributeError):
-                    return frame_of(decoder.message(piece[0]).header)
+                with suppress(MalformedInputError):
+                    return decoder.header(piece[0])[1]
     return None
 
 
@@ -123,14 +123,18 @@ def _edges(bag: Bag, decoder: Decoder, progress: ProgressCallback) -> list[dict[
     with progress(len(index)) as advance:
         for place in index:
             one = by_id[place.connection]
-            message = decoder.message(place)
-            stamped = [odometry_of(message)] if one.type == ODOMETRY else transforms_of(message)
+            make = _odometry if one.type == ODOMETRY else transforms_of
+            stamped = decoder.read(place, make)
             found.update((one.topic, of.parent, of.child) for of in stamped)
             advance(1)
     return [
         {"topic": topic, "parent": parent, "child": child, "count": count}
         for (topic, parent, child), count in sorted(found.items())
     ]
+
+
+def _odometry(message: Any) -> list[Stamped]:
+    return [odometry_of(message)]
 
 
 def _uses(path: Path, topics: list[dict[str, Any]]) -> Iterator[str]:

@@ -45,7 +45,7 @@ def test_a_scanner_without_limits_is_taken_at_its_word():
 
 
 def test_angles_that_are_none_are_refused():
-    with pytest.raises(MalformedInputError, match="must be finite"):
+    with pytest.raises(MalformedInputError, match="must be angles in radians"):
         laser_scan_of(made(scan(1, [1.0], start=np.nan)))
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
+from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.bags.bag import Bag, Connection, Place
 from mapdeal.formats.bags.extra import needs_bags
+
+_T = TypeVar("_T")
 
 _COSTMAP = """\
 std_msgs/Header header
@@ -67,6 +70,36 @@ class Decoder:
             one = self._connections[place.connection]
             rule = f"a message at {place.time} ns is no {one.type}: {error or type(error).__name__}"
             raise self._bag.malformed(rule, one.topic) from None
+
+    def read(self, place: Place, make: Callable[[Any], _T]) -> _T:
+        """Return what a function makes of the message at a place.
+
+        Parameters
+        ----------
+        place : Place
+            Where it is.
+        make : callable
+            Takes the message.
+
+        Raises
+        ------
+        MalformedInputError
+            As `message`, and if the message lacks what the function looks for, or has numbers that
+            it refuses: a bag may describe a type of this name as it likes.
+        """
+        message = self.message(place)
+        topic = self._connections[place.connection].topic
+        try:
+            return make(message)
+        except ParameterError as error:
+            raise error.in_file(self._bag.path, topic) from None
+        except MalformedInputError as error:
+            if error.source is None:
+                error.place = ": ".join(part for part in (topic, error.place) if part)
+            raise error.found_in(self._bag.path) from None
+        except (AttributeError, TypeError, ValueError, OverflowError) as error:
+            name = self._connections[place.connection].type
+            raise self._bag.malformed(f"the bag has another {name}: {error}", topic) from None
 
     def header(self, place: Place) -> tuple[int, str]:
         """Return time (nanoseconds) and frame of the header of the message at a place.

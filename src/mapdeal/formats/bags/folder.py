@@ -8,7 +8,6 @@ compressed.
 
 from __future__ import annotations
 
-import re
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -30,7 +29,8 @@ from mapdeal.formats.bags.chunks import expanded, zstd_module
 from mapdeal.formats.bags.mcap import McapBag
 from mapdeal.formats.bags.sqlite import SqliteBag
 from mapdeal.formats.budget import check_expansion
-from mapdeal.formats.source import access_to, exists, is_regular, status_of
+from mapdeal.formats.listing import natural_key
+from mapdeal.formats.source import access_to, contents_of, exists, is_regular, status_of
 from mapdeal.formats.yaml_text import Entry, YamlLimits, read_mapping
 
 METADATA = "metadata.yaml"
@@ -189,8 +189,7 @@ class FolderBag(Bag):
         yield from (name for name in names if name not in missing)
 
     def _guessed(self) -> _Metadata:
-        with access_to(self.path):
-            names = sorted((one.name for one in self.path.iterdir()), key=_in_natural_order)
+        names = sorted(contents_of(self.path)[1], key=natural_key)
         for suffix, storage in _SUFFIXES.items():
             found = [name for name in names if _plain(name).endswith(suffix)]
             if found:
@@ -255,9 +254,3 @@ def _text_of(fields: Mapping[str, Entry], key: str) -> str:
 def _plain(name: str) -> str:
     suffix = Path(name).suffix.lower()
     return name[: -len(suffix)] if suffix in ZSTD_SUFFIXES else name
-
-
-def _in_natural_order(name: str) -> list[tuple[int, str]]:
-    return [
-        (int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)
-    ]

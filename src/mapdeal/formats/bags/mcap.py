@@ -28,7 +28,7 @@ from mapdeal.formats.bags.bag import (
 )
 from mapdeal.formats.bags.chunks import KeptChunks, expanded
 from mapdeal.formats.budget import claim
-from mapdeal.formats.source import access_to
+from mapdeal.formats.source import access_to, status_of
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -106,7 +106,7 @@ class McapBag(Bag):
             self._file = path.open("rb")
         try:
             with access_to(path):
-                self._size = path.stat().st_size
+                self._size = status_of(path).st_size
                 self._walk()
                 self._find_channels()
         except BaseException:

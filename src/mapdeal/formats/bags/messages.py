@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -28,6 +27,7 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f
 
 _UPRIGHT = math.cos(math.radians(10))
 _MOST_POINTS = 1 << 32
+_LARGEST_ANGLE = 1000.0
 
 
 class Stamped(NamedTuple):
@@ -113,7 +113,7 @@ def laser_scan_of(message: Any) -> LaserScan:
     Raises
     ------
     MalformedInputError
-        If its angles are not finite.
+        If its angles are none.
 
     References
     ----------
@@ -122,9 +122,11 @@ def laser_scan_of(message: Any) -> LaserScan:
     A reading of ``range_max`` is that of a beam that hits nothing, as with gmapping's ``maxRange``.
     """
     start, step = float(message.angle_min), float(message.angle_increment)
-    if not (math.isfinite(start) and math.isfinite(step)):
-        raise MalformedInputError("angle_min and angle_increment must be finite")
     ranges = np.array(message.ranges, dtype=np.float64)
+    last = start + step * max(0, len(ranges) - 1)
+    if not (abs(start) <= _LARGEST_ANGLE and abs(last) <= _LARGEST_ANGLE):  # refuses nan, too
+        rule = "angle_min and angle_increment must be angles in radians"
+        raise MalformedInputError(rule, got=(start, step))
     least, most = float(message.range_min), float(message.range_max)
     with np.errstate(invalid="ignore"):
         if math.isfinite(most) and most > 0:
@@ -138,15 +140,18 @@ def laser_scan_of(message: Any) -> LaserScan:
     )  # fmt: skip
 
 
-def transforms_of(message: Any) -> Iterator[Stamped]:
-    """Yield the transforms of a ``tf2_msgs/TFMessage`` or ``tf/tfMessage``."""
-    for one in message.transforms:
-        move, turn = one.transform.translation, one.transform.rotation
-        yield Stamped(
-            frame_of(one.header), str(one.child_frame_id).lstrip("/"), time_of(one.header.stamp),
-            (float(move.x), float(move.y), float(move.z)),
-            (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
-        )  # fmt: skip
+def transforms_of(message: Any) -> list[Stamped]:
+    """Return the transforms of a ``tf2_msgs/TFMessage`` or ``tf/tfMessage``."""
+    return [_stamped(one) for one in message.transforms]
+
+
+def _stamped(one: Any) -> Stamped:
+    move, turn = one.transform.translation, one.transform.rotation
+    return Stamped(
+        frame_of(one.header), str(one.child_frame_id).lstrip("/"), time_of(one.header.stamp),
+        (float(move.x), float(move.y), float(move.z)),
+        (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
+    )  # fmt: skip
 
 
 def odometry_of(message: Any) -> Stamped:

@@ -27,7 +27,7 @@ from mapdeal.formats.bags.bag import (
 )
 from mapdeal.formats.bags.chunks import KeptChunks, expanded
 from mapdeal.formats.budget import claim
-from mapdeal.formats.source import access_to
+from mapdeal.formats.source import access_to, status_of
 
 _MAGIC = re.compile(rb"#ROSBAG V(\d+)\.(\d+)\n")
 _MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
@@ -94,7 +94,7 @@ class Ros1Bag(Bag):
             self._file = path.open("rb")
         try:
             with access_to(path):
-                self._size = path.stat().st_size
+                self._size = status_of(path).st_size
                 self._walk()
                 self._find_connections()
         except BaseException:
@@ -217,16 +217,15 @@ class Ros1Bag(Bag):
                 continue
             for fields, data, _ in self._records_of(number):
                 if fields.get(b"op") == bytes([_CONNECTION]):
-                    self._note_connection(fields, data)
+                    try:
+                        self._note_connection(fields, data)
+                    except _CutError:
+                        self.remark("the description of a connection is damaged")
 
     def _index_of(self, number: int, wanted: set[int]) -> Iterator[MessageIndex]:
         chunk = self._chunks[number]
         if not chunk.entries:
-            found = [
-                Place(_number(fields, b"conn"), _time(fields), number, offset)
-                for fields, _, offset in self._records_of(number)
-                if fields.get(b"op") == bytes([_MESSAGE]) and _number(fields, b"conn") in wanted
-            ]
+            found = [one for one in self._messages_in(number) if one.connection in wanted]
             if found:
                 yield MessageIndex.of(found)
             return
@@ -241,6 +240,16 @@ class Ros1Bag(Bag):
             yield MessageIndex(
                 np.full(count, connection), times, np.full(count, number), rows[:, 2]
             )
+
+    def _messages_in(self, number: int) -> Iterator[Place]:
+        """Yield the places of the messages in a chunk, as far as they are whole."""
+        for fields, _, offset in self._records_of(number):
+            if fields.get(b"op") != bytes([_MESSAGE]):
+                continue
+            try:
+                yield Place(_number(fields, b"conn"), _time(fields), number, offset)
+            except _CutError:
+                self.remark("the head of a message is damaged; it is left out")
 
     def _records_of(self, number: int) -> Iterator[tuple[Fields, bytes, int]]:
         """Yield fields, data and offset of the records in a chunk, as far as they are whole."""

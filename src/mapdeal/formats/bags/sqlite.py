@@ -133,7 +133,9 @@ class SqliteBag(Bag):
         # still run have some of their messages in such a file.
         how = "mode=ro" if exists(path.with_name(path.name + "-wal")) else "immutable=1"
         address = f"file:{quote(str(absolute_path(path)))}?{how}"
-        return sqlite3.connect(address, uri=True, check_same_thread=False)
+        db = sqlite3.connect(address, uri=True, check_same_thread=False)
+        db.text_factory = lambda text: text.decode("utf-8", "replace")
+        return db
 
     def _read_all_connections(self) -> Iterator[Connection]:
         try:
@@ -184,6 +186,8 @@ class SqliteBag(Bag):
             yield
         except sqlite3.Error as error:
             raise self.malformed(_told(error)) from None
+        except (TypeError, ValueError, OverflowError):
+            raise self.malformed("is damaged: a table holds what it must not") from None
 
 
 @contextmanager
