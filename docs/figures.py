@@ -96,6 +96,7 @@ def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     draw_cost_curve(IMAGES / "cost_curve.png")
     draw_arena()
+    draw_corridor()
     draw_office()
     draw_reach()
     draw_report()
@@ -116,6 +117,15 @@ def draw_cost_curve(path: Path) -> None:
     )
     title = "office: cost, inscribed 0.2 m, inflation 0.55 m, factor 5"
     mapdeal.write_picture(path, curve, title=title, force=True)
+
+
+def draw_corridor() -> None:
+    """Draw the map of the example bag's scans."""
+    built = mapdeal.build_map_from_bag(
+        DOCS.parent / "examples" / "bags" / "office.mcap", method="counting"
+    )
+    title = "60 scans of a bag, counting"
+    mapdeal.write_picture(IMAGES / "bag_corridor.png", built.grid, title=title, force=True)
 
 
 def draw_arena() -> None:

@@ -191,7 +191,7 @@ class BagClouds:
 
     def cloud(self, number: int) -> BagCloud:
         """Return one of the clouds."""
-        return BagCloud(self.bag.path, self, number)
+        return BagCloud(self, number)
 
     def points(self, number: int) -> Points:
         """Return the points of a cloud, shape (N, 3), as the robot sees them."""
@@ -256,17 +256,19 @@ class BagCloud(Cloud):
 
     Parameters
     ----------
-    path : Path
-        The bag.
     source : BagClouds
         Its topic.
     number : int
         Which of its messages, from 0 on, in the order of time.
     """
 
-    path: Path
     source: BagClouds
     number: int
+
+    @property
+    def path(self) -> Path:
+        """What errors and pictures name: no file, but the bag and the message."""
+        return Path(f"{self.source.bag.path}, message {self.number}")
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -276,7 +278,7 @@ class BagCloud(Cloud):
     @property
     def name(self) -> str:
         """The bag, the topic and the number."""
-        return f"{self.path.name} {self.source.topic} {self.number}"
+        return f"{self.path.name} of {self.source.topic}"
 
     def summed(self) -> SummedCloud:
         """Return the cloud with the checksums of its bag; see `Cloud`."""

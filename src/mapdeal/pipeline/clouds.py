@@ -55,8 +55,10 @@ class SummedCloud:
 class Cloud(ABC):
     """A cloud that can be read more than once."""
 
-    path: Path
-    """What errors and pictures name."""
+    @property
+    @abstractmethod
+    def path(self) -> Path:
+        """What errors and pictures name."""
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -87,7 +89,12 @@ class Cloud(ABC):
 class FileCloud(Cloud):
     """A cloud in a file of its own."""
 
-    path: Path
+    file: Path
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.file
 
     def summed(self) -> SummedCloud:
         """Return the cloud with its checksum; see `Cloud`."""
