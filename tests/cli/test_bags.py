@@ -281,6 +281,17 @@ def test_poses_of_a_file_and_a_mount_stand_for_transforms(command, tmp_path):
     code, _, err = command("build", path, "-o", "n.yaml", "--poses", "base.txt", *mount)
     assert (code, err) == (0, "")
     assert np.count_nonzero(read_map("n.yaml").occupancy != drive.map().occupancy) <= 3
+    drive.scans(maker, "/back", "rear")
+    (tmp_path / "two").mkdir()
+    path = maker.write(tmp_path / "two", "mcap")
+    both = ["build", path, "--topic", "scan", "--topic", "back", "-o", "p.yaml"]
+    code, _, err = command(*both, "--poses", "base.txt")
+    assert code == 3
+    assert "no transforms lead from base_link to laser, rear: whose poses are they?" in err
+    code, _, err = command(*both, "--poses", "base.txt", *mount)
+    assert code == 2
+    assert "--mount: is for one sensor, and there are laser, rear" in err
+    path = path.parent.parent / "bag"
     (tmp_path / "flat.txt").write_text("0 0 0\n")
     code, _, err = command("build", path, "-o", "o.yaml", "--poses", "flat.txt")
     assert code == 3

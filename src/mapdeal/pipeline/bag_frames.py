@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError
+from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.bags.bag import CAN_BE_READ, Bag, Connection
 from mapdeal.formats.bags.decoding import Decoder
 from mapdeal.formats.bags.messages import (
@@ -187,6 +187,9 @@ class SensorFrames:
         """Have sensors stand where the user says, on a robot whose frame is known or not yet."""
         if self._options.mount is None:
             return
+        if len(sensors) > 1:
+            rule = f"is for one sensor, and there are {', '.join(sensors)}"
+            raise ParameterError(rule, source="--mount", hint="--topic names one")
         x, y, yaw = self._options.mount
         base = self.base_frame() or self._options.base_frame or BASE_FRAMES[0]
         for sensor in sensors:
@@ -201,10 +204,15 @@ class SensorFrames:
         self._take_mount(sensors)
         base = self.base_frame()
         frames = [base] if base is not None else sensors
+        wanted = self._options.base_frame or BASE_FRAMES[0]
+        if base is None and len(sensors) > 1:
+            rule = (
+                f"no transforms lead from {wanted} to {', '.join(sensors)}: whose poses are they?"
+            )
+            hint = "--topic names one, and --mount says where it stands on the robot"
+            raise MalformedInputError(rule, source=path, hint=hint)
         if base is None:
-            named = ", ".join(sensors)
-            text = f"{path} is taken for the poses of {named}: no transform leads there from"
-            wanted = self._options.base_frame or BASE_FRAMES[0]
+            text = f"{path} is taken for the poses of {sensors[0]}: no transform leads there from"
             self._bag.remark(f"{text} {wanted}; --mount says where a sensor stands on the robot")
         trajectory = read_trajectory(path)
         rows = zip(*(part.tolist() for part in trajectory), strict=True)

@@ -98,6 +98,8 @@ def chosen_connections(
     MalformedInputError
         If there is no such topic, one is of another type, or several fit and none was named.
     """
+    if not bag.connections:
+        raise bag.malformed("holds no messages")
     fitting = bag.of_types(*types)
     if not topics:
         names = sorted({one.topic for one in fitting})
