@@ -63,10 +63,10 @@ from mapdeal.formats.transforms import read_transform
 from mapdeal.grid.coordinates import FARTHEST
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
-from mapdeal.pipeline.bag_clouds import clouds_of_bag
-from mapdeal.pipeline.bag_frames import FrameOptions
+from mapdeal.pipeline.bags.clouds import clouds_of_bag
+from mapdeal.pipeline.bags.frames import FrameOptions
+from mapdeal.pipeline.bags.inspect import describe_bag
 from mapdeal.pipeline.golden import differences_from_golden
-from mapdeal.pipeline.inspect_bag import describe_bag
 from mapdeal.pipeline.lint import (
     LintRules,
     ParameterFiles,

@@ -59,7 +59,7 @@ def read_map_from_bag(
     MapdealWarning
         If the bag is damaged; what is whole of it is read.
     """
-    from mapdeal.pipeline.bag_grids import grid_topic
+    from mapdeal.pipeline.bags.grids import grid_topic
 
     settings = Settings(max_memory=max_memory)
     with settings.memory(), grid_topic(Path(path), topic, read_as=read_as) as found:
@@ -131,8 +131,8 @@ def build_map_from_bag(
     MapdealWarning
         Of scans that were left out, of what had to be chosen, and as `build_map_from_log`.
     """
-    from mapdeal.pipeline.bag_frames import FrameOptions
-    from mapdeal.pipeline.bag_scans import scans_of_bag
+    from mapdeal.pipeline.bags.frames import FrameOptions
+    from mapdeal.pipeline.bags.scans import scans_of_bag
 
     settings = Settings(max_memory=max_memory, threads=threads)
     limits = BeamLimits(range_min, range_max, clear_max)

@@ -13,9 +13,9 @@ from mapdeal.cli import options as opt
 from mapdeal.errors import ParameterError
 
 if TYPE_CHECKING:
-    from mapdeal.pipeline.bag_clouds import BagClouds
-    from mapdeal.pipeline.bag_frames import FrameOptions
-    from mapdeal.pipeline.bag_scans import BagScans
+    from mapdeal.pipeline.bags.clouds import BagClouds
+    from mapdeal.pipeline.bags.frames import FrameOptions
+    from mapdeal.pipeline.bags.scans import BagScans
 
 Topics = Annotated[
     list[str] | None,
@@ -81,7 +81,7 @@ class BagWords:
 
     def frames(self, poses: Path | None) -> FrameOptions:
         """Return how it is known where sensors were."""
-        from mapdeal.pipeline.bag_frames import FrameOptions  # not loaded where there is no bag
+        from mapdeal.pipeline.bags.frames import FrameOptions  # not loaded where there is no bag
 
         mount = None
         if self.mount is not None:
@@ -93,13 +93,13 @@ class BagWords:
         self, path: Path, poses: Path | None, *, has_poses: bool, is_raw: bool
     ) -> AbstractContextManager[BagClouds]:
         """Open the clouds of a bag."""
-        from mapdeal.pipeline.bag_clouds import clouds_of_bag
+        from mapdeal.pipeline.bags.clouds import clouds_of_bag
 
         frames = self.frames(poses)
         return clouds_of_bag(path, self.topics or [], frames, has_poses=has_poses, is_raw=is_raw)
 
     def scans(self, path: Path, poses: Path | None) -> AbstractContextManager[BagScans]:
         """Open the laser scans of a bag."""
-        from mapdeal.pipeline.bag_scans import scans_of_bag
+        from mapdeal.pipeline.bags.scans import scans_of_bag
 
         return scans_of_bag(path, self.topics or [], self.frames(poses), deskew=self.deskew)

@@ -137,7 +137,7 @@ def convert_all(
     MapdealError
         If the bag cannot be read, or an output exists; nothing is changed then.
     """
-    from mapdeal.pipeline.bag_grids import grid_topic  # not loaded for maps
+    from mapdeal.pipeline.bags.grids import grid_topic  # not loaded for maps
 
     _check_words(of_bag, reads_bag=is_bag(path), writes_bag=False)
     if of_bag.index is not None:
@@ -172,7 +172,7 @@ def _check_words(given: BagTopic, *, reads_bag: bool, writes_bag: bool) -> None:
 
 def _read_bag(path: Path, given: BagTopic, options: Settings) -> Source:
     """Return a map or costmap of a bag."""
-    from mapdeal.pipeline.bag_grids import grid_topic  # not loaded for maps
+    from mapdeal.pipeline.bags.grids import grid_topic  # not loaded for maps
 
     with options.memory(), grid_topic(path, given.topic, read_as=given.read_as) as topic:
         grid = topic.read(-1 if given.index is None else given.index).grid

@@ -69,7 +69,7 @@ def describe_file(
         if kind is None or kind.name in (MAP, IMAGE, POINTER):
             raise _without_run(path) if kind is None and is_folder(path) else error from None
     if kind.name == BAG:
-        from mapdeal.pipeline.inspect_bag import describe_bag  # not loaded for a map
+        from mapdeal.pipeline.bags.inspect import describe_bag  # not loaded for a map
 
         return describe_bag(path, progress=progress)
     report = {"file": str(path), "kind": kind.name, "is": kind.what}

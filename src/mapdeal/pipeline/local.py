@@ -47,7 +47,7 @@ from mapdeal.render.pose import PoseOverlay
 from mapdeal.stages.definition import Stage
 
 if TYPE_CHECKING:  # only bags need what it imports
-    from mapdeal.pipeline.bag_clouds import BagClouds
+    from mapdeal.pipeline.bags.clouds import BagClouds
 
 _DIGITS = 4
 

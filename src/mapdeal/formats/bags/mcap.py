@@ -8,17 +8,13 @@ mcap.dev, "MCAP Format Specification", version 0: records of an opcode, a length
 from __future__ import annotations
 
 import struct
-from array import array
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
-from zlib import crc32
 
 import numpy as np
 
 from mapdeal.formats.bags.bag import (
-    Bag,
     Connection,
     Encoding,
     MessageIndex,
@@ -26,9 +22,8 @@ from mapdeal.formats.bags.bag import (
     normalised_topic,
     normalised_type,
 )
-from mapdeal.formats.bags.chunks import KeptChunks, expanded
-from mapdeal.formats.budget import claim
-from mapdeal.formats.source import access_to, status_of
+from mapdeal.formats.bags.chunked import IN_THE_FILE, Chunk, ChunkedBag, CutError
+from mapdeal.formats.source import access_to
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -36,9 +31,6 @@ _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX = 1, 2, 3, 4, 5, 6
 _DATA_END = 0x0F
 _LONGEST_RECORD = 1 << 26
 """Bytes of a record that is read whole: a schema or a channel."""
-
-_IN_THE_FILE = -1
-"""The number of no chunk: a message that stands between them."""
 
 _BEFORE_DATA = 22
 """Bytes of a message's record before its data."""
@@ -52,25 +44,7 @@ class _Schema(NamedTuple):
     text: str
 
 
-@dataclass
-class _Chunk:
-    """A chunk, and where its index records have their entries: (channel, start, count)."""
-
-    compression: str
-    size: int
-    crc: int
-    start: int
-    length: int
-    entries: list[tuple[int, int, int]] = field(default_factory=list)
-    is_indexed: bool = False
-    is_cut: bool = False
-
-
-class _CutError(Exception):
-    """A record that does not end before the data do."""
-
-
-class McapBag(Bag):
+class McapBag(ChunkedBag):
     """An MCAP file with messages of ROS 1 or 2.
 
     Parameters
@@ -96,53 +70,23 @@ class McapBag(Bag):
     the end is not needed. Chunks without index records are expanded to see what they hold.
     """
 
+    _ENTRY = 16
+
     def __init__(self, path: Path) -> None:
-        super().__init__(path, "a bag (MCAP)")
-        self._chunks: list[_Chunk] = []
         self._schemas: dict[int, _Schema] = {}
-        self._found: dict[int, Connection] = {}
-        self._loose = array("q")
-        with access_to(path):
-            self._file = path.open("rb")
-        try:
-            with access_to(path):
-                self._size = status_of(path).st_size
-                self._walk()
-                self._find_channels()
-        except BaseException:
-            self._file.close()
-            raise
-        self._kept = KeptChunks(self._expanded)
-
-    @property
-    def connections(self) -> Sequence[Connection]:
-        """All connections; see `Bag`."""
-        return list(self._found.values())
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
-        """Yield the places of all messages of some connections; see `Bag`."""
-        wanted = set(connections)
-        if self._loose:
-            index = MessageIndex.of(self._loose)
-            yield index.chosen(np.isin(index.connections, list(wanted)))
-        for number in range(len(self._chunks)):
-            yield from self._index_of(number, wanted)
+        super().__init__(path, "a bag (MCAP)")
 
     def data(self, place: Place) -> bytes:
         """Return a message as it was serialized; see `Bag`."""
         with access_to(self.path):
-            if place.block == _IN_THE_FILE:
+            if place.block == IN_THE_FILE:
                 self._file.seek(place.offset + 1)
                 (length,) = struct.unpack("<Q", self._read(8))
                 return self._read(length)[_BEFORE_DATA:]
         chunk = self._kept[place.block]
         try:
             opcode, start, end = _record(chunk, place.offset)
-        except _CutError:
+        except CutError:
             opcode, start, end = 0, 0, 0
         if opcode != _MESSAGE or end - start < _BEFORE_DATA:
             raise self.malformed("an index record points to no message")
@@ -172,9 +116,7 @@ class McapBag(Bag):
         if is_ended:
             self.remark("ends too early, behind its messages; all of them are read")
         else:
-            self.remark("ends too early; what is whole before that is read")
-            if self._chunks:  # of whose index records some may be missing
-                self._chunks[-1].is_indexed = False
+            self._remark_on_end()
 
     def _take(self, opcode: int, position: int, length: int) -> None:
         """Take in the record at a position, behind which the file stands."""
@@ -194,7 +136,7 @@ class McapBag(Bag):
             self._chunks[-1].entries.append((channel, start + 6, size // 16))
         elif opcode == _MESSAGE and length >= _BEFORE_DATA:
             channel, _, time = struct.unpack("<HIQ", self._read(14))
-            self._loose.extend((channel, _signed(time), _IN_THE_FILE, position))
+            self._loose.extend((channel, _signed(time), IN_THE_FILE, position))
 
     def _note_chunk(self, start: int, length: int, *, is_cut: bool = False) -> None:
         head = self._file.read(min(length, 32))
@@ -212,8 +154,8 @@ class McapBag(Bag):
         if not is_cut and stored > length - before:
             raise self.malformed("the head of a chunk is damaged")
         self._chunks.append(
-            _Chunk(
-                name.decode("latin-1"), size, crc, start + before, min(stored, length - before),
+            Chunk(
+                name.decode("latin-1"), size, start + before, min(stored, length - before), crc,
                 is_cut=is_cut,
             )
         )  # fmt: skip
@@ -231,7 +173,7 @@ class McapBag(Bag):
             number, schema_number = struct.unpack_from("<HH", data)
             topic, position = _text(data, 4)
             serialization, _ = _text(data, position)
-        except (struct.error, _CutError):
+        except (struct.error, CutError):
             raise self.malformed("a schema or channel is damaged") from None
         schema = self._schemas.get(schema_number, _Schema("", "", ""))
         self._found.setdefault(
@@ -247,40 +189,25 @@ class McapBag(Bag):
             ),
         )
 
-    def _find_channels(self) -> None:
-        """Look into chunks for channels that no record behind them describes."""
-        for number, chunk in enumerate(self._chunks):
-            known = {one for one, _, _ in chunk.entries}
-            if chunk.is_indexed and known <= self._found.keys():
-                continue
-            data = self._expanded(number)
-            for opcode, start, end in self._records_of(number, data):
-                if opcode in (_SCHEMA, _CHANNEL):
-                    self._note(opcode, data[start:end])
+    def _find_connections_in(self, number: int) -> None:
+        data = self._expanded(number)
+        for opcode, start, end in self._records_of(number, data):
+            if opcode in (_SCHEMA, _CHANNEL):
+                self._note(opcode, data[start:end])
 
-    def _index_of(self, number: int, wanted: set[int]) -> Iterator[MessageIndex]:
-        chunk = self._chunks[number]
-        if not chunk.is_indexed:
-            data, found = self._expanded(number), []
-            for opcode, start, end in self._records_of(number, data):
-                if opcode != _MESSAGE or end - start < _BEFORE_DATA:
-                    continue
+    def _messages_in(self, number: int) -> Iterator[Place]:
+        data = self._expanded(number)
+        for opcode, start, end in self._records_of(number, data):
+            if opcode == _MESSAGE and end - start >= _BEFORE_DATA:
                 channel, _, time = struct.unpack_from("<HIQ", data, start)
-                if channel in wanted:
-                    found.append(Place(channel, _signed(time), number, start - 9))
-            if found:
-                yield MessageIndex.of(found)
-            return
-        for channel, start, count in chunk.entries:
-            if channel not in wanted or not count:
-                continue
-            with access_to(self.path):
-                self._file.seek(start)
-                data = self._read(16 * count)
-            rows = np.frombuffer(data, "<i8").reshape(-1, 2)
-            yield MessageIndex(
-                np.full(count, channel), rows[:, 0], np.full(count, number), rows[:, 1]
-            )
+                yield Place(channel, _signed(time), number, start - 9)
+
+    def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
+        rows = np.frombuffer(data, "<i8").reshape(-1, 2)
+        count = len(rows)
+        return MessageIndex(
+            np.full(count, connection), rows[:, 0], np.full(count, number), rows[:, 1]
+        )
 
     def _records_of(self, number: int, data: bytes) -> Iterator[tuple[int, int, int]]:
         """Yield opcode, start and end of the records in a chunk, as far as they are whole."""
@@ -288,29 +215,11 @@ class McapBag(Bag):
         while position < len(data):
             try:
                 opcode, start, end = _record(data, position)
-            except _CutError:
-                if not self._chunks[number].is_cut:
-                    self.remark("a chunk is damaged; what is whole before that is read")
+            except CutError:
+                self._remark_on_damage(number)
                 return
             yield opcode, start, end
             position = end
-
-    def _expanded(self, number: int) -> bytes:
-        chunk = self._chunks[number]
-        claim(self.path, chunk.length, what="a chunk")
-        with access_to(self.path):
-            self._file.seek(chunk.start)
-            data = self._read(chunk.length)
-        data = expanded(data, chunk.compression, chunk.size, self.path, partly=chunk.is_cut)
-        if chunk.crc and not chunk.is_cut and crc32(data) != chunk.crc:
-            raise self.malformed("a chunk is damaged: its checksum differs")
-        return data
-
-    def _read(self, length: int) -> bytes:
-        data = self._file.read(length)
-        if len(data) < length:
-            raise self.malformed("ends within a record, or was cut meanwhile")
-        return data
 
 
 _IDL = ("ros2idl", "omgidl")
@@ -319,10 +228,10 @@ _IDL = ("ros2idl", "omgidl")
 def _record(data: bytes, position: int) -> tuple[int, int, int]:
     """Return the opcode of a record in a chunk, and where its fields begin and end."""
     if position < 0 or position + 9 > len(data):
-        raise _CutError
+        raise CutError
     opcode, length = struct.unpack_from("<BQ", data, position)
     if length > len(data) - position - 9:
-        raise _CutError
+        raise CutError
     return opcode, position + 9, position + 9 + length
 
 
@@ -331,7 +240,7 @@ def _text(data: bytes, position: int) -> tuple[str, int]:
     (length,) = struct.unpack_from("<I", data, position)
     end = position + 4 + length
     if end > len(data):
-        raise _CutError
+        raise CutError
     return data[position + 4 : end].decode("utf-8", "replace"), end
 
 

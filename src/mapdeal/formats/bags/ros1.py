@@ -10,54 +10,31 @@ from __future__ import annotations
 
 import re
 import struct
-from array import array
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from mapdeal.formats.bags.bag import (
-    Bag,
     Connection,
     MessageIndex,
     Place,
     normalised_topic,
     normalised_type,
 )
-from mapdeal.formats.bags.chunks import KeptChunks, expanded
-from mapdeal.formats.budget import claim
-from mapdeal.formats.source import access_to, status_of
+from mapdeal.formats.bags.chunked import IN_THE_FILE, Chunk, ChunkedBag, CutError
+from mapdeal.formats.source import access_to
 
 _MAGIC = re.compile(rb"#ROSBAG V(\d+)\.(\d+)\n")
 _MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _LONGEST_HEADER = 1 << 20
 _SECOND = 10**9
-_IN_THE_FILE = -1
-"""The number of no chunk: a message that stands between them."""
-
 _U32 = struct.Struct("<I")
 
 Fields = Mapping[bytes, bytes]
 
 
-@dataclass
-class _Chunk:
-    """A chunk, and where its index records have their entries: (offset, count) by connection."""
-
-    compression: str
-    size: int
-    start: int
-    length: int
-    entries: list[tuple[int, int, int]] = field(default_factory=list)
-    is_cut: bool = False
-
-
-class _CutError(Exception):
-    """A record that does not end before the data do, or is none."""
-
-
-class Ros1Bag(Bag):
+class Ros1Bag(ChunkedBag):
     """A ROS 1 bag.
 
     Parameters
@@ -84,46 +61,16 @@ class Ros1Bag(Bag):
     counted by its field ``count``, since some writers have a wrong length there.
     """
 
+    _ENTRY = 12
+
     def __init__(self, path: Path) -> None:
-        super().__init__(path, "a ROS 1 bag")
-        self._chunks: list[_Chunk] = []
-        self._found: dict[int, Connection] = {}
-        self._loose = array("q")
         self._has_summary = False
-        with access_to(path):
-            self._file = path.open("rb")
-        try:
-            with access_to(path):
-                self._size = status_of(path).st_size
-                self._walk()
-                self._find_connections()
-        except BaseException:
-            self._file.close()
-            raise
-        self._kept = KeptChunks(self._expanded)
-
-    @property
-    def connections(self) -> Sequence[Connection]:
-        """All connections; see `Bag`."""
-        return list(self._found.values())
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
-        """Yield the places of all messages of some connections; see `Bag`."""
-        wanted = set(connections)
-        if self._loose:
-            index = MessageIndex.of(self._loose)
-            yield index.chosen(np.isin(index.connections, list(wanted)))
-        for number in range(len(self._chunks)):
-            yield from self._index_of(number, wanted)
+        super().__init__(path, "a ROS 1 bag")
 
     def data(self, place: Place) -> bytes:
         """Return a message as it was serialized; see `Bag`."""
         with access_to(self.path):
-            if place.block == _IN_THE_FILE:
+            if place.block == IN_THE_FILE:
                 self._file.seek(place.offset)
                 _, length = self._header_at(place.offset)
                 return self._read(length)
@@ -132,7 +79,7 @@ class Ros1Bag(Bag):
             fields, start, end = _record(chunk, place.offset)
             while fields.get(b"op") == bytes([_CONNECTION]):  # which some writers count to it
                 fields, start, end = _record(chunk, end)
-        except _CutError:
+        except CutError:
             raise self.malformed("an index record points to no message") from None
         if fields.get(b"op") != bytes([_MESSAGE]):
             raise self.malformed("an index record points to no message")
@@ -153,10 +100,8 @@ class Ros1Bag(Bag):
         while position < self._size:
             try:
                 position = self._walk_record(position)
-            except _CutError as error:
-                self.remark(f"ends too early ({error}); what is whole before that is read")
-                if self._chunks:  # of whose index records some may be missing
-                    self._chunks[-1].entries.clear()
+            except CutError as error:
+                self._remark_on_end(f" ({error})")
                 return
         if not self._has_summary and self._chunks:
             self.remark("has no index, as a recorder leaves it that was killed; it is read all")
@@ -174,17 +119,17 @@ class Ros1Bag(Bag):
         if op == _CHUNK:
             compression = fields.get(b"compression", b"").decode("latin-1")
             size = _number(fields, b"size")
-            chunk = _Chunk(compression, size, start, min(length, self._size - start), [], is_cut)
-            self._chunks.append(chunk)
+            there = min(length, self._size - start)
+            self._chunks.append(Chunk(compression, size, start, there, is_cut=is_cut))
         if is_cut:
-            raise _CutError(f"a record of {length} bytes at byte {position}")
+            raise CutError(f"a record of {length} bytes at byte {position}")
         if op == _BAG and fields.get(b"encryptor", b""):
             raise self.malformed("is encrypted")
         if op == _CONNECTION:
             self._note_connection(fields, self._read(length))
         elif op == _MESSAGE:
             connection, time = _number(fields, b"conn"), _time(fields)
-            self._loose.extend((connection, time, _IN_THE_FILE, position))
+            self._loose.extend((connection, time, IN_THE_FILE, position))
         elif op == _CHUNK_INFO:
             self._has_summary = True
         return end
@@ -193,9 +138,10 @@ class Ros1Bag(Bag):
         count = _number(fields, b"count")
         end = start + 12 * count
         if end > self._size or not self._chunks:
-            raise _CutError(f"an index record at byte {start}")
+            raise CutError(f"an index record at byte {start}")
         if _number(fields, b"ver") == 1:
             self._chunks[-1].entries.append((_number(fields, b"conn"), start, count))
+            self._chunks[-1].is_indexed = True
         return end
 
     def _note_connection(self, fields: Fields, data: bytes) -> None:
@@ -209,37 +155,19 @@ class Ros1Bag(Bag):
         name_of_topic = normalised_topic(topic.decode("utf-8", "replace"))
         self._found[number] = Connection(number, name_of_topic, name, "ros1", text, False, "ros1")
 
-    def _find_connections(self) -> None:
-        """Look into chunks for connections that no record behind them describes."""
-        for number, chunk in enumerate(self._chunks):
-            known = {one for one, _, _ in chunk.entries}
-            if chunk.entries and known <= self._found.keys():
-                continue
-            for fields, data, _ in self._records_of(number):
-                if fields.get(b"op") == bytes([_CONNECTION]):
-                    try:
-                        self._note_connection(fields, data)
-                    except _CutError:
-                        self.remark("the description of a connection is damaged")
+    def _find_connections_in(self, number: int) -> None:
+        for fields, data, _ in self._records_of(number):
+            if fields.get(b"op") == bytes([_CONNECTION]):
+                try:
+                    self._note_connection(fields, data)
+                except CutError:
+                    self.remark("the description of a connection is damaged")
 
-    def _index_of(self, number: int, wanted: set[int]) -> Iterator[MessageIndex]:
-        chunk = self._chunks[number]
-        if not chunk.entries:
-            found = [one for one in self._messages_in(number) if one.connection in wanted]
-            if found:
-                yield MessageIndex.of(found)
-            return
-        for connection, start, count in chunk.entries:
-            if connection not in wanted or not count:
-                continue
-            with access_to(self.path):
-                self._file.seek(start)
-                data = self._read(12 * count)
-            rows = np.frombuffer(data, "<u4").reshape(-1, 3).astype(np.int64)
-            times = rows[:, 0] * _SECOND + rows[:, 1]
-            yield MessageIndex(
-                np.full(count, connection), times, np.full(count, number), rows[:, 2]
-            )
+    def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
+        rows = np.frombuffer(data, "<u4").reshape(-1, 3).astype(np.int64)
+        times = rows[:, 0] * _SECOND + rows[:, 1]
+        count = len(rows)
+        return MessageIndex(np.full(count, connection), times, np.full(count, number), rows[:, 2])
 
     def _messages_in(self, number: int) -> Iterator[Place]:
         """Yield the places of the messages in a chunk, as far as they are whole."""
@@ -248,7 +176,7 @@ class Ros1Bag(Bag):
                 continue
             try:
                 yield Place(_number(fields, b"conn"), _time(fields), number, offset)
-            except _CutError:
+            except CutError:
                 self.remark("the head of a message is damaged; it is left out")
 
     def _records_of(self, number: int) -> Iterator[tuple[Fields, bytes, int]]:
@@ -258,42 +186,25 @@ class Ros1Bag(Bag):
         while position < len(chunk):
             try:
                 fields, start, end = _record(chunk, position)
-            except _CutError:
-                if not self._chunks[number].is_cut:
-                    self.remark("a chunk is damaged; what is whole before that is read")
+            except CutError:
+                self._remark_on_damage(number)
                 return
             yield fields, chunk[start:end], position
             position = end
-
-    def _expanded(self, number: int) -> bytes:
-        chunk = self._chunks[number]
-        claim(self.path, chunk.length, what="a chunk")
-        with access_to(self.path):
-            self._file.seek(chunk.start)
-            data = self._read(chunk.length)
-        return expanded(
-            data, chunk.compression, chunk.size, self.path, partly=chunk.is_cut
-        )  # fmt: skip
 
     def _header_at(self, position: int) -> tuple[Fields, int]:
         """Return fields of the record that the file stands at, and the length of its data."""
         where = f"a record at byte {position}"
         word = self._file.read(4)
         if len(word) < 4:
-            raise _CutError(where)
+            raise CutError(where)
         (length,) = _U32.unpack(word)
         if length > min(_LONGEST_HEADER, self._size - position):
-            raise _CutError(where)
+            raise CutError(where)
         header, word = self._file.read(length), self._file.read(4)
         if len(header) < length or len(word) < 4:
-            raise _CutError(where)
+            raise CutError(where)
         return _fields_in(header), _U32.unpack(word)[0]
-
-    def _read(self, length: int) -> bytes:
-        data = self._file.read(length)
-        if len(data) < length:
-            raise self.malformed("ends within a record, or was cut meanwhile")
-        return data
 
 
 def _fields_in(data: bytes) -> Fields:
@@ -302,12 +213,12 @@ def _fields_in(data: bytes) -> Fields:
     position = 0
     while position < len(data):
         if position + 4 > len(data):
-            raise _CutError("a header of fields")
+            raise CutError("a header of fields")
         (length,) = _U32.unpack_from(data, position)
         position += 4
         name, equals, value = data[position : position + length].partition(b"=")
         if not equals or position + length > len(data):
-            raise _CutError("a header of fields")
+            raise CutError("a header of fields")
         fields[name] = value
         position += length
     return fields
@@ -316,26 +227,26 @@ def _fields_in(data: bytes) -> Fields:
 def _record(data: bytes, position: int) -> tuple[Fields, int, int]:
     """Return the fields of a record in a chunk, and where its data begin and end."""
     if position + 4 > len(data):
-        raise _CutError("a chunk")
+        raise CutError("a chunk")
     start = position + 4 + _U32.unpack_from(data, position)[0]
     if start + 4 > len(data):
-        raise _CutError("a chunk")
+        raise CutError("a chunk")
     fields = _fields_in(data[position + 4 : start])
     end = start + 4 + _U32.unpack_from(data, start)[0]
     if end > len(data):
-        raise _CutError("a chunk")
+        raise CutError("a chunk")
     return fields, start + 4, end
 
 
 def _number(fields: Fields, name: bytes) -> int:
     value = fields.get(name, b"")
     if len(value) not in (4, 8):
-        raise _CutError(f"a header without {name.decode()}")
+        raise CutError(f"a header without {name.decode()}")
     return int.from_bytes(value, "little")
 
 
 def _time(fields: Fields) -> int:
     value = fields.get(b"time", b"")
     if len(value) != 8:
-        raise _CutError("a message without time")
+        raise CutError("a message without time")
     return int.from_bytes(value[:4], "little") * _SECOND + int.from_bytes(value[4:], "little")

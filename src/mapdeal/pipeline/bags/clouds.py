@@ -28,7 +28,7 @@ from mapdeal.formats.file_state import FileState
 from mapdeal.formats.source import sha256_of, state_of
 from mapdeal.kernels.rotations import rotated
 from mapdeal.mapping.posed_scans import stances
-from mapdeal.pipeline.bag_frames import BASE_FRAMES, FIXED_FRAMES, FrameOptions, SensorFrames
+from mapdeal.pipeline.bags.frames import BASE_FRAMES, FIXED_FRAMES, FrameOptions, SensorFrames
 from mapdeal.pipeline.clouds import Cloud, Points, SummedCloud
 from mapdeal.pipeline.files import errors_named
 

@@ -18,7 +18,7 @@ from mapdeal.formats.bags.reader import chosen_connections, open_bag
 from mapdeal.formats.scans.source import ScanArrays, ScanSource
 from mapdeal.mapping.posed_scans import Stances, beams_in_plane, stances
 from mapdeal.mapping.transforms import Posed
-from mapdeal.pipeline.bag_frames import FrameOptions, SensorFrames
+from mapdeal.pipeline.bags.frames import FrameOptions, SensorFrames
 from mapdeal.pipeline.files import errors_named
 
 _SCANS_TOGETHER = 512

@@ -1,0 +1,170 @@
+"""What ROS 1 bags and MCAP files have in common: records, most of them in chunks."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from array import array
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+
+from mapdeal.formats.bags.bag import Bag, Connection, MessageIndex, Place
+from mapdeal.formats.bags.chunks import KeptChunks, expanded
+from mapdeal.formats.budget import claim
+from mapdeal.formats.source import access_to, status_of
+
+IN_THE_FILE = -1
+"""The number of no chunk: a message that stands between them."""
+
+
+@dataclass
+class Chunk:
+    """A chunk of a file.
+
+    Parameters
+    ----------
+    compression : str
+        What the file calls it.
+    size : int
+        Bytes that it expands to.
+    start, length : int
+        Its data in the file.
+    crc : int
+        The checksum of what it expands to, 0 if there is none.
+    entries : list of tuple of int
+        Its index records: connection, where their entries start, and how many there are.
+    is_indexed : bool
+        Whether index records tell all that it holds.
+    is_cut : bool
+        Whether the file ends within it.
+    """
+
+    compression: str
+    size: int
+    start: int
+    length: int
+    crc: int = 0
+    entries: list[tuple[int, int, int]] = field(default_factory=list)
+    is_indexed: bool = False
+    is_cut: bool = False
+
+
+class CutError(Exception):
+    """A record that does not end before the data do, or is none."""
+
+
+class ChunkedBag(Bag):
+    """A file of records, which are gone through once to find chunks, connections, and the rest.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    form : str
+        What it is, with an article.
+    """
+
+    def __init__(self, path: Path, form: str) -> None:
+        super().__init__(path, form)
+        self._chunks: list[Chunk] = []
+        self._found: dict[int, Connection] = {}
+        self._loose = array("q")  # places, four numbers each
+        with access_to(path):
+            self._file = path.open("rb")
+        try:
+            with access_to(path):
+                self._size = status_of(path).st_size
+                self._walk()
+            self._find_connections()
+        except BaseException:
+            self._file.close()
+            raise
+        self._kept = KeptChunks(self._expanded)
+
+    @property
+    def connections(self) -> Sequence[Connection]:
+        """All connections; see `Bag`."""
+        return list(self._found.values())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
+        """Yield the places of all messages of some connections; see `Bag`."""
+        wanted = set(connections)
+        if self._loose:
+            index = MessageIndex.of(self._loose)
+            yield index.chosen(np.isin(index.connections, list(wanted)))
+        for number, chunk in enumerate(self._chunks):
+            if chunk.is_indexed:
+                yield from self._indexed(number, wanted)
+                continue
+            found = [one for one in self._messages_in(number) if one.connection in wanted]
+            if found:
+                yield MessageIndex.of(found)
+
+    @abstractmethod
+    def _walk(self) -> None:
+        """Go through all records of the file."""
+
+    @abstractmethod
+    def _find_connections_in(self, number: int) -> None:
+        """Take in the connections that a chunk describes."""
+
+    @abstractmethod
+    def _messages_in(self, number: int) -> Iterator[Place]:
+        """Yield the places of the messages in a chunk, as far as they are whole."""
+
+    @abstractmethod
+    def _entries(self, data: bytes, number: int, connection: int) -> MessageIndex:
+        """Return the places that the entries of an index record stand for."""
+
+    _ENTRY: int
+    """Bytes of an entry."""
+
+    def _find_connections(self) -> None:
+        """Look into chunks for connections that no record behind them describes."""
+        for number, chunk in enumerate(self._chunks):
+            known = {one for one, _, _ in chunk.entries}
+            if not (chunk.is_indexed and known <= self._found.keys()):
+                self._find_connections_in(number)
+
+    def _indexed(self, number: int, wanted: set[int]) -> Iterator[MessageIndex]:
+        for connection, start, count in self._chunks[number].entries:
+            if connection in wanted and count:
+                with access_to(self.path):
+                    self._file.seek(start)
+                    data = self._read(self._ENTRY * count)
+                yield self._entries(data, number, connection)
+
+    def _expanded(self, number: int) -> bytes:
+        chunk = self._chunks[number]
+        claim(self.path, chunk.length, what="a chunk")
+        with access_to(self.path):
+            self._file.seek(chunk.start)
+            data = self._read(chunk.length)
+        data = expanded(data, chunk.compression, chunk.size, self.path, partly=chunk.is_cut)
+        if chunk.crc and not chunk.is_cut and crc32(data) != chunk.crc:
+            raise self.malformed("a chunk is damaged: its checksum differs")
+        return data
+
+    def _remark_on_damage(self, number: int) -> None:
+        """Warn of a chunk of which the rest cannot be read, unless it is known to be cut."""
+        if not self._chunks[number].is_cut:
+            self.remark("a chunk is damaged; what is whole before that is read")
+
+    def _remark_on_end(self, why: str = "") -> None:
+        """Warn of a file that ends too early, and do without the last index: it may be cut, too."""
+        self.remark(f"ends too early{why}; what is whole before that is read")
+        if self._chunks:
+            self._chunks[-1].is_indexed = False
+
+    def _read(self, length: int) -> bytes:
+        data = self._file.read(length)
+        if len(data) < length:
+            raise self.malformed("ends within a record, or was cut meanwhile")
+        return data

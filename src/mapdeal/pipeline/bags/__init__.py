@@ -1,0 +1,1 @@
+"""What commands do with bags: grids, scans and clouds out of them, and where sensors were."""
