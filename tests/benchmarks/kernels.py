@@ -20,11 +20,11 @@ import numpy as np
 from make_map import RESOLUTION, cells_of_map
 from scipy import ndimage
 
+from mapdeal.kernels.dilation import within_distance
 from mapdeal.kernels.distance import (
     bytes_by_distance,
     signed_distance,
     squared_distance,
-    within_distance,
 )
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import use_threads

@@ -9,12 +9,12 @@ import oracles
 from engines import needs_compiled
 from mapdeal.errors import ParameterError
 from mapdeal.kernels import engine
+from mapdeal.kernels.dilation import within_distance
 from mapdeal.kernels.distance import (
     bytes_by_distance,
     signed_distance,
     signed_squared_distance,
     squared_distance,
-    within_distance,
 )
 from mapdeal.kernels.squares import unreachable
 from mapdeal.kernels.threads import use_threads

@@ -16,7 +16,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.region import MOST_CELLS, Region, region_around
 from mapdeal.grid.resample import sampled
 from mapdeal.grid.values import OCCUPIED
-from mapdeal.kernels.distance import within_distance
+from mapdeal.kernels.dilation import within_distance
 
 STATES = ("occupied", "free", "unknown", "between")
 """What a cell can be; between are the values 1..99."""

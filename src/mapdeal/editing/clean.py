@@ -14,8 +14,8 @@ from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.display import OneLine, count_text
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.dilation import dilate_square
 from mapdeal.kernels.labels import labelled
-from mapdeal.kernels.neighbourhood import dilate_square
 
 Mask = NDArray[np.bool_]
 Values = NDArray[np.int8]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.display import OneLine, count_text
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.kernels.distance import within_distance
+from mapdeal.kernels.dilation import within_distance
 from mapdeal.kernels.lookup import look_up
 
 NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)

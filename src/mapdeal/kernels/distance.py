@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels.column_runs import Halo
 from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.squares import SquaredDistances, unreachable
-
-_LARGEST_TABLE = 1 << 20
+from mapdeal.kernels.squares import SquaredDistances
 
 
 def squared_distance(
@@ -126,34 +124,6 @@ def signed_distance(
         gain=gain,
         halo=halo,
     )
-
-
-def within_distance(marked: NDArray[np.bool_], square: int) -> NDArray[np.bool_]:
-    """Return the mask of cells within a distance of a marked one.
-
-    Parameters
-    ----------
-    marked : numpy.ndarray of bool, shape (H, W)
-        The cells to measure to.
-    square : int
-        The square of the distance, at least 0; it belongs to what is within.
-
-    Returns
-    -------
-    numpy.ndarray of bool, shape (H, W)
-
-    Examples
-    --------
-    >>> within_distance(np.array([[True, False, False], [False, False, False]]), 2).astype(int)
-    array([[1, 1, 0],
-           [1, 1, 0]])
-    """
-    if square > _LARGEST_TABLE:
-        squared = squared_distance(marked, limit=square)
-        return squared != unreachable(squared)  # type: ignore[no-any-return]
-    table = np.ones(square + 2, dtype=np.uint8)
-    table[-1] = 0
-    return bytes_by_distance(marked, table).view(np.bool_)
 
 
 def bytes_by_distance(

@@ -47,6 +47,7 @@ def compiled_module() -> ModuleType | None:
             _clearance_tree,  # noqa: F401 - whoever asks for the one may import the others
             _compiled,
             _configuration_space,  # noqa: F401 - as above
+            _dilation,  # noqa: F401 - as above
             _rays,  # noqa: F401 - as above
         )
     except ImportError:

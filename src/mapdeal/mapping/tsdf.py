@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.kernels.neighbourhood import dilate_square
+from mapdeal.kernels.dilation import dilate_square
 from mapdeal.kernels.rays import DISTANCE_UNIT, count_rays, measure_rays
 from mapdeal.mapping.beams import Beams, as_number
 from mapdeal.mapping.evidence import Evidence, Layers

@@ -15,9 +15,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import holds_everywhere, made_by_windows
-from mapdeal.kernels.distance import within_distance
-from mapdeal.kernels.lookup import set_where
-from mapdeal.kernels.neighbourhood import dilate_square
+from mapdeal.kernels.dilation import inflated
 from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
 from mapdeal.stages.parameters import AT_LEAST_0, METRES, LethalThreshold
 
@@ -88,15 +86,11 @@ def inflate(
     inflation = Inflation.of(radius, footprint, kernel, lethal_threshold, inflate_unknown)
     inflation.warn_of_no_effect(grid.resolution)
 
-    def inflated(rows: slice) -> NDArray[np.int8]:
-        values = grid.occupancy[rows]
-        covered = inflation.covered(values, grid.resolution)
-        values = values.copy()
-        set_where(values, covered, OCCUPIED)
-        return values
+    def inflated_rows(rows: slice) -> NDArray[np.int8]:
+        return inflation.applied(grid.occupancy[rows], grid.resolution)
 
     halo = inflation.halo(grid.resolution, max(grid.shape))
-    occupancy = made_by_windows(grid.occupancy, np.int8, inflated, halo=halo)
+    occupancy = made_by_windows(grid.occupancy, np.int8, inflated_rows, halo=halo)
     is_full = holds_everywhere(occupancy, lambda values: values == OCCUPIED)
     if is_full and not holds_everywhere(grid.occupancy, lambda v: v >= lethal_threshold):
         inflation.warn_of_nothing_free()
@@ -126,20 +120,16 @@ class Inflation:
             radius = footprint.circumscribed_radius
         return cls(radius, kernel, lethal_threshold, inflate_unknown)
 
-    def covered(self, values: NDArray[np.int8], resolution: float) -> NDArray[np.bool_]:
-        """Return the mask of cells that the inflated obstacles cover, given the occupancy."""
-        occupied = values >= self.lethal_threshold
+    def applied(self, values: NDArray[np.int8], resolution: float) -> NDArray[np.int8]:
+        """Return the occupancy with the cells that the inflated obstacles cover occupied."""
+        threshold, kept = self.lethal_threshold, None if self.inflate_unknown else UNKNOWN
         if self.kernel == "square":
             extent = max(values.shape) * resolution
-            cells = cells_to_cover(min(self.radius, extent), resolution)
-            covered = dilate_square(occupied, cells)
-        else:
-            extent = math.hypot(*values.shape) * resolution
-            limit = largest_square_within(min(self.radius, extent), resolution)
-            covered = within_distance(occupied, limit)
-        if not self.inflate_unknown:
-            covered &= (values != UNKNOWN) | occupied
-        return covered
+            reach = cells_to_cover(min(self.radius, extent), resolution)
+            return inflated(values, threshold, reach=reach, value=OCCUPIED, kept=kept)
+        extent = math.hypot(*values.shape) * resolution
+        limit = largest_square_within(min(self.radius, extent), resolution)
+        return inflated(values, threshold, square=limit, value=OCCUPIED, kept=kept)
 
     def halo(self, resolution: float, longest: int) -> int:
         """Return how many rows away an obstacle can be that matters to a cell."""

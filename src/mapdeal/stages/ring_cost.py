@@ -13,14 +13,13 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.blocks import made_by_windows
-from mapdeal.kernels.neighbourhood import dilate_square
+from mapdeal.kernels.dilation import ringed
 from mapdeal.stages.cost import cost_model
 from mapdeal.stages.definition import Parameters
 from mapdeal.stages.obstacle_source import (
     ObstacleSource,
     check_lethal_threshold,
     obstacles_of,
-    occupancy_with_obstacles,
     warn_of_strength,
 )
 from mapdeal.stages.parameters import COST, PERCENT, LethalThreshold
@@ -89,15 +88,10 @@ def ring_cost(
     threshold = check_lethal_threshold(source, lethal_threshold)
     warn_of_strength(source, "rings")
     obstacles = obstacles_of(source, threshold)
+    costs = (OCCUPIED, *values)
 
     def rings(rows: slice) -> NDArray[np.int8]:
-        inner = obstacles[rows]
-        cost = occupancy_with_obstacles(source.occupancy[rows], inner)
-        for value in values:
-            outer = dilate_square(inner, 1)
-            cost[outer & ~inner] = value
-            inner = outer
-        return cost
+        return ringed(source.occupancy[rows], obstacles[rows], costs)
 
     cost = made_by_windows(source.occupancy, np.int8, rings, halo=len(values))
     return Costmap(cost, source.resolution, source.origin, scale="occupancy")
