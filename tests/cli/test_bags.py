@@ -679,6 +679,16 @@ def test_info_lists_topics_transforms_and_uses(command, tmp_path):
     }  # fmt: skip
 
 
+def test_types_are_spelled_as_the_bag_does(command, tmp_path):
+    path = whole(Drive()).write(tmp_path, "ros1")
+    out = command("info", path)[1]
+    assert "/scan       sensor_msgs/LaserScan" in out
+    assert "/tf         tf2_msgs/TFMessage" in out
+    assert f"mapdeal build {path} --topic /scan -o OUT.yaml" in out
+    _, _, err = command("convert", path, "--topic", "/scan", "-o", "m.yaml")
+    assert "/scan is of type sensor_msgs/LaserScan; maps and costmaps are of" in err
+
+
 def test_an_empty_bag_says_so(command, tmp_path):
     path = Maker().write(tmp_path, "mcap")
     code, out, err = command("info", path)

@@ -43,6 +43,8 @@ class Connection:
         Whether that text is IDL, and not a ``.msg``.
     serialization : str
         The name of the encoding, as the bag has it.
+    spelled : str
+        The type as the bag has it, for people; `type` if not given.
     """
 
     id: int
@@ -52,6 +54,11 @@ class Connection:
     definition: str = ""
     is_idl: bool = False
     serialization: str = ""
+    spelled: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.spelled:
+            object.__setattr__(self, "spelled", self.type)
 
 
 class Place(NamedTuple):

@@ -186,6 +186,7 @@ class McapBag(ChunkedBag):
                 schema.text if schema.encoding in ("ros2msg", "ros1msg", *_IDL) else "",
                 schema.encoding in _IDL,
                 serialization,
+                schema.name,
             ),
         )
 

@@ -116,7 +116,7 @@ def chosen_connections(
             raise _error(bag, f"has no topic {topic}", fitting or bag.connections, "there are")
         fits = [one for one in ours if one.type in types]
         if not fits:
-            rule = f"{topic} is of type {ours[0].type}; {what} are of {' or '.join(types)}"
+            rule = f"{topic} is of type {ours[0].spelled}; {what} are of {' or '.join(types)}"
             raise _error(bag, rule, fitting, "there are")
         if fits[0].encoding not in CAN_BE_READ:
             rule = f"{topic} is serialized as {fits[0].serialization!r}; cdr and ros1 are read"
@@ -126,7 +126,7 @@ def chosen_connections(
 
 
 def _error(bag: Bag, rule: str, connections: Sequence[Connection], before: str) -> Exception:
-    named = sorted({f"{one.topic} ({one.type})" for one in connections})
+    named = sorted({f"{one.topic} ({one.spelled})" for one in connections})
     text = ", ".join(named[:_NAMED]) + (
         f" and {len(named) - _NAMED} more" if named[_NAMED:] else ""
     )

@@ -150,10 +150,12 @@ class Ros1Bag(ChunkedBag):
             return
         told = _fields_in(data)
         topic = fields.get(b"topic", told.get(b"topic", b""))
-        name = normalised_type(told.get(b"type", b"").decode("utf-8", "replace"))
+        spelled = told.get(b"type", b"").decode("utf-8", "replace")
         text = told.get(b"message_definition", b"").decode("utf-8", "replace")
         name_of_topic = normalised_topic(topic.decode("utf-8", "replace"))
-        self._found[number] = Connection(number, name_of_topic, name, "ros1", text, False, "ros1")
+        self._found[number] = Connection(
+            number, name_of_topic, normalised_type(spelled), "ros1", text, False, "ros1", spelled
+        )
 
     def _find_connections_in(self, number: int) -> None:
         for fields, data, _ in self._records_of(number):

@@ -177,6 +177,7 @@ class SqliteBag(Bag):
                 text,
                 is_idl,
                 str(serialization),
+                str(name),
             )
 
     @contextmanager

@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.bags.bag import CAN_BE_READ, Bag, Connection, Recorded
+from mapdeal.formats.bags.bag import (
+    CAN_BE_READ,
+    Bag,
+    Connection,
+    Recorded,
+    normalised_type,
+)
 from mapdeal.formats.bags.decoding import Decoder
 from mapdeal.formats.bags.messages import (
     GRID_TYPES,
@@ -95,7 +101,7 @@ def _topics(bag: Bag, told: dict[int, Recorded], decoder: Decoder) -> Iterator[d
         commands = list(_COMMANDS.get(name, ())) if can_be_read and recorded.count else []
         yield {
             "topic": topic,
-            "type": name,
+            "type": ours[0].spelled,
             "count": recorded.count,
             "first_ns": recorded.first if recorded.count else None,
             "last_ns": recorded.last if recorded.count else None,
@@ -147,6 +153,9 @@ def _uses(path: Path, topics: list[dict[str, Any]]) -> Iterator[str]:
     }
     types = {"convert": GRID_TYPES, "build": (LASER_SCAN,), "local": (POINT_CLOUD,)}
     for command, line in lines.items():
-        fitting = [one["topic"] for one in topics if one["type"] in types[command] and one["count"]]
+        names = types[command]
+        fitting = [
+            one["topic"] for one in topics if one["count"] and normalised_type(one["type"]) in names
+        ]
         if fitting:
             yield line.format(shlex.quote(fitting[0]))
