@@ -21,6 +21,7 @@ WALKS = {
     "formats/map_server.py:_nearest_name": "lists one folder",
     "formats/commit.py:_inside": "lists one folder",
     "formats/bags/folder.py:_guessed": "lists one folder",
+    "formats/bags/names.py:bag_paths": "lists one folder",
     "formats/kinds.py:_kind_of_folder": "lists one folder",
     "formats/temporary.py:remove_stale": "lists one folder",
     "formats/transaction.py:_make": "a path gets shorter with each step, up to the root",

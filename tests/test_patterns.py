@@ -43,6 +43,8 @@ REASONS = {
         ("search", "a word of the command line; the repeat ends at the next quote"),
     ("cli/stage_command.py", r".*?\.(?=\s+[A-Z`]|$)"): ("match", OURS),
     ("formats/bags/bag.py", r"([^/]+)/([^/]+)"): ("fullmatch", "a slash stands between the runs"),
+    ("formats/bags/names.py", r"[A-Za-z_][A-Za-z0-9_]*"): ("fullmatch", "one run"),
+    ("formats/bags/names.py", r"[A-Za-z0-9_. +-]+"): ("fullmatch", "one run"),
     ("formats/bags/ros1.py", r"#ROSBAG V(\d+)\.(\d+)\n"):
         ("fullmatch", "a point stands between the runs; 64 bytes at most"),
     ("formats/commit.py", r"\.mapdeal-[0-9a-f]{12}\.old"): ("fullmatch", "of fixed length"),

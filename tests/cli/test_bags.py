@@ -501,6 +501,53 @@ def test_costs_become_the_message_of_their_scale(command, tmp_path):
     )  # fmt: skip
 
 
+def test_a_folder_with_a_recording_of_others_is_left_alone(command, tmp_path):
+    write_grid(GRID, "map.npz")
+    recorded = whole(Drive()).write(tmp_path, "sqlite3").rename(tmp_path / "rec.db3")
+    before = contents(recorded)
+    (recorded / "bag.db3").rename(recorded / "rec_0.db3")
+    for more in ([], ["--force"]):
+        code, _, err = command("convert", "map.npz", "-o", "rec.db3", *more)
+        assert code == 4
+        assert "is a folder with more than the bag of a map in it: rec_0.db3" in err
+    assert (recorded / "metadata.yaml").read_bytes() == before["metadata.yaml"]
+
+
+@pytest.mark.parametrize("name", ["a%41.db3", "a?b#c.db3", "a b.mcap", "ä.db3", "ä.bag"])
+def test_any_name_is_written_and_read_back(command, tmp_path, name):
+    write_grid(GRID, "map.npz")
+    assert command("convert", "map.npz", "-o", name)[::2] == (0, "")
+    assert command("convert", name, "-o", "back.npz")[::2] == (0, "")
+    np.testing.assert_array_equal(read_map("back.npz").occupancy, GRID.occupancy)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--topic", one) for one in ("", "/", "//map", "/1map", "/map/", "/a-b", "/mäp", "/a b")]
+    + [("--frame-id", one) for one in ("", "/map", "a\nb")],
+)
+def test_names_that_ros_refuses_are_refused(command, tmp_path, option, value):
+    write_grid(GRID, "map.npz")
+    code, _, err = command("convert", "map.npz", "-o", "a.mcap", option, value)
+    assert (code, f"{option}: must be the name of a" in err) == (2, True)
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_a_database_that_cannot_be_written_is_one_error(command, tmp_path, monkeypatch):
+    import sqlite3
+
+    from rosbags.rosbag2 import Writer
+
+    def full(*_):
+        raise sqlite3.OperationalError("database or disk is full")
+
+    write_grid(GRID, "map.npz")
+    monkeypatch.setattr(Writer, "write", full)
+    code, _, err = command("convert", "map.npz", "-o", "a.db3")
+    assert (code, err) == (4, "error: a.db3: cannot be written: database or disk is full\n")
+    assert not (tmp_path / "a.db3").exists()
+
+
 def test_fields_and_odd_words_are_refused(command, tmp_path):
     write_grid(GRID, "map.npz")
     assert command("esdf", "map.npz", "-o", "field.npz")[0] == 0

@@ -193,7 +193,13 @@ def _write_bag(transaction: Transaction, output: Path, grid: Grid, given: BagTop
         rule = f"a {grid.kind} has no message in ROS"
         hint = "mapdeal cost makes costs of it, which have"
         raise ParameterError(rule, source=output, hint=hint)
-    write_bag(transaction, output, grid, topic=given.topic, frame=given.frame or FRAME)
+    write_bag(
+        transaction,
+        output,
+        grid,
+        topic=given.topic,
+        frame=FRAME if given.frame is None else given.frame,
+    )
 
 
 def _per_cell(grid: Grid, mode: Mode | None, *, drawn: bool) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -11,11 +12,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mapdeal.errors import ParameterError, emit_warning
+from mapdeal.errors import FileAccessError, emit_warning
 from mapdeal.formats.bags.decoding import costmap_types
 from mapdeal.formats.bags.extra import needs_bags
 from mapdeal.formats.bags.messages import NAV2_COSTMAP, OCCUPANCY_GRID
-from mapdeal.formats.bags.names import bag_paths
+from mapdeal.formats.bags.names import bag_paths, check_frame, check_topic, name_inside
 from mapdeal.formats.budget import claim
 from mapdeal.formats.source import access_to, chunks_of
 from mapdeal.formats.transaction import Transaction
@@ -76,11 +77,10 @@ def write_bag(
         text = f"{output}: ROS 1 publishes costs as 0 to 100; those of costmap_2d are made so"
         emit_warning(text, stacklevel=2)
         grid = grid.to_occupancy()
-        topic = topic or COSTS_TOPIC
-    topic = topic or (COSTS_TOPIC if isinstance(grid, Costmap) else MAP_TOPIC)
-    if not topic.strip("/") or any(char.isspace() for char in topic):
-        raise ParameterError("must be the name of a topic", source="--topic", got=topic)
-    topic = f"/{topic.lstrip('/')}"
+        topic = COSTS_TOPIC if topic is None else topic
+    if topic is None:
+        topic = COSTS_TOPIC if isinstance(grid, Costmap) else MAP_TOPIC
+    topic, frame = check_topic(topic), check_frame(frame)
     write = _write_ros1 if is_ros1 else _write_ros2
     with write(output, grid, topic, frame) as files:
         for path, file in zip(bag_paths(output), files, strict=True):
@@ -129,14 +129,14 @@ def _write_ros2(
         avoid_ros_namespace_conventions=False,
     )  # fmt: skip
     with _scratch(output) as folder:
-        bag = folder / output.stem
+        bag = folder / name_inside(output)
         with Writer(bag, version=_VERSION, storage_plugin=plugin) as writer:
             connection = writer.add_connection(
                 topic, name, typestore=store, offered_qos_profiles=[latched]
             )
             message = _message(store.types, grid, frame, is_ros1=False)
             writer.write(connection, _NANOSECONDS, store.serialize_cdr(message, name))
-        file = bag / f"{output.stem}{output.suffix}"
+        file = bag / f"{bag.name}{output.suffix}"
         yield (file,) if output.suffix == ".mcap" else (file, bag / "metadata.yaml")
 
 
@@ -144,7 +144,10 @@ def _write_ros2(
 def _scratch(output: Path) -> Iterator[Path]:
     """Give a folder for what rosbags writes, which takes names, and no open files."""
     with access_to(output, "written"), tempfile.TemporaryDirectory(prefix="mapdeal-") as folder:
-        yield Path(folder)
+        try:
+            yield Path(folder)
+        except sqlite3.Error as error:  # such as a full disk, or a map beyond its largest blob
+            raise FileAccessError(f"cannot be written: {error}", source=output) from None
 
 
 def _message(
