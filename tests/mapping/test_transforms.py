@@ -1,5 +1,6 @@
 """Transforms over time, against scipy's rotations and what the made bags hold."""
 
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
@@ -132,6 +133,61 @@ def test_the_last_of_two_at_one_time_counts_and_a_static_one_replaces_what_was()
     assert [(e.parent, e.child, e.count, e.is_static) for e in tree.edges()] == [
         ("a", "b", 2, False), ("b", "c", 1, True)
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("place", [0, 2, 4])
+@pytest.mark.parametrize("moving", [1, 4])
+def test_what_comes_static_and_moving_is_what_it_comes_as_most_often(place, moving):
+    """Whenever the static one comes, none of the others is lost."""
+    tree = TransformTree()
+    for k in range(moving + 1):
+        if k == min(place, moving):
+            tree.add("a", "b", 0, (9, 0, 0), (0, 0, 0, 1), is_static=True)
+        if k < moving:
+            tree.add("a", "b", T0 + k * MS, (k, 0, 0), (0, 0, 0, 1), is_static=False)
+    is_static = moving == 1
+    assert [(e.count, e.is_static) for e in tree.edges()] == [(moving, is_static)]
+    assert tree.of_both_kinds == [("a", "b")]
+    found = tree.lookup("a", "b", T0 + MS * np.array([-5, 0, moving - 1]))
+    wanted = [9, 9, 9] if is_static else [np.nan, 0, moving - 1]
+    np.testing.assert_array_equal(found.translations[:, 0], wanted)
+
+
+@given(
+    st.lists(st.tuples(st.integers(-3, 3), numbers), min_size=1),
+    st.lists(st.tuples(st.integers(-3, 3), numbers)),
+)
+def test_samples_may_come_in_any_order_and_after_a_look_at_those_before(before, after):
+    tree, known = TransformTree(), {}
+    for some in (before, after):
+        for time, x in some:
+            tree.add("a", "b", T0 + time * MS, (x, 0, 0), (0, 0, 0, 1), is_static=False)
+            known[time] = x
+        found = tree.lookup("a", "b", T0 + MS * np.array(sorted(known)))
+        assert found.translations[:, 0].tolist() == [known[time] for time in sorted(known)]
+    (edge,) = tree.edges()
+    assert (edge.count, edge.first, edge.last) == (
+        len(before) + len(after), T0 + MS * min(known), T0 + MS * max(known)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("is_mixed", [False, True])
+def test_samples_are_kept_once(is_mixed):
+    """72 bytes each and some slack, while they are read, sorted and asked for."""
+    count = 50_000
+    tree = TransformTree()
+    tree.add("a", "b", 0, (0, 0, 0), (0, 0, 0, 1), is_static=False)
+    tracemalloc.start()
+    try:
+        for k in range(count):
+            time = k ^ 1 if is_mixed else k
+            tree.add("a", "b", time, (1, 2, 3), (0, 0, 0, 1), is_static=False)
+        tree.edges()
+        tree.lookup("a", "b", np.arange(10))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 110 * count
 
 
 def test_what_means_nothing_is_left_out_and_counted():

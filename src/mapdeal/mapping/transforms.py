@@ -71,30 +71,47 @@ class _Samples:
 
     def __init__(self, *, is_static: bool) -> None:
         self.is_static = is_static
+        self.count = 0
         self._times = array("q")
         self._numbers = array("d")
-        self._sorted: tuple[Times, Floats] | None = None
-
-    def __len__(self) -> int:
-        return len(self._times)
+        self._is_in_time = True
 
     def add(self, time: int, numbers: Sequence[float]) -> None:
         if self.is_static:
             del self._times[:], self._numbers[:]
-        self._sorted = None
+            self.count = 0
+        elif self._times and time <= self._times[-1]:
+            self._is_in_time = False
+        self.count += 1
         self._times.append(time)
         self._numbers.extend(numbers)
 
     def in_time(self) -> tuple[Times, Floats]:
-        """Return times that increase, and the numbers of each; of equal times the last counts."""
-        if self._sorted is None:
-            times = np.array(self._times, dtype=np.int64)
-            order = np.argsort(times, kind="stable")
-            times = times[order]
-            is_last = np.append(times[1:] != times[:-1], True)
-            numbers = np.array(self._numbers).reshape(-1, 7)[order][is_last]
-            self._sorted = times[is_last], numbers
-        return self._sorted
+        """Return times that increase, and the numbers of each; of equal times the last counts.
+
+        They are views: `add` fails while one is kept.
+        """
+        if not self._is_in_time:
+            self._sort()
+        return self._views()
+
+    def _views(self) -> tuple[Times, Floats]:
+        times = np.frombuffer(self._times, dtype=np.int64)
+        return times, np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 7)
+
+    def _sort(self) -> None:
+        """Sort in place, column by column: a recording may hold millions of samples."""
+        times, numbers = self._views()
+        order = np.argsort(times, kind="stable")
+        in_order = times[order]
+        order = order[np.append(in_order[1:] != in_order[:-1], True)]
+        count = len(order)
+        times[:count] = times[order]
+        for column in numbers.T:
+            column[:count] = column[order]
+        del times, numbers, column  # arrays with views cannot be cut
+        del self._times[count:], self._numbers[7 * count :]
+        self._is_in_time = True
 
     def at(self, times: Times) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """Return translations, quaternions, and whether they are known."""
@@ -123,6 +140,9 @@ class TransformTree:
     As in tf2, a transform between two frames is interpolated along a line and an arc between the
     samples before and after a time, each transform of a chain on its own, and never continued
     beyond its samples. A frame has one parent: where several come, the one that comes most often.
+    A transform that comes both as static and as moving is what it comes as most often; a static
+    one counts once, since it replaces what came before. (tf2 would keep to what came first, which
+    in a recording may be either.)
 
     References
     ----------
@@ -141,6 +161,7 @@ class TransformTree:
 
     def __init__(self) -> None:
         self._samples: dict[tuple[str, str], _Samples] = {}
+        self._others: dict[tuple[str, str], _Samples] = {}
         self.bad = 0
         """Transforms that were left out: not finite, or without a rotation."""
 
@@ -173,11 +194,22 @@ class TransformTree:
         if not (is_near and math.isfinite(length) and length > 0) or parent == child:
             self.bad += 1
             return
-        known = self._samples.get((parent, child))
-        if known is None or known.is_static != is_static:
-            known = self._samples[parent, child] = _Samples(is_static=is_static)
-        turn = (part / length for part in quaternion)
-        known.add(time, (*translation, *turn))
+        edge, numbers = (parent, child), (*translation, *(part / length for part in quaternion))
+        chosen = self._samples.get(edge)
+        if chosen is None:
+            chosen = self._samples[edge] = _Samples(is_static=is_static)
+        if chosen.is_static == is_static:
+            chosen.add(time, numbers)
+        else:
+            self._add_to_other(edge, time, numbers)
+
+    def _add_to_other(self, edge: tuple[str, str], time: int, numbers: Sequence[float]) -> None:
+        """Take in a transform of the kind that did not count so far."""
+        chosen = self._samples[edge]
+        other = self._others.setdefault(edge, _Samples(is_static=not chosen.is_static))
+        other.add(time, numbers)
+        if (other.count, other.is_static) > (chosen.count, chosen.is_static):
+            self._samples[edge], self._others[edge] = other, chosen
 
     @property
     def frames(self) -> list[str]:
@@ -190,7 +222,7 @@ class TransformTree:
         for (parent, child), samples in sorted(self._samples.items()):
             times, _ = samples.in_time()
             first, last = int(times[0]), int(times[-1])
-            found.append(Edge(parent, child, len(samples), first, last, samples.is_static))
+            found.append(Edge(parent, child, samples.count, first, last, samples.is_static))
         return found
 
     @property
@@ -202,6 +234,11 @@ class TransformTree:
             if others:
                 found[child] = [parent, *others]
         return found
+
+    @property
+    def of_both_kinds(self) -> list[tuple[str, str]]:
+        """Parents and children of transforms that come both as static and as moving, sorted."""
+        return sorted(self._others)
 
     def leads(self, fixed: str, frame: str) -> bool:
         """Return whether transforms lead from one frame to another."""
@@ -278,7 +315,7 @@ class TransformTree:
         found: dict[str, str] = {}
         for (parent, child), samples in self._samples.items():
             chosen = found.get(child)
-            if chosen is None or len(samples) > len(self._samples[chosen, child]):
+            if chosen is None or samples.count > self._samples[chosen, child].count:
                 found[child] = parent
         return found
 
