@@ -188,6 +188,17 @@ def test_scans_outside_of_the_transforms_are_left_out_and_counted(command, tmp_p
     same(read_map("m.yaml"), drive.map())
 
 
+def test_a_transform_of_both_kinds_is_warned_of_and_keeps_its_samples(command, tmp_path):
+    drive = Drive()
+    maker = whole(drive)
+    stale = tf(drive.times[4], ("odom", "base_link", (9, 9, 0), (0, 0, 0, 1)))
+    maker.add("/tf_static", TF, drive.times[4], stale)
+    code, _, err = command("build", maker.write(tmp_path, "mcap"), "-o", "m.yaml")
+    assert code == 0
+    assert "odom -> base_link comes as static and as moving: the kind that comes most" in err
+    same(read_map("m.yaml"), drive.map())
+
+
 def test_two_scanners_make_one_map(command, tmp_path):
     front, rear = Drive(), Drive(mount=(-0.3, 0.1, 3.0), is_flipped=True)
     maker = whole(front)

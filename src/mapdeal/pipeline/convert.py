@@ -83,12 +83,13 @@ def convert_file(
     """
     writes_bag = output.suffix in BAG_OUTPUTS
     outputs = bag_paths(output) if writes_bag else output_paths(output)
-    _check_words(of_bag, reads_bag=is_bag(path), writes_bag=writes_bag)
+    reads_bag = is_bag(path)
+    _check_words(of_bag, reads_bag=reads_bag, writes_bag=writes_bag)
     if writes_bag and mode is not None:
         raise ParameterError("is for pixels, and not for bags", source="--mode", got=mode)
     if static_layer is not None and encoding != "costmap2d":
         raise ParameterError("needs --encoding costmap2d", place="--static-layer")
-    source = _read_bag(path, of_bag, options) if is_bag(path) else read_input(path, options)
+    source = _read_bag(path, of_bag, options) if reads_bag else read_input(path, options)
     with options.memory():
         claim_work(path, source.grid, _per_cell(source.grid, mode, drawn=options.image is not None))
     with outputs_of(outputs, source.files, options) as transaction:

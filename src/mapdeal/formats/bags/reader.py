@@ -19,8 +19,6 @@ from mapdeal.formats.source import head_of, is_folder
 
 _NAMED = 12
 
-BAG_SUFFIXES = (".bag", ".mcap", ".db3")
-
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:

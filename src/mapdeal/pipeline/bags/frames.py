@@ -127,6 +127,9 @@ class SensorFrames:
             self._fixed = self._fixed_for(sensors)
         if self._tree.bad:
             self._bag.remark(f"{self._tree.bad} transforms mean nothing, and are left out")
+        for parent, child in self._tree.of_both_kinds[:_SEVERAL]:
+            text = f"{parent} -> {child} comes as static and as moving"
+            self._bag.remark(f"{text}: the kind that comes most often is taken")
         for child, (chosen, *others) in sorted(self._tree.several_parents.items())[:_SEVERAL]:
             text = f"frame {child} has several parents: {chosen}, which comes most often, is taken"
             self._bag.remark(f"{text}, and not {', '.join(others)}")
