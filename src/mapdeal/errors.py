@@ -11,9 +11,10 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Self
+
+from mapdeal.records import dataclass
 
 __all__ = [
     "BatchError",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from mapdeal.alignment.correlation import moved
 from mapdeal.alignment.refinement import moved_back
 from mapdeal.alignment.walls import WallMap
+from mapdeal.records import dataclass
 
 TOLERANCES = (0.06, 0.12, 0.25, 0.5)
 """Metres within which a wall lies on a wall, but at least a cell: maps are exact, or bent."""

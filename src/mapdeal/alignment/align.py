@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from mapdeal.grid.coordinates import FARTHEST
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.transform import Transform
+from mapdeal.records import dataclass
 
 LEAST_SCORE, LEAST_LEAD = 3.0, 2.0
 """A score, and what it has more than the runner-up. Of some 300 pairs of maps of different places

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapdeal.alignment.walls import WallMap, pooled
 from mapdeal.kernels.threads import in_parallel
+from mapdeal.records import dataclass
 
 _WEIGHTS = ((0.5, 0.12), (2.0, 0.05))
 """What a wall in free space takes off, and what free space in free space adds; a metre of wall on

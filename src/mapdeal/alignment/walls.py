@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -14,6 +13,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.transform import Transform
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.distance import squared_distance
+from mapdeal.records import dataclass
 
 MOST_CELLS_A_SIDE = 1000
 """Larger maps are aligned on coarser cells: walls are found to a fraction of a cell anyway."""

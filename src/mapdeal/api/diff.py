@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.pipeline.diff import DiffReport as FoundByFiles
 from mapdeal.pipeline.diff import diff_files
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, eq=False, repr=False)

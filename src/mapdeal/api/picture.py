@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -34,6 +33,7 @@ from mapdeal.mapping.local_map import LocalMap
 from mapdeal.mapping.poses import check_pose
 from mapdeal.pipeline.products import PICTURE, files_of
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.difference import difference_image
 from mapdeal.render.merge import merge_image

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from mapdeal.grid.display import OneLine
 from mapdeal.pipeline.reports.write import LARGEST_PAGE
 from mapdeal.pipeline.reports.write import write_report as write_page
 from mapdeal.pipeline.settings import Settings, is_whole
+from mapdeal.records import dataclass
 
 File = str | PathLike[str]
 

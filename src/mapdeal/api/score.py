@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.transform import Transform
 from mapdeal.pipeline.score import Asked, ScoreReport, score_files, score_grids, title_of, walls_of
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 from mapdeal.render.pen import Image
 from mapdeal.render.score import score_image
 from mapdeal.scoring.bounds import ScoreBound

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
 
 from mapdeal.checks.difference import STATES, Difference
 from mapdeal.errors import ParameterError
+from mapdeal.records import dataclass
 
 _ROUNDING = 1e-9
 """Of distances: six cells of 0.05 m are 0.30000000000000004 m."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from mapdeal.grid.region import MOST_CELLS, Region, region_around
 from mapdeal.grid.resample import sampled
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.dilation import within_distance
+from mapdeal.records import dataclass
 
 STATES = ("occupied", "free", "unknown", "between")
 """What a cell can be; between are the values 1..99."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 from mapdeal.checks.finding import CHECKS, Finding, places_of
@@ -37,6 +37,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.components import Cells
 from mapdeal.kernels.engine import engine_name
+from mapdeal.records import dataclass
 
 _HEAD = 1 << 16
 

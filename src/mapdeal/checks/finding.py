@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from mapdeal.errors import one_line
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.grid.coordinates import Point
+from mapdeal.records import dataclass
 
 Severity = Literal["error", "warning", "note"]
 _DECIMALS = 9

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-# The modules of checks: importing one adds its checks to the list.
 from mapdeal.checks import layer_checks, robot_checks  # noqa: F401
 from mapdeal.checks.finding import CHECKS, Check, Finding, Remark
 from mapdeal.checks.parameter_facts import ParameterFacts, RobotFacts
@@ -16,6 +15,9 @@ from mapdeal.checks.parameter_problems import finding_of
 from mapdeal.errors import MapdealError
 from mapdeal.formats.ros_parameters.problem import Problem
 from mapdeal.formats.ros_parameters.value import ParameterValue
+
+# The modules of checks: importing one adds its checks to the list.
+from mapdeal.records import dataclass
 from mapdeal.robot.load import found_in
 from mapdeal.robot.parameters import CostmapName, Flavour, RobotParameters
 from mapdeal.robot.values import Name, costmap_values, costmaps_in, flavour_of

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 
 from mapdeal.formats.ros_parameters.value import ParameterValue
+from mapdeal.records import dataclass
 from mapdeal.robot.parameters import CostmapName, Flavour, RobotParameters
 from mapdeal.robot.values import Name
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 
@@ -12,6 +12,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.formats.lint_config import LintConfig
 from mapdeal.formats.source import normal_path
 from mapdeal.formats.yaml_comments import IgnoreComment
+from mapdeal.records import dataclass
 
 UNUSED = "lint.unused-ignore"
 EVERYTHING = "all"

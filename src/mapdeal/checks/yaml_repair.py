@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from mapdeal.checks.rounding import without_rounding_noise
 from mapdeal.formats.map_remarks import USUAL_FREE_THRESH
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.resample import is_turned
+from mapdeal.records import dataclass
 
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +10,7 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.errors import ParameterError
+from mapdeal.records import dataclass
 
 if TYPE_CHECKING:
     from mapdeal.pipeline.bags.clouds import BagClouds

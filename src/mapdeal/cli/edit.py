@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -24,6 +23,7 @@ from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import OverlayType
 from mapdeal.pipeline.edit import Drawable, draw_on_file
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 

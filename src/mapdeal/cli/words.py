@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
+
+from mapdeal.records import dataclass
 
 _MAPS = (".yaml", ".yml", ".npz", ".pbm")
 _CLOUDS = (".pcd", ".ply", ".xyz", ".txt", ".csv", ".asc", ".npy", ".npz")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.dilation import dilate_square
 from mapdeal.kernels.labels import labelled
+from mapdeal.records import dataclass
 
 Mask = NDArray[np.bool_]
 Values = NDArray[np.int8]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from mapdeal.grid.display import OneLine, count_text
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.dilation import within_distance
 from mapdeal.kernels.lookup import look_up
+from mapdeal.records import dataclass
 
 NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)
 """No conflict; the first map is occupied; it is free; it is neither, and others differ."""

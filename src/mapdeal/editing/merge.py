@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ from mapdeal.grid.region import MOST_CELLS, Region
 from mapdeal.grid.resample import region_on_lattice, resampled
 from mapdeal.grid.transform import Transform
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, check_choice
+from mapdeal.records import dataclass
 
 Rule = Literal["occupied", "newest", "evidence"]
 

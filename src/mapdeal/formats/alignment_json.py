@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from mapdeal.formats.json_values import JsonValue
 from mapdeal.formats.named_map import NamedMap, named_map
 from mapdeal.grid.transform import Transform
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True)

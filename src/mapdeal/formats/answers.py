@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
 
@@ -37,6 +36,7 @@ from mapdeal.grid.outline import checked_corners
 from mapdeal.grid.reach import MOST_HEADINGS, Bottleneck, Goal, GoalReach, Passage, PlaceOfLimit
 from mapdeal.grid.route import Method, Route
 from mapdeal.grid.shapes import Shape
+from mapdeal.records import dataclass
 
 Severity = Literal["error", "warning", "note"]
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.free_memory import free_memory
+from mapdeal.records import dataclass
 
 MOST_EXPANSION = 1000
 """Times their size that compressed data may expand to."""

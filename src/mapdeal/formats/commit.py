@@ -14,7 +14,6 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from mapdeal.errors import FileAccessError
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.signals import signals_put_off
 from mapdeal.formats.temporary import PREFIX, Temporary, locked, sync_folder
+from mapdeal.records import dataclass
 
 JOURNAL = f"{PREFIX}journal"
 _FORMAT = "mapdeal-journal/1"

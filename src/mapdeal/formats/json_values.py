@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,6 +14,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.formats.budget import OF_JSON, claim
 from mapdeal.formats.source import read_file
 from mapdeal.grid.coordinates import FARTHEST, Point
+from mapdeal.records import dataclass
 
 LARGEST_DOCUMENT = 1 << 26
 _LARGEST_WHOLE = 1 << 53

@@ -10,7 +10,6 @@ import shlex
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from mapdeal.formats.json_text import read_json
 from mapdeal.formats.source import chunks_of, contents_of, exists, head_of, is_folder, status_of
 from mapdeal.formats.text_rows import delimiter_of, is_number
 from mapdeal.formats.yaml_text import OF_RECIPES, Entry, read_mapping
+from mapdeal.records import dataclass
 
 MAP, CLOUD, SCANS, POSES, NUMBERS = "map", "point cloud", "laser scans", "poses", "numbers"
 IMAGE, RECIPE, SHAPES, BAG, POINTER = "image", "recipe", "shapes", "bag", "Git LFS pointer"

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.source import exists, normal_path, read_file
+from mapdeal.records import dataclass
 
 OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
 

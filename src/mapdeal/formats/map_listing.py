@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from glob import has_magic
 from pathlib import Path
 
@@ -31,6 +30,7 @@ from mapdeal.formats.source import (
     real_path,
 )
 from mapdeal.formats.yaml_text import read_mapping
+from mapdeal.records import dataclass
 
 _YAML = (".yaml", ".yml")
 _NAMED = (".npz", BIT_MAP)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
@@ -13,6 +13,7 @@ from mapdeal.formats.yaml_text import Entry, read_mapping, yaml_document
 from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.field_view import ESDF_VIEW, View, ViewScale
 from mapdeal.grid.values import CostScale
+from mapdeal.records import dataclass
 
 Mode = Literal["trinary", "scale", "raw"]
 Dialect = Literal["nav2", "humble", "ros1"]

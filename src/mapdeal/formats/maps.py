@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,7 @@ from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import check_choice
 from mapdeal.kernels.blocks import CacheBudget
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True)

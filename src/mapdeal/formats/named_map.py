@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from mapdeal.formats.json_values import JsonValue
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True)

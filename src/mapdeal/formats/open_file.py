@@ -7,7 +7,6 @@ import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,6 +14,7 @@ from mapdeal.errors import FileAccessError
 from mapdeal.formats.budget import claim
 from mapdeal.formats.file_state import CHANGED, FileState
 from mapdeal.formats.source import LARGEST_FILE, access_to, check_readable
+from mapdeal.records import dataclass
 
 HEAD = 1 << 19
 """Bytes at the start of a file that tell what it is: headers of images are not longer."""

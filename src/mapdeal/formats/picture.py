@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.kernels.lookup import look_up
+from mapdeal.records import dataclass
 
 Samples = NDArray[np.unsignedinteger[Any]]
 

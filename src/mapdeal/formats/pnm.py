@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -22,6 +22,7 @@ from mapdeal.errors import MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
 from mapdeal.kernels.blocks import Layer, blocks_of
+from mapdeal.records import dataclass
 
 _WHITE = re.compile(rb"[ \t\n\v\f\r]*")
 _WORD = re.compile(rb"[^ \t\n\v\f\r#]*")

@@ -6,7 +6,6 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +17,7 @@ from mapdeal.errors import MalformedInputError, shown
 from mapdeal.formats.poses import TUM, planar_pose
 from mapdeal.formats.text_rows import delimiter_of, is_number
 from mapdeal.grid.coordinates import Point
+from mapdeal.records import dataclass
 
 _LONGEST_LINE = 1 << 16
 _IN_PAIR = 4

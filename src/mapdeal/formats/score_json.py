@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from mapdeal.formats.json_values import JsonValue
 from mapdeal.grid.coordinates import FARTHEST
+from mapdeal.records import dataclass
 
 _LARGEST = FARTHEST**2
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.formats.picture import Picture
+from mapdeal.records import dataclass
 
 STRIP = 1 << 20
 """Bytes of the pixels in a strip, about: they stay in the processor's cache."""

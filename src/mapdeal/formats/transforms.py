@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import emit_warning
 from mapdeal.formats.json_values import JsonValue, read_document
 from mapdeal.grid.transform import Transform
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True)

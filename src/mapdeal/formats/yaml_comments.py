@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.source import read_file
 from mapdeal.formats.yaml_text import OF_MAPS
+from mapdeal.records import dataclass
 
 _IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
 _NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*(,?)")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -18,6 +18,7 @@ from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, OverlayType
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.spans import Spans, paint_bits, set_bits
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, eq=False, repr=False)

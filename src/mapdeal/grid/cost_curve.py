@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.display import Drawn
 from mapdeal.grid.values import CostScale
 from mapdeal.kernels.squares import squares_between_cells
+from mapdeal.records import dataclass
 
 Metric = Literal["euclidean", "chebyshev"]
 """How distances between cells are measured: along the line, or along the longer axis alone."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from mapdeal.grid.values import (
 )
 from mapdeal.kernels.blocks import counts_of, is_lazy
 from mapdeal.kernels.lookup import look_up
+from mapdeal.records import dataclass
 
 UNIFORM_SHARE = 0.98
 """Share of the open cells above which one cost for them means that the costs say nothing."""

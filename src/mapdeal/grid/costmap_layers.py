@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
 
 from mapdeal.grid.display import OneLine
+from mapdeal.records import dataclass
 
 CostLookup = Literal["exact", "nav2"]
 """How a distance becomes a cost: as it is, or rounded to 1/100 cell, as Nav2 does."""

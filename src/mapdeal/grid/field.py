@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +20,7 @@ from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, U
 from mapdeal.kernels.bilinear import interpolate
 from mapdeal.kernels.blocks import blocks_of, mapped
 from mapdeal.kernels.threads import in_parallel
+from mapdeal.records import dataclass
 
 _POINTS_TOGETHER = 1 << 13
 """Whose arrays stay in the cache on their way through the steps."""

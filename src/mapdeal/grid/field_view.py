@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.records import dataclass
 
 View = Literal["metric", "seed"]
 

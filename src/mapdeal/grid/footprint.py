@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.coordinates import Point
@@ -17,6 +16,7 @@ from mapdeal.grid.outline import (
     distance_to_edge,
     edges_of,
 )
+from mapdeal.records import dataclass
 
 _LARGEST_COORDINATE = 1000.0
 _MOST_VERTICES = 500

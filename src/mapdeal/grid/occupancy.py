@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from mapdeal.grid.scales import amcl_from_occupancy
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import counts_of, is_lazy, mapped
 from mapdeal.kernels.lookup import look_up
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from mapdeal.grid.framed import Figures, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.region import Region
 from mapdeal.grid.values import OCCUPIED
+from mapdeal.records import dataclass
 
 _TOP_OF_NORMALISED = 10.0
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +17,7 @@ from mapdeal.grid.framed import Figures, Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.outline import contains_centre
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
+from mapdeal.records import dataclass
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from mapdeal.grid.reach import Goal, GoalReach, Reach, closed_text, reach_radius
 from mapdeal.grid.ways import Ground, Ways, WaysFrom, largest_closed_square
 from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reached
 from mapdeal.kernels.distance import squared_distance
+from mapdeal.records import dataclass
 
 _TURN = 2 * math.pi
 _DECIMALS = 9

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import chain, pairwise
 from typing import ClassVar, Protocol
 
@@ -19,6 +19,7 @@ from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, edges_through, line_s
 from mapdeal.kernels.discs import capsule_spans
 from mapdeal.kernels.polygons import polygon_spans
 from mapdeal.kernels.spans import Spans
+from mapdeal.records import dataclass
 
 _MOST_VERTICES = 10_000
 _FLAT = 1e-12

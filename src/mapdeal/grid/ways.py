@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from threading import Lock
 
 import numpy as np
@@ -27,6 +27,7 @@ from mapdeal.kernels.gaps import gap_at
 from mapdeal.kernels.meetings import joined
 from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares, unreachable
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ exact. The engine (see `mapdeal.kernels.engine`) makes no difference to any resu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.squares import SquaredDistances
+from mapdeal.records import dataclass
 
 Cell = tuple[int, int]
 

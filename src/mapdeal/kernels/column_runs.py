@@ -10,10 +10,11 @@ and then every block is solved alone (`mapdeal.kernels.distance.signed_distance`
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mapdeal.records import dataclass
 
 Mask = NDArray[np.bool_]
 Runs = NDArray[np.uint32]

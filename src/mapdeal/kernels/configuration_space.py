@@ -11,7 +11,6 @@ planes, so that there is no second set of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +20,7 @@ from mapdeal.kernels import configuration_twin
 from mapdeal.kernels.blocks import Layer
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.spans import Spans
+from mapdeal.records import dataclass
 
 Pose = tuple[int, int, int]
 """Heading, row and column."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import FARTHEST
 from mapdeal.grid.display import OneLine, count_text
+from mapdeal.records import dataclass
 
 Floats = NDArray[np.float64]
 

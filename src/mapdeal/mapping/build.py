@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -21,6 +20,7 @@ from mapdeal.mapping.evidence import Evidence, Layers
 from mapdeal.mapping.hit_groups import HitGroups, hit_groups
 from mapdeal.mapping.log_odds import LogOdds
 from mapdeal.mapping.tsdf import Tsdf
+from mapdeal.records import dataclass
 
 Method = Literal["log-odds", "counting", "tsdf"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from mapdeal.grid.display import OneLine, count_text
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.groups import touching_groups
 from mapdeal.kernels.rays import MOST_HITS
+from mapdeal.records import dataclass
 
 Cells = NDArray[np.int64]
 Mask = NDArray[np.bool_]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from mapdeal.mapping.local_options import LocalOptions
 from mapdeal.mapping.poses import Pose, check_pose, wrapped
 from mapdeal.mapping.seen_cloud import CloudCounts, SeenCloud
 from mapdeal.mapping.sightings import Sightings
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, eq=False, repr=False)

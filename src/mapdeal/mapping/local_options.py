@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import check_point, check_resolution
+from mapdeal.records import dataclass
 
 CloudFrame = Literal["robot", "map"]
 Unknown = Literal["keep", "free"]

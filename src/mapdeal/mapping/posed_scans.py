@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.rotations import rotated
+from mapdeal.records import dataclass
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

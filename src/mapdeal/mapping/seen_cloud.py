@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -13,6 +11,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.region import Region
 from mapdeal.mapping.local_options import LocalOptions
 from mapdeal.mapping.poses import CoveredAngles, Pose
+from mapdeal.records import dataclass
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.coordinates import FARTHEST
 from mapdeal.kernels.rotations import composed, normalised, slerp, undone
+from mapdeal.records import dataclass
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from mapdeal.pipeline.diff import ComparedMap
 from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 from mapdeal.render.difference import difference_image
 from mapdeal.render.pen import Image
 from mapdeal.render.styles import alignment_style

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +13,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.folder import Product
 from mapdeal.pipeline.recipe import Recipe
+from mapdeal.records import dataclass
 
 LOCAL_RECIPE = "local"
 """The recipe for local maps, and the folder of the one that a run makes."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from mapdeal.formats.maps import Source, as_occupancy
@@ -24,6 +24,7 @@ from mapdeal.pipeline.local import (
 )
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +25,7 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_input
 from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 
 _PER_CELL = 3.0
 """Bytes for each cell: a mask, the cells, and what is written."""

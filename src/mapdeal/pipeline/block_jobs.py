@@ -8,7 +8,7 @@ block, which its worker writes into their place in the output.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from mapdeal.pipeline.products import geometry_of_npy
 from mapdeal.pipeline.progress import report_nothing
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
+from mapdeal.records import dataclass
 from mapdeal.stages.definition import RowsAlone
 
 _CELLS = 1 << 24

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from mapdeal.mapping.build import BuiltMap, Extent, MapBuilder, Method, frame_of
 from mapdeal.mapping.hit_groups import NEAR, OFTEN, HitGroups
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 
 _PER_CELL: dict[Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
 """Bytes for each cell: the evidence, and the map that is made of it."""

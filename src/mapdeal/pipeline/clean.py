@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 from mapdeal.render.difference import difference_image
 from mapdeal.render.styles import cleaning_style
 

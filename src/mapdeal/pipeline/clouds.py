@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from mapdeal.formats.clouds.reader import cloud_chunks
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.source import check_state, sha256_of, state_of
 from mapdeal.pipeline.files import errors_named
+from mapdeal.records import dataclass
 
 Points = NDArray[np.float64]
 

@@ -14,7 +14,6 @@ import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from mapdeal.formats.source import exists
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.dispatch import Submit, Work, WorkerDiedError
 from mapdeal.pipeline.jobs import Job, Outcome
+from mapdeal.records import dataclass
 from mapdeal.version import __version__
 
 _SECONDS = 10.0

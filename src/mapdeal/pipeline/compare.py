@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import combinations
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -30,6 +30,7 @@ from mapdeal.pipeline.build import Advance, BuildSettings, Gathered, gather, war
 from mapdeal.pipeline.files import outputs_of
 from mapdeal.pipeline.products import write_picture
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 from mapdeal.render.difference import difference_image
 from mapdeal.render.rings import RingOverlay
 from mapdeal.render.shown import ImageExtent

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,6 +25,7 @@ from mapdeal.pipeline.files import add_picture, errors_named, outputs_of, read_i
 from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.progress import report_nothing
 from mapdeal.pipeline.settings import ProgressCallback, Settings
+from mapdeal.records import dataclass
 from mapdeal.stages.esdf import field_view
 
 Scale = Literal["occupancy", "costmap2d", "amcl"]
@@ -53,6 +53,10 @@ class BagTopic:
     frame: str | None = None
 
 
+ANY_TOPIC = BagTopic()
+"""The only topic that fits, and its last message."""
+
+
 def convert_file(
     path: Path,
     output: Path,
@@ -61,7 +65,7 @@ def convert_file(
     encoding: Scale | None = None,
     mode: Mode | None = None,
     static_layer: Mapping[str, Any] | None = None,
-    of_bag: BagTopic = BagTopic(),
+    of_bag: BagTopic = ANY_TOPIC,
 ) -> Figures:
     """Read a grid and write it in another format; return its figures.
 
@@ -123,7 +127,7 @@ def convert_all(
     options: Settings,
     *,
     encoding: Literal["occupancy", "costmap2d"] | None = None,
-    of_bag: BagTopic = BagTopic(),
+    of_bag: BagTopic = ANY_TOPIC,
     progress: ProgressCallback = report_nothing,
 ) -> int:
     """Write all maps or costmaps of a topic into a folder: ``0000.yaml``, ``0001.yaml`` and so on.

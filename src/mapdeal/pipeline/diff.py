@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 from mapdeal.render.difference import difference_image
 
 _PER_CELL, _PER_WALL = 30, 75

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from mapdeal.pipeline.products import (
 from mapdeal.pipeline.progress import Written, written
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
+from mapdeal.records import dataclass
 from mapdeal.render.overlay import Overlay, Overlays
 from mapdeal.version import __version__
 

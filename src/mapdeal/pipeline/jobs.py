@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from mapdeal.pipeline.memory import memory_budget
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
+from mapdeal.records import dataclass
 
 if TYPE_CHECKING:  # only runs around a robot need what it imports
     from mapdeal.pipeline.around import Around

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +25,7 @@ from mapdeal.formats.yaml_comments import IgnoreComment, read_ignore_comments
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import reach_radius
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
+from mapdeal.records import dataclass
 from mapdeal.robot.parameters import CostmapName
 from mapdeal.version import __version__
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -43,6 +43,7 @@ from mapdeal.pipeline.memory import bytes_of, check_fits
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
+from mapdeal.records import dataclass
 from mapdeal.render.pose import PoseOverlay
 from mapdeal.stages.definition import Stage
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import thread_count, use_threads
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.pipeline.step import Step
+from mapdeal.records import dataclass
 
 _PER_PIXEL = 10
 """Bytes that pictures take while they are drawn, two at the same time."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from mapdeal.alignment.memory import bytes_to_align
@@ -14,6 +13,7 @@ from mapdeal.grid.display import count_text
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.transform import Transform
 from mapdeal.pipeline.files import errors_named
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -12,6 +11,7 @@ from mapdeal.formats.source import is_same_file, sums_of_reads
 from mapdeal.pipeline.jobs import Job, MapRun
 from mapdeal.pipeline.memory import Need, need_of
 from mapdeal.pipeline.run import output_folder
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
 from mapdeal.pipeline.step import Step
+from mapdeal.records import dataclass
 from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.overlay import Overlay

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from mapdeal.pipeline.files import errors_named, read_input, warn_of_potential
 from mapdeal.pipeline.memory import check_fits, claim_work
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import make_step
+from mapdeal.records import dataclass
 from mapdeal.stages.esdf import esdf
 
 _NULL = "null"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.records import dataclass
 from mapdeal.robot.parameters import RobotParameters
 
 _SHOWN = 5

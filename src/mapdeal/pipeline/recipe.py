@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.recipe_file import Draft, Given, read_recipe_file
 from mapdeal.pipeline.robot import draft_for, put_map_rules, put_value
 from mapdeal.pipeline.step import Step, make_step
+from mapdeal.records import dataclass
 from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.definition import Stage

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,6 +28,7 @@ from mapdeal.pipeline.recipe import Recipe, load_recipe
 from mapdeal.pipeline.settings import Settings
 from mapdeal.planning.astar import shortest_route
 from mapdeal.planning.descent import descend
+from mapdeal.records import dataclass
 from mapdeal.render.route import RouteOverlay
 from mapdeal.robot.parameters import RobotParameters
 from mapdeal.stages.potential import potential

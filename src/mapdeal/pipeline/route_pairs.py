@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from mapdeal.pipeline.route import HEURISTIC_WEIGHT, PLACES_OF_FIELD, costs_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.planning.astar import route_over, surcharges_near_obstacles
 from mapdeal.planning.terrain import Terrain
+from mapdeal.records import dataclass
 from mapdeal.robot.parameters import RobotParameters
 
 FIELD_WEIGHT = 1.0

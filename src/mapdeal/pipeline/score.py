@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,6 +28,7 @@ from mapdeal.pipeline.diff import ComparedMap
 from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 from mapdeal.render.score import ScoredWalls, score_image
 from mapdeal.scoring.alone import score_alone
 from mapdeal.scoring.bounds import ScoreBound, checked_bounds, judged

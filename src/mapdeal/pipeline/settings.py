@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal
@@ -13,6 +12,7 @@ from mapdeal.errors import ParameterError
 from mapdeal.formats.budget import use_memory
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.values import check_choice
+from mapdeal.records import dataclass
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
 from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from mapdeal.errors import ParameterError, emit_warning
@@ -29,6 +28,7 @@ from mapdeal.pipeline.products import (
 from mapdeal.pipeline.progress import written
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
+from mapdeal.records import dataclass
 from mapdeal.render.keepout import KeepoutOverlay
 from mapdeal.render.overlay import Overlays
 from mapdeal.stages.keepout import apply_keepout_mask

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal
+from mapdeal.records import dataclass
 from mapdeal.stages.catalogue import STAGE_NAMES, models_of
 from mapdeal.stages.definition import Stage
 from mapdeal.stages.esdf import field_view

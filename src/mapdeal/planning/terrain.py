@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +21,7 @@ from mapdeal.grid.values import (
     OCCUPIED,
 )
 from mapdeal.kernels.distance import signed_distance
+from mapdeal.records import dataclass
 
 FIELD_RANGE = 2.0
 """Metres from obstacles at which the field no longer weighs: the range of its metric view."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.records import dataclass
 from mapdeal.render import colours
 from mapdeal.render.canvas import ticks_between
 from mapdeal.render.cost_palette import CostPalette

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +12,7 @@ from mapdeal.grid.values import (
     OCCUPIED,
     CostScale,
 )
+from mapdeal.records import dataclass
 from mapdeal.render import colours
 from mapdeal.render.colours import Colours
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
 from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.records import dataclass
 
 _FAR = 2.5
 """Times everything else that a reach may be before it is left out of the picture."""

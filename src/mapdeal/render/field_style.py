@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.blocks import blocks_of
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import dataclass
 from mapdeal.render import colours
 from mapdeal.render.colours import palette_of
 from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch

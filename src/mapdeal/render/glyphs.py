@@ -10,11 +10,12 @@ from __future__ import annotations
 import io
 import pkgutil
 import unicodedata
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mapdeal.records import dataclass
 
 SHADES = 16
 """Levels of coverage, from 0 for none to 15."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +9,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.blocks import Layer, made_by_rows
+from mapdeal.records import dataclass
 from mapdeal.render import colours
 from mapdeal.render.colours import Colour
 from mapdeal.render.raster import Raster

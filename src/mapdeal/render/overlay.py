@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.grid.frame import Frame
+from mapdeal.records import dataclass
 from mapdeal.render.colours import Colour
 from mapdeal.render.filling import fill_discs, fill_polygons, thick_lines
 from mapdeal.render.raster import Raster

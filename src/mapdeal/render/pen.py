@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapdeal.records import dataclass
 from mapdeal.render.colours import Colours
 from mapdeal.render.glyphs import SHADES, advance, ascent, glyph, middle, printable, text_width
 

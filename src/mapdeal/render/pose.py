@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame, xy_ahead
+from mapdeal.records import dataclass
 from mapdeal.render import colours
 from mapdeal.render.colours import Colour
 from mapdeal.render.overlay import Brush, place_of

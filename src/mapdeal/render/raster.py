@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.region import Region
 from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import dataclass
 
 _SMALL_SIDE = 600
 """Pixels that the long side of a small map is enlarged to, about."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.lookup import histogram
+from mapdeal.records import dataclass
 from mapdeal.render import colours
 from mapdeal.render.colours import Colour
 from mapdeal.render.overlay import Brush

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.frame import Frame
+from mapdeal.records import dataclass
 from mapdeal.render import colours
 from mapdeal.render.canvas import corner_of, frame_text, sheet, swatches_in, text_size_of
 from mapdeal.render.colours import interpolated, palette_of

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.values import Convention
+from mapdeal.records import dataclass
 
 Numbers = NDArray[np.float32]
 

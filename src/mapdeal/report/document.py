@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.values import Convention
 from mapdeal.kernels.blocks import Layer
+from mapdeal.records import dataclass
 from mapdeal.render.style import LayerStyle
 
 Points = NDArray[np.float64]

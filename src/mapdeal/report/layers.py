@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -16,6 +16,7 @@ from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.blocks import Layer, counts_of, mapped
+from mapdeal.records import dataclass
 from mapdeal.render.field_style import FieldEnds, field_style
 from mapdeal.render.reach_style import reach_codes
 from mapdeal.render.style import LayerStyle, Scale

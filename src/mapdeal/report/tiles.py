@@ -7,7 +7,7 @@ from base64 import b64encode
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.thread_pool import ThreadPool
 from mapdeal.kernels.threads import thread_count
+from mapdeal.records import dataclass
 from mapdeal.report.coding import Way, packed, ways_of
 from mapdeal.report.document import PageLayer
 

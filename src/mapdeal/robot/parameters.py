@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ from mapdeal.grid.costmap_layers import (
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION
+from mapdeal.records import dataclass
 
 Flavour = Literal["nav2", "ros1"]
 CostmapName = Literal["global", "local"]

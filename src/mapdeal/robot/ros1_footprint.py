@@ -7,11 +7,11 @@ has been through both. Names are searched for in the costmap's namespace and all
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from mapdeal.formats.ros_parameters.ros1 import UNSENDABLE, Path1, Ros1Namespace
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.grid.footprint import Footprint
+from mapdeal.records import dataclass
 from mapdeal.robot.footprints import (
     MOST_CORNERS,
     FootprintStringError,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -20,6 +20,7 @@ from mapdeal.formats.ros_parameters.ros1 import (
     read_ros1_parameters,
 )
 from mapdeal.formats.ros_parameters.value import ParameterValue
+from mapdeal.records import dataclass
 from mapdeal.robot.parameters import CostmapName
 
 COSTMAPS = ("global_costmap", "local_costmap")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +9,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.kernels.groups import touching_groups
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.thickness import thickness_of
+from mapdeal.records import dataclass
 from mapdeal.scoring.compare import Values
 from mapdeal.scoring.corners import corners_of
 from mapdeal.scoring.enclosed import enclosed_areas, label_sizes

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal
 
 from mapdeal.errors import ParameterError
+from mapdeal.records import dataclass
 from mapdeal.scoring.names import COUNT, NUMBER, SHARE, figure_in, figures_named
 from mapdeal.spelling import as_known, nearest
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from mapdeal.grid.resample import sampled
 from mapdeal.grid.transform import Transform
 from mapdeal.grid.values import UNKNOWN as UNKNOWN_VALUE
 from mapdeal.kernels.distance import squared_distance
+from mapdeal.records import dataclass
 from mapdeal.scoring.distances import WallDistances, wall_distances
 from mapdeal.scoring.overlap import Overlap
 from mapdeal.scoring.similarity import gaussian_similarity, uniform_similarity

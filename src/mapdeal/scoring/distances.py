@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.squares import unreachable
+from mapdeal.records import dataclass
 
 _Mask = NDArray[np.bool_]
 

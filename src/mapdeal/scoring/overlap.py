@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from mapdeal.records import dataclass
 from mapdeal.scoring.states import FREE, OCCUPIED, UNKNOWN, States
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from mapdeal.grid.values import (
 )
 from mapdeal.kernels.distance import bytes_by_distance
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import dataclass
 from mapdeal.stages.esdf import reach_is_kept
 from mapdeal.stages.field_values import bytes_in
 

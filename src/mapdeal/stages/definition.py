@@ -11,7 +11,7 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from os import PathLike
 from typing import Any, ParamSpec, Protocol, TypeVar, get_args, get_type_hints
 
@@ -24,6 +24,7 @@ from mapdeal.grid.costmap_layers import CostmapLayers
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
+from mapdeal.records import dataclass
 from mapdeal.stages.parameters import Parameter, parameters_of
 
 P = ParamSpec("P")

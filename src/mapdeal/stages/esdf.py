@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -25,6 +24,7 @@ from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows
 from mapdeal.kernels.column_runs import Halo, halos_of, runs_of
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.lookup import look_up, set_where
+from mapdeal.records import dataclass
 from mapdeal.stages.definition import InSimulation, checked, stage
 from mapdeal.stages.field_values import (
     bytes_of_metres,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from mapdeal.grid.values import (
 )
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
+from mapdeal.records import dataclass
 from mapdeal.stages.cost import cost_model
 from mapdeal.stages.cost_profile import CostProfile, advice_on, warn_of_radii
 from mapdeal.stages.definition import Parameters, RobotShape

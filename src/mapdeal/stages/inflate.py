@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -16,6 +15,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import holds_everywhere, made_by_windows
 from mapdeal.kernels.dilation import inflated
+from mapdeal.records import dataclass
 from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
 from mapdeal.stages.parameters import AT_LEAST_0, METRES, LethalThreshold
 

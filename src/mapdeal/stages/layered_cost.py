@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -25,6 +24,7 @@ from mapdeal.grid.values import (
 from mapdeal.kernels.blocks import made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where
 from mapdeal.kernels.threads import for_rows
+from mapdeal.records import dataclass
 from mapdeal.stages.cost import cost_model
 from mapdeal.stages.cost_profile import CostProfile, advice_on, warn_of_radii
 from mapdeal.stages.definition import Parameters

@@ -12,13 +12,13 @@ import inspect
 import math
 import types
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from numbers import Real
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from typing import get_type_hints as hints_of
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
+from mapdeal.records import dataclass
 from mapdeal.spelling import as_known, meant
 
 

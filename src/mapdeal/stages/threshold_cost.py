@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -16,6 +15,7 @@ from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView, View, ViewScale
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import blocks_of, looked_up
+from mapdeal.records import dataclass
 from mapdeal.stages.cost import cost_model
 from mapdeal.stages.definition import InPlaceOf, Parameters
 from mapdeal.stages.esdf import Viewer, esdf

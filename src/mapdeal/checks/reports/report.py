@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import overload
 
 from mapdeal.checks.finding import SEVERITIES, Finding, Severity
 from mapdeal.grid.display import OneLine, count_text
+from mapdeal.records import dataclass
 
 
 @dataclass(frozen=True, repr=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, NamedTuple, Self
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, emit_warning
 from mapdeal.formats.budget import PIECES, claim
+from mapdeal.records import dataclass
 
 Encoding = Literal["ros1", "cdr", ""]
 

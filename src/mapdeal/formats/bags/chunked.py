@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from array import array
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from zlib import crc32
 
@@ -15,6 +15,7 @@ from mapdeal.formats.bags.bag import Bag, Connection, MessageIndex, Place
 from mapdeal.formats.bags.chunks import KeptChunks, expanded
 from mapdeal.formats.budget import claim
 from mapdeal.formats.source import access_to, status_of
+from mapdeal.records import dataclass
 
 IN_THE_FILE = -1
 """The number of no chunk: a message that stands between them."""

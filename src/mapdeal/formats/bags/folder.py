@@ -11,7 +11,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
@@ -32,6 +32,7 @@ from mapdeal.formats.budget import check_expansion
 from mapdeal.formats.listing import natural_key
 from mapdeal.formats.source import access_to, contents_of, exists, is_regular, status_of
 from mapdeal.formats.yaml_text import Entry, YamlLimits, read_mapping
+from mapdeal.records import dataclass
 
 METADATA = "metadata.yaml"
 TOP_KEY = "rosbag2_bagfile_information"

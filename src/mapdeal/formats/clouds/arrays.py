@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,6 +17,7 @@ from mapdeal.formats.clouds.header import LONGEST_RECORD
 from mapdeal.formats.images.pillow import one_at_a_time
 from mapdeal.formats.npz_reader import NpzReader
 from mapdeal.formats.source import access_to
+from mapdeal.records import dataclass
 
 _POINTS_TOGETHER = 1 << 17
 _MOST_ELEMENTS = 1 << 31

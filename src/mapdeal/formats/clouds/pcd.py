@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -29,6 +28,7 @@ from mapdeal.formats.clouds.header import (
 from mapdeal.formats.source import access_to
 from mapdeal.formats.text_rows import read_rows
 from mapdeal.kernels.lzf import lzf_expanded
+from mapdeal.records import dataclass
 
 _POINTS_TOGETHER = 1 << 17
 _KINDS = {"I": "i", "U": "u", "F": "f"}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -20,6 +20,7 @@ from mapdeal.errors import MalformedInputError
 from mapdeal.formats.clouds.header import Record, binary_points, header_lines, whole_number
 from mapdeal.formats.source import access_to
 from mapdeal.formats.text_rows import read_rows
+from mapdeal.records import dataclass
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",

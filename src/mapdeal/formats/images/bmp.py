@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import struct
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +31,7 @@ from mapdeal.formats.images.pillow import (
 from mapdeal.formats.open_file import HEAD, OpenFile
 from mapdeal.formats.picture import LARGEST_COMPRESSED_CELLS, Picture
 from mapdeal.formats.strips import Strips, strips_at_places, strips_of
+from mapdeal.records import dataclass
 
 NAME = "BMP"
 _BITS = slice(28, 30)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from mapdeal.formats.open_file import OpenFile
 from mapdeal.formats.picture import LARGEST_COMPRESSED_CELLS
 from mapdeal.formats.strips import PixelRows, Strips
+from mapdeal.records import dataclass
 
 
 class OtherContentsError(Exception):

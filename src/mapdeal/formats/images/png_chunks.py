@@ -6,13 +6,13 @@ import struct
 import zlib
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import claim
 from mapdeal.formats.file_state import CHANGED
 from mapdeal.formats.open_file import OpenFile
+from mapdeal.records import dataclass
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _AT_A_TIME = 1 << 20

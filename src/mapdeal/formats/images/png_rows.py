@@ -15,7 +15,6 @@ import struct
 import zlib
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from mapdeal.formats.file_state import CHANGED
 from mapdeal.formats.images.png_chunks import PngFacts, PngHeader
 from mapdeal.formats.open_file import OpenFile
 from mapdeal.formats.strips import STRIP, rows_of_strip
+from mapdeal.records import dataclass
 
 _INFLATER = 48_000
 """Bytes that the state of a decompressor takes."""

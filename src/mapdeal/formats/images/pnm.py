@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError
@@ -22,6 +21,7 @@ from mapdeal.formats.pnm import (
     pnm_size,
 )
 from mapdeal.formats.strips import Strips, strips_at_places, strips_of
+from mapdeal.records import dataclass
 
 _TRAILING = 256
 

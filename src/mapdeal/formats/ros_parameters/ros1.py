@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from mapdeal.formats.ros_parameters.ros1_values import EXTRA_TAGS, kind_of, valu
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.formats.source import read_file
 from mapdeal.formats.yaml_text import YamlLimits, compose_documents
+from mapdeal.records import dataclass
 
 OF_PARAMETERS = YamlLimits(bytes=1 << 20, nodes=50_000, aliases=200)
 ROOT = ""

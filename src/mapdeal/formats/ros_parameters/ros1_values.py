@@ -8,7 +8,6 @@ import binascii
 import math
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import yaml
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.yaml_text import one_line_of
+from mapdeal.records import dataclass
 
 _DEGREES, _RADIANS = "!degrees", "!radians"
 _BINARY = "tag:yaml.org,2002:binary"

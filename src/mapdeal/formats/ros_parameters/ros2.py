@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from mapdeal.formats.ros_parameters.ros2_walk import NodeSlots, Walk, line_of, r
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.formats.source import read_file
 from mapdeal.formats.yaml_text import YamlLimits, decoded_text, one_line_of, refuse_image
+from mapdeal.records import dataclass
 
 OF_PARAMETERS = YamlLimits(bytes=1 << 20, nodes=50_000)
 DEEPEST = 40

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ import yaml
 
 from mapdeal.formats.ros_parameters.ros2_scalar import TagError, typed_scalar
 from mapdeal.formats.ros_parameters.value import ParameterFileError, ParameterValue
+from mapdeal.records import dataclass
 
 PARAMETERS_KEY = "ros__parameters"
 _LONGEST_TEXT = 200

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -31,6 +30,7 @@ from mapdeal.mapping.posed_scans import stances
 from mapdeal.pipeline.bags.frames import BASE_FRAMES, FIXED_FRAMES, FrameOptions, SensorFrames
 from mapdeal.pipeline.clouds import Cloud, Points, SummedCloud
 from mapdeal.pipeline.files import errors_named
+from mapdeal.records import dataclass
 
 Pose = tuple[float, float, float]
 

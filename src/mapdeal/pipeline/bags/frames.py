@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from mapdeal.formats.poses import read_trajectory
 from mapdeal.kernels.rotations import from_yaw
 from mapdeal.mapping.beams import FARTHEST_POSE
 from mapdeal.mapping.transforms import Posed, TransformTree
+from mapdeal.records import dataclass
 
 FIXED_FRAMES = ("map", "odom")
 """Frames that maps are made in, the best first."""

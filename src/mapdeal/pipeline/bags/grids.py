@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +14,7 @@ from mapdeal.formats.bags.messages import GRID_TYPES, frame_of, grid_of, time_of
 from mapdeal.formats.bags.reader import chosen_connections, open_bag
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.records import dataclass
 
 ReadAs = Literal["map", "costs"]
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TypeVar
 
 from mapdeal.errors import emit_warning
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.pipeline.heard import portable
+from mapdeal.records import dataclass
 from mapdeal.report.document import Entry, Item, PageLayer, Table
 from mapdeal.report.extent import extent_of
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from mapdeal.kernels.blocks import Layer, is_lazy, lazy_layer
 from mapdeal.pipeline.heard import heard
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
+from mapdeal.records import dataclass
 from mapdeal.report.document import PageLayer
 from mapdeal.report.layers import kinds_of
 

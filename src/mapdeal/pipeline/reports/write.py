@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from mapdeal.errors import BatchError, ParameterError
@@ -15,6 +15,7 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.reports.gather import gathered
 from mapdeal.pipeline.reports.grids import Grids
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
+from mapdeal.records import dataclass
 from mapdeal.report.page import page_of
 
 LARGEST_PAGE = 25_000_000
