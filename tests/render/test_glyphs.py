@@ -5,11 +5,14 @@ import numpy as np
 import pytest
 
 from mapdeal.render.glyphs import (
+    ATLAS_CHARACTERS,
+    ATLAS_SIZES,
     REPLACEMENT,
     SHADES,
     advance,
     ascent,
     capital_height,
+    drawn_glyph,
     glyph,
     middle,
     printable,
@@ -123,3 +126,13 @@ def test_pictures_need_no_other_library_s_letters_or_lines():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("size", ATLAS_SIZES)
+def test_the_atlas_holds_what_the_outlines_give(size):
+    for character in ATLAS_CHARACTERS:
+        stored, drawn = glyph(character, size), drawn_glyph(character, size)
+        np.testing.assert_array_equal(stored.shades, drawn.shades)
+        assert (stored.left, stored.top) == (drawn.left, drawn.top)
+        assert stored.advance == drawn.advance == advance(character, size)
+        assert printable(character) == character

@@ -7,6 +7,8 @@ compiler.
 from __future__ import annotations
 
 import os
+from functools import cache
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Literal
 
@@ -16,6 +18,8 @@ Engine = Literal["compiled", "scipy"]
 
 VARIABLE = "MAPDEAL_KERNELS"
 """Name of the environment variable that chooses the engine."""
+
+_BESIDE = ("_clearance_tree", "_configuration_space", "_dilation", "_rays")
 
 
 def engine_name() -> Engine:
@@ -40,16 +44,17 @@ def engine_name() -> Engine:
     return "scipy"
 
 
+@cache
 def compiled_module() -> ModuleType | None:
-    """Return the compiled module, or None where it, or one beside it, is not or does not load."""
+    """Return the compiled module of distances; None where it is not, or does not load.
+
+    One engine does everything: there is none either if a module beside it is missing. Those are
+    imported where they are needed.
+    """
+    if not all(find_spec(f"mapdeal.kernels.{name}") for name in _BESIDE):
+        return None
     try:
-        from mapdeal.kernels import (  # type: ignore[attr-defined,unused-ignore]
-            _clearance_tree,  # noqa: F401 - whoever asks for the one may import the others
-            _compiled,
-            _configuration_space,  # noqa: F401 - as above
-            _dilation,  # noqa: F401 - as above
-            _rays,  # noqa: F401 - as above
-        )
+        from mapdeal.kernels import _compiled  # type: ignore[attr-defined,unused-ignore]
     except ImportError:
         return None
     module: ModuleType = _compiled

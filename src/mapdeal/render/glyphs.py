@@ -2,15 +2,16 @@
 
 Only whole numbers are calculated with, so that a text is the same pixels with any version of any
 library. The outlines are those of Aileron Regular, see ``glyphs.md``; ``docs/glyphs.py`` wrote
-the file.
+the file. The letters of small pictures stand drawn in ``atlas.bin``: to read and to draw outlines
+would take as long as all the rest of such a picture.
 """
 
 from __future__ import annotations
 
 import io
-import pkgutil
-import unicodedata
+import zlib
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,10 @@ def printable(text: str) -> str:
     >>> printable("K\u00fcche 2"), printable("Gda\u0144sk"), printable("\u5009\u5eab")
     ('Küche 2', 'Gdansk', '\ufffd\ufffd')
     """
+    if text.isascii() and text.isprintable():
+        return text
+    import unicodedata
+
     known = _outlines().places
     kept = []
     for character in unicodedata.normalize("NFC", text):
@@ -83,9 +88,11 @@ def text_width(text: str, size: int) -> int:
 
 def advance(character: str, size: int) -> int:
     """Return how far a character moves the pen, pixels."""
+    drawn = _atlas().get((character, size))
+    if drawn is not None:
+        return drawn.advance
     outlines = _outlines()
-    units = outlines.advances[outlines.places[character]]
-    return (2 * units * size + _UNITS) // (2 * _UNITS)
+    return _scaled(outlines.advances[outlines.places[character]], size)
 
 
 def ascent(size: int) -> int:
@@ -100,15 +107,20 @@ def middle(size: int) -> int:
 
 def capital_height(size: int) -> int:
     """Return the height of capitals and digits, pixels."""
-    return _whole_pixels(_CAPITALS, size)
+    return _scaled(_CAPITALS, size)
 
 
 @cache
 def glyph(character: str, size: int) -> Glyph:
     """Return a character of `printable` text as pixels, `size` pixels per em."""
+    return _atlas().get((character, size)) or drawn_glyph(character, size)
+
+
+def drawn_glyph(character: str, size: int) -> Glyph:
+    """Return a character of `printable` text, drawn from its outline."""
     outlines = _outlines()
     points = outlines.segments(outlines.places[character])
-    shift = advance(character, size)
+    shift = _scaled(outlines.advances[outlines.places[character]], size)
     if not len(points):
         return Glyph(np.zeros((0, 0), dtype=np.uint8), 0, 0, shift)
     x = points[..., 0] * (size * _PIXEL) // (_UNITS * _PIECES**2)
@@ -122,7 +134,7 @@ def glyph(character: str, size: int) -> Glyph:
 
 def _fitted(y: NDArray[np.int64], size: int) -> NDArray[np.int64]:
     """Return heights in units as `_PIXEL`s, letters' tops and bottoms on the edges of pixels."""
-    small, capitals = (_whole_pixels(units, size) * _PIXEL for units in (_SMALL, _CAPITALS))
+    small, capitals = (_scaled(units, size) * _PIXEL for units in (_SMALL, _CAPITALS))
     below = (_UNITS - _OVERSHOOT) * size * _PIXEL // _UNITS
     above = (2 * _UNITS - _CAPITALS - _OVERSHOOT) * size * _PIXEL // _UNITS
     fitted = np.array([-below, 0, 0, small, small, capitals, capitals, capitals + above])
@@ -132,7 +144,7 @@ def _fitted(y: NDArray[np.int64], size: int) -> NDArray[np.int64]:
     return fitted[piece] + risen
 
 
-def _whole_pixels(units: int, size: int) -> int:
+def _scaled(units: int, size: int) -> int:
     return (2 * units * size + _UNITS) // (2 * _UNITS)
 
 
@@ -194,9 +206,7 @@ def _pieces(
 
 @cache
 def _outlines() -> _Outlines:
-    data = pkgutil.get_data("mapdeal.render", "glyphs.npz")
-    assert data is not None  # noqa: S101 - None is for loaders that have no files at all
-    with np.load(io.BytesIO(data)) as file:
+    with np.load(io.BytesIO(_resource("glyphs.npz"))) as file:
         points = np.cumsum(file["steps"], axis=1, dtype=np.int64).T
         last_curves = np.cumsum(file["lengths"], dtype=np.int64) // 2  # points on and off by turns
         first_curves = np.concatenate([[0], last_curves])
@@ -211,3 +221,44 @@ def _outlines() -> _Outlines:
             off=points[1::2],
             end=points[::2][ends],
         )
+
+
+ATLAS_SIZES = (14, 18)
+"""Pixels per em of what `atlas.bin` holds: the text and the titles of small pictures."""
+
+ATLAS_CHARACTERS = [chr(code) for code in range(0x20, 0x7F)]
+
+_NUMBERS = 5
+_BIAS = 128
+
+
+def packed(glyphs: list[Glyph]) -> bytes:
+    """Return the glyphs of an atlas as the bytes of its file.
+
+    Compressed: five bytes for each glyph (left and top plus 128, advance, height, width), then
+    the shades of all of them.
+    """
+    sizes = [(g.left + _BIAS, g.top + _BIAS, g.advance, *g.shades.shape) for g in glyphs]
+    return zlib.compress(
+        np.array(sizes, np.uint8).tobytes() + b"".join(g.shades.tobytes() for g in glyphs), 9
+    )
+
+
+@cache
+def _atlas() -> dict[tuple[str, int], Glyph]:
+    data = np.frombuffer(zlib.decompress(_resource("atlas.bin")), np.uint8)
+    keys = [(character, size) for size in ATLAS_SIZES for character in ATLAS_CHARACTERS]
+    at = _NUMBERS * len(keys)
+    sizes = data[:at].reshape(len(keys), _NUMBERS).tolist()
+    found = {}
+    for key, (left, top, shift, height, width) in zip(keys, sizes, strict=True):
+        shades = data[at : at + height * width].reshape(height, width)
+        found[key] = Glyph(shades, left - _BIAS, top - _BIAS, shift)
+        at += height * width
+    return found
+
+
+def _resource(name: str) -> bytes:
+    """Return a file of this package, also out of an archive of modules."""
+    data: bytes = __loader__.get_data(str(Path(__file__).with_name(name)))  # type: ignore[name-defined]
+    return data
