@@ -83,6 +83,9 @@ REASONS = {
         ("fullmatch", "one run, between fixed characters"),
     ("formats/ros_parameters/ros2_scalar.py", r"[eE]"): ("split", "one character"),
     ("formats/ros_parameters/ros2_scalar.py", r"[pP]"): ("split", "one character"),
+    ("formats/yaml_text.py", r"[a-z_]{3,}"): ("fullmatch", "one run"),
+    ("formats/yaml_text.py", r"[a-z_]{3,}|[A-Za-z_][A-Za-z0-9_-]*\.[a-z]{3,4}"):
+        ("fullmatch", "one run, or two with a point between them"),
     ("formats/yaml_text.py", r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"):
         ("fullmatch", "a point or an e stands between runs of digits"),
     ("formats/yaml_text.py", r"[-+]?0\d"): ("match", "three characters"),

@@ -6,6 +6,7 @@ PyYAML turns scalars into values by YAML 1.1, where ``5e-2`` is text, ``1:30`` i
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -477,9 +478,49 @@ def _flow_text(value: Any) -> str:
     return text.removesuffix("\n").removesuffix("\n...")
 
 
+_FEW, _SHORT = 8, 100
+_PLAIN_KEY = re.compile(r"[a-z_]{3,}")
+_PLAIN_TEXT = re.compile(r"[a-z_]{3,}|[A-Za-z_][A-Za-z0-9_-]*\.[a-z]{3,4}")
+_NOT_PLAIN = {"yes", "true", "off", "false", "null", "inf", "nan"}
+"""Words that YAML, or a reader of it, takes for something else than text."""
+
+
 def yaml_document(document: dict[str, Any]) -> bytes:
-    """Return a YAML file of `document`: keys in order, lists in brackets, floats shortest."""
+    """Return a YAML file of `document`: keys in order, lists in brackets, floats shortest.
+
+    PyYAML takes a millisecond for the few lines beside an image, so those are written here, the
+    same to the byte.
+    """
+    lines = [_plain_line(key, value) for key, value in document.items()]
+    has_list = any(type(value) is list for value in document.values())  # else it is one line
+    if has_list and None not in lines:
+        return "".join(f"{line}\n" for line in lines).encode()
     text = yaml.safe_dump(
         document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1000
     )
     return text.encode()
+
+
+def _plain_line(key: Any, value: Any) -> str | None:
+    """Return an entry as PyYAML writes it, None if that may need more than its words."""
+    if not isinstance(key, str) or not _PLAIN_KEY.fullmatch(key) or key in _NOT_PLAIN:
+        return None
+    text: str | None
+    if type(value) is list and 0 < len(value) <= _FEW:
+        numbers = [_plain_number(one) for one in value]
+        text = None if None in numbers else f"[{', '.join(map(str, numbers))}]"
+    elif type(value) is str:
+        is_plain = _PLAIN_TEXT.fullmatch(value) and value not in _NOT_PLAIN and len(value) < _SHORT
+        text = value if is_plain else None
+    else:
+        text = _plain_number(value)
+    return None if text is None else f"{key}: {text}"
+
+
+def _plain_number(value: Any) -> str | None:
+    if type(value) is int:
+        return str(value)
+    if type(value) is not float or not math.isfinite(value):
+        return None
+    text = repr(value)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text

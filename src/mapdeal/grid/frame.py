@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import CELL_TOLERANCE, FARTHEST, Origin, cells_at, turned
 
-_ROUNDING = 4 * float(np.finfo(np.float64).eps)
+ROUNDING = 4 * float(np.finfo(np.float64).eps)
 """Of a coordinate: what storing it, subtracting the origin and turning leave uncertain."""
 
 
@@ -109,7 +109,7 @@ class Frame:
         x, y, _ = self.origin
         largest = np.maximum(points[:, :1], points[:, 1:])  # faster than max along short rows
         np.maximum(largest, max(abs(x), abs(y)), out=largest)
-        tolerance: NDArray[np.float64] = _ROUNDING * largest / self.resolution
+        tolerance: NDArray[np.float64] = ROUNDING * largest / self.resolution
         return np.maximum(CELL_TOLERANCE, tolerance)
 
     def unbounded_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import FARTHEST, turned
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.coordinates import CELL_TOLERANCE, FARTHEST, turned
+from mapdeal.grid.frame import ROUNDING, Frame
 from mapdeal.grid.region import Region
+from mapdeal.kernels.clouds import CloudRule, mark_cloud, marks_clouds
 from mapdeal.mapping.local_options import LocalOptions
 from mapdeal.mapping.poses import CoveredAngles, Pose
 from mapdeal.records import dataclass
@@ -93,6 +96,13 @@ class SeenCloud:
         if self._options.asks_for_heights and points.shape[1] < 3:
             rule = "the cloud has no heights"
             raise ParameterError(rule, place="min_height, max_height")
+        if marks_clouds() and not self._with_beams:
+            counts, seen = mark_cloud(
+                points, self._rule(), self.is_hit, is_placed=self._options.frame == "map"
+            )
+            self._angles.add(np.arctan2(seen[:, 1], seen[:, 0]))
+            self._counts += counts
+            return
         count = len(points)
         finite = np.isfinite(points[:, :3]).all(axis=1)
         points = points[finite] if not finite.all() else points
@@ -138,6 +148,24 @@ class SeenCloud:
     def ends(self) -> Cells:
         """The cells in which beams end, shape (K, 2), each once."""
         return _cells_from(self._ends)
+
+    def _rule(self) -> CloudRule:
+        """Return the same for the compiled code."""
+        options, frame = self._options, self._frame
+        x, y, yaw = self._pose
+        turn = -yaw if options.frame == "map" else yaw
+        corner_x, corner_y, frame_yaw = frame.origin
+        limits = [
+            -math.inf if options.min_height is None else options.min_height,
+            math.inf if options.max_height is None else options.max_height,
+            -math.inf if options.min_range is None else options.min_range,
+            math.inf if options.max_range is None else options.max_range,
+        ]
+        return CloudRule(
+            x, y, math.cos(turn), math.sin(turn), *options.offset, *limits, corner_x, corner_y,
+            math.cos(-frame_yaw), math.sin(-frame_yaw), frame.resolution, FARTHEST, ROUNDING,
+            CELL_TOLERANCE,
+        )  # fmt: skip
 
     def _within_heights(self, points: Floats) -> tuple[Floats, int]:
         least, most = self._options.min_height, self._options.max_height

@@ -1,0 +1,11 @@
+import numpy as np
+from numpy.typing import NDArray
+
+def mark(
+    points: NDArray[np.float64],
+    numbers: tuple[float, ...],
+    is_placed: bool,
+    hit: NDArray[np.uint8],
+    seen: NDArray[np.float64],
+    counts: NDArray[np.int64],
+) -> int: ...

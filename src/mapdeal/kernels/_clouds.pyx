@@ -1,0 +1,53 @@
+# cython: language_level=3, binding=False, embedsignature=False
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Compiled marking of the cells in which the points of a cloud lie, without the GIL.
+
+The module clouds.py is its face to the rest; the algorithm is in clouds.h.
+"""
+
+from libc.stdint cimport int64_t, uint8_t
+
+
+cdef extern from "clouds.h" nogil:
+    ctypedef struct CloudRule:
+        int is_placed
+        double x, y, cos, sin
+        double offset_x, offset_y
+        double least_height, most_height, least_range, most_range
+        double corner_x, corner_y, frame_cos, frame_sin, resolution
+        int64_t height, width
+        double farthest, rounding, tolerance, corner_size
+
+    int64_t mark_cloud(
+        const double *points, int64_t count, int64_t width, const CloudRule *rule,
+        uint8_t *hit, double *seen, int64_t *counts,
+    )
+
+
+def mark(
+    const double[:, ::1] points, numbers, bint is_placed, uint8_t[:, ::1] hit,
+    double[:, ::1] seen, int64_t[::1] counts,
+):
+    """Mark the cells of points, and count them; return how many rows of `seen` were filled."""
+    if seen.shape[0] < points.shape[0] or seen.shape[1] != 2 or counts.shape[0] != 6:
+        raise ValueError("the arrays do not fit")
+    if points.shape[1] < 2:
+        raise ValueError("points need two coordinates")
+    if points.shape[0] == 0 or hit.shape[0] == 0 or hit.shape[1] == 0:
+        raise ValueError("there must be points and cells")
+    cdef CloudRule rule
+    (
+        rule.x, rule.y, rule.cos, rule.sin, rule.offset_x, rule.offset_y,
+        rule.least_height, rule.most_height, rule.least_range, rule.most_range,
+        rule.corner_x, rule.corner_y, rule.frame_cos, rule.frame_sin, rule.resolution,
+        rule.farthest, rule.rounding, rule.tolerance,
+    ) = numbers
+    rule.is_placed = is_placed
+    rule.height, rule.width = hit.shape[0], hit.shape[1]
+    rule.corner_size = max(abs(rule.corner_x), abs(rule.corner_y))
+    cdef int64_t count = points.shape[0], width = points.shape[1], found
+    with nogil:
+        found = mark_cloud(
+            &points[0, 0], count, width, &rule, &hit[0, 0], &seen[0, 0], &counts[0]
+        )
+    return found
