@@ -8,6 +8,7 @@ from mapdeal.kernels.lookup import (
     bytes_of_distances,
     histogram,
     look_up,
+    raise_bytes,
     set_where,
     squares_of_distances,
 )
@@ -21,6 +22,38 @@ BYTE_ARRAYS = arrays.arrays(np.uint8, arrays.array_shapes(min_dims=2, max_dims=2
 def test_a_value_gets_its_entry_of_the_table(values, table):
     result = look_up(values, np.frombuffer(table, dtype=np.uint8))
     assert result.tobytes() == values.tobytes().translate(table)
+
+
+@given(
+    BYTE_ARRAYS,
+    st.lists(st.integers(1, 255), max_size=12, unique=True),
+    st.binary(min_size=13, max_size=13),
+)
+def test_tables_of_few_runs_are_looked_up_as_others(values, starts, entries):
+    edges = [0, *sorted(starts), 256]
+    runs = zip(edges, edges[1:], entries, strict=False)
+    table = b"".join(bytes([entry]) * (end - start) for start, end, entry in runs)
+    result = look_up(values, np.frombuffer(table, dtype=np.uint8))
+    assert result.tobytes() == values.tobytes().translate(table)
+
+
+@given(st.data(), BYTE_ARRAYS, st.sampled_from([1, 253]))
+def test_costs_are_raised_cell_by_cell(data, costs, least):
+    asked = data.draw(arrays.arrays(np.uint8, costs.shape))
+    costs = np.where(data.draw(arrays.arrays(np.bool_, costs.shape)), 255, costs).astype(np.uint8)
+    expected = [
+        (new if new >= least else 255) if old == 255 else max(old, new)
+        for old, new in zip(costs.ravel().tolist(), asked.ravel().tolist(), strict=True)
+    ]
+    raise_bytes(costs, asked, least=least, unknown=255)
+    assert costs.ravel().tolist() == expected
+
+
+@given(st.lists(st.tuples(st.integers(0, 255), st.integers(1, 90)), min_size=1, max_size=12))
+def test_long_runs_are_counted_whole(runs):
+    cells = np.repeat(*np.array(runs, dtype=np.int64).T).astype(np.uint8)
+    counts = histogram(cells[np.newaxis])
+    assert counts.tolist() == [sum(n for v, n in runs if v == value) for value in range(256)]
 
 
 @pytest.mark.parametrize(

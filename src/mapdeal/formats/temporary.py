@@ -23,6 +23,7 @@ PREFIX = ".mapdeal-"
 """Of the names of all files that are not there to stay."""
 
 _SUFFIX = ".tmp"
+_AT_ONCE = 1 << 18
 
 Writer = Callable[[BinaryIO], None]
 
@@ -68,7 +69,10 @@ class Temporary:
         file.flush()
         if not with_checksum:
             return ""
+        is_small = os.fstat(file.fileno()).st_size <= _AT_ONCE
         file.seek(0)
+        if is_small:  # without the buffer of file_digest, which takes longer than the file
+            return hashlib.sha256(file.read()).hexdigest()
         return hashlib.file_digest(file, "sha256").hexdigest()
 
     def append(self, data: bytes) -> None:

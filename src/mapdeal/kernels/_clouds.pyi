@@ -9,3 +9,10 @@ def mark(
     seen: NDArray[np.float64],
     counts: NDArray[np.int64],
 ) -> int: ...
+def cover(
+    angles: NDArray[np.float64],
+    turn: float,
+    half: float,
+    first: NDArray[np.float64],
+    last: NDArray[np.float64],
+) -> None: ...

@@ -22,6 +22,10 @@ cdef extern from "clouds.h" nogil:
         const double *points, int64_t count, int64_t width, const CloudRule *rule,
         uint8_t *hit, double *seen, int64_t *counts,
     )
+    void cover_angles(
+        const double *angles, int64_t count, double turn, double half, int64_t bins,
+        double *first, double *last,
+    )
 
 
 def mark(
@@ -51,3 +55,15 @@ def mark(
             &points[0, 0], count, width, &rule, &hit[0, 0], &seen[0, 0], &counts[0]
         )
     return found
+
+
+def cover(
+    const double[::1] angles, double turn, double half, double[::1] first, double[::1] last
+):
+    """Put angles into the bins of a turn."""
+    if first.shape[0] != last.shape[0] or first.shape[0] == 0:
+        raise ValueError("the arrays do not fit")
+    cdef int64_t count = angles.shape[0], bins = first.shape[0]
+    if count:
+        with nogil:
+            cover_angles(&angles[0], count, turn, half, bins, &first[0], &last[0])

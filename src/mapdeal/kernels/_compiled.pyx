@@ -50,6 +50,15 @@ cdef extern from "lookup.h" nogil:
         uint8_t *bytes,
         int64_t width,
     )
+    ctypedef struct Runs:
+        int count
+    bint runs_of_table(const uint8_t *table, Runs *runs)
+    void look_up_runs(const Runs *runs, const uint8_t *source, uint8_t *target, int64_t count)
+    void look_up_bytes(
+        const uint8_t *table, const uint8_t *source, uint8_t *target, int64_t count
+    )
+    void count_all(const uint8_t *cells, int64_t count, int64_t *counts)
+    void raise_bytes(uint8_t *costs, const uint8_t *asked, uint8_t least, int64_t count)
 
 cdef extern from "bilinear.h" nogil:
     void interpolate_places(
@@ -269,9 +278,8 @@ cdef class Transform:
 
 def look_up(const uint8_t[:, :] values, const uint8_t[::1] table, uint8_t[:, ::1] result):
     """Set `result` to the table's entries for the values."""
-    cdef Py_ssize_t y, x, width = values.shape[1]
-    cdef const uint8_t *source
-    cdef uint8_t *target
+    cdef Py_ssize_t y, width = values.shape[1]
+    cdef Runs runs
     if table.shape[0] != 256:
         raise ValueError("the table must have 256 entries")
     if values.shape[0] != result.shape[0] or width != result.shape[1]:
@@ -279,34 +287,32 @@ def look_up(const uint8_t[:, :] values, const uint8_t[::1] table, uint8_t[:, ::1
     if width == 0 or (width > 1 and values.strides[1] != 1):
         raise ValueError("the values of a row must lie side by side")
     with nogil:
-        for y in range(values.shape[0]):
-            source, target = &values[y, 0], &result[y, 0]
-            for x in range(width):
-                target[x] = table[source[x]]
+        if runs_of_table(&table[0], &runs):
+            for y in range(values.shape[0]):
+                look_up_runs(&runs, &values[y, 0], &result[y, 0], width)
+        else:
+            for y in range(values.shape[0]):
+                look_up_bytes(&table[0], &values[y, 0], &result[y, 0], width)
 
 
 def count_bytes(const uint8_t[:, ::1] values, int64_t[::1] counts):
     """Add to `counts` how often each value occurs."""
-    cdef Py_ssize_t i, cells = values.shape[0] * values.shape[1]
-    cdef int64_t parts[4][256]
-    cdef const uint8_t *first
+    cdef Py_ssize_t cells = values.shape[0] * values.shape[1]
     if counts.shape[0] != 256:
         raise ValueError("there must be 256 counts")
-    if cells == 0:
-        return
-    first = &values[0, 0]
-    with nogil:
-        memset(parts, 0, sizeof(parts))
-        # four tables, so that equal neighbours need not wait for each other
-        for i in range(0, cells - 3, 4):
-            parts[0][first[i]] += 1
-            parts[1][first[i + 1]] += 1
-            parts[2][first[i + 2]] += 1
-            parts[3][first[i + 3]] += 1
-        for i in range(cells - cells % 4, cells):
-            parts[0][first[i]] += 1
-        for i in range(256):
-            counts[i] += parts[0][i] + parts[1][i] + parts[2][i] + parts[3][i]
+    if cells:
+        with nogil:
+            count_all(&values[0, 0], cells, &counts[0])
+
+
+def raise_costs(uint8_t[:, ::1] costs, const uint8_t[:, ::1] asked, uint8_t least):
+    """Raise costs, in place, to those asked for; unknown ones only from `least` on."""
+    cdef Py_ssize_t cells = costs.shape[0] * costs.shape[1]
+    if (asked.shape[0], asked.shape[1]) != (costs.shape[0], costs.shape[1]):
+        raise ValueError("the arrays are not of one shape")
+    if cells:
+        with nogil:
+            raise_bytes(&costs[0, 0], &asked[0, 0], least, cells)
 
 
 def bytes_of_distances(

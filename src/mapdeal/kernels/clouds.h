@@ -86,4 +86,18 @@ static int64_t mark_cloud(const double *points, int64_t count, int64_t width, co
   return directions;
 }
 
+/* Puts angles, radians, into bins of a turn, each of which keeps its first and its last one. */
+static void cover_angles(const double *angles, int64_t count, double turn, double half,
+                         int64_t bins, double *first, double *last) {
+  const double scale = (double)bins / turn;
+  for (int64_t k = 0; k < count; k++) {
+    double angle = angles[k] - turn * ceil((angles[k] - half) / turn);
+    angle = angle < half ? angle : half; /* rounding may have passed it */
+    int64_t bin = (int64_t)((angle + half) * scale);
+    bin = bin < 0 ? 0 : bin >= bins ? bins - 1 : bin;
+    if (angle < first[bin]) first[bin] = angle;
+    if (angle > last[bin]) last[bin] = angle;
+  }
+}
+
 #endif

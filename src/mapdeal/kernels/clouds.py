@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from mapdeal.kernels.engine import engine_name
 
 Floats = NDArray[np.float64]
+
+_TURN = 2 * math.pi
 
 
 class CloudRule(NamedTuple):
@@ -97,3 +100,26 @@ def mark_cloud(
     bytes_ = hit.view(np.uint8)
     found = _clouds.mark(np.ascontiguousarray(points), rule, is_placed, bytes_, seen, counts)
     return counts, seen[:found]
+
+
+def cover_angles(angles: Floats, first: Floats, last: Floats) -> None:
+    """Put angles into equal bins of a turn, from -pi, each of which keeps its first and last one.
+
+    Parameters
+    ----------
+    angles : numpy.ndarray of float64, shape (N,)
+        Radians, finite.
+    first, last : numpy.ndarray of float64, shape (B,)
+        The least and the largest angle of each bin, -pi < angle <= pi; changed in place.
+    """
+    if engine_name() == "compiled":
+        from mapdeal.kernels import _clouds
+
+        _clouds.cover(np.ascontiguousarray(angles), _TURN, math.pi, first, last)
+        return
+    angles = angles - _TURN * np.ceil((angles - math.pi) / _TURN)
+    angles = np.minimum(angles, math.pi)  # rounding may have passed it
+    bins = ((angles + math.pi) * (len(first) / _TURN)).astype(np.int64)
+    np.clip(bins, 0, len(first) - 1, out=bins)
+    np.minimum.at(first, bins, angles)
+    np.maximum.at(last, bins, angles)

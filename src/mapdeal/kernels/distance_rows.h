@@ -181,6 +181,10 @@ static void store_near(const Task *task, int64_t at, const uint16_t *outside,
         }
     } else if (task->form == BYTES) {
         uint8_t *cells = (uint8_t *)task->cells + at;
+        if (count == BLOCK && lowest_of_block(outside) > task->limit) {
+            memset(cells, task->bytes[task->limit + 1], BLOCK);
+            return;
+        }
         for (int i = 0; i < count; i++)
             cells[i] = task->bytes[outside[i] <= task->limit ? outside[i] : task->limit + 1];
     } else if (task->form == SQUARES_32) {

@@ -1,4 +1,6 @@
-/* Distances back to whole squares of cells, and through a table. */
+/* Bytes through tables, counted and compared; distances back to whole squares of cells. */
+
+#include <string.h>
 
 #include "lanes.h"
 
@@ -37,5 +39,84 @@ static void bytes_of_row(const Measure *measure, const float *distance, const ui
         const int count = width - x < STRIP ? (int)(width - x) : STRIP;
         indices_of_distances(measure, distance + x, obstacles + x, indices, count);
         for (int i = 0; i < count; i++) bytes[x + i] = table[indices[i]];
+    }
+}
+
+enum { MOST_RUNS = 8, LOOKED_UP = 4096 };
+
+/* A table of 256 bytes as runs of equal entries: which are compared with, many at a time. */
+typedef struct {
+    int count;
+    uint8_t starts[MOST_RUNS], values[MOST_RUNS];
+} Runs;
+
+/* Return whether a table has few enough runs. */
+static int runs_of_table(const uint8_t *table, Runs *runs)
+{
+    runs->count = 0;
+    for (int i = 0; i < 256; i++) {
+        if (i > 0 && table[i] == table[i - 1]) continue;
+        if (runs->count == MOST_RUNS) return 0;
+        runs->starts[runs->count] = (uint8_t)i;
+        runs->values[runs->count++] = table[i];
+    }
+    return 1;
+}
+
+MANY_LANES static void look_up_runs(const Runs *runs, const uint8_t *restrict source,
+                                    uint8_t *restrict target, int64_t count)
+{
+    for (int64_t first = 0; first < count; first += LOOKED_UP) { /* stays in the nearest cache */
+        const int64_t end = count - first < LOOKED_UP ? count : first + LOOKED_UP;
+        memset(target + first, runs->values[0], (size_t)(end - first));
+        for (int k = 1; k < runs->count; k++) {
+            const uint8_t start = runs->starts[k], value = runs->values[k];
+            for (int64_t i = first; i < end; i++)
+                target[i] = source[i] >= start ? value : target[i];
+        }
+    }
+}
+
+static void look_up_bytes(const uint8_t *table, const uint8_t *source, uint8_t *target,
+                          int64_t count)
+{
+    for (int64_t i = 0; i < count; i++) target[i] = table[source[i]];
+}
+
+/* Add to `counts`. Maps have long runs, of which 32 cells are counted at once; elsewhere there are
+ * four tables, so that equal neighbours need not wait for each other. */
+static void count_all(const uint8_t *cells, int64_t count, int64_t *counts)
+{
+    uint64_t parts[4][256];
+    memset(parts, 0, sizeof parts);
+    int64_t i = 0;
+    for (; i + 32 <= count; i += 32) {
+        uint64_t words[4];
+        memcpy(words, cells + i, sizeof words);
+        const uint64_t same = 0x0101010101010101u * cells[i];
+        if (((words[0] ^ same) | (words[1] ^ same) | (words[2] ^ same) | (words[3] ^ same)) == 0) {
+            parts[0][cells[i]] += 32;
+            continue;
+        }
+        for (int k = 0; k < 32; k += 4) {
+            parts[0][cells[i + k]]++;
+            parts[1][cells[i + k + 1]]++;
+            parts[2][cells[i + k + 2]]++;
+            parts[3][cells[i + k + 3]]++;
+        }
+    }
+    for (; i < count; i++) parts[0][cells[i]]++;
+    for (int value = 0; value < 256; value++)
+        counts[value] += (int64_t)(parts[0][value] + parts[1][value] + parts[2][value]
+                                   + parts[3][value]);
+}
+
+/* Raise costs to what is asked for; unknown ones, 255, only from `least` on. */
+MANY_LANES static void raise_bytes(uint8_t *restrict costs, const uint8_t *restrict asked,
+                                   uint8_t least, int64_t count)
+{
+    for (int64_t i = 0; i < count; i++) {
+        const uint8_t larger = costs[i] > asked[i] ? costs[i] : asked[i];
+        costs[i] = costs[i] == 255 && asked[i] >= least ? asked[i] : larger;
     }
 }

@@ -67,6 +67,47 @@ def set_where(values: Bytes, mask: NDArray[np.bool_], value: int) -> None:
     for_rows(lambda rows: np.copyto(values[rows], value, where=mask[rows]), values.shape)
 
 
+def raise_bytes(
+    costs: NDArray[np.uint8], asked: NDArray[np.uint8], *, least: int, unknown: int
+) -> None:
+    """Raise costs, in place, to those that are asked for.
+
+    Parameters
+    ----------
+    costs, asked : numpy.ndarray of uint8, shape (H, W)
+        The costs; the larger of both is kept.
+    least : int
+        The cost from which on an unknown cell takes what is asked for.
+    unknown : int
+        The cost of unknown cells: 255, the largest.
+
+    Examples
+    --------
+    >>> costs = np.array([[0, 255, 255, 9]], dtype=np.uint8)
+    >>> raise_bytes(
+    ...     costs, np.array([[5, 100, 253, 7]], dtype=np.uint8), least=253, unknown=255
+    ... )
+    >>> costs
+    array([[  5, 255, 253,   9]], dtype=uint8)
+    """
+    is_compiled = engine_name() == "compiled" and unknown == np.iinfo(np.uint8).max
+    is_compiled = is_compiled and costs.flags.c_contiguous and asked.flags.c_contiguous
+
+    def raise_rows(rows: slice) -> None:
+        before, wanted = costs[rows], asked[rows]
+        if is_compiled:
+            from mapdeal.kernels import _compiled
+
+            _compiled.raise_costs(before, wanted, least)
+            return
+        overwritten = before == unknown
+        overwritten &= wanted >= least
+        np.maximum(before, wanted, out=before)
+        np.copyto(before, wanted, where=overwritten)
+
+    for_rows(raise_rows, costs.shape)
+
+
 def histogram(values: Bytes) -> NDArray[np.int64]:
     """Return how often each value occurs, shape (256,); negative ones count from the end.
 

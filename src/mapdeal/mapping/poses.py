@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.coordinates import FARTHEST
+from mapdeal.kernels.clouds import cover_angles
 
 Pose = tuple[float, float, float]
 
@@ -76,12 +77,7 @@ class CoveredAngles:
 
     def add(self, angles: NDArray[np.float64]) -> None:
         """Add angles, radians, each at most some turns from 0."""
-        angles = angles - _TURN * np.ceil((angles - math.pi) / _TURN)
-        angles = np.minimum(angles, math.pi)  # rounding may have passed it
-        bins = ((angles + math.pi) * (_BINS / _TURN)).astype(np.int64)
-        np.clip(bins, 0, _BINS - 1, out=bins)
-        np.minimum.at(self._first, bins, angles)
-        np.maximum.at(self._last, bins, angles)
+        cover_angles(angles, self._first, self._last)
 
     def arc(self) -> tuple[float, float] | None:
         """Return the arc's ends, -pi < first <= pi and first <= last < first + 2 pi.

@@ -155,16 +155,15 @@ class SeenCloud:
         x, y, yaw = self._pose
         turn = -yaw if options.frame == "map" else yaw
         corner_x, corner_y, frame_yaw = frame.origin
-        limits = [
-            -math.inf if options.min_height is None else options.min_height,
-            math.inf if options.max_height is None else options.max_height,
-            -math.inf if options.min_range is None else options.min_range,
-            math.inf if options.max_range is None else options.max_range,
-        ]
+        least, most = -math.inf, math.inf
         return CloudRule(
-            x, y, math.cos(turn), math.sin(turn), *options.offset, *limits, corner_x, corner_y,
-            math.cos(-frame_yaw), math.sin(-frame_yaw), frame.resolution, FARTHEST, ROUNDING,
-            CELL_TOLERANCE,
+            x, y, math.cos(turn), math.sin(turn), options.offset[0], options.offset[1],
+            least if options.min_height is None else options.min_height,
+            most if options.max_height is None else options.max_height,
+            least if options.min_range is None else options.min_range,
+            most if options.max_range is None else options.max_range,
+            corner_x, corner_y, math.cos(-frame_yaw), math.sin(-frame_yaw), frame.resolution,
+            FARTHEST, ROUNDING, CELL_TOLERANCE,
         )  # fmt: skip
 
     def _within_heights(self, points: Floats) -> tuple[Floats, int]:

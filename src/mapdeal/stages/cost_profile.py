@@ -19,7 +19,7 @@ from mapdeal.grid.values import (
     NO_INFORMATION,
 )
 from mapdeal.kernels.distance import bytes_by_distance
-from mapdeal.kernels.threads import for_rows
+from mapdeal.kernels.lookup import raise_bytes
 from mapdeal.records import dataclass
 from mapdeal.stages.esdf import reach_is_kept
 from mapdeal.stages.field_values import bytes_in
@@ -255,15 +255,7 @@ def raise_costs(
         Whether unknown cells take any cost above 0, or only 253 and more.
     """
     least = 1 if inflate_unknown else INSCRIBED_INFLATED_OBSTACLE
-
-    def raise_rows(rows: slice) -> None:
-        before, asked = cost[rows], spread[rows]
-        overwritten = before == NO_INFORMATION
-        overwritten &= asked >= least
-        np.maximum(before, asked, out=before)
-        np.copyto(before, asked, where=overwritten)
-
-    for_rows(raise_rows, cost.shape)
+    raise_bytes(cost, spread, least=least, unknown=NO_INFORMATION)
 
 
 def _reach(

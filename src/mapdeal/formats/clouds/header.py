@@ -81,13 +81,15 @@ def binary_points(
     MalformedInputError
         If the file ends before them.
     """
+    types = [record.types[column] for column in axes]
+    offsets = [record.offset(column) for column in axes]
+    are_neighbours = all(
+        kind == types[0] and offset == offsets[0] + k * kind.itemsize
+        for k, (kind, offset) in enumerate(zip(types, offsets, strict=True))
+    )
+    names = [str(k) for k in range(len(axes))]
     layout = np.dtype(
-        {
-            "names": [str(k) for k in range(len(axes))],
-            "formats": [record.types[column] for column in axes],
-            "offsets": [record.offset(column) for column in axes],
-            "itemsize": record.size,
-        }
+        {"names": names, "formats": types, "offsets": offsets, "itemsize": record.size}
     )
     together = max(1, _BYTES_TOGETHER // max(record.size, 8 * len(axes)))
     done = 0
@@ -97,11 +99,15 @@ def binary_points(
         if len(data) < want * record.size:
             found = done + len(data) // record.size
             raise MalformedInputError(f"ends after {found} of {count} points", source=path)
-        rows = np.frombuffer(data, dtype=layout)
         points = np.empty((want, len(axes)))
         with np.errstate(invalid="ignore"):  # of a signalling nan, which is one like others
-            for k in range(len(axes)):
-                points[:, k] = rows[str(k)]
+            if are_neighbours:
+                first = (want, len(axes)), types[0], data, offsets[0]
+                points[:] = np.ndarray(*first, (record.size, types[0].itemsize))
+            else:
+                rows = np.frombuffer(data, dtype=layout)
+                for k in range(len(axes)):
+                    points[:, k] = rows[str(k)]
         yield points
         done += want
 
