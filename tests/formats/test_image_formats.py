@@ -149,6 +149,8 @@ def test_the_default_limit_is_the_formats_own(tmp_path, monkeypatch, name, encod
 
     watched = replace(entry, read=noted("read"), size=noted("size"))
     monkeypatch.setitem(IMAGE_FORMATS, name, watched)
+    if name == "PNM":  # which is looked for before the list is
+        monkeypatch.setattr("mapdeal.formats.images.pnm.PNM", watched)
     read_image(path)
     read_image_size(path)
     assert set(limits) == {entry.max_cells}

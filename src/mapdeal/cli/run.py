@@ -24,10 +24,8 @@ from mapdeal.grid.display import count_text
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.applied import LOCAL_RECIPE, around_in
 from mapdeal.pipeline.dispatch import Workers
-from mapdeal.pipeline.golden import differences_from_golden, store_golden
 from mapdeal.pipeline.jobs import MapRun, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.pipeline.reports.place import REPORT, check_replaceable
 from mapdeal.pipeline.run import output_folder
 from mapdeal.pipeline.settings import Canvas, Settings
 from mapdeal.robot.parameters import RobotParameters
@@ -182,9 +180,7 @@ def run(
     size = None if scheduler is not None else jobs_at_once(jobs, len(all_jobs))
     if size is not None:
         map_run = map_run.sharing(size)
-    page = output / REPORT if report else None
-    if page is not None:
-        check_replaceable(page)
+    page = _page_of(output) if report else None
     if dry_run:
         say_plans(all_jobs, map_run, size, is_batch=is_batch, output=output, page=page)
         return
@@ -226,12 +222,23 @@ def run(
     _compare_with_golden(runs, golden, update=update_golden)
 
 
+def _page_of(output: Path) -> Path:
+    """Return where the report goes, which no other file may be."""
+    from mapdeal.pipeline.reports.place import REPORT, check_replaceable
+
+    page = output / REPORT
+    check_replaceable(page)
+    return page
+
+
 def _compare_with_golden(
     runs: list[tuple[Path, str]], golden: Path | None, *, update: bool
 ) -> None:  # fmt: skip
     """Store the runs, or tell what differs from those that are stored."""
     if golden is None:
         return
+    from mapdeal.pipeline.golden import differences_from_golden, store_golden
+
     if update:
         stored = [store_golden(folder, golden, place) for folder, place in runs]
         terminal.summary([f"{path}: stored" for path in stored])

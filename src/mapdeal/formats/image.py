@@ -1,6 +1,7 @@
 """Images of every format that maps may have, decoded to integer samples.
 
-The contents decide the format, not the file's name; `images.catalogue` lists the formats.
+The contents decide the format, not the file's name; `images.catalogue` lists the formats. Nearly
+all maps are of the first one, PNM: to import the others would take longer than to read a small map.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.images.catalogue import IMAGE_FORMATS, recognised
+from mapdeal.formats.images import pnm
 from mapdeal.formats.images.image_format import ImageFormat, OtherContentsError
 from mapdeal.formats.open_file import HEAD, OpenFile, opened
 from mapdeal.formats.picture import Picture
@@ -70,7 +71,7 @@ def open_pixel_rows(path: Path) -> Iterator[PixelRows | None]:
     """
     with opened(path) as file:
         head = file.read(0, HEAD)
-        image_format = recognised(head)
+        image_format = recognised_format(head)
         yield None if image_format is None else image_format.rows(file, head)
 
 
@@ -114,6 +115,15 @@ def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, i
         raise _unknown_format(path) from None
 
 
+def recognised_format(head: bytes) -> ImageFormat | None:
+    """Return the format of a file with these first bytes, None if maps have none like it."""
+    if pnm.PNM.recognises(head):
+        return pnm.PNM
+    from mapdeal.formats.images.catalogue import recognised
+
+    return recognised(head)
+
+
 def _format_of(file: OpenFile) -> tuple[ImageFormat, bytes]:
     """Return the format of an open file, and its first bytes."""
     head = file.read(0, HEAD)
@@ -121,7 +131,7 @@ def _format_of(file: OpenFile) -> tuple[ImageFormat, bytes]:
 
 
 def _recognised(head: bytes, path: Path) -> ImageFormat:
-    image_format = recognised(head)
+    image_format = recognised_format(head)
     if image_format is None:
         _refuse_other_contents(head, path)
         raise _unknown_format(path)
@@ -141,6 +151,8 @@ def _refuse_other_contents(head: bytes, path: Path) -> None:
 
 
 def _unknown_format(path: Path) -> MalformedInputError:
+    from mapdeal.formats.images.catalogue import IMAGE_FORMATS
+
     names = [name for entry in IMAGE_FORMATS.values() for name in entry.suggested]
     rule = f"is no image of a format that maps have: {', '.join(names)}"
     return MalformedInputError(rule, source=path)

@@ -16,8 +16,7 @@ from typing import Any
 import yaml
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
-from mapdeal.formats.image import read_image_size
-from mapdeal.formats.images.catalogue import recognised as recognised_image
+from mapdeal.formats.image import read_image_size, recognised_format
 from mapdeal.formats.json_kinds import document_kind
 from mapdeal.formats.json_text import read_json
 from mapdeal.formats.source import chunks_of, contents_of, exists, head_of, is_folder, status_of
@@ -249,7 +248,9 @@ def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
 
 
 def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
-    image = recognised_image(head)
+    if head[:1].islower():  # as YAML does: no image, and the formats are slow to import
+        return None
+    image = recognised_format(head)
     if image is None:
         return None
 

@@ -22,7 +22,6 @@ from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import use_memory
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.image import memory_to_read, open_pixel_rows, read_image_size
-from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
 from mapdeal.formats.map_server import check_rows, find_image, lazy_cells, read_cells
@@ -344,7 +343,12 @@ def read_source(
 
 
 def _refuse_image(path: Path) -> None:
-    if path.suffix.lower() in IMAGE_SUFFIXES:
+    suffix = path.suffix.lower()
+    if suffix in (".yaml", ".yml"):  # no need to import the formats
+        return
+    from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
+
+    if suffix in IMAGE_SUFFIXES:
         sibling = path.with_suffix(".yaml")
         hint = f"pass {sibling}" if exists(sibling) else "pass the .yaml that names the image"
         status_of(path)

@@ -1,4 +1,7 @@
-"""Which files a grid becomes, and how they are written: one row a type of grid."""
+"""Which files a grid becomes, and how they are written: one row a type of grid.
+
+What draws pictures that few runs have is imported when one is drawn.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,6 @@ from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npy import write_npy
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.png import write_indexed_png
-from mapdeal.formats.reach_json import reach_json
 from mapdeal.formats.transaction import Transaction
 from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.cost_curve import CostCurve
@@ -26,14 +28,10 @@ from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass
-from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.pen import Image
-from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
-from mapdeal.render.reach import reach_image
-from mapdeal.render.robot import RobotOverlay
 from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 PICTURE = ".png"
@@ -68,6 +66,18 @@ class GridFiles:
     passes: Mapping[str, int]
 
 
+def _potential_image(grid: PotentialField, **how: Any) -> Image:
+    from mapdeal.render.potential import potential_image
+
+    return potential_image(grid, **how)
+
+
+def _reach_image(grid: Reach, **how: Any) -> Image:
+    from mapdeal.render.reach import reach_image
+
+    return reach_image(grid, **how)
+
+
 _FILES: dict[type[Any], GridFiles] = {
     OccupancyGrid: GridFiles(
         "OUT", "The result: .yaml (with .pgm) or .npz.",
@@ -91,11 +101,11 @@ _FILES: dict[type[Any], GridFiles] = {
     ),
     PotentialField: GridFiles(
         "OUT.npz", "The field, with all its layers.",
-        (".npz",), (".npz",), potential_image, {".npz": 1, PICTURE: 1},
+        (".npz",), (".npz",), _potential_image, {".npz": 1, PICTURE: 1},
     ),
     Reach: GridFiles(
         "OUT", "The answer as .json, or its layers as .npz.",
-        (".json", ".npz"), (".npz", ".json"), reach_image, {".npz": 1, ".json": 1, PICTURE: 1},
+        (".json", ".npz"), (".npz", ".json"), _reach_image, {".npz": 1, ".json": 1, PICTURE: 1},
     ),
 }  # fmt: skip
 
@@ -158,6 +168,8 @@ def write_product(
         document = yaml_document(geometry_of_npy(grid, grid, output))
         transaction.write_bytes(output.with_suffix(".yaml"), document)
     elif isinstance(grid, Reach) and output.suffix == ".json":
+        from mapdeal.formats.reach_json import reach_json
+
         transaction.write_bytes(output, f"{reach_json(grid)}\n".encode())
     elif isinstance(grid, DistanceField) and output.suffix != ".npz":
         write_grid(transaction, output, step.view_of(grid), mode="raw")
@@ -229,6 +241,8 @@ def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
     shape = step.stage.robot
     if shape is None or step.stage.makes is Reach:  # whose picture has it at its start
         return []
+    from mapdeal.render.robot import RobotOverlay
+
     given = [step.parameters.get(name) for name in (*shape.sets, shape.replaces)]
     known = next((one for one in given if isinstance(one, Footprint)), robot)
     radius = step.parameters[shape.replaces]
@@ -242,6 +256,7 @@ def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
 
 def write_curve(transaction: Transaction, path: Path, curve: CostCurve, title: str) -> None:
     """Write the picture of a cost curve; it is drawn in the thread that writes it."""
+    from mapdeal.render.cost_curve import cost_curve_image
 
     def write(file: object) -> None:
         image = cost_curve_image(curve, title=one_line(title))
