@@ -37,6 +37,8 @@ else:
 
     def _made(cls, frozen, eq, shows):
         has_hash = cls.__dict__.get("__hash__") is not None
+        if not cls.__doc__:  # else the library looks for a signature, for milliseconds
+            cls.__doc__ = cls.__name__
         cls = dataclasses.dataclass(init=False, repr=False, eq=False)(cls)
         fields = dataclasses.fields(cls)
         _add(cls, "__init__", _initialiser(fields, hasattr(cls, "__post_init__")))

@@ -7,6 +7,7 @@ from hypothesis.extra import numpy as arrays
 from mapdeal.kernels.lookup import (
     bytes_of_distances,
     histogram,
+    level_rows,
     look_up,
     raise_bytes,
     set_where,
@@ -47,6 +48,25 @@ def test_costs_are_raised_cell_by_cell(data, costs, least):
     ]
     raise_bytes(costs, asked, least=least, unknown=255)
     assert costs.ravel().tolist() == expected
+
+
+@given(st.data())
+def test_levels_are_those_of_each_distance(data):
+    shape = data.draw(arrays.array_shapes(min_dims=2, max_dims=2, max_side=40))
+    distance = data.draw(arrays.arrays(np.float32, shape, elements=st.floats(-9, 9, width=32)))
+    obstacles, unknown = (data.draw(arrays.arrays(np.bool_, shape)) for _ in range(2))
+    distance[0, 0] = data.draw(st.sampled_from([np.inf, -np.inf, 0.0]))
+    levels, below, first = 119, data.draw(st.integers(1, 118)), data.draw(st.integers(0, 3))
+    low, factor = -1.25, 37.5
+    found = level_rows(
+        distance, obstacles, unknown, low=low, factor=factor, levels=levels, first=first,
+        below=below, faded_by=119,
+    )  # fmt: skip
+    for cell in np.ndindex(shape):
+        step = (distance[cell] - np.float32(low)) * np.float32(factor)
+        level = int(min(max(step, 0), levels - 1)) + first
+        level = min(level, below - 1) if obstacles[cell] else max(level, below)
+        assert found[cell] == level + 119 * unknown[cell]
 
 
 @given(st.lists(st.tuples(st.integers(0, 255), st.integers(1, 90)), min_size=1, max_size=12))

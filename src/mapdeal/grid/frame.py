@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -361,4 +360,6 @@ def _stepped(start: float, steps: int, step: float) -> float:
     Origins and resolutions are decimal numbers in a file; the sum of the floats nearest to them
     would put the last digits of binary rounding into the next file.
     """
+    from decimal import Decimal  # slow to import
+
     return float(Decimal(repr(start)) + steps * Decimal(repr(step)))

@@ -32,6 +32,18 @@ class Transform:
 def look_up(values: NDArray[Any], table: NDArray[Any], result: NDArray[Any]) -> None: ...
 def count_bytes(values: NDArray[Any], counts: NDArray[Any]) -> None: ...
 def raise_costs(costs: NDArray[Any], asked: NDArray[Any], least: int) -> None: ...
+def levels(
+    distance: NDArray[Any],
+    obstacles: NDArray[Any],
+    unknown: NDArray[Any],
+    result: NDArray[Any],
+    low: float,
+    factor: float,
+    last: float,
+    first: int,
+    below: int,
+    faded_by: int,
+) -> None: ...
 def bytes_of_distances(
     distance: NDArray[Any],
     obstacles: NDArray[Any],

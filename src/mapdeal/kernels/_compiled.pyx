@@ -59,6 +59,13 @@ cdef extern from "lookup.h" nogil:
     )
     void count_all(const uint8_t *cells, int64_t count, int64_t *counts)
     void raise_bytes(uint8_t *costs, const uint8_t *asked, uint8_t least, int64_t count)
+    ctypedef struct LevelScale:
+        float low, factor, last
+        uint8_t first, below, faded_by
+    void levels_of(
+        const LevelScale *scale, const float *distance, const uint8_t *obstacles,
+        const uint8_t *unknown, uint8_t *levels, int64_t count,
+    )
 
 cdef extern from "bilinear.h" nogil:
     void interpolate_places(
@@ -313,6 +320,28 @@ def raise_costs(uint8_t[:, ::1] costs, const uint8_t[:, ::1] asked, uint8_t leas
     if cells:
         with nogil:
             raise_bytes(&costs[0, 0], &asked[0, 0], least, cells)
+
+
+def levels(
+    const float[:, ::1] distance, const uint8_t[:, ::1] obstacles, const uint8_t[:, ::1] unknown,
+    uint8_t[:, ::1] result, float low, float factor, float last, uint8_t first, uint8_t below,
+    uint8_t faded_by,
+):
+    """Set `result` to the levels of distances on a scale."""
+    cdef Py_ssize_t cells = distance.shape[0] * distance.shape[1]
+    cdef LevelScale scale
+    if not (
+        obstacles.shape[0] == unknown.shape[0] == result.shape[0] == distance.shape[0]
+        and obstacles.shape[1] == unknown.shape[1] == result.shape[1] == distance.shape[1]
+    ):
+        raise ValueError("the arrays are not of one shape")
+    scale.low, scale.factor, scale.last = low, factor, last
+    scale.first, scale.below, scale.faded_by = first, below, faded_by
+    if cells:
+        with nogil:
+            levels_of(
+                &scale, &distance[0, 0], &obstacles[0, 0], &unknown[0, 0], &result[0, 0], cells
+            )
 
 
 def bytes_of_distances(

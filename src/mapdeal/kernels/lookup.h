@@ -120,3 +120,26 @@ MANY_LANES static void raise_bytes(uint8_t *restrict costs, const uint8_t *restr
         costs[i] = costs[i] == 255 && asked[i] >= least ? asked[i] : larger;
     }
 }
+
+/* An even scale of colours for distances, see level_rows in lookup.py. */
+typedef struct {
+    float low, factor, last; /* steps = (distance - low) * factor, up to the last */
+    uint8_t first, below, faded_by;
+} LevelScale;
+
+MANY_LANES static void levels_of(const LevelScale *scale, const float *restrict distance,
+                                 const uint8_t *restrict obstacles, const uint8_t *restrict unknown,
+                                 uint8_t *restrict levels, int64_t count)
+{
+    const float low = scale->low, factor = scale->factor, last = scale->last;
+    const uint8_t first = scale->first, below = scale->below, faded_by = scale->faded_by;
+    for (int64_t i = 0; i < count; i++) {
+        float step = (distance[i] - low) * factor;
+        step = step > 0 ? step : 0;
+        step = step < last ? step : last;
+        const uint8_t level = (uint8_t)((uint8_t)(int32_t)step + first);
+        const uint8_t inside = level < below - 1 ? level : (uint8_t)(below - 1);
+        const uint8_t outside = level > below ? level : below;
+        levels[i] = (uint8_t)((obstacles[i] ? inside : outside) + (unknown[i] ? faded_by : 0));
+    }
+}

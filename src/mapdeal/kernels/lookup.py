@@ -108,6 +108,64 @@ def raise_bytes(
     for_rows(raise_rows, costs.shape)
 
 
+def level_rows(
+    distance: NDArray[np.float32],
+    obstacles: NDArray[np.bool_],
+    unknown: NDArray[np.bool_],
+    *,
+    low: float,
+    factor: float,
+    levels: int,
+    first: int,
+    below: int,
+    faded_by: int,
+) -> NDArray[np.uint8]:
+    """Return the levels of distances on an even scale, on the side of zero where the cell is.
+
+    Parameters
+    ----------
+    distance : numpy.ndarray of float32, shape (H, W)
+        Distances, none of which is nan.
+    obstacles, unknown : numpy.ndarray of bool, shape (H, W)
+        Cells that get a level below `below`, whatever rounding says, while others get one from
+        there on; and cells whose level is raised by `faded_by`.
+    low, factor : float
+        In float32, the level of a distance is ``(distance - low) * factor``, without its fraction.
+    levels : int
+        How many there are. What is beyond either end gets the level there.
+    first : int
+        The lowest level.
+
+    Returns
+    -------
+    numpy.ndarray of uint8, shape (H, W)
+    """
+    result = np.empty(distance.shape, dtype=np.uint8)
+    compiled = engine_name() == "compiled"
+
+    def part(rows: slice) -> None:
+        if compiled:
+            from mapdeal.kernels import _compiled
+
+            layers = (distance[rows], obstacles[rows], unknown[rows])
+            metres, inner, faded = map(np.ascontiguousarray, layers)
+            _compiled.levels(
+                metres, inner.view(np.uint8), faded.view(np.uint8), result[rows],
+                low, factor, levels - 1, first, below, faded_by,
+            )  # fmt: skip
+            return
+        steps = (distance[rows] - np.float32(low)) * np.float32(factor)
+        level = np.clip(steps, 0, levels - 1).astype(np.uint8)
+        level += np.uint8(first)
+        inside = np.minimum(level, np.uint8(below - 1))
+        np.maximum(level, np.uint8(below), out=level)
+        np.copyto(level, inside, where=obstacles[rows])
+        result[rows] = level + np.uint8(faded_by) * unknown[rows].view(np.uint8)
+
+    for_rows(part, distance.shape)
+    return result
+
+
 def histogram(values: Bytes) -> NDArray[np.int64]:
     """Return how often each value occurs, shape (256,); negative ones count from the end.
 

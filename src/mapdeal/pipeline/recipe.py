@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from importlib import resources
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
-from mapdeal.formats.source import exists
+from mapdeal.formats.source import exists, is_folder
 from mapdeal.formats.yaml_text import parse_value
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.display import OneLine
@@ -145,9 +145,22 @@ def _made(stage: str, given: Given) -> Step:
         raise given.located(error, stage) from None
 
 
+@contextmanager
+def _recipes() -> Iterator[Path]:
+    """Give the folder of the built-in recipes."""
+    folder = Path(__file__).with_name("recipes")
+    if is_folder(folder):
+        yield folder
+        return
+    from importlib import resources  # slow to import; the package lies in an archive
+
+    with resources.as_file(resources.files("mapdeal.pipeline") / "recipes") as unpacked:
+        yield unpacked
+
+
 def _read_draft(name: str) -> Draft:
     if name in BUILT_IN:
-        with resources.as_file(resources.files("mapdeal.pipeline") / "recipes") as folder:
+        with _recipes() as folder:
             draft = read_recipe_file(folder / f"{name}.yaml", name)
         return [(stage, Given(given)) for stage, given in draft]
     path = Path(name)

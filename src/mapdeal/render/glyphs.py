@@ -11,12 +11,12 @@ from __future__ import annotations
 import io
 import zlib
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.records import dataclass
+from mapdeal.resources import packaged
 
 SHADES = 16
 """Levels of coverage, from 0 for none to 15."""
@@ -206,7 +206,7 @@ def _pieces(
 
 @cache
 def _outlines() -> _Outlines:
-    with np.load(io.BytesIO(_resource("glyphs.npz"))) as file:
+    with np.load(io.BytesIO(packaged("mapdeal.render", "glyphs.npz"))) as file:
         points = np.cumsum(file["steps"], axis=1, dtype=np.int64).T
         last_curves = np.cumsum(file["lengths"], dtype=np.int64) // 2  # points on and off by turns
         first_curves = np.concatenate([[0], last_curves])
@@ -246,7 +246,7 @@ def packed(glyphs: list[Glyph]) -> bytes:
 
 @cache
 def _atlas() -> dict[tuple[str, int], Glyph]:
-    data = np.frombuffer(zlib.decompress(_resource("atlas.bin")), np.uint8)
+    data = np.frombuffer(zlib.decompress(packaged("mapdeal.render", "atlas.bin")), np.uint8)
     keys = [(character, size) for size in ATLAS_SIZES for character in ATLAS_CHARACTERS]
     at = _NUMBERS * len(keys)
     sizes = data[:at].reshape(len(keys), _NUMBERS).tolist()
@@ -256,9 +256,3 @@ def _atlas() -> dict[tuple[str, int], Glyph]:
         found[key] = Glyph(shades, left - _BIAS, top - _BIAS, shift)
         at += height * width
     return found
-
-
-def _resource(name: str) -> bytes:
-    """Return a file of this package, also out of an archive of modules."""
-    data: bytes = __loader__.get_data(str(Path(__file__).with_name(name)))  # type: ignore[name-defined]
-    return data

@@ -13,8 +13,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import looked_up
-from mapdeal.kernels.lookup import histogram, look_up, set_where
-from mapdeal.kernels.threads import for_rows
+from mapdeal.kernels.lookup import histogram, level_rows, look_up, set_where
 from mapdeal.render.canvas import (
     corner_of,
     frame_text,
@@ -146,24 +145,18 @@ def _field_levels(
     if nowhere is not None:
         distance = np.where(nowhere, np.float32(0), distance)
         unknown &= ~nowhere
-    below = np.uint8(steps_below_zero(scale))
-    levels = np.empty(distance.shape, dtype=np.uint8)
-
-    def level(rows: slice) -> None:
-        # Whatever rounding says, and where obstacles have the distance 0: they are red.
-        part = scale.indices(distance[rows])
-        inside = np.minimum(part, below - 1)
-        np.maximum(part, below, out=part)
-        np.copyto(part, inside, where=obstacles[rows])
-        levels[rows] = part + FIELD_LEVELS * unknown[rows].view(np.uint8)
-
-    for_rows(level, levels.shape)
+    below = steps_below_zero(scale)
+    # Whatever rounding says, and where obstacles have the distance 0: they are red.
+    levels = level_rows(
+        distance, obstacles, unknown, low=scale.low, factor=scale.factor, levels=scale.levels,
+        first=scale.first, below=below, faded_by=FIELD_LEVELS,
+    )  # fmt: skip
     if nowhere is not None:
         levels[nowhere] = NOWHERE
     if not unknown.any():
         return levels, None
     outside = bool((unknown > obstacles).any())
-    return levels, faded_index(int(below), outside=outside)
+    return levels, faded_index(below, outside=outside)
 
 
 def cost_image(

@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import pkgutil
 from collections.abc import Iterator
 from string import Template
 from typing import Any
@@ -23,6 +22,7 @@ from mapdeal.report.body import body_of, subtitle_of
 from mapdeal.report.document import Entry, Item, PageLayer, Report
 from mapdeal.report.markup import escaped
 from mapdeal.report.tiles import TILE, encoded
+from mapdeal.resources import packaged
 
 SCRIPTS = (
     "start.js", "decode.js", "geometry.js", "tiles.js", "draw.js", "readout.js", "overlay.js",
@@ -91,10 +91,7 @@ def script_text() -> str:
 
 
 def _part(name: str) -> str:
-    found = pkgutil.get_data("mapdeal.report", f"page/{name}")
-    if found is None:  # a loader without data
-        raise FileNotFoundError(name)
-    return found.decode()
+    return packaged("mapdeal.report", f"page/{name}").decode()
 
 
 def _policy(script: str, style: str) -> str:
