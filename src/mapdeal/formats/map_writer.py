@@ -21,11 +21,12 @@ from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.scales import occupancy_from_cost
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
-from mapdeal.kernels.blocks import Layer, counts_of, looked_up, mapped
+from mapdeal.kernels.blocks import Layer, counts_of, is_lazy, lazy_layer, looked_up, mapped
 from mapdeal.kernels.lookup import look_up
 
 Encoding = Literal["occupancy", "costmap2d"]
 
+_MADE_TOGETHER = 1 << 20
 _FREE_PIXEL, _UNKNOWN_PIXEL, _OCCUPIED_PIXEL = 254, 205, 0
 _TRINARY_FREE, _TRINARY_OCCUPIED = 25, 65
 """Percent; map_saver's defaults for values between free and occupied."""
@@ -152,7 +153,7 @@ def _occupancy_writer(image: Path, grid: OccupancyGrid, mode: Mode) -> Writer:
     if mode == "raw":
         return _pixel_writer(image, _raw_pixels(values), grid)
     if mode == "trinary":
-        return _pixel_writer(image, looked_up(values, _trinary_table()), grid)
+        return _pixel_writer(image, _pixels_of(values, _trinary_table()), grid)
     values = np.asarray(values)  # the opacity of unknown cells is a second layer
     scaled = look_up(values, _scale_table())
     unknown = values == UNKNOWN
@@ -179,7 +180,20 @@ def _published_pixels(costmap: Costmap) -> Layer:
     """Return the values that ROS would publish, as mode raw has them."""
     if costmap.scale == "occupancy":
         return _raw_pixels(costmap.cost)
-    return looked_up(costmap.cost, occupancy_from_cost().view(np.uint8))
+    return _pixels_of(costmap.cost, occupancy_from_cost().view(np.uint8))
+
+
+def _pixels_of(values: Layer, table: NDArray[np.uint8]) -> Layer:
+    """Return the pixels of values, which are made band by band when they are written.
+
+    An array of them would take its memory until its turn has come.
+    """
+    if is_lazy(values):
+        return looked_up(values, table)
+    height = max(1, _MADE_TOGETHER // values.shape[1])
+    return lazy_layer(
+        values.shape, np.uint8, lambda rows: look_up(values[rows], table), block_height=height
+    )
 
 
 def _raw_pixels(values: Layer) -> Layer:

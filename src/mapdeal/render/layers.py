@@ -218,7 +218,8 @@ def _on_sheet(
     texts = [frame_text(frame, raster.part), *([more] if more else [])]
     shown = raster.frame_of(frame)
     if overlay is not None:
-        pixels = np.array(pixels)  # they may be the layer itself
+        if not pixels.flags.writeable:  # they are the layer itself
+            pixels = np.array(pixels)
         swatches = swatches + overlay.draw(pixels, shown, raster, len(palette))
         palette = np.vstack([palette, overlay.colours])
         texts += [overlay.text] if overlay.text else []

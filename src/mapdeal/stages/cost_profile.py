@@ -25,6 +25,7 @@ from mapdeal.stages.esdf import reach_is_kept
 from mapdeal.stages.field_values import bytes_in
 
 _HIGHEST_GRADED = INSCRIBED_INFLATED_OBSTACLE - 1
+_RAISED_TOGETHER = 1 << 22  # cells: no more memory than for some of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +124,15 @@ class CostProfile:
         # The clip falls on the reach: cells right there look like those beyond.
         return False
 
-    def raise_from_field(
-        self, cost: NDArray[np.uint8], field: DistanceField, obstacles: NDArray[np.bool_]
-    ) -> None:
-        """Raise costs, in place, by the distances of a field."""
-        spread = bytes_in(field, obstacles, self.table)
-        raise_costs(cost, spread, inflate_unknown=self.inflate_unknown)
+    def raise_from_field(self, cost: NDArray[np.uint8], field: DistanceField) -> None:
+        """Raise costs, in place, by the distances of a field in memory."""
+        height, width = cost.shape
+        step = max(1, _RAISED_TOGETHER // max(1, width))
+        for first in range(0, height, step):
+            rows = slice(first, min(first + step, height))
+            part = field.part(rows)
+            spread = bytes_in(part, part.obstacles(), self.table)
+            raise_costs(cost[rows], spread, inflate_unknown=self.inflate_unknown)
 
     def raise_around_seeds(self, cost: NDArray[np.uint8]) -> None:
         """Raise costs, in place, by the distances to the cells that costs spread from."""

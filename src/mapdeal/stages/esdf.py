@@ -23,7 +23,8 @@ from mapdeal.grid.values import (
 from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows
 from mapdeal.kernels.column_runs import Halo, halos_of, runs_of
 from mapdeal.kernels.distance import signed_distance
-from mapdeal.kernels.lookup import look_up, set_where
+from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
 from mapdeal.stages.definition import InSimulation, checked, stage
 from mapdeal.stages.field_values import (
@@ -139,9 +140,12 @@ class Viewer:
                 constant_from=self.scale.end / field.strength,
                 shape=self.shape,
             )
-        unknown = field.occupancy == UNKNOWN
-        set_where(values, unknown, UNKNOWN)
-        set_where(values, obstacles, OCCUPIED)
+
+        def set_rows(rows: slice) -> None:
+            np.copyto(values[rows], UNKNOWN, where=field.occupancy[rows] == UNKNOWN)
+            np.copyto(values[rows], OCCUPIED, where=obstacles[rows])
+
+        for_rows(set_rows, values.shape)
         return values
 
 

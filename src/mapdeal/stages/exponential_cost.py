@@ -244,11 +244,9 @@ def exponential_cost(
         return cost
 
     def from_field(field: DistanceField) -> Callable[[slice], NDArray[np.uint8]]:
-        obstacles = field.obstacles()
-
         def make(rows: slice) -> NDArray[np.uint8]:
             cost = base.costs(rows)
-            profile.raise_from_field(cost, field.part(rows), obstacles[rows])
+            profile.raise_from_field(cost, field.part(rows))
             return cost
 
         return make
