@@ -20,7 +20,7 @@ ALLOWED = {
     "records": set(),
     "resources": set(),
     "spelling": set(),
-    "kernels": {"errors", "spelling"},
+    "kernels": {"errors", "spelling", "version"},
     "grid": {"errors", "spelling", "kernels"},
     "stages": {"errors", "spelling", "grid", "kernels"},
     "editing": {"errors", "spelling", "grid", "kernels"},

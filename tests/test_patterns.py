@@ -83,6 +83,16 @@ REASONS = {
         ("fullmatch", "one run, between fixed characters"),
     ("formats/ros_parameters/ros2_scalar.py", r"[eE]"): ("split", "one character"),
     ("formats/ros_parameters/ros2_scalar.py", r"[pP]"): ("split", "one character"),
+    ("formats/plain_yaml.py",
+     (r"(?P<key>[A-Za-z_][A-Za-z0-9_]{0,60}): {1,9}"
+     r"(?:(?P<word>[A-Za-z0-9_./][A-Za-z0-9_./+-]{0,200}|[-+][0-9.][0-9.eE+-]{0,60})"
+     r"|(?P<list>\[ {0,4}[-+0-9.][0-9.eE+-]{0,60}"
+     r"(?: {0,4}, {0,4}[-+0-9.][0-9.eE+-]{0,60}){0,9} {0,4}\]))"
+     r" *(?: #[ -~]*)?")):
+        ("fullmatch", "all is bounded but blanks before the end, or before a sharp, and the rest"),
+    ("formats/plain_yaml.py", r"[-+0-9.][0-9.eE+-]{0,60}"): ("finditer", "of bounded length"),
+    ("formats/plain_yaml.py", r" *(?:#[ -~]*)?"):
+        ("fullmatch", "blanks, then a sharp and the rest"),
     ("formats/yaml_text.py", r"[a-z_]{3,}"): ("fullmatch", "one run"),
     ("formats/yaml_text.py", r"[a-z_]{3,}|[A-Za-z_][A-Za-z0-9_-]*\.[a-z]{3,4}"):
         ("fullmatch", "one run, or two with a point between them"),

@@ -183,10 +183,9 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from mapdeal.kernels.engine import engine_name
-        from mapdeal.version import __version__
+        from mapdeal.kernels.engine import version_text
 
-        terminal.result(f"mapdeal {__version__} (kernels: {engine_name()})")
+        terminal.result(version_text())
         raise typer.Exit
 
 

@@ -37,9 +37,7 @@ def run_process() -> NoReturn:
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - open to the end
     try:
-        from mapdeal.cli.main import main
-
-        code = main()
+        code = 0 if _version_is_printed() else _code_of_main()
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # it comes too late
     except KeyboardInterrupt:  # once more, while main tells of the first one
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -54,6 +52,28 @@ def run_process() -> NoReturn:
         sys.exit(code)
     # All files are closed and all threads have ended: there is nothing to take apart.
     os._exit(code)
+
+
+def _code_of_main() -> int:
+    from mapdeal.cli.main import main
+
+    return main()
+
+
+def _version_is_printed() -> bool:
+    """Print the version, if that is all that is asked for: scripts do so before each use.
+
+    Without typer that takes half as long. Whatever goes wrong is left to the command line to tell.
+    """
+    if sys.argv[1:] != ["--version"]:
+        return False
+    try:
+        from mapdeal.kernels.engine import version_text
+
+        print(version_text(), flush=True)  # noqa: T201
+    except Exception:  # noqa: BLE001 - told by whoever prints it then
+        return False
+    return True
 
 
 def occupy_standard_streams() -> None:

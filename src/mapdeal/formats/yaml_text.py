@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from mapdeal.errors import MalformedInputError
+from mapdeal.formats.plain_yaml import compose_plain
 from mapdeal.formats.source import read_file
 from mapdeal.records import dataclass
 
@@ -327,6 +328,9 @@ def compose_documents(
 
 def _compose(path: Path, text: str, limits: YamlLimits) -> yaml.Node | None:
     """Return the tree of nodes, as far as it is harmless."""
+    plain = compose_plain(text, limits.nodes)
+    if plain is not None:
+        return plain
     with _as_malformed(path):
         return _Composer(text, path, limits).get_single_node()
 

@@ -59,3 +59,16 @@ def compiled_module() -> ModuleType | None:
         return None
     module: ModuleType = _compiled
     return module
+
+
+def version_text() -> str:
+    """Return what ``mapdeal --version`` prints.
+
+    Raises
+    ------
+    ParameterError
+        If the environment variable asks for an engine that there is not.
+    """
+    from mapdeal.version import __version__
+
+    return f"mapdeal {__version__} (kernels: {engine_name()})"

@@ -41,6 +41,9 @@ _LARGEST_PARAMETERS = 1 << 20
 _CELLS_OF_ANY = 250_000
 """Cells that are checked in the time that a file takes, however small it is."""
 
+_LOOKED_AT = 16
+"""Maps of which the size is looked at; the others are taken to be like them."""
+
 _CELLS_WORTH_WORKERS = 200_000_000
 """Checked in two or three seconds, some four times what processes take to start."""
 
@@ -347,10 +350,11 @@ def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
     if len(paths) < 2:
         return False
     cells = _CELLS_OF_ANY * len(paths)
-    for path in paths:
+    step = -(-len(paths) // _LOOKED_AT)  # to look at all of many small ones is what takes long
+    for path in paths[::step]:
         if cells >= _CELLS_WORTH_WORKERS:
             return True
-        cells += _cells_of(path, settings)
+        cells += step * _cells_of(path, settings)
     return cells >= _CELLS_WORTH_WORKERS
 
 
