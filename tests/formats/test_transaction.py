@@ -300,3 +300,21 @@ def test_a_part_that_cannot_be_written_leaves_the_old_file(tmp_path, monkeypatch
         monkeypatch.setattr(temporary.os, "fdopen", lambda opened, _: os.close(opened) or Full())
         transaction.write_parts(output, [b"new"])
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("a.txt", "old")]
+
+
+def test_a_folder_that_is_gone_when_it_is_looked_at_is_made_again(tmp_path, monkeypatch):
+    """pathlib looks at what is in the way: it may be a folder that another run takes away."""
+    folder = tmp_path / "out"
+    really_make, calls = Path.mkdir, []
+
+    def mkdir(path, *args, **kwargs):
+        calls.append(path)
+        if len(calls) == 1:
+            raise FileExistsError(17, "File exists")
+        really_make(path, *args, **kwargs)
+
+    monkeypatch.setattr(Path, "mkdir", mkdir)
+    with Transaction([folder / "file"]) as transaction:
+        transaction.write_bytes(folder / "file", b"here")
+    assert (folder / "file").read_bytes() == b"here"
+    assert calls == [folder, folder]

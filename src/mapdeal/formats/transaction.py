@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import stat
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
@@ -213,6 +214,9 @@ class Transaction:
             except FileNotFoundError:
                 raise
             except OSError as error:
+                if isinstance(error, FileExistsError) and not os.path.lexists(new):
+                    # it was there, and was gone when mkdir looked whether it is a folder
+                    raise FileNotFoundError(new) from None
                 rule = f"the folder cannot be made: {error.strerror}"
                 raise FileAccessError(rule, source=new) from None
 
