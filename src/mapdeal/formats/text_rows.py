@@ -11,10 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
+from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.numbers import Limits, Rows, rows_in
 
 LONGEST_LINE = 1 << 20
 _MARK = b"\xef\xbb\xbf"
 _LINES_TOGETHER, _BYTES_TOGETHER = 1 << 16, 1 << 22
+_LONGEST_BLOCK = _BYTES_TOGETHER + LONGEST_LINE + 1
+_FIRST_BLOCK = 1 << 16
 
 
 def read_rows(
@@ -52,8 +56,19 @@ def read_rows(
         If a line is not made of numbers, or too short or long; names its number.
     """
     left = most
+    blocks = _Blocks(file, columns, delimiter, width)
     while left is None or left > 0:
         together = _LINES_TOGETHER if left is None else min(left, _LINES_TOGETHER)
+        block = blocks.read(together)
+        if block is not None:
+            if not block.lines:
+                return
+            first_line += block.lines
+            if left is not None:
+                left -= len(block.values)
+            if len(block.values):
+                yield block.values
+            continue
         lines = _some_lines(file, path, first_line, together)
         if not lines:
             return
@@ -67,6 +82,61 @@ def read_rows(
             left -= len(numbered)
         if numbered:
             yield _numbers_of(numbered, columns, path, delimiter, width)
+
+
+class _Blocks:
+    """Reads blocks of lines at once, where they are nothing but rows of numbers.
+
+    A block ends where lines that are read one by one are taken together: whichever way they are
+    read, rows come in the same parts, and errors name the same lines.
+    """
+
+    def __init__(
+        self, file: BinaryIO, columns: Sequence[int], delimiter: str | None, width: int | None
+    ) -> None:
+        self._file = file
+        self._columns = list(columns)
+        self._delimiter = delimiter
+        self._width = width
+        self._length = _FIRST_BLOCK
+        self._is_possible = engine_name() == "compiled" and file.seekable()
+
+    def read(self, most: int) -> Rows | None:
+        """Return the rows of at most so many lines, and leave the file behind them.
+
+        None if they must be read one by one; the file is then left where it was.
+        """
+        if not self._is_possible:
+            return None
+        start = self._file.tell()
+        rows = self._rows_of(self._file.read(self._length), most)
+        if rows is None and self._length < _LONGEST_BLOCK:
+            self._length = _LONGEST_BLOCK
+            self._file.seek(start)
+            rows = self._rows_of(self._file.read(self._length), most)
+        if rows is None:
+            self._file.seek(start)
+            return None
+        self._file.seek(start + rows.length)
+        # the next block is about as long
+        self._length = min(_LONGEST_BLOCK, rows.length + rows.length // 8 + _FIRST_BLOCK)
+        if self._columns == list(range(rows.values.shape[1])):
+            return rows
+        return rows._replace(values=rows.values[:, self._columns])
+
+    def _rows_of(self, text: bytes, most: int) -> Rows | None:
+        """Return the rows that a text begins with; None if it is too short, or anything else."""
+        is_last = len(text) < self._length
+        rows = rows_in(
+            text if is_last else text[: text.rfind(b"\n") + 1],
+            max(self._columns) + 1 if self._width is None else self._width,
+            delimiter=self._delimiter,
+            is_exact=self._width is not None,
+            limits=Limits(most, _BYTES_TOGETHER, LONGEST_LINE),
+        )
+        if rows is None or is_last or rows.lines == most or rows.length >= _BYTES_TOGETHER:
+            return rows
+        return None
 
 
 def first_line(file: BinaryIO) -> tuple[int, int, str]:

@@ -3,5 +3,12 @@ from numpy.typing import NDArray
 
 def row(text: bytes, start: int, values: NDArray[np.float64]) -> int: ...
 def table(
-    text: bytes, delimiter: int, is_exact: bool, values: NDArray[np.float64]
+    text: bytes | memoryview,
+    delimiter: int,
+    is_exact: bool,
+    longest_line: int,
+    most_lines: int,
+    most_bytes: int,
+    values: NDArray[np.float64],
 ) -> tuple[int, int, int] | None: ...
+def whole(text: bytes, values: NDArray[np.int32]) -> int: ...
