@@ -6,7 +6,6 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +16,7 @@ from mapdeal.errors import MalformedInputError, shown
 from mapdeal.formats.poses import TUM, planar_pose
 from mapdeal.formats.text_rows import delimiter_of, is_number
 from mapdeal.grid.coordinates import Point
+from mapdeal.kernels.numbers import rows_in
 from mapdeal.records import dataclass
 
 _LONGEST_LINE = 1 << 16
@@ -32,14 +32,14 @@ class PointLines:
     ----------
     points_xy : numpy.ndarray of float64, shape (N, 2)
         A point for each line; nan where the line holds none.
-    lines : list of int
+    lines : sequence of int
         The number of each line, from 1 on; 0 of points that come from elsewhere.
     errors : dict of int to str
         By index, what is wrong with a line that holds no finite point.
     """
 
     points_xy: NDArray[np.float64]
-    lines: list[int]
+    lines: Sequence[int]
     errors: dict[int, str]
 
 
@@ -51,14 +51,14 @@ class PoseLines:
     ----------
     poses : numpy.ndarray of float64, shape (N, 3)
         x, y and yaw for each line; nan where the line holds none.
-    lines : list of int
+    lines : sequence of int
         The number of each line, from 1 on; 0 of poses that come from elsewhere.
     errors : dict of int to str
         By index, what is wrong with a line that holds no finite pose.
     """
 
     poses: NDArray[np.float64]
-    lines: list[int]
+    lines: Sequence[int]
     errors: dict[int, str]
 
 
@@ -120,8 +120,8 @@ def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[PointLi
     MalformedInputError
         If a line is longer than 65,536 bytes: that is no text with points.
     """
-    for lines, first in _complete_lines(chunks, source):
-        yield PointLines(*_parsed(lines, first, _POINT))
+    for text, first in _complete_lines(chunks, source):
+        yield PointLines(*_parsed(text, first, _POINT))
 
 
 def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[PoseLines]:
@@ -142,8 +142,8 @@ def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[Pos
     MalformedInputError
         As `read_points`.
     """
-    for lines, first in _complete_lines(chunks, source):
-        yield PoseLines(*_parsed(lines, first, _POSE))
+    for text, first in _complete_lines(chunks, source):
+        yield PoseLines(*_parsed(text, first, _POSE))
 
 
 def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
@@ -191,40 +191,46 @@ def _told_lines(
     chunks: Iterable[bytes], source: Path | str, is_header: Callable[[str], bool]
 ) -> Iterator[tuple[int, str]]:
     """Yield number and text of the lines that are no comment, nor a header in the first place."""
-    for lines, first in _complete_lines(chunks, source):
-        for number, raw in enumerate(lines, first):
+    for some, first in _complete_lines(chunks, source):
+        for number, raw in enumerate(some.split(b"\n"), first):
             text = _text_of(raw)
             if not (text.startswith("#") or (number == 1 and is_header(text))):
                 yield number, text
 
 
-def _complete_lines(
-    chunks: Iterable[bytes], source: Path | str
-) -> Iterator[tuple[list[bytes], int]]:
-    """Yield the lines that each chunk completes, and the number of the first of them."""
+def _complete_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[tuple[bytes, int]]:
+    """Yield the lines that each chunk completes, without the last end, and the first's number."""
     rest, line = b"", 1
     for chunk in chunks:
-        *lines, rest = (rest + chunk).split(b"\n")
-        short = list(takewhile(_is_short, lines))
-        if short:
+        text = rest + chunk
+        end = text.rfind(b"\n")
+        rest = text[end + 1 :]
+        long = _first_long_line(text)
+        short = text[:end] if long is None else text[: max(0, long - 1)]
+        if end >= 0 and long != 0:
             yield _unmarked(short, line), line
-            line += len(short)
-        if len(short) < len(lines) or not _is_short(rest):
+            line += short.count(b"\n") + 1
+        if long is not None:
             rule = f"a line must not be longer than {_LONGEST_LINE} bytes"
             raise MalformedInputError(rule, source=source, place=f"line {line}")
     if rest:
-        yield _unmarked([rest], line), line
+        yield _unmarked(rest, line), line
 
 
-def _is_short(line: bytes) -> bool:
-    return len(line) <= _LONGEST_LINE
+def _first_long_line(text: bytes) -> int | None:
+    """Return where the first line begins that is too long, if there is one."""
+    start = 0
+    while len(text) - start > _LONGEST_LINE:
+        end = text.rfind(b"\n", start, start + _LONGEST_LINE + 1)
+        if end < 0:
+            return start
+        start = end + 1  # the lines before it are all shorter than what was looked at
+    return None
 
 
-def _unmarked(lines: list[bytes], first: int) -> list[bytes]:
+def _unmarked(text: bytes, first: int) -> bytes:
     """Return lines of a text without its mark of byte order."""
-    if first == 1:
-        lines[0] = lines[0].removeprefix(b"\xef\xbb\xbf")
-    return lines
+    return text.removeprefix(b"\xef\xbb\xbf") if first == 1 else text
 
 
 def _text_of(line: bytes) -> str:
@@ -272,48 +278,64 @@ _POSE = _Form(("x", "y", "yaw"), "three", f", or TUM's {' '.join(TUM)}")
 
 
 def _parsed(
-    lines: list[bytes], first: int, form: _Form
-) -> tuple[NDArray[np.float64], list[int], dict[int, str]]:
+    text: bytes, first: int, form: _Form
+) -> tuple[NDArray[np.float64], Sequence[int], dict[int, str]]:
     """Return the numbers of lines, which lines these are, and what is wrong with some."""
-    numbers = _parsed_at_once(lines, form)
-    if numbers is not None:
-        return numbers, list(range(first, first + len(lines))), {}
+    if first == 1:
+        head, end, others = text.partition(b"\n")
+        if end and form.is_header(_text_of(head)):
+            text, first = others, 2
+    at_once = _parsed_at_once(text, first, form)
+    if at_once is not None:
+        return (*at_once, {})
     rows: list[Sequence[float]] = []
     kept: list[int] = []
     errors: dict[int, str] = {}
-    for index, raw in enumerate(lines):
-        text = _text_of(raw)
-        if text.startswith("#") or (first + index == 1 and form.is_header(text)):
+    for number, raw in enumerate(text.split(b"\n"), first):
+        line = _text_of(raw)
+        if line.startswith("#") or (number == 1 and form.is_header(line)):
             continue
         try:
-            rows.append(_row_of(text, form))
+            rows.append(_row_of(line, form))
         except MalformedInputError as error:
-            errors[len(rows)] = f"{error.rule}, got {shown(text)}"
+            errors[len(rows)] = f"{error.rule}, got {shown(line)}"
         except _NO_NUMBERS:
-            rule = f"must be {form.rule(text)}, got {shown(text)}"
-            errors[len(rows)] = rule if text else "empty line"
+            rule = f"must be {form.rule(line)}, got {shown(line)}"
+            errors[len(rows)] = rule if line else "empty line"
         else:
             if not all(map(math.isfinite, rows[-1])):
-                errors[len(rows) - 1] = f"must be finite, got {shown(text)}"
+                errors[len(rows) - 1] = f"must be finite, got {shown(line)}"
         if len(rows) == len(kept):
             rows.append([math.nan] * len(form.names))
-        kept.append(first + index)
+        kept.append(number)
     return np.array(rows, dtype=np.float64).reshape(-1, len(form.names)), kept, errors
 
 
-def _parsed_at_once(lines: list[bytes], form: _Form) -> NDArray[np.float64] | None:
-    """Return the numbers of lines that all are plain CSV; None if one is anything else."""
-    text = b"\n".join(lines)
+def _parsed_at_once(
+    text: bytes, first: int, form: _Form
+) -> tuple[NDArray[np.float64], Sequence[int]] | None:
+    """Return the numbers of lines, and which these are, if all are plain CSV or comments."""
+    delimiter = form.delimiter("," if b"," in text else " ")
+    found = rows_in(text, len(form.names), delimiter=delimiter, is_exact=True)
+    numbers = _by_numpy(text, delimiter) if found is None else found.values
+    if numbers is None:
+        return None
+    lines: Sequence[int] = range(first, first + text.count(b"\n") + 1)
+    if b"#" in text:
+        numbered = zip(lines, text.split(b"\n"), strict=True)
+        lines = [number for number, line in numbered if not line.lstrip(b" \t").startswith(b"#")]
+    # empty lines were passed over, and 1e999 is infinite
+    is_plain = numbers.shape == (len(lines), len(form.names))
+    return (numbers, lines) if is_plain and np.isfinite(numbers).all() else None
+
+
+def _by_numpy(text: bytes, delimiter: str | None) -> NDArray[np.float64] | None:
     if text.translate(None, b"0123456789+-.eE, \t\r\n") or not text.strip():
         return None
-    delimiter = form.delimiter("," if b"," in text else " ")
     try:
-        numbers = np.loadtxt(io.BytesIO(text), delimiter=delimiter, comments=None, ndmin=2)
+        return np.loadtxt(io.BytesIO(text), delimiter=delimiter, comments=None, ndmin=2)
     except ValueError:
         return None
-    # it passes over empty lines, and 1e999 is infinite
-    is_plain = numbers.shape == (len(lines), len(form.names)) and np.isfinite(numbers).all()
-    return numbers if is_plain else None
 
 
 def _row_of(text: str, form: _Form) -> Sequence[float]:

@@ -128,7 +128,7 @@ class _Blocks:
         """Return the rows that a text begins with; None if it is too short, or anything else."""
         is_last = len(text) < self._length
         rows = rows_in(
-            text if is_last else text[: text.rfind(b"\n") + 1],
+            text if is_last else memoryview(text)[: text.rfind(b"\n") + 1],
             max(self._columns) + 1 if self._width is None else self._width,
             delimiter=self._delimiter,
             is_exact=self._width is not None,

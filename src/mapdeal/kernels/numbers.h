@@ -53,37 +53,56 @@ static double rounded_by_library(const char *from, const char *to) {
 #define MOST_WIDE_POWER 19
 __extension__ typedef unsigned __int128 Wide;
 
+#define E18 UINT64_C(1000000000000000000)
 static const uint64_t WHOLE_POWERS_OF_TEN[MOST_WIDE_POWER + 1] = {
-    UINT64_C(1), UINT64_C(10), UINT64_C(100), UINT64_C(1000), UINT64_C(10000), UINT64_C(100000),
-    UINT64_C(1000000), UINT64_C(10000000), UINT64_C(100000000), UINT64_C(1000000000),
-    UINT64_C(10000000000), UINT64_C(100000000000), UINT64_C(1000000000000),
-    UINT64_C(10000000000000), UINT64_C(100000000000000), UINT64_C(1000000000000000),
-    UINT64_C(10000000000000000), UINT64_C(100000000000000000), UINT64_C(1000000000000000000),
-    UINT64_C(10000000000000000000),
+    1, 10, 100, 1000, 10000, 100000, 1000000, 10000000, 100000000, 1000000000,
+    E18 / 100000000, E18 / 10000000, E18 / 1000000, E18 / 100000, E18 / 10000, E18 / 1000,
+    E18 / 100, E18 / 10, E18, 10 * E18,
 };
 
 /* 2 to a power within the normal range */
-static double power_of_two(int power) {
+static inline double power_of_two(int power) {
     const uint64_t bits = (uint64_t)(power + 1023) << 52;
     double value;
     memcpy(&value, &bits, sizeof value);
     return value;
 }
 
-/* a / b, neither of them 0, rounded to the nearest double, to the even one of two */
-static double rounded_quotient(uint64_t a, uint64_t b) {
-    const int a_shift = __builtin_clzll(a), b_shift = __builtin_clzll(b);
-    a <<= a_shift;
-    b <<= b_shift;
-    const int is_less = a < b;
-    /* a shift that makes the quotient one of exactly 64 bits */
-    const Wide above = (Wide)a << (63 + is_less);
-    const uint64_t quotient = (uint64_t)(above / b);
-    const uint64_t rest = (uint64_t)above - quotient * b;
+/* A divisor, shifted so that its highest bit is set, and 2^127 divided by it, rounded down. */
+typedef struct {
+    uint64_t divisor, reciprocal;
+    int shift;
+} Divisor;
+
+#define DIVISOR(d, bits) {(uint64_t)(d) << (bits), (uint64_t)(((Wide)1 << 127) / ((uint64_t)(d) << (bits))), bits}
+static const Divisor TENS[MOST_WIDE_POWER + 1] = {
+    {0, 0, 0}, /* 1 is not divided by */
+    DIVISOR(10, 60), DIVISOR(100, 57), DIVISOR(1000, 54), DIVISOR(10000, 50), DIVISOR(100000, 47),
+    DIVISOR(1000000, 44), DIVISOR(10000000, 40), DIVISOR(100000000, 37), DIVISOR(1000000000, 34),
+    DIVISOR(E18 / 100000000, 30), DIVISOR(E18 / 10000000, 27), DIVISOR(E18 / 1000000, 24),
+    DIVISOR(E18 / 100000, 20), DIVISOR(E18 / 10000, 17), DIVISOR(E18 / 1000, 14),
+    DIVISOR(E18 / 100, 10), DIVISOR(E18 / 10, 7), DIVISOR(E18, 4), DIVISOR(10 * E18, 0),
+};
+
+/* a, not 0, divided by 10^power, rounded to the nearest double, to the even one of two */
+static double rounded_quotient(uint64_t a, int power) {
+    const Divisor by = TENS[power];
+    const int shift = __builtin_clzll(a);
+    a <<= shift;
+    const int is_less = a < by.divisor;
+    /* The quotient has exactly 64 bits, 11 more than a double. By the reciprocal it is found too
+       small by less than 4, which seldom makes a difference. */
+    uint64_t quotient = (uint64_t)((Wide)a * by.reciprocal >> (64 - is_less));
+    uint64_t below = quotient & 0x7ff, is_inexact = 1;
+    if (below > 0x400 - 4 && below <= 0x400) {
+        const Wide above = (Wide)a << (63 + is_less);
+        quotient = (uint64_t)(above / by.divisor);
+        is_inexact = (uint64_t)above != quotient * by.divisor;
+        below = quotient & 0x7ff;
+    }
     uint64_t whole = quotient >> 11;
-    const uint64_t below = quotient & 0x7ff;
-    whole += below > 0x400 || (below == 0x400 && (rest != 0 || (whole & 1)));
-    return (double)whole * power_of_two(b_shift - a_shift - 52 - is_less);
+    whole += below > 0x400 || (below == 0x400 && (is_inexact || (whole & 1)));
+    return (double)whole * power_of_two(by.shift - shift - 52 - is_less);
 }
 #endif
 
@@ -97,7 +116,7 @@ static inline int scaled(uint64_t mantissa, int64_t power, double *value) {
     }
 #ifdef __SIZEOF_INT128__
     if (mantissa > 0 && power < 0 && power >= -MOST_WIDE_POWER) {
-        *value = rounded_quotient(mantissa, WHOLE_POWERS_OF_TEN[-power]);
+        *value = rounded_quotient(mantissa, (int)-power);
         return 1;
     }
     if (power >= 0 && power <= MOST_WIDE_POWER) {
@@ -108,30 +127,32 @@ static inline int scaled(uint64_t mantissa, int64_t power, double *value) {
     return 0;
 }
 
-/* nan and inf, in any case; the place behind it, or NULL. The sign of a nan is left to others. */
-static const char *word_number(const char *from, const char *end, char sign, double *value) {
+/* nan and inf behind a sign, in any case; the place behind it, or NULL. A nan with a sign is left to
+   others. */
+static const char *word_number(const char *sign, const char *from, const char *end, double *value) {
     if (end - from < 3) return NULL;
     char word[3];
     for (int k = 0; k < 3; k++) word[k] = (char)(from[k] | 0x20);
-    if (memcmp(word, "nan", 3) == 0 && sign == 0)
+    if (memcmp(word, "nan", 3) == 0 && sign == from)
         *value = NAN;
     else if (memcmp(word, "inf", 3) == 0)
-        *value = sign == '-' ? -INFINITY : INFINITY;
+        *value = *sign == '-' ? -INFINITY : INFINITY;
     else
         return NULL;
     return from + 3;
 }
 
-#if defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+#if defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ && defined(__GNUC__)
 #define READS_EIGHT 1
-/* Eight digits at once, as bytes of a word: the tens of each pair are added, then the hundreds of
-   each two pairs, then the ten thousands. */
-static inline int are_eight_digits(uint64_t word) {
-    return ((word & UINT64_C(0xf0f0f0f0f0f0f0f0)) |
-            (((word + UINT64_C(0x0606060606060606)) & UINT64_C(0xf0f0f0f0f0f0f0f0)) >> 4)) ==
-           UINT64_C(0x3333333333333333);
+/* How many of eight characters, from the first on, are digits. Digits become 0 to 9, and what else
+   there is more, so that adding 0x76 sets its highest bit; what is carried comes behind it. */
+static inline int leading_digits(uint64_t word) {
+    word ^= UINT64_C(0x3030303030303030);
+    word = ((word + UINT64_C(0x7676767676767676)) | word) & UINT64_C(0x8080808080808080);
+    return word == 0 ? 8 : __builtin_ctzll(word) / 8;
 }
 
+/* The value of eight digits: pairs are joined, then pairs of pairs, then both fours. */
 static inline uint64_t value_of_eight(uint64_t word) {
     word = (word & UINT64_C(0x0f0f0f0f0f0f0f0f)) * 2561 >> 8;
     word = (word & UINT64_C(0x00ff00ff00ff00ff)) * 6553601 >> 16;
@@ -143,27 +164,31 @@ static inline uint64_t value_of_eight(uint64_t word) {
 
 /* Add digits to a whole number, which wraps around if they are too many; the place behind them. */
 static inline const char *read_digits(const char *at, const char *end, uint64_t *whole) {
-    uint64_t sum = *whole;
 #if READS_EIGHT
-    uint64_t word;
-    while (end - at >= 8 && (memcpy(&word, at, 8), are_eight_digits(word))) {
-        sum = 100000000 * sum + value_of_eight(word);
-        at += 8;
+    static const uint64_t above[9] = {1, 10, 100, 1000, 10000, 100000, 1000000, 10000000, 100000000};
+    while (end - at >= 8) {
+        uint64_t word;
+        memcpy(&word, at, 8);
+        const int count = leading_digits(word);
+        if (count == 0) return at;
+        *whole = above[count] * *whole + value_of_eight(word << (64 - 8 * count));
+        at += count;
+        if (count < 8) return at;
     }
 #endif
-    for (; at < end && is_digit(*at); at++) sum = 10 * sum + (uint64_t)(*at - '0');
-    *whole = sum;
+    for (; at < end && is_digit(*at); at++) *whole = 10 * *whole + (uint64_t)(*at - '0');
     return at;
 }
 
 /* Read the number that begins at `from`; return the place behind it, or NULL if there is none. */
-static const char *read_number(const char *from, const char *end, double *value) {
+static inline const char *read_number(const char *from, const char *end, double *value) {
+    if (from == end) return NULL;
     const char *at = from;
-    char sign = 0;
+    const int is_negative = *at == '-';
+    at += is_negative | (*at == '+');
+    const char *first = at;
     uint64_t mantissa = 0;
     int64_t power = 0;
-    if (at < end && (*at == '-' || *at == '+')) sign = *at++;
-    const char *first = at;
     at = read_digits(at, end, &mantissa);
     int64_t digits = at - first;
     if (at < end && *at == '.') {
@@ -172,7 +197,7 @@ static const char *read_number(const char *from, const char *end, double *value)
         power = point + 1 - at;
         digits -= power;
     }
-    if (digits == 0) return at == first ? word_number(at, end, sign, value) : NULL;
+    if (digits == 0) return at == first ? word_number(from, first, end, value) : NULL;
     if (at < end && (*at == 'e' || *at == 'E')) {
         int64_t exponent = 0;
         int is_down = 0;
@@ -185,7 +210,7 @@ static const char *read_number(const char *from, const char *end, double *value)
     }
     double size;
     if (digits <= MOST_DIGITS && scaled(mantissa, power, &size)) {
-        *value = sign == '-' ? -size : size;
+        *value = is_negative ? -size : size;
         return at;
     }
     if (at - from > LONGEST_NUMBER) return NULL;
@@ -193,12 +218,20 @@ static const char *read_number(const char *from, const char *end, double *value)
     return at;
 }
 
+static inline int is_line_end(const char *at, const char *end) {
+    return at == end || *at == '\n' || (*at == '\r' && at + 1 < end && at[1] == '\n');
+}
+
+static inline const char *behind_blanks(const char *at, const char *end) {
+    while (at < end && is_blank(*at)) at++;
+    return at;
+}
+
 /* Read so many numbers with blanks between them; return the place behind the last, or NULL. */
 static const char *read_numbers(const char *at, const char *end, int64_t count, double *values) {
     for (int64_t k = 0; k < count; k++) {
-        while (at < end && is_blank(*at)) at++;
-        at = read_number(at, end, &values[k]);
-        if (at == NULL || (at < end && !is_blank(*at) && *at != '\n' && *at != '\r')) return NULL;
+        at = read_number(behind_blanks(at, end), end, &values[k]);
+        if (at == NULL || (at < end && !is_blank(*at) && !is_line_end(at, end))) return NULL;
     }
     return at;
 }
@@ -214,27 +247,30 @@ typedef struct {
     int64_t rows, lines, bytes;
 } Taken;
 
-/* Read the numbers of a line without its end into a row; whether it is made of them. */
-static int read_row(const Table *table, const char *at, const char *end, double *row) {
+/* Read the numbers of a line into a row; return the place of its end, or NULL at anything else. */
+static inline const char *read_row(const Table *table, const char *at, const char *end,
+                                   double *row) {
     const char delimiter = table->delimiter;
     for (int64_t k = 0; k < table->columns; k++) {
         if (k > 0) {
-            while (at < end && is_blank(*at)) at++;
-            if (delimiter != 0) {
-                if (at == end || *at != delimiter) return 0;
-                at++;
-                while (at < end && is_blank(*at)) at++;
+            const char *before = at;
+            at = behind_blanks(at, end);
+            if (delimiter == 0) {
+                if (at == before) return NULL;
+            } else {
+                if (at == end || *at != delimiter) return NULL;
+                at = behind_blanks(at + 1, end);
             }
         }
         at = read_number(at, end, &row[k]);
-        if (at == NULL) return 0;
-        if (at < end && !is_blank(*at) && (delimiter == 0 || *at != delimiter)) return 0;
+        if (at == NULL) return NULL;
     }
-    while (at < end && is_blank(*at)) at++;
-    if (at == end) return 1;
-    if (table->is_exact || (delimiter != 0 && *at != delimiter)) return 0;
+    const char *before = at;
+    at = behind_blanks(at, end);
+    if (is_line_end(at, end)) return at;
+    if (table->is_exact || (delimiter == 0 ? at == before : *at != delimiter)) return NULL;
     while (at < end && is_plain(*at)) at++;
-    return at == end;
+    return is_line_end(at, end) ? at : NULL;
 }
 
 /* Read lines of numbers into rows, up to so many of each, and until so many bytes are passed; empty
@@ -246,16 +282,19 @@ static int read_table(const Table *table, const char *text, int64_t length, cons
     taken->rows = taken->lines = 0;
     while (at < end && taken->rows < most->rows && taken->lines < most->lines &&
            at - text < most->bytes) {
-        const char *feed = memchr(at, '\n', (size_t)(end - at));
-        const char *last = feed == NULL ? end : feed, *next = feed == NULL ? end : feed + 1;
-        if (next - at > table->longest_line) return 0;
-        if (feed != NULL && last > at && last[-1] == '\r') last--;
-        while (at < last && is_blank(*at)) at++;
-        if (at < last && *at != '#') {
-            if (!read_row(table, at, last, values + taken->rows * table->columns)) return 0;
+        const char *line = at;
+        at = behind_blanks(at, end);
+        if (at < end && *at == '#') {
+            at = memchr(at, '\n', (size_t)(end - at));
+            if (at == NULL) at = end;
+        } else if (!is_line_end(at, end)) {
+            at = read_row(table, at, end, values + taken->rows * table->columns);
+            if (at == NULL) return 0;
             taken->rows++;
         }
-        at = next;
+        at += at < end && *at == '\r';
+        at += at < end;
+        if (at - line > table->longest_line) return 0;
         taken->lines++;
     }
     taken->bytes = at - text;

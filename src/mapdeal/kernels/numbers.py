@@ -81,7 +81,7 @@ def numbers_in(text: bytes, start: int, count: int) -> tuple[NDArray[np.float64]
 
 
 def rows_in(
-    text: bytes,
+    text: bytes | memoryview,
     columns: int,
     *,
     delimiter: str | None,
@@ -92,11 +92,11 @@ def rows_in(
 
     Parameters
     ----------
-    text : bytes
+    text : bytes or memoryview
         Lines, the last with its end or without. Empty lines, and those that begin with #, are
         skipped.
     columns : int
-        Numbers of a row, the first of each line; at least 1.
+        Numbers of a row, the first of each line.
     delimiter : str, optional
         The character between numbers; blanks if not given.
     is_exact : bool
@@ -116,7 +116,7 @@ def rows_in(
     ([[1.0, 2.0], [4.0, 5.0]], 3)
     """
     compiled = _compiled()
-    if compiled is None:
+    if compiled is None or columns < 1:
         return None
     # a number takes two bytes at least, with what is behind it
     rows = min(limits.lines, max(1, (len(text) + 1) // (2 * columns)))
