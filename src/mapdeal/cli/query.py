@@ -187,10 +187,10 @@ def _answer_all(
     count = outside = bad = turned = 0
     for some in asked:
         answers = answer(some)
-        if answers.lines:
-            terminal.result("\n".join(answers.lines))
+        if answers.count:
+            terminal.result(answers.text.removesuffix("\n"))
         terminal.flush()
-        count += len(answers.lines)
+        count += answers.count
         outside += answers.outside
         bad += len(some.errors)
         turned += _more_than_a_turn(some) if kind is _POSES else 0

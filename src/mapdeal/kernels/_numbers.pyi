@@ -1,3 +1,5 @@
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,3 +14,10 @@ def table(
     values: NDArray[np.float64],
 ) -> tuple[int, int, int] | None: ...
 def whole(text: bytes, values: NDArray[np.int32]) -> int: ...
+def rows(
+    values: NDArray[np.float64],
+    kinds: NDArray[np.uint8],
+    chosen: NDArray[np.uint8],
+    forms: list[list[tuple[bytes, int]]],
+    spell: Callable[[float, int], bytes],
+) -> str: ...

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from mapdeal.formats.maps import as_occupancy
 from mapdeal.formats.points import PointLines
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import UNKNOWN
+from mapdeal.kernels.number_texts import Form, Kind, row_texts
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import errors_named, read_input, warn_of_potential
 from mapdeal.pipeline.memory import check_fits, claim_work
@@ -23,9 +23,35 @@ from mapdeal.pipeline.step import make_step
 from mapdeal.records import dataclass
 from mapdeal.stages.esdf import esdf
 
-_NULL = "null"
-_NOISE = 1e-12
-"""Metres, and metres per metre: what rounding leaves of a 0 between cells."""
+END = "}\n"
+"""Of an answer."""
+
+_STATES = ("free", "occupied", "unknown")
+_FREE, _OCCUPIED, _UNKNOWN = range(len(_STATES))
+
+_KINDS = [
+    Kind.EXACT, Kind.EXACT, Kind.WHOLE, Kind.WHOLE,
+    Kind.SINGLE, Kind.SINGLE, Kind.SINGLE, Kind.SINGLE,
+]  # fmt: skip
+"""Of x, y, row, col, distance, both slopes, and the distance of the cell."""
+
+
+def _forms() -> Iterator[Form]:
+    """Yield the form of the answer outside, and for each state without and with a gradient."""
+    start = ('{"x": ', ', "y": ')
+    keys = ("row", "col", "state", "distance", "gradient", "cell_distance")
+    nothing = "".join(f', "{key}": null' for key in keys)
+    yield Form((*start, f', "inside": false{nothing}{END}'), (0, 1))
+    for state in _STATES:
+        begin = (*start, ', "inside": true, "row": ', ', "col": ', f', "state": "{state}", ')
+        distance, last = '"distance": ', '"cell_distance": '
+        head = (*begin[:-1], begin[-1] + distance)
+        yield Form((*head, f', "gradient": null, {last}', END), (0, 1, 2, 3, 4, 7))
+        slopes = (', "gradient": [', ", ", f"], {last}")
+        yield Form((*head, *slopes, END), (0, 1, 2, 3, 4, 5, 6, 7))
+
+
+_FORMS = list(_forms())
 
 
 @dataclass(frozen=True)
@@ -34,13 +60,14 @@ class Answers:
 
     Parameters
     ----------
-    lines : list of str
-        A JSON object for each.
-    outside : int
-        How many of them no cell holds.
+    text : str
+        A line for each with a JSON object.
+    count, outside : int
+        How many they are, and how many of them no cell holds.
     """
 
-    lines: list[str]
+    text: str
+    count: int
     outside: int
 
 
@@ -65,69 +92,47 @@ def answers_of(field: DistanceField, asked: PointLines) -> Answers:
     """Return what a field says of points, one JSON object for each line asked."""
     cells, inside = field.frame.bounded_rowcol_from_xy(asked.points_xy)
     samples = field.query(asked.points_xy)
-    columns = [
-        exact_texts(asked.points_xy[:, 0]),
-        exact_texts(asked.points_xy[:, 1]),
-        _texts(samples.distance),
-        _texts(samples.gradient[:, 0]),
-        _texts(samples.gradient[:, 1]),
-        _texts(field.distance[cells[:, 0], cells[:, 1]].astype(np.float64)),
-    ]
-    states = _states_of(field, cells)
-    lines = []
-    for index, (x, y, distance, gx, gy, own) in enumerate(zip(*columns, strict=True)):
-        if not inside[index]:
-            lines.append(_nothing_at(x, y, asked, index))
-            continue
-        gradient = "null" if gx == _NULL else f"[{gx}, {gy}]"
-        lines.append(
-            f'{{"x": {x}, "y": {y}, "inside": true, '
-            f'"row": {cells[index, 0]}, "col": {cells[index, 1]}, "state": "{states[index]}", '
-            f'"distance": {distance}, "gradient": {gradient}, "cell_distance": {own}}}'
-        )
-    return Answers(lines, len(lines) - int(inside.sum()))
+    at = cells[:, 0], cells[:, 1]
+    values = np.column_stack(
+        [asked.points_xy, cells, samples.distance, samples.gradient, field.distance[at]]
+    )
+    # of each state the form without a gradient, then that with one
+    chosen = 2 * _states_at(field, at) + np.isfinite(samples.gradient[:, 0]) + 1
+    chosen[~inside] = 0
+    text = row_texts(values, _KINDS, _FORMS, chosen.astype(np.uint8))
+    text = with_errors(text, asked.errors, asked.lines)
+    return Answers(text, len(inside), len(inside) - int(inside.sum()))
 
 
-def _states_of(field: DistanceField, cells: NDArray[np.int64]) -> list[str]:
-    """Return what the map says of cells, whatever the field counts unknown ones as."""
-    occupancy = field.occupancy[cells[:, 0], cells[:, 1]]
-    states = np.where(occupancy >= field.lethal_threshold, "occupied", "free")
-    return np.where(occupancy == UNKNOWN, "unknown", states).tolist()  # type: ignore[no-any-return]
+def _states_at(
+    field: DistanceField, at: tuple[NDArray[np.int64], NDArray[np.int64]]
+) -> NDArray[np.intp]:
+    """Return what the map says of cells, as indices of `_STATES`.
 
-
-def _nothing_at(x: str, y: str, asked: PointLines, index: int) -> str:
-    """Return the answer for a point outside, or for a line without a point."""
-    keys = ("row", "col", "state", "distance", "gradient", "cell_distance")
-    nothing = ", ".join(f'"{key}": {_NULL}' for key in keys)
-    error = key_of_error(asked.errors, asked.lines, index)
-    return f'{{"x": {x}, "y": {y}, "inside": false, {nothing}{error}}}'
-
-
-def key_of_error(errors: Mapping[int, str], lines: Sequence[int], index: int) -> str:
-    """Return the end of an answer that says what is wrong with its line, if anything is."""
-    if index not in errors:
-        return ""
-    error = f', "error": {json.dumps(errors[index])}'
-    return f', "line": {lines[index]}{error}' if lines[index] else error
-
-
-def exact_texts(values: NDArray[np.float64]) -> list[str]:
-    """Return numbers as JSON, null for what is not finite."""
-    return [repr(value) if math.isfinite(value) else _NULL for value in values.tolist()]
-
-
-def _texts(values: NDArray[np.float64]) -> list[str]:
-    """Return numbers as JSON with no more digits than they are good for.
-
-    Distances are float32. One that is still such a number is written in as few digits as tell
-    it from its neighbours, one between cells in nine.
+    It does not matter what the field counts unknown cells as.
     """
-    values = np.where(np.abs(values) < _NOISE, 0.0, values)
-    with np.errstate(over="ignore", invalid="ignore"):
-        single = values.astype(np.float32)
-    short = single.astype(str).tolist()
-    pairs = zip(values.tolist(), short, (single == values).tolist(), strict=True)
-    return [
-        (text if is_single else f"{value:.9g}") if math.isfinite(value) else _NULL
-        for value, text, is_single in pairs
-    ]
+    occupancy = field.occupancy[at]
+    states = np.where(occupancy >= field.lethal_threshold, _OCCUPIED, _FREE)
+    return np.where(occupancy == UNKNOWN, _UNKNOWN, states)
+
+
+def with_errors(text: str, errors: Mapping[int, str], lines: Sequence[int]) -> str:
+    """Return answers of which some say what is wrong with the line that was asked.
+
+    Parameters
+    ----------
+    text : str
+        The answers, a line each.
+    errors : mapping of int to str
+        What is wrong, by the answer's index.
+    lines : sequence of int
+        The number of the line that each answer is for; 0 if it is for none.
+    """
+    if not errors:
+        return text
+    answers = text.splitlines(keepends=True)
+    for index, error in errors.items():
+        line = f', "line": {lines[index]}' if lines[index] else ""
+        told = f'{line}, "error": {json.dumps(error)}'
+        answers[index] = f"{answers[index].removesuffix(END)}{told}{END}"
+    return "".join(answers)

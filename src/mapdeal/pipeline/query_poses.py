@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -25,6 +25,7 @@ from mapdeal.grid.values import (
     UNKNOWN,
 )
 from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.number_texts import Form, Kind, row_texts
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import (
     errors_named,
@@ -33,7 +34,7 @@ from mapdeal.pipeline.files import (
     warn_of_published_costs,
 )
 from mapdeal.pipeline.memory import claim_work
-from mapdeal.pipeline.query import Answers, exact_texts, key_of_error
+from mapdeal.pipeline.query import END, Answers, with_errors
 from mapdeal.pipeline.robot import step_for
 from mapdeal.pipeline.settings import Settings
 from mapdeal.robot.parameters import RobotParameters
@@ -42,6 +43,25 @@ from mapdeal.stages.parameters import parameters_of
 
 _PER_CELL, _OF_ROBOT = 1.0, 3.0
 """Bytes for each cell: the costs of a map, and what a robot's take to make."""
+
+_STATES = ("free", "collision", "unknown", "outside")
+_FREE, _COLLISION, _UNKNOWN, _OUTSIDE = range(len(_STATES))
+
+_KINDS = [Kind.EXACT, Kind.EXACT, Kind.EXACT, Kind.WHOLE]
+"""Of x, y, yaw and the cost."""
+
+
+def _forms() -> Iterator[Form]:
+    """Yield the form of the answer for each state, and for a line without a pose."""
+    start = ('{"x": ', ', "y": ', ', "yaw": ')
+    for state in _STATES:
+        inside = "false" if state == "outside" else "true"
+        cost = f', "inside": {inside}, "cost": '
+        yield Form((*start, cost, f', "state": "{state}"{END}'), (0, 1, 2, 3))
+    yield Form((*start, f', "inside": false, "cost": null, "state": null{END}'), (0, 1, 2))
+
+
+_FORMS = list(_forms())
 
 
 def costs_to_ask(
@@ -115,27 +135,15 @@ def answers_at_poses(
 ) -> Answers:
     """Return what a footprint costs at poses, one JSON object for each line asked."""
     samples = sample_poses(costmap, footprint, asked.poses, rule=rule)
-    columns = zip(
-        *(exact_texts(column) for column in asked.poses.T),
-        samples.inside.tolist(),
-        samples.cost.tolist(),
-        _states_of(samples),
-        strict=True,
-    )
-    lines = [
-        f'{{"x": {x}, "y": {y}, "yaw": {yaw}, "inside": {"true" if inside else "false"}, '
-        f'"cost": {cost}, "state": "{state}"}}'
-        for x, y, yaw, inside, cost, state in columns
-    ]
-    for index in asked.errors:
-        x, y, yaw = exact_texts(asked.poses[index])
-        nothing = '"inside": false, "cost": null, "state": null'
-        error = key_of_error(asked.errors, asked.lines, index)
-        lines[index] = f'{{"x": {x}, "y": {y}, "yaw": {yaw}, {nothing}{error}}}'
-    return Answers(lines, len(lines) - int(samples.inside.sum()))
+    chosen = _states_of(samples)
+    chosen[list(asked.errors)] = len(_STATES)
+    values = np.column_stack([asked.poses, samples.cost])
+    text = with_errors(row_texts(values, _KINDS, _FORMS, chosen), asked.errors, asked.lines)
+    return Answers(text, len(chosen), len(chosen) - int(samples.inside.sum()))
 
 
-def _states_of(samples: PoseSamples) -> list[str]:
-    states: NDArray[Any] = np.where(samples.cost == LETHAL_OBSTACLE, "collision", "free")
-    states = np.where(samples.cost == NO_INFORMATION, "unknown", states)
-    return np.where(samples.inside, states, "outside").tolist()  # type: ignore[no-any-return]
+def _states_of(samples: PoseSamples) -> NDArray[np.uint8]:
+    """Return indices of `_STATES`."""
+    states = np.where(samples.cost == LETHAL_OBSTACLE, _COLLISION, _FREE)
+    states = np.where(samples.cost == NO_INFORMATION, _UNKNOWN, states)
+    return np.where(samples.inside, states, _OUTSIDE).astype(np.uint8)
