@@ -8,6 +8,7 @@ numbers.h and number_texts.h.
 
 from cpython.bytearray cimport PyByteArray_AS_STRING
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_GET_SIZE
+from cpython.mem cimport PyMem_RawFree, PyMem_RawMalloc
 from cpython.unicode cimport PyUnicode_DecodeASCII
 from libc.math cimport fabs, isfinite
 from libc.stdint cimport int32_t, int64_t, uint8_t, uint64_t
@@ -136,20 +137,46 @@ cdef inline char *_written(double value, int kind, char *to) noexcept nogil:
     return nine_written(value, to)
 
 
+cdef char *_rows_written(
+    const double[:, ::1] values, const uint8_t[::1] kinds, const uint8_t[::1] chosen,
+    const Piece *pieces, const Py_ssize_t *first, object spell, char *to,
+) except NULL:
+    """Write rows, each in the form whose pieces begin at `first`; return the end of the text."""
+    cdef Py_ssize_t row
+    cdef int column
+    cdef const Piece *piece
+    cdef char *end
+    with nogil:
+        for row in range(values.shape[0]):
+            piece = &pieces[first[chosen[row]]]
+            while True:
+                memcpy(to, piece.text, piece.size)
+                to += piece.size
+                column = piece.column
+                if column < 0:
+                    break
+                end = _written(values[row, column], kinds[column], to)
+                if end == NULL:
+                    with gil:
+                        end = _spelt(values[row, column], kinds[column], spell, to)
+                to = end
+                piece += 1
+    return to
+
+
 def rows(
     const double[:, ::1] values, const uint8_t[::1] kinds, const uint8_t[::1] chosen,
     list forms, object spell,
 ):
     """Return the texts of rows, each made by one of several forms: texts, and columns behind."""
     cdef Py_ssize_t longest = 0, count = 0, row, size
+    cdef char *made
     cdef char *to
-    cdef char *end
-    cdef int column
+    cdef int column = 0
     cdef Py_ssize_t[256] first
-    cdef const Piece *piece
     cdef Piece *pieces
     cdef bytes text
-    cdef bytearray made, all_pieces
+    cdef bytearray all_pieces
     if kinds.shape[0] != values.shape[1] or chosen.shape[0] != values.shape[0]:
         raise ValueError("the arrays are not of one shape")
     if not 0 < len(forms) <= 256:
@@ -172,23 +199,11 @@ def rows(
     for row in range(chosen.shape[0]):
         if chosen[row] >= len(forms):
             raise IndexError("no such form")
-    made = bytearray(longest * values.shape[0])
-    to = PyByteArray_AS_STRING(made)
-    with nogil:
-        for row in range(values.shape[0]):
-            piece = &pieces[first[chosen[row]]]
-            while True:
-                memcpy(to, piece.text, piece.size)
-                to += piece.size
-                column = piece.column
-                if column < 0:
-                    break
-                end = _written(values[row, column], kinds[column], to)
-                if end == NULL:
-                    with gil:
-                        end = _spelt(values[row, column], kinds[column], spell, to)
-                to = end
-                piece += 1
-    return PyUnicode_DecodeASCII(
-        PyByteArray_AS_STRING(made), to - PyByteArray_AS_STRING(made), NULL
-    )
+    made = <char *>PyMem_RawMalloc(longest * values.shape[0] + 1)
+    if made == NULL:
+        raise MemoryError
+    try:
+        to = _rows_written(values, kinds, chosen, pieces, first, spell, made)
+        return PyUnicode_DecodeASCII(made, to - made, NULL)
+    finally:
+        PyMem_RawFree(made)

@@ -17,7 +17,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#define LONGEST_TEXT 32
+#define LONGEST_TEXT 26 /* -1.7976931348623157e+308 has 24 characters */
 
 #ifdef __SIZEOF_INT128__
 #define WRITES_NUMBERS 1
@@ -127,8 +127,8 @@ static inline char *digits_written(uint64_t digits, char *to) {
 /* A decimal, with an exponent if it is below 10^-4 or at or above 10^`widest`; whole numbers end in
    .0 if they are `pointed` and have no exponent. */
 static char *decimal_written(Decimal decimal, int widest, int is_pointed, char *to) {
-    while (decimal.digits >= 100000000 && decimal.digits % 100000000 == 0)
-        decimal.digits /= 100000000, decimal.power += 8;
+    if (decimal.digits % 100000000 == 0) decimal.digits /= 100000000, decimal.power += 8;
+    if (decimal.digits % 1000 == 0) decimal.digits /= 1000, decimal.power += 3;
     while (decimal.digits % 10 == 0) decimal.digits /= 10, decimal.power++;
     char digits[20];
     const int count = (int)(digits_written(decimal.digits, digits) - digits);
@@ -183,6 +183,13 @@ static char *double_written(double value, char *to) {
     if (size == 0) {
         memcpy(to, "0.0", 3);
         return to + 3;
+    }
+    /* Decimals of up to 15 digits are read as different numbers: if one is read as this number,
+       there is no shorter one. Both sides of the quotient are exact, so it is what is read. */
+    const double billionths = rint(size * 1e9);
+    if (billionths < 1e15 && billionths / 1e9 == size) {
+        const Decimal decimal = {(uint64_t)billionths, -9};
+        return decimal_written(decimal, 16, 1, to);
     }
     if (!(size >= 1e-3 && size < 1e15)) return NULL;
     int places = 16 - power_of_ten_below(size);

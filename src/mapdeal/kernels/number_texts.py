@@ -15,7 +15,7 @@ from mapdeal.kernels.threads import in_parallel
 
 _NOISE = 1e-12
 _NULL = "null"
-_ROWS_TOGETHER = 1 << 12
+_ROWS_TOGETHER = 1 << 11
 
 
 class Kind(IntEnum):
@@ -85,8 +85,9 @@ def row_texts(
     made = [""] * (-(-len(values) // _ROWS_TOGETHER))
 
     def some(first: int, end: int) -> None:
-        rows = slice(first * _ROWS_TOGETHER, end * _ROWS_TOGETHER)
-        made[first] = _numbers.rows(values[rows], codes, chosen[rows], pieces, _spelt)
+        for part in range(first, end):
+            rows = slice(part * _ROWS_TOGETHER, (part + 1) * _ROWS_TOGETHER)
+            made[part] = _numbers.rows(values[rows], codes, chosen[rows], pieces, _spelt)
 
     in_parallel(some, len(made))
     return "".join(made)
