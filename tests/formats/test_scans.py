@@ -358,5 +358,5 @@ def test_real_logs(real_maps):
 def test_a_laser_without_a_longest_range_has_returned_all(longest, ranges):
     words = [b"ROBOTLASER1", b"0", b"-0.1", b"0.2", b"0.1", longest, b"0.01", b"0", b"3"]
     laser, found, following = carmen._parse_laser([*words, b"1", b"2", b"3", b"0"])
-    assert (found, following) == (ranges, 13)
+    assert (found.tolist(), following) == (ranges, 13)
     assert (laser.start, laser.step, laser.readings) == (-0.1, 0.1, 3)

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.numbers import Limits, Rows, rows_in
+from mapdeal.kernels.numbers import Limits, Rows, compiled_numbers, rows_in
 
 LONGEST_LINE = 1 << 20
 _MARK = b"\xef\xbb\xbf"
@@ -99,7 +98,7 @@ class _Blocks:
         self._delimiter = delimiter
         self._width = width
         self._length = _FIRST_BLOCK
-        self._is_possible = engine_name() == "compiled" and file.seekable()
+        self._is_possible = compiled_numbers() is not None and file.seekable()
 
     def read(self, most: int) -> Rows | None:
         """Return the rows of at most so many lines, and leave the file behind them.

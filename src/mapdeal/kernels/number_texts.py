@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.engine import engine_name
+from mapdeal.kernels.numbers import compiled_numbers
 from mapdeal.kernels.threads import in_parallel
 
 _NOISE = 1e-12
@@ -72,10 +72,9 @@ def row_texts(
     >>> row_texts(values, [Kind.SINGLE, Kind.WHOLE], forms, np.array([0, 1], dtype=np.uint8))
     '<0.1>4;0.333333333\n'
     """
-    if engine_name() != "compiled":
+    compiled = compiled_numbers()
+    if compiled is None:
         return _by_python(values, kinds, forms, chosen)
-    from mapdeal.kernels import _numbers
-
     values = np.ascontiguousarray(values)
     codes = np.array(kinds, dtype=np.uint8)
     pieces = [
@@ -87,7 +86,7 @@ def row_texts(
     def some(first: int, end: int) -> None:
         for part in range(first, end):
             rows = slice(part * _ROWS_TOGETHER, (part + 1) * _ROWS_TOGETHER)
-            made[part] = _numbers.rows(values[rows], codes, chosen[rows], pieces, _spelt)
+            made[part] = compiled.rows(values[rows], codes, chosen[rows], pieces, _spelt)
 
     in_parallel(some, len(made))
     return "".join(made)

@@ -6,6 +6,7 @@ reads it in another way, which also reports what is wrong.
 
 from __future__ import annotations
 
+from functools import cache
 from types import ModuleType
 from typing import NamedTuple
 
@@ -72,7 +73,7 @@ def numbers_in(text: bytes, start: int, count: int) -> tuple[NDArray[np.float64]
     >>> (found[0].tolist(), found[1]) if found else ([1.5, -2000.0, 0.25], 17)
     ([1.5, -2000.0, 0.25], 17)
     """
-    compiled = _compiled()
+    compiled = compiled_numbers()
     if compiled is None or count > len(text):
         return None
     values = np.empty(count)
@@ -115,7 +116,7 @@ def rows_in(
     >>> (found.values.tolist(), found.lines) if found else ([[1.0, 2.0], [4.0, 5.0]], 3)
     ([[1.0, 2.0], [4.0, 5.0]], 3)
     """
-    compiled = _compiled()
+    compiled = compiled_numbers()
     if compiled is None or columns < 1:
         return None
     # a number takes two bytes at least, with what is behind it
@@ -147,7 +148,7 @@ def whole_numbers_in(text: bytes) -> NDArray[np.int32] | None:
     >>> found.tolist() if found is not None else [3, 14, 15]
     [3, 14, 15]
     """
-    compiled = _compiled()
+    compiled = compiled_numbers()
     if compiled is None:
         return None
     values = np.empty((len(text) + 1) // 2, dtype=np.int32)
@@ -155,9 +156,18 @@ def whole_numbers_in(text: bytes) -> NDArray[np.int32] | None:
     return None if count < 0 else values[:count]
 
 
-def _compiled() -> ModuleType | None:
-    if engine_name() != "compiled":
-        return None
-    from mapdeal.kernels import _numbers
+def compiled_numbers() -> ModuleType | None:
+    """Return what is compiled for numbers and text, or None if that is not to be used.
 
+    It is loaded by those alone that read or write text; without it they do so in Python.
+    """
+    return _loaded() if engine_name() == "compiled" else None
+
+
+@cache
+def _loaded() -> ModuleType | None:
+    try:
+        from mapdeal.kernels import _numbers
+    except ImportError:
+        return None
     return _numbers

@@ -59,8 +59,9 @@ class Extent:
             if not len(beams.ranges):
                 continue
             for points in (beams.sensors_xy, beams.ends_xy(self._beyond)):
-                self._least = np.minimum(self._least, points.min(axis=0))
-                self._most = np.maximum(self._most, points.max(axis=0))
+                for axis, values in enumerate(points.T):  # faster than along short rows
+                    self._least[axis] = min(self._least[axis], values.min())
+                    self._most[axis] = max(self._most[axis], values.max())
 
     def frame(self, resolution: float) -> Frame:
         """Return a grid around the box, on the lattice of the resolution, with a margin.

@@ -31,6 +31,9 @@ from mapdeal.records import dataclass
 _PER_CELL: dict[Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
 """Bytes for each cell: the evidence, and the map that is made of it."""
 
+_MOST_KEPT = 1 << 26
+"""Bytes of scans that are kept rather than read twice."""
+
 Advance = Callable[[int], object]
 
 
@@ -179,8 +182,8 @@ def gather(
     Parameters
     ----------
     source, settings, options, advance
-        As for `build_file`. Scans are read once, or twice if the grid is to size itself, some at
-        a time, whatever the number of methods.
+        As for `build_file`. Scans are read once, or twice if the grid is to size itself and they
+        are many, some at a time, whatever the number of methods.
     per_cell : int
         Bytes that will be needed for each cell.
 
@@ -194,9 +197,10 @@ def gather(
     try:
         with errors_named(source.named):
             source.prepare(advance)
-            frame = _frame(source, settings, advance)
+            kept = _Kept()
+            frame = _frame(source, settings, kept, advance)
             _claim(source.named, frame, per_cell, options)
-            gathered = _gathered(source, frame, settings, advance)
+            gathered = _gathered(source, frame, settings, kept, advance)
     finally:
         source.warn()  # what was passed over may be why there is no map
     for path, state in states.items():
@@ -206,12 +210,33 @@ def gather(
     return gathered
 
 
-def _frame(source: ScanSource, settings: BuildSettings, advance: Advance) -> Frame:
+class _Kept:
+    """Scans that were read to size the grid, kept for the second time if they are not many."""
+
+    def __init__(self) -> None:
+        self._scans: list[Scans] | None = []
+        self._left = _MOST_KEPT
+
+    def add(self, scans: Scans) -> None:
+        """Keep scans, or let all of them go if they are too many."""
+        self._left -= scans.poses.nbytes + scans.ranges.nbytes
+        if self._left < 0:
+            self._scans = None
+        elif self._scans is not None:
+            self._scans.append(scans)
+
+    def all(self) -> list[Scans]:
+        """Return all scans that were read; none if they are not here."""
+        return self._scans or []
+
+
+def _frame(source: ScanSource, settings: BuildSettings, kept: _Kept, advance: Advance) -> Frame:
     if settings.size is not None and settings.origin is not None:
         return frame_of(settings.size, settings.origin, settings.resolution)
     extent = Extent(settings.limits, settings.reach_behind())
     for scans in _scans(source, advance):
         extent.add(scans)
+        kept.add(scans)
     return extent.frame(settings.resolution)
 
 
@@ -223,20 +248,31 @@ def _claim(named: Path, frame: Frame, per_cell: int, options: Settings) -> None:
 
 
 def _gathered(
-    source: ScanSource, frame: Frame, settings: BuildSettings, advance: Advance
+    source: ScanSource, frame: Frame, settings: BuildSettings, kept: _Kept, advance: Advance
 ) -> Gathered:
     builders = {
         method: MapBuilder(frame, method, settings.limits, **parameters)
         for method, parameters in settings.methods.items()
     }
     seconds = dict.fromkeys(builders, 0.0)
-    for scans in _scans(source, advance, is_told=settings.sizes_itself):
+    for scans in _again(source, settings, kept, advance):
         for method, builder in builders.items():
             started = time.perf_counter()
             builder.add(scans)
             seconds[method] += time.perf_counter() - started
     counts = next(iter(builders.values())).counts
     return Gathered(builders, seconds, counts)
+
+
+def _again(
+    source: ScanSource, settings: BuildSettings, kept: _Kept, advance: Advance
+) -> Iterator[Scans]:
+    """Yield the scans that go into the map, read once more if they are not here."""
+    for scans in kept.all():
+        yield scans
+        advance(len(scans.poses) if scans.sweeps is None else scans.sweeps)
+    if not kept.all():
+        yield from _scans(source, advance, is_told=settings.sizes_itself)
 
 
 def _scans(source: ScanSource, advance: Advance, *, is_told: bool = False) -> Iterator[Scans]:

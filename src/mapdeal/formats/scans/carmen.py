@@ -11,7 +11,7 @@ import gzip
 import math
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -19,9 +19,10 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
-from mapdeal.formats.scans.source import FARTHEST_POSE, BadLines, ScanArrays, ScanSource
+from mapdeal.formats.scans.source import FARTHEST_POSE, BadLines, Floats, ScanArrays, ScanSource
 from mapdeal.formats.source import check_readable, status_of
 from mapdeal.formats.text_rows import LONGEST_LINE
+from mapdeal.kernels.numbers import numbers_in
 
 _SCANS_TOGETHER = 512
 _READINGS_TOGETHER = 1 << 18
@@ -36,6 +37,8 @@ _LARGEST_ANGLE = 100.0
 
 _FLASER_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
 """Degrees between the readings of a half circle, by their number; the first is at -90."""
+
+_FLASER_COUNTS = {str(count).encode() for count in _FLASER_STEPS}
 
 
 class _Laser(NamedTuple):
@@ -52,8 +55,15 @@ class _Laser(NamedTuple):
 class _Scan(NamedTuple):
     laser: _Laser
     pose: tuple[float, float, float]
-    ranges: list[float]
+    ranges: Floats
     time: float
+
+    def repeats(self, other: _Scan) -> bool:
+        return (self.time, self.pose, self.laser) == (
+            other.time,
+            other.pose,
+            other.laser,
+        ) and np.array_equal(self.ranges, other.ranges)
 
 
 class _BadLineError(Exception):
@@ -116,7 +126,7 @@ class CarmenLog(ScanSource):
         before: _Scan | None = None
         first_time: float | None = None
         for scan in self._parsed():
-            if scan == before:
+            if before is not None and scan.repeats(before):
                 self._repeated += 1
                 continue
             before = scan
@@ -156,16 +166,15 @@ class CarmenLog(ScanSource):
 
     def _parsed(self) -> Iterator[_Scan]:
         odometry: tuple[float, float, float] | None = None
-        parse: Callable[[list[bytes]], _Scan] = _PARSERS[self._tag]
+        parse, parse_at_once = _PARSERS[self._tag]
         needs_pose = self._tag not in _POSED
         wanted = (self._tag, "ODOM") if needs_pose else (self._tag,)
         for number, line in self._lines(wanted):
-            words = line.split()
             try:
-                if words[0] == b"ODOM":
-                    odometry = _pose(words[1:4])
+                if line.startswith(b"ODOM"):
+                    odometry = _pose(line.split()[1:4])
                     continue
-                scan = parse(words)
+                scan = parse_at_once(line) or parse(line.split())
             except _BadLineError as error:
                 self._bad.add(number, str(error))
                 continue
@@ -225,10 +234,29 @@ def _parse_flaser(words: list[bytes]) -> _Scan:
     if count not in _FLASER_STEPS:
         raise _BadLineError(f"FLASER must have 180, 181, 360 or 361 readings, has {count}")
     _check_length(words, count + 11)
-    step = math.radians(_FLASER_STEPS[count])
-    laser = _Laser(-math.pi / 2, step, count)
     pose = _pose(words[2 + count : 5 + count])
-    return _Scan(laser, pose, _numbers(words[2 : 2 + count]), _time(words[8 + count]))
+    ranges = np.array(_numbers(words[2 : 2 + count]))
+    return _Scan(_flaser(count), pose, ranges, _time(words[8 + count]))
+
+
+def _flaser(count: int) -> _Laser:
+    return _Laser(-math.pi / 2, math.radians(_FLASER_STEPS[count]), count)
+
+
+def _flaser_at_once(line: bytes) -> _Scan | None:
+    """Return the scan of a line that is plainly well-formed, None of any other."""
+    head = line.split(None, 2)
+    if len(head) < 3 or head[1] not in _FLASER_COUNTS:
+        return None
+    count = int(head[1])
+    found = numbers_in(head[2], 0, count + 7)  # readings, two poses, and the time
+    if found is None or len(head[2][found[1] :].split()) != 2:
+        return None
+    numbers, _ = found
+    pose = _pose_of(numbers[count : count + 3].tolist())
+    return (
+        None if pose is None else _Scan(_flaser(count), pose, numbers[:count], float(numbers[-1]))
+    )
 
 
 def _parse_robotlaser(words: list[bytes]) -> _Scan:
@@ -243,28 +271,83 @@ def _parse_rawlaser(words: list[bytes]) -> _Scan:
     return _Scan(laser, (0.0, 0.0, 0.0), ranges, _time(words[behind]))
 
 
-def _parse_laser(words: list[bytes]) -> tuple[_Laser, list[float], int]:
+def _robotlaser_at_once(line: bytes) -> _Scan | None:
+    """As `_flaser_at_once`, of a line of ROBOTLASER1."""
+    found = _laser_at_once(line)
+    if found is None:
+        return None
+    laser, ranges, behind = found
+    # two poses, five numbers about the robot, and the time; a host and another time
+    tail = numbers_in(behind, 0, 12)
+    if tail is None or len(behind[tail[1] :].split()) != 2:
+        return None
+    pose = _pose_of(tail[0][:3].tolist())
+    return None if pose is None else _Scan(laser, pose, ranges, float(tail[0][-1]))
+
+
+def _rawlaser_at_once(line: bytes) -> _Scan | None:
+    """As `_flaser_at_once`, of a line of RAWLASER1."""
+    found = _laser_at_once(line)
+    if found is None:
+        return None
+    laser, ranges, behind = found
+    tail = numbers_in(behind, 0, 1)
+    if tail is None or len(behind[tail[1] :].split()) != 2:
+        return None
+    return _Scan(laser, (0.0, 0.0, 0.0), ranges, float(tail[0][0]))
+
+
+def _laser_at_once(line: bytes) -> tuple[_Laser, Floats, bytes] | None:
+    """Return what both new kinds begin with, and the text behind it; None if it is not plain."""
+    words = line.split(None, 9)
+    if len(words) < 10 or not _is_whole(words[8]):
+        return None
+    head = numbers_in(b" ".join(words[2:6]), 0, 4)
+    readings = numbers_in(words[9], 0, int(words[8]))
+    if head is None or readings is None:
+        return None
+    behind = words[9][readings[1] :].split(None, 1)
+    if len(behind) < 2 or not _is_whole(behind[0]):
+        return None
+    remissions = numbers_in(behind[1], 0, int(behind[0]))
+    if remissions is None:
+        return None
+    start, field, step, longest = head[0].tolist()
+    laser = _laser(start, field, step, len(readings[0]))
+    return laser, _within(longest, readings[0]), behind[1][remissions[1] :]
+
+
+def _parse_laser(words: list[bytes]) -> tuple[_Laser, Floats, int]:
     """Return what both new kinds begin with, and the index of the word behind it."""
     count = _whole(words, 8)
     if len(words) < 10 + count:
         raise _BadLineError(f"must have {count} readings and more, ends before")
     start, field, step, longest = _numbers(words[2:6])
+    laser = _laser(start, field, step, count)
+    ranges = np.array(_numbers(words[9 : 9 + count]))
+    return laser, _within(longest, ranges), 10 + count + _whole(words, 9 + count)
+
+
+def _laser(start: float, field: float, step: float, count: int) -> _Laser:
     if not (abs(start) <= _LARGEST_ANGLE and 0 < abs(step) <= _LARGEST_ANGLE):  # nan too
         raise _BadLineError("start angle and resolution must be angles in radians, and not 0")
     span = abs(step) * (count - 1)
     if field > 0 and count > 1 and abs(span - field) > 1.5 * abs(step):
         raise _BadLineError(f"{count} readings span {span:.4g} rad, not the {field:.4g} told")
-    ranges = _numbers(words[9 : 9 + count])
-    if longest > 0:
-        ranges = [math.inf if r >= longest else r for r in ranges]
-    return _Laser(start, step, count), ranges, 10 + count + _whole(words, 9 + count)
+    return _Laser(start, step, count)
+
+
+def _within(longest: float, ranges: Floats) -> Floats:
+    """Return ranges without those at the scanner's maximum, if it tells one: these hit nothing."""
+    return np.where(ranges >= longest, math.inf, ranges) if longest > 0 else ranges
 
 
 _PARSERS = {
-    "FLASER": _parse_flaser,
-    "ROBOTLASER1": _parse_robotlaser,
-    "RAWLASER1": _parse_rawlaser,
+    "FLASER": (_parse_flaser, _flaser_at_once),
+    "ROBOTLASER1": (_parse_robotlaser, _robotlaser_at_once),
+    "RAWLASER1": (_parse_rawlaser, _rawlaser_at_once),
 }
+"""What reads the words of a line, and what reads plain lines much faster."""
 
 
 def _check_length(words: list[bytes], count: int) -> None:
@@ -274,9 +357,13 @@ def _check_length(words: list[bytes], count: int) -> None:
 
 def _whole(words: list[bytes], index: int) -> int:
     word = words[index] if index < len(words) else b""
-    if not (word.isdigit() and len(word) < 6):
+    if not _is_whole(word):
         raise _BadLineError("the number of readings is missing or no whole number")
     return int(word)
+
+
+def _is_whole(word: bytes) -> bool:
+    return word.isdigit() and len(word) < 6
 
 
 def _numbers(words: list[bytes]) -> list[float]:
@@ -289,9 +376,15 @@ def _numbers(words: list[bytes]) -> list[float]:
 
 
 def _pose(words: list[bytes]) -> tuple[float, float, float]:
-    numbers = _numbers(words)
-    if len(numbers) != 3 or not all(abs(value) <= FARTHEST_POSE for value in numbers):
+    pose = _pose_of(_numbers(words))
+    if pose is None:
         raise _BadLineError("the pose must be three finite numbers")
+    return pose
+
+
+def _pose_of(numbers: list[float]) -> tuple[float, float, float] | None:
+    if len(numbers) != 3 or not all(abs(value) <= FARTHEST_POSE for value in numbers):
+        return None
     x, y, yaw = numbers
     return x, y, yaw
 
