@@ -68,6 +68,11 @@ class Scans(OneLine):
         yield count_text(len(self.poses), "scan")
         yield count_text(len(self.angles), "beam") + " each"
 
+    @property
+    def count(self) -> int:
+        """How many scans they count as."""
+        return len(self.poses) if self.sweeps is None else self.sweeps
+
     def parts(self) -> Iterator[Scans]:
         """Yield the scans some at a time, so that what is made of them stays small."""
         together = max(1, _BEAMS_TOGETHER // max(1, len(self.angles)))
@@ -173,6 +178,12 @@ class Beams:
     is_hit: NDArray[np.bool_]
     counts: BeamCounts
 
+    @property
+    def nbytes(self) -> int:
+        """How much memory they take."""
+        arrays = self.sensors_xy, self.directions_xy, self.ranges, self.is_hit
+        return sum(array.nbytes for array in arrays)
+
     def chosen(self, which: NDArray[np.bool_]) -> Beams:
         """Return some of the beams, with the counts of all."""
         return Beams(
@@ -221,15 +232,15 @@ def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
         is_hit = (ranges > 0) & (ranges >= limits.range_min) & (ranges < limits.range_max)
         is_open = ranges >= limits.range_max
     used = is_hit | is_open if limits.clear_max > 0 else is_hit
-    scan, beam = np.nonzero(used)
-    angle = scans.poses[scan, 2] + scans.angles[beam]
+    angle = (scans.poses[:, 2:] + scans.angles)[used]
     hits, no_return = int(np.count_nonzero(is_hit)), int(np.count_nonzero(is_open))
-    sweeps = len(ranges) if scans.sweeps is None else scans.sweeps
-    counts = BeamCounts(sweeps, ranges.size, hits, no_return, ranges.size - hits - no_return)
+    counts = BeamCounts(scans.count, ranges.size, hits, no_return, ranges.size - hits - no_return)
     hit = is_hit[used]
+    directions = np.empty((len(hit), 2))
+    directions[:, 0], directions[:, 1] = np.cos(angle), np.sin(angle)
     return Beams(
-        scans.poses[scan, :2],
-        np.stack([np.cos(angle), np.sin(angle)], axis=1),
+        np.repeat(scans.poses[:, :2], np.count_nonzero(used, axis=1), axis=0),
+        directions,
         np.where(hit, ranges[used], min(limits.clear_max, limits.range_max)),
         hit,
         counts,

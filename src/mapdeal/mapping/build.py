@@ -14,7 +14,7 @@ from mapdeal.grid.display import Drawn, count_text
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.region import MOST_CELLS, Region
-from mapdeal.mapping.beams import BeamCounts, BeamLimits, Scans, beams_of
+from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.counting import Counting
 from mapdeal.mapping.evidence import Evidence, Layers
 from mapdeal.mapping.hit_groups import HitGroups, hit_groups
@@ -54,14 +54,17 @@ class Extent:
     def add(self, scans: Scans) -> None:
         """Grow the box around the beams of scans that say something."""
         for part in scans.parts():
-            beams = beams_of(part, self._limits)
-            self._counts += beams.counts
-            if not len(beams.ranges):
-                continue
-            for points in (beams.sensors_xy, beams.ends_xy(self._beyond)):
-                for axis, values in enumerate(points.T):  # faster than along short rows
-                    self._least[axis] = min(self._least[axis], values.min())
-                    self._most[axis] = max(self._most[axis], values.max())
+            self.add_beams(beams_of(part, self._limits))
+
+    def add_beams(self, beams: Beams) -> None:
+        """Grow the box around beams, which were made with the same limits."""
+        self._counts += beams.counts
+        if not len(beams.ranges):
+            return
+        for points in (beams.sensors_xy, beams.ends_xy(self._beyond)):
+            for axis, values in enumerate(points.T):  # faster than along short rows
+                self._least[axis] = min(self._least[axis], values.min())
+                self._most[axis] = max(self._most[axis], values.max())
 
     def frame(self, resolution: float) -> Frame:
         """Return a grid around the box, on the lattice of the resolution, with a margin.
@@ -173,9 +176,12 @@ class MapBuilder:
     def add(self, scans: Scans) -> None:
         """Add what scans have seen."""
         for part in scans.parts():
-            beams = beams_of(part, self._limits)
-            self._evidence.add(beams)
-            self.counts += beams.counts
+            self.add_beams(beams_of(part, self._limits))
+
+    def add_beams(self, beams: Beams) -> None:
+        """Add what beams say, which were made with the same limits."""
+        self._evidence.add(beams)
+        self.counts += beams.counts
 
     def result(self, *, with_layers: bool = True) -> BuiltMap:
         """Return the map of all scans so far; without layers `BuiltMap.layers` is empty."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from mapdeal.grid.coordinates import Point
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.mapping.beams import BeamCounts, BeamLimits, Scans
+from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.build import BuiltMap, Extent, MapBuilder, Method, frame_of, reach_behind
 from mapdeal.mapping.hit_groups import NEAR, OFTEN, HitGroups
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
@@ -32,7 +32,7 @@ _PER_CELL: dict[Method, int] = {"log-odds": 22, "counting": 22, "tsdf": 43}
 """Bytes for each cell: the evidence, and the map that is made of it."""
 
 _MOST_KEPT = 1 << 26
-"""Bytes of scans that are kept rather than read twice."""
+"""Bytes of beams that are kept rather than read twice."""
 
 Advance = Callable[[int], object]
 
@@ -197,8 +197,7 @@ def gather(
     try:
         with errors_named(source.named):
             source.prepare(advance)
-            kept = _Kept()
-            frame = _frame(source, settings, kept, advance)
+            frame, kept = _frame(source, settings, advance)
             _claim(source.named, frame, per_cell, options)
             gathered = _gathered(source, frame, settings, kept, advance)
     finally:
@@ -210,34 +209,31 @@ def gather(
     return gathered
 
 
-class _Kept:
-    """Scans that were read to size the grid, kept for the second time if they are not many."""
+class _Part(NamedTuple):
+    """Some beams, and how many scans were read with them."""
 
-    def __init__(self) -> None:
-        self._scans: list[Scans] | None = []
-        self._left = _MOST_KEPT
-
-    def add(self, scans: Scans) -> None:
-        """Keep scans, or let all of them go if they are too many."""
-        self._left -= scans.poses.nbytes + scans.ranges.nbytes
-        if self._left < 0:
-            self._scans = None
-        elif self._scans is not None:
-            self._scans.append(scans)
-
-    def all(self) -> list[Scans]:
-        """Return all scans that were read; none if they are not here."""
-        return self._scans or []
+    beams: Beams
+    scans: int
 
 
-def _frame(source: ScanSource, settings: BuildSettings, kept: _Kept, advance: Advance) -> Frame:
+def _frame(
+    source: ScanSource, settings: BuildSettings, advance: Advance
+) -> tuple[Frame, list[_Part] | None]:
+    """Return the cells, and all beams if they were read for that and are not too many to keep."""
     if settings.size is not None and settings.origin is not None:
-        return frame_of(settings.size, settings.origin, settings.resolution)
+        return frame_of(settings.size, settings.origin, settings.resolution), None
     extent = Extent(settings.limits, settings.reach_behind())
-    for scans in _scans(source, advance):
-        extent.add(scans)
-        kept.add(scans)
-    return extent.frame(settings.resolution)
+    kept: list[_Part] | None = []
+    taken = 0
+    for part in _parts(source, settings.limits):
+        extent.add_beams(part.beams)
+        taken += part.beams.nbytes
+        if taken > _MOST_KEPT:
+            kept = None
+        elif kept is not None:
+            kept.append(part)
+        advance(part.scans)
+    return extent.frame(settings.resolution), kept
 
 
 def _claim(named: Path, frame: Frame, per_cell: int, options: Settings) -> None:
@@ -248,42 +244,40 @@ def _claim(named: Path, frame: Frame, per_cell: int, options: Settings) -> None:
 
 
 def _gathered(
-    source: ScanSource, frame: Frame, settings: BuildSettings, kept: _Kept, advance: Advance
+    source: ScanSource,
+    frame: Frame,
+    settings: BuildSettings,
+    kept: list[_Part] | None,
+    advance: Advance,
 ) -> Gathered:
     builders = {
         method: MapBuilder(frame, method, settings.limits, **parameters)
         for method, parameters in settings.methods.items()
     }
     seconds = dict.fromkeys(builders, 0.0)
-    for scans in _again(source, settings, kept, advance):
+    parts: Iterable[_Part] | None = kept
+    if parts is None:
+        parts = _parts(source, settings.limits, is_told=settings.sizes_itself)
+    for part in parts:
         for method, builder in builders.items():
             started = time.perf_counter()
-            builder.add(scans)
+            builder.add_beams(part.beams)
             seconds[method] += time.perf_counter() - started
+        advance(part.scans)
     counts = next(iter(builders.values())).counts
     return Gathered(builders, seconds, counts)
 
 
-def _again(
-    source: ScanSource, settings: BuildSettings, kept: _Kept, advance: Advance
-) -> Iterator[Scans]:
-    """Yield the scans that go into the map, read once more if they are not here."""
-    for scans in kept.all():
-        yield scans
-        advance(len(scans.poses) if scans.sweeps is None else scans.sweeps)
-    if not kept.all():
-        yield from _scans(source, advance, is_told=settings.sizes_itself)
-
-
-def _scans(source: ScanSource, advance: Advance, *, is_told: bool = False) -> Iterator[Scans]:
+def _parts(source: ScanSource, limits: BeamLimits, *, is_told: bool = False) -> Iterator[_Part]:
+    """Yield the beams of scans, some at a time; tell of odd angles, unless that was done."""
     for arrays in source.scans():
         if not is_told and np.abs(arrays.angles).max(initial=0.0) > 2 * math.pi:
             is_told = True
             largest = np.abs(arrays.angles).max()
             text = f"{source.named}: angles of up to {largest:.6g} rad: are they in degrees?"
             emit_warning(text, stacklevel=2)
-        yield Scans(*arrays)
-        advance(len(arrays.poses) if arrays.sweeps is None else arrays.sweeps)
+        for scans in Scans(*arrays).parts():
+            yield _Part(beams_of(scans, limits), scans.count)
 
 
 def warn_of_nothing(grid: OccupancyGrid, path: Path) -> None:
