@@ -11,9 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import CELL_TOLERANCE, FARTHEST, Origin, cells_at, turned
+from mapdeal.kernels.point_cells import Precision, cells_of_points
 
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
 """Of a coordinate: what storing it, subtracting the origin and turning leave uncertain."""
+
+_PRECISION = Precision(_ROUNDING, CELL_TOLERANCE, FARTHEST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +143,11 @@ class Frame:
         >>> frame.unbounded_rowcol_from_xy([[0.05, 0.35], [-0.3, 0.2]]).tolist()
         [[1, 2], [0, -1]]
         """
-        return cells_at(self.continuous_rowcol_from_xy(points_xy), self.tolerance_at(points_xy))
+        points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
+        cells = cells_of_points(points, self.origin, self.resolution, _PRECISION)
+        if cells is None:
+            cells = cells_at(self.continuous_rowcol_from_xy(points), self.tolerance_at(points))
+        return cells
 
     def clamped_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
         """Return the cells that points fall into, or for points outside the nearest border cell.

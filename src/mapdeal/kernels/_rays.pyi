@@ -36,3 +36,15 @@ def measure(
     bottom: int,
     top: int,
 ) -> None: ...
+def cells(
+    points: NDArray[Any],
+    found: NDArray[Any],
+    x: float,
+    y: float,
+    cosine: float,
+    sine: float,
+    resolution: float,
+    rounding: float,
+    tolerance: float,
+    farthest: float,
+) -> bool: ...

@@ -25,6 +25,11 @@ cdef extern from "rays.h" nogil:
         const double *ranges, int64_t beams, double truncation, double behind, int64_t *sums,
         int32_t *weights,
     )
+    ctypedef struct Lattice:
+        double x, y, cosine, sine, resolution, rounding, tolerance, farthest
+    int cells_of_points(
+        const Lattice *lattice, const double *points, int64_t count, int64_t *cells
+    )
 
 
 cdef int _check_beams(
@@ -103,3 +108,22 @@ def measure(
             &part, &starts[0, 0], &ends[0, 0], &sensors[0, 0], &ranges[0], starts.shape[0],
             truncation, behind, &sums[0, 0], &weights[0, 0],
         )
+
+
+def cells(
+    const double[:, ::1] points, int64_t[:, ::1] found, double x, double y, double cosine,
+    double sine, double resolution, double rounding, double tolerance, double farthest,
+):
+    """Find the cells of points; return whether all are finite, and not too far."""
+    cdef Lattice lattice
+    cdef bint is_near
+    if points.shape[1] != 2 or found.shape[1] != 2 or points.shape[0] != found.shape[0]:
+        raise ValueError("points and cells have two columns, and are as many")
+    if points.shape[0] == 0:
+        return True
+    lattice.x, lattice.y, lattice.cosine, lattice.sine = x, y, cosine, sine
+    lattice.resolution, lattice.rounding, lattice.tolerance = resolution, rounding, tolerance
+    lattice.farthest = farthest
+    with nogil:
+        is_near = cells_of_points(&lattice, &points[0, 0], points.shape[0], &found[0, 0])
+    return is_near

@@ -161,3 +161,39 @@ static void measure_in(const Part *part, const int64_t *starts, const int64_t *e
         }
     }
 }
+
+/* The cells of a grid, as frame.py has them: a corner, and the cosine and sine of what turns points
+   of the map frame into its axes. */
+typedef struct {
+    double x, y, cosine, sine, resolution;
+    double rounding, tolerance; /* relative to coordinates; of a cell, at least */
+    double farthest;
+} Lattice;
+
+static double larger_of(double a, double b) { return a > b ? a : b; }
+
+static int64_t floor_of(double value)
+{
+    const int64_t cut = (int64_t)value;
+    return cut - ((double)cut > value);
+}
+
+/* Row and column of each point, within the grid or not; 0 if one is too far away, or not finite. */
+static int cells_of_points(const Lattice *lattice, const double *points, int64_t count,
+                           int64_t *cells)
+{
+    const double corner = larger_of(fabs(lattice->x), fabs(lattice->y));
+    for (int64_t k = 0; k < count; k++) {
+        const double x = points[2 * k], y = points[2 * k + 1];
+        if (!(fabs(x) <= lattice->farthest && fabs(y) <= lattice->farthest)) return 0;
+        const double dx = x - lattice->x, dy = y - lattice->y;
+        const double along = (dx * lattice->cosine - dy * lattice->sine) / lattice->resolution;
+        const double across = (dx * lattice->sine + dy * lattice->cosine) / lattice->resolution;
+        const double largest = larger_of(larger_of(fabs(x), fabs(y)), corner);
+        const double off = larger_of(lattice->rounding * largest / lattice->resolution,
+                                     lattice->tolerance);
+        cells[2 * k] = floor_of(across + off);
+        cells[2 * k + 1] = floor_of(along + off);
+    }
+    return 1;
+}

@@ -1,0 +1,66 @@
+"""The cells that points lie in, in one pass over the points."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.kernels.engine import engine_name
+
+
+class Precision(NamedTuple):
+    """How exactly coordinates are known.
+
+    Parameters
+    ----------
+    rounding : float
+        What is uncertain of a coordinate, as a share of it.
+    tolerance : float
+        The same in cells, at least.
+    farthest : float
+        Coordinates beyond it are refused.
+    """
+
+    rounding: float
+    tolerance: float
+    farthest: float
+
+
+def cells_of_points(
+    points_xy: NDArray[np.float64],
+    origin: tuple[float, float, float],
+    resolution: float,
+    precision: Precision,
+) -> NDArray[np.int64] | None:
+    """Return row and column of points, as if the grid went on for ever.
+
+    Parameters
+    ----------
+    points_xy : numpy.ndarray of float64, shape (N, 2)
+        Points.
+    origin : tuple of float
+        x, y and yaw (radians) of the corner of cell (0, 0).
+    resolution : float
+        Side of a cell, in the unit of the points.
+    precision : Precision
+        Points that only rounding keeps below a cell's edge lie in that cell.
+
+    Returns
+    -------
+    numpy.ndarray of int64, shape (N, 2), or None
+        None if a point is not finite or too far away, or nothing is compiled.
+    """
+    if engine_name() != "compiled":
+        return None
+    from mapdeal.kernels import _rays
+
+    x, y, yaw = origin
+    cells = np.empty(points_xy.shape, dtype=np.int64)
+    is_near = _rays.cells(
+        np.ascontiguousarray(points_xy), cells, x, y, math.cos(-yaw), math.sin(-yaw),
+        resolution, *precision,
+    )  # fmt: skip
+    return cells if is_near else None
