@@ -22,6 +22,7 @@ from mapdeal.errors import MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
 from mapdeal.kernels.blocks import Layer, blocks_of
+from mapdeal.kernels.numbers import whole_numbers_in
 from mapdeal.records import dataclass
 
 _WHITE = re.compile(rb"[ \t\n\v\f\r]*")
@@ -466,14 +467,9 @@ def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
     while start < len(body):
         blank = _BLANK.search(body, start + _TEXT_TOGETHER)
         end = blank.start() if blank else len(body)
-        tokens = body[start:end].split()
-        start = end
-        odd = next((i for i, t in enumerate(tokens) if not t.isdigit() or len(t) > 9), None)
-        if odd is not None:
-            rule = f"pixels must be whole numbers from 0 to {maxval}"
-            got, place = tokens[odd].decode("latin-1"), f"pixel {found + odd}"
-            raise MalformedInputError(rule, source=source, place=place, got=got)
-        values = np.array(tokens, dtype="S9").astype(np.int64)
+        some, start = body[start:end], end
+        numbers = whole_numbers_in(some)
+        values = _checked_words(some, found, maxval, source) if numbers is None else numbers
         if too_large is None and values.max(initial=0) > maxval:
             index = int(np.argmax(values > maxval))
             too_large = int(values[index]), found + index
@@ -483,6 +479,19 @@ def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
     if too_large is not None:
         raise _above_maxval(*too_large, maxval, source)
     return samples
+
+
+def _checked_words(
+    text: bytes, first: int, maxval: int, source: Path
+) -> NDArray[np.int64]:  # fmt: skip
+    """Return the numbers of a text word by word; `first` is the number of the first."""
+    words = text.split()
+    odd = next((i for i, t in enumerate(words) if not t.isdigit() or len(t) > 9), None)
+    if odd is not None:
+        rule = f"pixels must be whole numbers from 0 to {maxval}"
+        got, place = words[odd].decode("latin-1"), f"pixel {first + odd}"
+        raise MalformedInputError(rule, source=source, place=place, got=got)
+    return np.array(words, dtype="S9").astype(np.int64)
 
 
 def _check_count(actual: int, expected: int, source: Path) -> None:
