@@ -119,8 +119,9 @@ def rows_in(
     compiled = compiled_numbers()
     if compiled is None or columns < 1:
         return None
-    # a number takes two bytes at least, with what is behind it
-    rows = min(limits.lines, max(1, (len(text) + 1) // (2 * columns)))
+    # a number takes two bytes at least, with what is behind it; one row more, so that whatever is
+    # left behind the last is looked at
+    rows = min(limits.lines, len(text) // (2 * columns) + 1)
     values = np.empty((rows, columns))
     mark = 0 if delimiter is None else ord(delimiter)
     found = compiled.table(

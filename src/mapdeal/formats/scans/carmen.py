@@ -28,6 +28,7 @@ _SCANS_TOGETHER = 512
 _READINGS_TOGETHER = 1 << 18
 _POSED = ("FLASER", "ROBOTLASER1")
 _TAGS = (*_POSED, "RAWLASER1")
+_LONGEST_TAG = max(map(len, _TAGS)) + 1
 _GZIP = b"\x1f\x8b"
 _EXPANSION = 200
 """How many times as long a log may be as its gzip file; 4 to 10 times is usual."""
@@ -104,7 +105,7 @@ class CarmenLog(ScanSource):
         self._bad = BadLines(path, max_bad)
         self._late = self._without_pose = self._repeated = 0
         self._has_times = False
-        self._tags = Counter(line.split(maxsplit=1)[0].decode() for _, line in self._lines(_TAGS))
+        self._tags = Counter(_tag_of(line) for _, line in self._lines(_TAGS))
         if not self._tags:
             rule = f"no line begins with {', '.join(_TAGS)}"
             raise MalformedInputError(rule, source=path, hint="CARMEN logs have such lines")
@@ -198,8 +199,8 @@ class CarmenLog(ScanSource):
                     rule = f"the gzip data expand to more than {_EXPANSION} times their size"
                     raise MalformedInputError(rule, source=self._path)
                 number += is_start
-                if is_start and line.lstrip(_BEFORE_TAG).startswith(wanted):
-                    yield number, line.lstrip(_BEFORE_TAG)
+                if is_start and (text := line.lstrip(_BEFORE_TAG)).startswith(wanted):
+                    yield number, text
                 is_start = line.endswith(b"\n")  # else more of the same line follows
 
     @contextmanager
@@ -219,6 +220,11 @@ class CarmenLog(ScanSource):
         except OSError as error:
             rule = f"cannot be read: {error.strerror or error}"
             raise FileAccessError(rule, source=self._path) from None
+
+
+def _tag_of(line: bytes) -> str:
+    # not of the whole line, all of which would be copied
+    return line[:_LONGEST_TAG].split(maxsplit=1)[0].decode()
 
 
 def _arrays(scans: list[_Scan]) -> ScanArrays:
