@@ -61,12 +61,14 @@ def simulated(noise: float, count: int = 150) -> Scans:
     return cast(poses, walls(), noise)
 
 
-def cast(poses: np.ndarray, segments: np.ndarray, noise: float) -> Scans:
+def cast(
+    poses: np.ndarray, segments: np.ndarray, noise: float, angles: np.ndarray = ANGLES
+) -> Scans:
     """Return what a scanner sees of segments, (N, 4), from poses."""
     a, b = segments[:, :2], segments[:, 2:]
-    ranges = np.empty((len(poses), len(ANGLES)))
+    ranges = np.empty((len(poses), len(angles)))
     for k, (x, y, yaw) in enumerate(poses):
-        direction = np.stack([np.cos(yaw + ANGLES), np.sin(yaw + ANGLES)], axis=1)[:, np.newaxis]
+        direction = np.stack([np.cos(yaw + angles), np.sin(yaw + angles)], axis=1)[:, np.newaxis]
         along, start = b - a, a - np.array([x, y])
         det = direction[..., 0] * along[:, 1] - direction[..., 1] * along[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -75,7 +77,7 @@ def cast(poses: np.ndarray, segments: np.ndarray, noise: float) -> Scans:
         reach[~((reach > 0) & (share >= 0) & (share <= 1))] = np.inf
         ranges[k] = reach.min(axis=1)
     rng = np.random.default_rng(1)
-    return Scans(poses, ANGLES, ranges + rng.normal(0, noise, ranges.shape))
+    return Scans(poses, angles, ranges + rng.normal(0, noise, ranges.shape))
 
 
 def legs() -> None:
