@@ -13,6 +13,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -60,11 +61,12 @@ class _Scan(NamedTuple):
     time: float
 
     def repeats(self, other: _Scan) -> bool:
-        return (self.time, self.pose, self.laser) == (
-            other.time,
-            other.pose,
-            other.laser,
-        ) and np.array_equal(self.ranges, other.ranges)
+        """Return whether another scan says the same at the same time."""
+        return (
+            self.time == other.time
+            and (self.pose, self.laser) == (other.pose, other.laser)
+            and np.array_equal(self.ranges, other.ranges)
+        )
 
 
 class _BadLineError(Exception):
@@ -245,6 +247,7 @@ def _parse_flaser(words: list[bytes]) -> _Scan:
     return _Scan(_flaser(count), pose, ranges, _time(words[8 + count]))
 
 
+@cache
 def _flaser(count: int) -> _Laser:
     return _Laser(-math.pi / 2, math.radians(_FLASER_STEPS[count]), count)
 
@@ -389,10 +392,11 @@ def _pose(words: list[bytes]) -> tuple[float, float, float]:
 
 
 def _pose_of(numbers: list[float]) -> tuple[float, float, float] | None:
-    if len(numbers) != 3 or not all(abs(value) <= FARTHEST_POSE for value in numbers):
+    if len(numbers) != 3:
         return None
     x, y, yaw = numbers
-    return x, y, yaw
+    is_near = max(abs(x), abs(y), abs(yaw)) <= FARTHEST_POSE and not math.isnan(x + y + yaw)
+    return (x, y, yaw) if is_near else None
 
 
 def _time(word: bytes) -> float:
