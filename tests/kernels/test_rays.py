@@ -129,6 +129,25 @@ def test_rays_from_and_to_far_away_take_no_longer(shape, rays):
     np.testing.assert_array_equal(misses, twin_misses)
 
 
+@pytest.mark.parametrize("length", [65_534, 65_535, 65_536, 131_071])
+@pytest.mark.parametrize("minor", [0, 1, 7, 40, 21_845, 32_767, 65_533, 65_534])
+@pytest.mark.parametrize("is_upright", [False, True])
+def test_long_lines_move_where_their_equation_says(length, minor, is_upright):
+    shape = (16, length)  # which holds the beginning of the line, or its end
+    step = np.arange(length)
+    for low in {0, max(0, minor - 15)}:
+        moves = (length // 2 + step * minor) // length - low
+        kept = (moves >= 0) & (moves < 16)
+        expected = np.zeros(shape, dtype=np.int32)
+        expected[moves[kept], step[kept]] = 1
+        start, end = (-low, 0), (minor - low, length)
+        if is_upright:
+            start, end, expected = start[::-1], end[::-1], expected.T
+        hits, misses = np.zeros((2, *expected.shape), dtype=np.int32)
+        count_rays(np.array([start]), np.array([end]), np.array([True]), hits, misses)
+        np.testing.assert_array_equal(misses, expected)
+
+
 def test_a_far_line_passes_where_its_equation_says():
     """From (-2^29, 5) to (2^29, 7): near row 0 it has moved by half, to column 6."""
     hits, misses = np.zeros((2, 4, 9), dtype=np.int32)

@@ -87,17 +87,38 @@ static int holds(const Part *part, const int64_t *cell)
         (at) += (line).step + (due & (line).turn);                   \
     } while (0)
 
+/* Steps up to which moves are counted in fractions of 2^32: what rounding adds to one with each step
+   is less than 2^-32, in all less than 1 / n, by which the sum is short of the next move at least. */
+#define MOST_IN_FRACTIONS 65535
+
+/* Count a beam in each cell of a line. No step waits for the one before, as it does by `NEXT`. */
+static void count_line(const Line *line, int32_t *counts)
+{
+    int64_t left = line->last - line->first + 1, at = line->at, error = line->error;
+    if (line->n <= MOST_IN_FRACTIONS) {
+        const uint64_t n = (uint64_t)line->n;
+        const uint64_t each = (((uint64_t)line->minor << 32) + n - 1) / n;
+        uint64_t moves = (((uint64_t)error << 32) + n - 1) / n;
+        for (; left > 0; left--) {
+            counts[at + (int64_t)(moves >> 32) * line->turn]++;
+            moves += each;
+            at += line->step;
+        }
+        return;
+    }
+    for (; left > 0; left--) {
+        counts[at]++;
+        NEXT(*line, at, error);
+    }
+}
+
 static void count_in(const Part *part, const int64_t *starts, const int64_t *ends,
                      const uint8_t *is_hit, int64_t beams, int32_t *hits, int32_t *misses)
 {
     for (int64_t k = 0; k < beams; k++) {
         const int64_t *start = starts + 2 * k, *end = ends + 2 * k;
         const Line line = line_in(part, start, end, 0);
-        int64_t at = line.at, error = line.error;
-        for (int64_t i = line.first; i <= line.last; i++) {
-            misses[at]++;
-            NEXT(line, at, error);
-        }
+        count_line(&line, misses);
         if (is_hit[k] && holds(part, end)) hits[end[0] * part->width + end[1]]++;
     }
 }
