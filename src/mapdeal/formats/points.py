@@ -20,6 +20,7 @@ from mapdeal.kernels.numbers import rows_in
 from mapdeal.records import dataclass
 
 _LONGEST_LINE = 1 << 16
+_LINE_FEED = ord("\n")
 _IN_PAIR = 4
 _NO_NUMBERS = (ValueError, TypeError, LookupError, OverflowError, RecursionError)
 
@@ -209,12 +210,17 @@ def _complete_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[tup
         short = text[:end] if long is None else text[: max(0, long - 1)]
         if end >= 0 and long != 0:
             yield _unmarked(short, line), line
-            line += short.count(b"\n") + 1
+            line += _line_count(short)
         if long is not None:
             rule = f"a line must not be longer than {_LONGEST_LINE} bytes"
             raise MalformedInputError(rule, source=source, place=f"line {line}")
     if rest:
         yield _unmarked(rest, line), line
+
+
+def _line_count(text: bytes) -> int:
+    # bytes.count is made for what is rare
+    return 1 + int(np.count_nonzero(np.frombuffer(text, dtype=np.uint8) == _LINE_FEED))
 
 
 def _first_long_line(text: bytes) -> int | None:
@@ -320,7 +326,7 @@ def _parsed_at_once(
     numbers = _by_numpy(text, delimiter) if found is None else found.values
     if numbers is None:
         return None
-    lines: Sequence[int] = range(first, first + text.count(b"\n") + 1)
+    lines: Sequence[int] = range(first, first + _line_count(text))
     if b"#" in text:
         numbered = zip(lines, text.split(b"\n"), strict=True)
         lines = [number for number, line in numbered if not line.lstrip(b" \t").startswith(b"#")]
