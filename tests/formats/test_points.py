@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from engines import needs_compiled
 from mapdeal import FileAccessError, MalformedInputError
 from mapdeal.formats.points import read_named_points, read_pairs, read_points, read_pose_lines
 from mapdeal.formats.source import chunks_of
+from mapdeal.kernels import engine
 
 TEXT = (
     b'x, y\n1,2\n# why\n\n1,2,3\r\n[0.5, -1]\n{"y": 4, "x": 3, "name": "a"}\n-1e-3, .5\nnan,inf\n'
@@ -168,6 +170,33 @@ def test_points_come_as_soon_as_their_line_is_complete():
     got = []
     got.extend(part.points_xy.tolist() for part in read_points(chunks(), "p"))
     assert got == [[[1.0, 2.0]], [[3.0, 4.0]]]
+
+
+LINES_OF_ALL_KINDS = st.sampled_from(
+    [
+        "1,2", "-0.5,1e3", " 3 , 4 ", "5,6\r", "# why", "  # 1,2", "", " ", "x,y", "1,2,3", "nan,1",
+        "1e999,2", "[1, 2]", "1_0,2", "1 2", "7,8\r9", "1,2,0.5", "1 2 0.5", "1;2;3", "\0,1", "1,",
+    ]
+)  # fmt: skip
+
+
+@needs_compiled
+@pytest.mark.parametrize("read", [read_points, read_pose_lines])
+@given(st.lists(LINES_OF_ALL_KINDS, max_size=9), st.booleans(), st.integers(1, 40))
+def test_lines_are_read_alike_on_both_engines(read, lines, has_end, size):
+    text = ("\n".join(lines) + "\n" * has_end).encode()
+    chunks = [text[start : start + size] for start in range(0, len(text), size)]
+
+    def outcome():
+        parts = list(read(chunks, "p"))
+        rows = [getattr(part, "points_xy", getattr(part, "poses", None)).tolist() for part in parts]
+        return repr((rows, [list(part.lines) for part in parts], [part.errors for part in parts]))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(engine.VARIABLE, "compiled")
+        at_once = outcome()
+        patch.setenv(engine.VARIABLE, "scipy")
+        assert outcome() == at_once
 
 
 def test_a_line_without_end_is_refused_before_it_fills_the_memory():

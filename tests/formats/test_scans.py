@@ -1,14 +1,19 @@
 import gzip
 import io
 import math
+import warnings
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
+from engines import needs_compiled
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.scans import carmen
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.formats.scans.text import ScanTexts
+from mapdeal.kernels import engine
 
 
 def flaser(ranges, pose=(1.0, -2.0, 0.5), time=7.0):
@@ -360,3 +365,94 @@ def test_a_laser_without_a_longest_range_has_returned_all(longest, ranges):
     laser, found, following = carmen._parse_laser([*words, b"1", b"2", b"3", b"0"])
     assert (found.tolist(), following) == (ranges, 13)
     assert (laser.start, laser.step, laser.readings) == (-0.1, 0.1, 3)
+
+
+ODD_WORDS = st.sampled_from(
+    [
+        "nan",
+        "inf",
+        "-inf",
+        "1_0",
+        "x",
+        "",
+        "1e999",
+        "2e11",
+        "\x0b",
+        "infinity",
+        "0x1",
+        "181",
+        "-0.0",
+    ]
+)
+
+
+def _flaser_words(time):
+    poses = ["1.5", "-2", ".25", "1.5", "-2", ".25"]
+    return ["FLASER", "180", *(f"{k / 7:.3f}" for k in range(180)), *poses, time, "host", time]
+
+
+def _robot_words(time):
+    head = ["ROBOTLASER1", "0", "-0.1", "0.2", "0.1", "81.9", "0.01", "0", "3", "1.5", "90", "2"]
+    pose = ["1", "2", "0.5"]
+    return [*head, "2", "5", "6", *pose, *pose, *(5 * ["0"]), time, "host", time]
+
+
+def _raw_words(time):
+    head = ["RAWLASER1", "0", "-0.1", "0.2", "0.1", "0", "0.01", "0", "3", "1.5", "90", "2", "0"]
+    return [*head, time, "host", time]
+
+
+def _told(path):
+    """Return what a log holds, what it warns of, and how it ends."""
+    parts, error = [], None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            log = carmen.CarmenLog(path, max_bad=3)
+            parts.extend([array.tolist() for array in part[:3]] for part in log.scans())
+            log.warn()
+        except MalformedInputError as told:
+            error = str(told)
+    return repr((parts, [str(one.message) for one in caught], error))
+
+
+@needs_compiled
+@pytest.mark.parametrize("words_of", [_flaser_words, _robot_words, _raw_words])
+def test_a_plain_line_is_taken_at_once(monkeypatch, words_of):
+    monkeypatch.setenv(engine.VARIABLE, "compiled")
+    words = [word.encode() for word in words_of("2.5")]
+    by_words, at_once = carmen._PARSERS[words[0].decode()]
+    scan = at_once(b" ".join(words))
+    assert scan is not None
+    assert scan.repeats(by_words(words))
+
+
+@needs_compiled
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([_flaser_words, _robot_words, _raw_words]),
+            st.sampled_from(["1", "2.5", "2.5", "3e0"]),
+            st.dictionaries(st.integers(0, 40) | st.integers(170, 192), ODD_WORDS, max_size=1),
+            st.sampled_from([" ", "\t", "  "]),
+            st.sampled_from(["", " ", "\r", " more"]),
+        ),
+        max_size=6,
+    ),
+    st.booleans(),
+)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def test_plain_lines_of_a_log_are_read_as_word_by_word(tmp_path, lines, has_odometry):
+    text = "ODOM 1 2 0.5 0 0 0 1 host 1\n" if has_odometry else ""
+    for words_of, time, changed, blank, end in lines:
+        words = words_of(time)
+        for place, word in changed.items():
+            words[place % len(words)] = word
+        text += blank.join(words) + end + "\n"
+    path = tmp_path / "a.log"
+    path.write_bytes(text.encode())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(engine.VARIABLE, "compiled")
+        at_once = _told(path)
+        patch.setenv(engine.VARIABLE, "scipy")
+        assert _told(path) == at_once
