@@ -16,7 +16,7 @@ from mapdeal.kernels.point_cells import Precision, cells_of_points
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
 """Of a coordinate: what storing it, subtracting the origin and turning leave uncertain."""
 
-_PRECISION = Precision(_ROUNDING, CELL_TOLERANCE, FARTHEST)
+_PRECISION = Precision(ROUNDING, CELL_TOLERANCE, FARTHEST)
 
 
 @dataclass(frozen=True, slots=True)
