@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import MalformedInputError, MapdealWarning
-from mapdeal.formats.pnm import check_pixels, decode_pnm, write_pgm
+from mapdeal.formats.pnm import begin_pgm, check_pixels, decode_pnm, write_pgm
 
 PIXELS = np.array([[0, 10, 255], [13, 205, 254]], dtype=np.uint8)
 BODY = PIXELS.tobytes()
@@ -165,6 +165,18 @@ def test_what_is_written_from_the_south_reads_back_from_the_north(tmp_path):
     with (tmp_path / "map.pgm").open("wb") as file:
         write_pgm(file, PIXELS[::-1], comment="CREATOR: mapdeal 0.05 m/pix")
     assert np.array_equal(decode((tmp_path / "map.pgm").read_bytes()).samples, PIXELS)
+
+
+def test_rows_may_be_written_in_any_order(tmp_path):
+    rows = np.arange(35, dtype=np.uint8).reshape(7, 5)
+    with (tmp_path / "map.pgm").open("wb") as file:
+        put = begin_pgm(file, rows, comment="CREATOR: mapdeal 0.05 m/pix")
+        for part in (slice(3, 5), slice(0, 3), slice(5, 7)):
+            put(part)
+    with (tmp_path / "once.pgm").open("wb") as file:
+        write_pgm(file, rows, comment="CREATOR: mapdeal 0.05 m/pix")
+    assert (tmp_path / "map.pgm").read_bytes() == (tmp_path / "once.pgm").read_bytes()
+    assert np.array_equal(decode((tmp_path / "map.pgm").read_bytes()).samples, rows[::-1])
 
 
 def test_a_lone_carriage_return_may_end_the_header_before_a_pixel_of_10():

@@ -11,12 +11,15 @@ from mapdeal.kernels.blocks import (
     LazyLayer,
     blocks_of,
     counts_of,
+    gathered,
     holds_everywhere,
     is_lazy,
     looked_up,
     made_by_rows,
     made_by_windows,
     mapped,
+    passes_told,
+    swept,
 )
 from mapdeal.kernels.threads import use_threads
 
@@ -195,3 +198,29 @@ def test_a_layer_becomes_an_array_of_the_type_that_is_asked_for():
         assert array.dtype == (dtype or layer.dtype)
         assert array.tolist() == WHOLE.tolist()
         assert layer.__array__(dtype).dtype == array.dtype
+
+
+def test_several_looks_take_one_pass_and_are_remembered():
+    asked = []
+    layer = lazy(asked=asked)
+    lowest, highest = gathered(layer, np.min, np.max)
+    assert lowest == [WHOLE[k : k + 5].min() for k in range(0, 23, 5)]
+    assert highest == [WHOLE[k : k + 5].max() for k in range(0, 23, 5)]
+    assert gathered(layer, np.max) == [highest]
+    assert asked == [(0, 5), (5, 10), (10, 15), (15, 20), (20, 23)]
+    assert gathered(layer, np.max, np.sum)[1] == [WHOLE[k : k + 5].sum() for k in range(0, 23, 5)]
+    assert len(asked) == 10
+    assert gathered(WHOLE, np.min, np.max) == [[0], [91]]
+
+
+def test_passes_through_lazy_layers_are_told_when_rows_are_done():
+    told = []
+    with passes_told(lambda rows, height: told.append((rows, height))):
+        for rows in swept(lazy()):
+            assert sum(done for done, _ in told) == rows.start
+        for _ in swept(WHOLE):
+            pass
+    assert told == [(5, 23)] * 4 + [(3, 23)]
+    for _ in swept(lazy()):
+        pass
+    assert len(told) == 5

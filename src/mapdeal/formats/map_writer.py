@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.map_yaml import MapMetadata, Mode, yaml_of
 from mapdeal.formats.png import write_grey_png, write_rgba_png
-from mapdeal.formats.pnm import write_pgm
-from mapdeal.formats.temporary import Writer
+from mapdeal.formats.pnm import begin_pgm
+from mapdeal.formats.temporary import RowsWriter, Writer
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field_view import FieldView
@@ -173,7 +173,7 @@ def _pixel_writer(image: Path, pixels: Layer, grid: Framed) -> Writer:
     if image.suffix == ".png":
         whole = pixels[:]  # as for pictures: no larger than fits
         return lambda file: write_grey_png(file, np.ascontiguousarray(whole[::-1]))
-    return lambda file: write_pgm(file, pixels, comment=comment)
+    return RowsWriter(pixels, lambda file: (begin_pgm(file, pixels, comment=comment), lambda: None))
 
 
 def _published_pixels(costmap: Costmap) -> Layer:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
-from mapdeal.kernels.blocks import Layer, blocks_of
+from mapdeal.kernels.blocks import Layer, swept
 from mapdeal.kernels.numbers import whole_numbers_in
 from mapdeal.records import dataclass
 
@@ -276,10 +276,35 @@ def write_pbm(file: BinaryIO, packed: NDArray[np.uint8], width: int) -> None:
 
 def write_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> None:
     """Write a P5 file of 8-bit pixels, shape (H, W), row 0 in the south."""
+    put = begin_pgm(file, pixels, comment=comment)
+    for rows in swept(pixels):
+        put(rows)
+
+
+def begin_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> Callable[[slice], None]:
+    """Begin a P5 file, and return what writes rows of its pixels in their place.
+
+    Parameters
+    ----------
+    file : binary file
+        It must be able to seek: rows come from the south, and lie in it from the north.
+    pixels, comment
+        As for `write_pgm`.
+
+    Returns
+    -------
+    callable
+        Takes a slice of rows. Together they must be all, in any order.
+    """
     height, width = pixels.shape
     _write_pgm_header(file, (height, width), comment)
-    for rows in reversed(list(blocks_of(pixels))):
+    start = file.tell()
+
+    def put(rows: slice) -> None:
+        file.seek(start + (height - rows.stop) * width)
         _write_rows(file, pixels[rows][::-1])
+
+    return put
 
 
 def _write_pgm_header(file: BinaryIO, shape: tuple[int, int], comment: str) -> None:

@@ -9,10 +9,12 @@ import os
 import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 from mapdeal.errors import FileAccessError
+from mapdeal.kernels.blocks import Layer, swept
 
 try:
     import fcntl
@@ -26,6 +28,32 @@ _SUFFIX = ".tmp"
 _AT_ONCE = 1 << 18
 
 Writer = Callable[[BinaryIO], None]
+
+PutRows = Callable[[slice], object]
+
+
+@dataclass(frozen=True, eq=False)
+class RowsWriter:
+    """A writer that takes rows as they come: one pass can serve several such files.
+
+    Parameters
+    ----------
+    layer : array or LazyLayer
+        Whose rows they are.
+    begin : callable
+        Begins the file; returns what takes each slice of rows, from the first to the last, and
+        what is to be called behind these.
+    """
+
+    layer: Layer
+    begin: Callable[[BinaryIO], tuple[PutRows, Callable[[], object]]]
+
+    def __call__(self, file: BinaryIO) -> None:
+        """Write the file alone."""
+        put, finish = self.begin(file)
+        for rows in swept(self.layer):
+            put(rows)
+        finish()
 
 
 class Temporary:
@@ -42,6 +70,19 @@ class Temporary:
         self.path = destination
         self._file: io.BufferedRandom | None = None
         self._is_ours = False
+
+    @property
+    def file(self) -> io.BufferedRandom:
+        """What is written to.
+
+        Raises
+        ------
+        FileAccessError
+            If the file was discarded.
+        """
+        if self._file is None:
+            raise FileAccessError("was discarded", source=self.destination)
+        return self._file
 
     def open(self) -> None:
         """Make the file, and lock it.
@@ -62,9 +103,7 @@ class Temporary:
 
     def fill(self, writer: Writer, with_checksum: bool) -> str:
         """Write the contents; return their sha256 if it is asked for."""
-        file = self._file
-        if file is None:
-            raise FileAccessError("was discarded", source=self.destination)
+        file = self.file
         writer(file)
         file.flush()
         if not with_checksum:
@@ -77,10 +116,9 @@ class Temporary:
 
     def append(self, data: bytes) -> None:
         """Write some bytes, behind those that are there."""
-        if self._file is None:
-            raise FileAccessError("was discarded", source=self.destination)
+        file = self.file
         try:
-            self._file.write(data)
+            file.write(data)
         except OSError as error:
             rule = f"cannot be written: {error.strerror}"
             raise FileAccessError(rule, source=self.destination) from None

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import stat
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
+from contextlib import contextmanager
 from contextvars import copy_context
 from pathlib import Path
 from types import TracebackType
@@ -23,6 +24,9 @@ from mapdeal.kernels.threads import thread_count
 _ATTEMPTS = 10_000
 
 _T = TypeVar("_T")
+
+Begun = tuple[Path, BinaryIO, Writer]
+"""A file that is to be written: its name, what is written to, and what writes it."""
 
 
 class Transaction:
@@ -82,6 +86,7 @@ class Transaction:
         self._pool = ThreadPool(thread_count() if thread_count() > 1 else 0)
         self._temporaries: list[Temporary] = []
         self._pending: list[tuple[Path, Temporary, Future[str]]] = []
+        self._together: list[tuple[Temporary, Writer]] | None = None
         self._made_folders: list[Path] = []
         places: set[Path] = set()
         for output in self._outputs:
@@ -103,7 +108,32 @@ class Transaction:
 
     def write(self, path: Path, writer: Writer) -> None:
         """Have `writer` write the file that becomes `path`, in a thread."""
-        self._finish(self._opened(path), writer)
+        temporary = self._opened(path)
+        if self._together is not None:
+            self._together.append((temporary, writer))
+        else:
+            self._finish(temporary, writer)
+
+    @contextmanager
+    def together(self, write_all: Callable[[Sequence[Begun]], None]) -> Iterator[None]:
+        """Have one call write all files that `write` is called for within a ``with`` block.
+
+        Parameters
+        ----------
+        write_all : callable
+            Writes them, in a thread, once the block has ended. What fails for want of disk it must
+            raise as a `FileAccessError`: nobody else knows which file that was.
+        """
+        self._together = []
+        try:
+            yield
+            begun = self._together
+        finally:
+            self._together = None
+        files = [(one.destination, one.file, writer) for one, writer in begun]
+        done = self._pool.submit(copy_context().run, write_all, files)
+        for temporary, _ in begun:
+            self._finish(temporary, lambda _: done.result())
 
     def fill_in_place(self, path: Path, filler: Callable[[Path], None]) -> None:
         """Have `filler` write the file that becomes `path`, in this thread, given its name now.

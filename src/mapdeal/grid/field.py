@@ -18,7 +18,7 @@ from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.region import Region
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, UnknownPolicy
 from mapdeal.kernels.bilinear import interpolate
-from mapdeal.kernels.blocks import blocks_of, mapped
+from mapdeal.kernels.blocks import mapped, swept
 from mapdeal.kernels.threads import in_parallel
 from mapdeal.records import dataclass
 
@@ -130,9 +130,7 @@ class DistanceField(FieldGrid):
 
     def _own_figures(self) -> Figures:
         obstacles = self.obstacles()
-        parts = (
-            range_of(self.distance[rows], obstacles[rows]) for rows in blocks_of(self.distance)
-        )
+        parts = (range_of(self.distance[rows], obstacles[rows]) for rows in swept(self.distance))
         return range_figures(parts, self.convention)
 
     def _told_of_parameters(self) -> Iterator[str]:

@@ -8,8 +8,10 @@ stages before it. So a map in memory is a map of one block.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
+from contextvars import ContextVar
 from threading import Lock
 from typing import Any, NoReturn, cast
 
@@ -23,6 +25,11 @@ Layer = NDArray[Any]
 """An array of shape (H, W), or a `LazyLayer`, which stands for one."""
 
 MakeRows = Callable[[slice], NDArray[Any]]
+
+TellRows = Callable[[int, int], object]
+"""Called with how many rows of a layer have been gone through, and how many it has."""
+
+_tell: ContextVar[TellRows | None] = ContextVar("tell", default=None)
 
 _LOOKED_AT_TOGETHER = 1 << 20
 
@@ -92,6 +99,8 @@ class LazyLayer:
         self._keep = keep
         self._kept: OrderedDict[int, Future[NDArray[Any]]] = OrderedDict()
         self._lock = Lock()
+        self.found: dict[Hashable, list[Any]] = {}
+        """What `gathered` has found in the blocks already."""
 
     @property
     def nbytes(self) -> int:
@@ -211,6 +220,70 @@ def blocks_of(layer: Layer) -> Iterator[slice]:
         yield slice(0, len(layer))
 
 
+@contextmanager
+def passes_told(tell: TellRows) -> Iterator[None]:
+    """Have `swept` tell how far it is within a ``with`` block.
+
+    Parameters
+    ----------
+    tell : callable
+        Called from whichever thread goes through a lazy layer.
+    """
+    token = _tell.set(tell)
+    try:
+        yield
+    finally:
+        _tell.reset(token)
+
+
+def tell_of(layer: Layer, rows: slice) -> None:
+    """Tell whoever listens to `passes_told` that rows of a lazy layer have been gone through."""
+    tell = _tell.get()
+    if tell is not None and is_lazy(layer):
+        tell(rows.stop - rows.start, layer.shape[0])
+
+
+def swept(layer: Layer) -> Iterator[slice]:
+    """Yield the rows of each block, as `blocks_of` does, and tell of those that are done."""
+    for rows in blocks_of(layer):
+        yield rows
+        tell_of(layer, rows)
+
+
+def gathered(layer: Layer, *looks: Callable[[NDArray[Any]], Any]) -> list[list[Any]]:
+    """Return what functions find in the blocks of a layer, in one pass.
+
+    Parameters
+    ----------
+    layer : array or LazyLayer
+        The layer; an array is one block.
+    looks : callable
+        Each takes the values of a block. A lazy layer remembers what was found: what equals a
+        function that was asked for before is not called again. Results should therefore be small.
+
+    Returns
+    -------
+    list of list
+        For each function what it returned for each block, in their order.
+
+    Examples
+    --------
+    >>> gathered(np.array([[1, 2], [3, 4]]), np.min, np.max)
+    [[1], [4]]
+    """
+    if not isinstance(layer, LazyLayer):
+        return [[look(layer)] for look in looks]
+    new: dict[Callable[[NDArray[Any]], Any], list[Any]] = {
+        look: [] for look in looks if look not in layer.found
+    }
+    for rows in swept(cast("Layer", layer)) if new else ():
+        values = layer[rows]
+        for look, parts in new.items():
+            parts.append(look(values))
+    layer.found.update(new)
+    return [layer.found[look] for look in looks]
+
+
 def made_by_rows(
     source: Layer,
     dtype: Any,
@@ -285,7 +358,7 @@ def looked_up(layer: Layer, table: NDArray[Any]) -> Layer:
 
 def counts_of(layer: Layer) -> NDArray[np.int64]:
     """Return how often each byte occurs, as `mapdeal.kernels.lookup.histogram` does."""
-    parts = (histogram(layer[rows]) for rows in blocks_of(layer))
+    (parts,) = gathered(layer, histogram)
     return sum(parts, start=np.zeros(256, dtype=np.int64))
 
 

@@ -14,19 +14,17 @@ from mapdeal.formats.source import exists, holds, is_same_file, real_path
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
-from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.figures import are_figures_of
 from mapdeal.pipeline.heard import heard_from, located, portable, refused
 from mapdeal.pipeline.products import (
-    PICTURE,
-    files_of,
+    figures_of,
     passes_of,
     paths_of,
     robot_overlays,
     write_picture,
     write_products,
 )
-from mapdeal.pipeline.progress import Written, written
+from mapdeal.pipeline.progress import passes_reported
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass
@@ -36,8 +34,8 @@ from mapdeal.version import __version__
 MANIFEST = "manifest.json"
 INPUT_PICTURE = "input.png"
 _FORMAT = "mapdeal-run/1"
-_PASSES_OF_INPUT = files_of(OccupancyGrid).passes[PICTURE]
-"""Of a map that is processed block by block: others have no progress."""
+_PASSES_OF_INPUT = 2
+"""Of a map that is processed block by block, for its picture: others have no progress."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +143,7 @@ class OutputFolder:
         """Return how often the rows of lazy products are gone through to write them."""
         of_input = _PASSES_OF_INPUT * len(self._input_picture())
         return of_input + sum(
-            passes_of(step, path.suffix) for step in self.steps for path in self._outputs_of(step)
+            passes_of(step, [path.suffix for path in self._outputs_of(step)]) for step in self.steps
         )
 
     def hint(self) -> str:
@@ -159,9 +157,7 @@ class OutputFolder:
         why = "the run in this folder had other inputs, parameters, or its files were changed"
         return f"{hint}; {why}"
 
-    def write(
-        self, transaction: Transaction, filling: Filling, watch: Written
-    ) -> dict[str, Figures]:
+    def write(self, transaction: Transaction, filling: Filling) -> dict[str, Figures]:
         """Write all files within a transaction, the manifest last; return each step's figures."""
         old = read_json(self.path / MANIFEST)
         figures: dict[str, Figures] = {}
@@ -171,14 +167,16 @@ class OutputFolder:
                 write_picture(
                     transaction,
                     path,
-                    watch.watched(filling.read),
+                    filling.read,
                     one_line(f"{filling.stem}: map as read"),
                     image_max=self.settings.image_max,
                     image_extent=self.settings.image_extent,
                 )
         for product in heard_from(filling.products, texts):
             step, grid = product.step, product.grid
-            figures[step.name] = {**grid.figures(), **product.figures}
+            figures[step.name] = {
+                **figures_of(grid, box_of_known=self._shows_known), **product.figures
+            }  # fmt: skip
             remark = step.remark_on(figures[step.name])
             if remark is not None:
                 texts.append(f"{filling.subject}: {remark}")
@@ -186,7 +184,7 @@ class OutputFolder:
             write_products(
                 transaction,
                 step,
-                watch.watched(grid),
+                grid,
                 self.path,
                 stem=filling.stem,
                 images=self.settings.images,
@@ -206,6 +204,11 @@ class OutputFolder:
         if isinstance(old, dict):
             self._remove_left_over(transaction, old)
         return figures
+
+    @property
+    def _shows_known(self) -> bool:
+        """Whether there are pictures, of the known cells."""
+        return self.settings.images and self.settings.image_extent == "known"
 
     def _manifest(self) -> dict[str, Any]:
         return {
@@ -314,7 +317,7 @@ def fill_together(
     taken = next((folder for folder in folders if folder.existing()), folders[0])
     passes = sum(filling.folder.passes() for filling in fillings if filling.by_blocks)
     with (
-        written(progress if passes else None, passes) as watch,
+        passes_reported(progress if passes else None, passes),
         Transaction(
             [path for folder in folders for path in folder.outputs()],
             inputs=read,
@@ -323,4 +326,4 @@ def fill_together(
             checksums=True,
         ) as transaction,
     ):
-        return [filling.folder.write(transaction, filling, watch) for filling in fillings]
+        return [filling.folder.write(transaction, filling) for filling in fillings]

@@ -5,9 +5,9 @@ What draws pictures that few runs have is imported when one is drawn.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.formats.map_writer import Encoding
@@ -15,6 +15,7 @@ from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npy import write_npy
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.png import write_indexed_png
+from mapdeal.formats.temporary import PutRows, RowsWriter
 from mapdeal.formats.transaction import Transaction
 from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.cost_curve import CostCurve
@@ -22,17 +23,28 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.framed import Framed
+from mapdeal.grid.framed import Figures, Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
+from mapdeal.kernels.blocks import gathered
+from mapdeal.kernels.lookup import histogram
+from mapdeal.pipeline.one_pass import one_pass
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass
-from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.layers import (
+    CostDrawing,
+    Drawing,
+    FieldDrawing,
+    OccupancyDrawing,
+    cost_image,
+    field_image,
+    occupancy_image,
+)
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
-from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
+from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent, KnownLines, OtherThan
 
 PICTURE = ".png"
 
@@ -54,8 +66,8 @@ class GridFiles:
         The files in a folder of outputs, in the order of writing, the picture aside.
     draw : callable
         Returns the picture.
-    passes : mapping of str to int
-        How often the rows of a lazy layer are gone through to write a file of an ending.
+    drawing : type of Drawing, optional
+        What makes the picture of rows as they come; None for grids that are always in memory.
     """
 
     metavar: str
@@ -63,7 +75,7 @@ class GridFiles:
     endings: tuple[str, ...]
     in_folder: tuple[str, ...]
     draw: Callable[..., Image]
-    passes: Mapping[str, int]
+    drawing: type[Drawing] | None = None
 
 
 def _potential_image(grid: PotentialField, **how: Any) -> Image:
@@ -81,31 +93,27 @@ def _reach_image(grid: Reach, **how: Any) -> Image:
 _FILES: dict[type[Any], GridFiles] = {
     OccupancyGrid: GridFiles(
         "OUT", "The result: .yaml (with .pgm) or .npz.",
-        (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image,
-        {".npz": 1, ".yaml": 2, PICTURE: 2},  # trinary, unless a value lies in between
+        (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image, OccupancyDrawing,
     ),
     FieldView: GridFiles(
         "OUT", "The view: .yaml (with .pgm) or .npz.",
-        (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image,
-        {".npz": 1, ".yaml": 1, PICTURE: 2},
+        (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image, OccupancyDrawing,
     ),
     Costmap: GridFiles(
         "OUT", "The costs: .yaml (with .pgm) or .npz.",
-        (".yaml", ".yml", ".npz"), (".npz", ".pgm", ".yaml"), cost_image,
-        {".npz": 1, ".yaml": 1, PICTURE: 2},
+        (".yaml", ".yml", ".npz"), (".npz", ".pgm", ".yaml"), cost_image, CostDrawing,
     ),
     DistanceField: GridFiles(
         "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as .yaml (with .pgm).",
-        (".yaml", ".yml", ".npz", ".npy"), (".npz", ".pgm", ".yaml"), field_image,
-        {".npz": 1, ".npy": 1, ".yaml": 1, PICTURE: 3},  # its colours depend on its range
+        (".yaml", ".yml", ".npz", ".npy"), (".npz", ".pgm", ".yaml"), field_image, FieldDrawing,
     ),
     PotentialField: GridFiles(
         "OUT.npz", "The field, with all its layers.",
-        (".npz",), (".npz",), _potential_image, {".npz": 1, PICTURE: 1},
+        (".npz",), (".npz",), _potential_image,
     ),
     Reach: GridFiles(
         "OUT", "The answer as .json, or its layers as .npz.",
-        (".json", ".npz"), (".npz", ".json"), _reach_image, {".npz": 1, ".json": 1, PICTURE: 1},
+        (".json", ".npz"), (".npz", ".json"), _reach_image,
     ),
 }  # fmt: skip
 
@@ -129,11 +137,29 @@ def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
     return [folder / f"{step.stage.product}{ending}" for ending in endings]
 
 
-def passes_of(step: Step, ending: str) -> int:
-    """Return how often the rows of a step's product are gone through to write a file."""
-    ending = ".yaml" if ending == ".yml" else ending
-    passes = files_of(step.stage.makes).passes.get(ending, 0)  # an image comes with its YAML
-    return passes * step.stage.view_passes(step.view) if ending == ".yaml" else passes
+def passes_of(step: Step, endings: Iterable[str]) -> int:
+    """Return how often lazy layers are gone through for a step and some files of its product.
+
+    Once for its figures and once for the files; besides that by the stage, and by its view.
+    """
+    has_view = step.stage.view is not None and not {".pgm", ".yaml", ".yml"}.isdisjoint(endings)
+    return 2 + step.stage.passes + (step.stage.view_passes(step.view) if has_view else 0)
+
+
+def figures_of(grid: Grid, *, box_of_known: bool) -> Figures:
+    """Return the figures of a grid.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or other grid
+        The grid.
+    box_of_known : bool
+        Whether its picture will ask where its known cells lie: of a lazy layer that is found along
+        with the figures.
+    """
+    if box_of_known and isinstance(grid, (OccupancyGrid, Costmap)) and grid.is_lazy:
+        gathered(grid.layer, histogram, KnownLines(OtherThan(grid.unknown_value)))
+    return grid.figures()
 
 
 def output_of(step: Step, output: Path) -> list[Path]:
@@ -160,11 +186,15 @@ def write_product(
     grid: Grid,
     step: Step,
     *,
+    asked: Grid,
     encoding: Encoding = "occupancy",
 ) -> None:
-    """Write a step's product to a file, and the other one of a pair."""
-    if isinstance(grid, DistanceField) and output.suffix == ".npy":
-        transaction.write(output, lambda file: write_npy(file, grid.distance))
+    """Write a step's product to a file, and the other one of a pair.
+
+    Within a pass; `asked` is the grid that `one_pass` gives.
+    """
+    if isinstance(asked, DistanceField) and output.suffix == ".npy":
+        transaction.write(output, lambda file: write_npy(file, asked.distance))
         document = yaml_document(geometry_of_npy(grid, grid, output))
         transaction.write_bytes(output.with_suffix(".yaml"), document)
     elif isinstance(grid, Reach) and output.suffix == ".json":
@@ -174,7 +204,8 @@ def write_product(
     elif isinstance(grid, DistanceField) and output.suffix != ".npz":
         write_grid(transaction, output, step.view_of(grid), mode="raw")
     else:
-        write_grid(transaction, output, grid, encoding=encoding)
+        made = asked if output.suffix == ".npz" else grid
+        write_grid(transaction, output, made, encoding=encoding)
 
 
 def write_products(
@@ -190,20 +221,21 @@ def write_products(
     overlay: Overlay | None = None,
 ) -> None:
     """Write all files of a step's product, those of `paths_of`."""
-    for path in paths_of(step, folder, images=images):
-        if path.suffix == PICTURE:
-            title = one_line(f"{stem}: {step.title}")
-            write_picture(
-                transaction,
-                path,
-                grid,
-                title,
-                image_max=image_max,
-                image_extent=image_extent,
-                overlay=overlay,
-            )
-        elif path.suffix != ".pgm":  # it is written with its YAML
-            write_product(transaction, path, grid, step)
+    with one_pass(transaction, grid) as asked:
+        for path in paths_of(step, folder, images=images):
+            if path.suffix == PICTURE:
+                title = one_line(f"{stem}: {step.title}")
+                write_picture(
+                    transaction,
+                    path,
+                    grid,
+                    title,
+                    image_max=image_max,
+                    image_extent=image_extent,
+                    overlay=overlay,
+                )
+            elif path.suffix != ".pgm":  # it is written with its YAML
+                write_product(transaction, path, grid, step, asked=asked)
 
 
 def write_picture(
@@ -217,15 +249,24 @@ def write_picture(
     overlay: Overlay | None = None,
 ) -> None:
     """Write the picture of a grid; it is drawn in the thread that writes it."""
-    draw = files_of(type(grid)).draw
+    files = files_of(type(grid))
+    how: dict[str, Any] = {
+        "image_max": image_max, "image_extent": image_extent, "overlay": overlay
+    }  # fmt: skip
 
-    def write(file: object) -> None:
-        image = draw(
-            grid, title=title, image_max=image_max, image_extent=image_extent, overlay=overlay
-        )
-        write_indexed_png(file, image.indices, image.palette)  # type: ignore[arg-type]
+    def write(file: BinaryIO, image: Image) -> None:
+        write_indexed_png(file, image.indices, image.palette)
 
-    transaction.write(path, write)
+    if files.drawing is None:
+        transaction.write(path, lambda file: write(file, files.draw(grid, title=title, **how)))
+        return
+    make_drawing = files.drawing
+
+    def begin(file: BinaryIO) -> tuple[PutRows, Callable[[], object]]:
+        drawing = make_drawing(grid, **how)
+        return drawing.take, lambda: write(file, drawing.image(title))
+
+    transaction.write(path, RowsWriter(grid.layer, begin))
 
 
 def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:

@@ -1,4 +1,4 @@
-"""How far the writing of maps is that are processed block by block."""
+"""How far the work on maps is that are processed block by block."""
 
 from __future__ import annotations
 
@@ -6,62 +6,58 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mapdeal.formats.npz import Grid
-from mapdeal.kernels.blocks import mapped
+from mapdeal.kernels.blocks import passes_told
 from mapdeal.pipeline.settings import Advance, ProgressCallback
 
 _STEPS = 1000  # of one pass through a layer
 
 
-class Written:
-    """Reports how much of lazy layers has been written.
+class Told:
+    """Reports how much of some passes through lazy layers is done.
 
     Parameters
     ----------
     advance : callable
         Called with the steps that were taken.
+    passes : int
+        How many passes there are, as far as is known beforehand.
     """
 
-    def __init__(self, advance: Advance) -> None:
+    def __init__(self, advance: Advance, passes: int) -> None:
         self._advance = advance
+        self._passes = passes
         self._lock = Lock()
+        self._done = 0.0
         self._taken = 0
 
-    def watched(self, grid: Grid) -> Grid:
-        """Return the grid; if it is lazy, one that reports how many of its rows were made."""
-        if not grid.is_lazy:
-            return grid
-        height, done = grid.shape[0], 0
+    def tell(self, rows: int, height: int) -> None:
+        """Take note of some rows of a layer of a height, from any thread."""
+        with self._lock:
+            self._done += rows / height
+            self._reach(min(int(_STEPS * self._done + 1e-6), _STEPS * self._passes))
 
-        def count(part: NDArray[np.generic]) -> NDArray[np.generic]:
-            nonlocal done
-            with self._lock:  # files are written in several threads
-                before = done * _STEPS // height
-                done += len(part)
-                steps = done * _STEPS // height - before
-                if steps:
-                    self._taken += steps
-                    self._advance(steps)
-            return part
+    def finish(self) -> None:
+        """Report what is left: a pass that was not needed, since what it finds was known."""
+        with self._lock:
+            self._reach(_STEPS * self._passes)
 
-        return grid.with_layer(mapped(grid.layer, grid.layer.dtype, count))
-
-    def finish(self, total: int) -> None:
-        """Report what is left: rows around the region of a field, which nobody asks for."""
-        if self._taken < total:
-            self._advance(total - self._taken)
+    def _reach(self, steps: int) -> None:
+        if steps > self._taken:
+            self._advance(steps - self._taken)
+            self._taken = steps
 
 
 @contextmanager
-def written(progress: ProgressCallback | None, passes: int) -> Iterator[Written]:
-    """Report the writing of layers that are gone through so many times."""
-    with (progress or report_nothing)(passes * _STEPS) as advance:
-        watch = Written(advance)
-        yield watch
-        watch.finish(passes * _STEPS)
+def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[None]:
+    """Report the passes through lazy layers that are made within a ``with`` block."""
+    if progress is None:
+        yield
+        return
+    with progress(passes * _STEPS) as advance:
+        told = Told(advance, passes)
+        with passes_told(told.tell):
+            yield
+        told.finish()
 
 
 @contextmanager

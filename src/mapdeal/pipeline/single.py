@@ -17,6 +17,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.memory import bytes_of, opened_map
+from mapdeal.pipeline.one_pass import one_pass
 from mapdeal.pipeline.products import (
     PICTURE,
     output_of,
@@ -25,7 +26,7 @@ from mapdeal.pipeline.products import (
     write_curve,
     write_product,
 )
-from mapdeal.pipeline.progress import written
+from mapdeal.pipeline.progress import passes_reported
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass
@@ -82,7 +83,7 @@ def apply_to_file(
         inputs = [*source.files, *(over.files if over else ()), *also_read]
         progress = settings.progress if source.grid.is_lazy else None
         with (
-            written(progress, sum(passes_of(step, ending) for ending in endings)) as watch,
+            passes_reported(progress, passes_of(step, endings)),
             outputs_of(outputs, inputs, settings, curve=curve) as transaction,
             errors_named(path),
         ):
@@ -99,10 +100,10 @@ def apply_to_file(
                 masked, keepout = _masked(grid, as_occupancy(over.grid, "the mask"), mask)
                 grid, title = masked, f"{title}, with {mask.name}"
                 overlays.insert(0, keepout)
-            watched = watch.watched(grid)
-            write_product(transaction, output, watched, step, encoding=encoding)
             overlay = Overlays(tuple(overlays)) if overlays else None
-            add_picture(transaction, settings, watched, f"{path.stem}: {title}", overlay)
+            with one_pass(transaction, grid) as asked:
+                write_product(transaction, output, grid, step, asked=asked, encoding=encoding)
+                add_picture(transaction, settings, grid, f"{path.stem}: {title}", overlay)
             if curve is not None and costs is not None:
                 write_curve(transaction, curve, costs, f"{path.stem}: {step.title}")
             figures = grid.figures()

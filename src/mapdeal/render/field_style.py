@@ -43,26 +43,48 @@ class FieldEnds:
     @classmethod
     def of(cls, field: DistanceField) -> FieldEnds:
         """Return the ends of a field; where nothing is known, its unknown cells count."""
-        field = field.cropped
-        known: list[tuple[float, float]] = []
-        every: list[tuple[float, float]] = []
+        ends = EndsByRows(field.cropped)
+        for rows in blocks_of(field.cropped.distance):
+            ends.take(rows)
+        return ends.found()
+
+
+class EndsByRows:
+    """The ends of a field of which some rows are looked at at a time.
+
+    Parameters
+    ----------
+    field : DistanceField
+        A field all of whose cells have a distance.
+    """
+
+    def __init__(self, field: DistanceField) -> None:
+        self._field = field
+        self._known: list[tuple[float, float]] = []
+        self._every: list[tuple[float, float]] = []
+
+    def take(self, rows: slice) -> None:
+        """Look at some rows."""
+        distances, occupancies = self._field.distance[rows], self._field.occupancy[rows]
 
         def look(rows: slice) -> None:
             distance, occupancy = distances[rows], occupancies[rows]
-            every.append((float(distance.max()), float(distance.min())))
+            self._every.append((float(distance.max()), float(distance.min())))
             is_known = occupancy != UNKNOWN
             if is_known.any():
                 finite = np.where(is_known & np.isfinite(distance), distance, np.float32(0))
-                known.append((float(finite.max()), float(finite.min())))
+                self._known.append((float(finite.max()), float(finite.min())))
 
-        for block in blocks_of(field.distance):
-            distances, occupancies = field.distance[block], field.occupancy[block]
-            for_rows(look, distances.shape)
+        for_rows(look, distances.shape)
+
+    def found(self) -> FieldEnds:
+        """Return the ends, once all rows were looked at."""
+        known, every = self._known, self._every
         highest, lowest = max(end[0] for end in every), min(end[1] for end in every)
         if known:
-            return cls(max(e[0] for e in known), -min(e[1] for e in known), highest, lowest)
+            return FieldEnds(max(e[0] for e in known), -min(e[1] for e in known), highest, lowest)
         finite = [end if math.isfinite(end) else 0.0 for end in (highest, lowest)]
-        return cls(max(finite[0], 0.0), -min(finite[1], 0.0), highest, lowest)
+        return FieldEnds(max(finite[0], 0.0), -min(finite[1], 0.0), highest, lowest)
 
 
 def field_style(field: DistanceField, ends: FieldEnds) -> LayerStyle:

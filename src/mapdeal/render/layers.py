@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import cast
+from abc import ABC, abstractmethod
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Frame
+from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.kernels.blocks import looked_up
+from mapdeal.kernels.blocks import looked_up, swept
 from mapdeal.kernels.lookup import histogram, level_rows, look_up, set_where
 from mapdeal.render.canvas import (
     corner_of,
@@ -25,6 +27,7 @@ from mapdeal.render.field_style import (
     FIELD_LEVELS,
     LINE,
     NOWHERE,
+    EndsByRows,
     FieldEnds,
     faded_index,
     field_style,
@@ -33,9 +36,68 @@ from mapdeal.render.field_style import (
 from mapdeal.render.overlay import Overlay
 from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
-from mapdeal.render.shown import ImageExtent, shown_part
+from mapdeal.render.shown import ImageExtent, OtherThan, shown_part
 from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch
 from mapdeal.render.styles import bounds_circumscribed, cost_style, occupancy_style
+
+
+class Drawing(ABC):
+    """The picture of a grid in the making: first its rows are looked at, then it is drawn."""
+
+    @abstractmethod
+    def __init__(
+        self,
+        grid: Any,
+        *,
+        image_max: int = DEFAULT_IMAGE_MAX,
+        image_extent: ImageExtent = "all",
+        overlay: Overlay | None = None,
+    ) -> None: ...
+
+    @abstractmethod
+    def take(self, rows: slice) -> None:
+        """Look at some rows of the grid: those after the ones that were taken before."""
+
+    @abstractmethod
+    def image(self, title: str) -> Image:
+        """Return the picture, once all rows were taken."""
+
+
+class OccupancyDrawing(Drawing):
+    """The picture of a map, see `occupancy_image`, which has the same parameters."""
+
+    def __init__(
+        self,
+        grid: OccupancyGrid,
+        *,
+        image_max: int = DEFAULT_IMAGE_MAX,
+        image_extent: ImageExtent = "all",
+        overlay: Overlay | None = None,
+    ) -> None:
+        part = shown_part(grid.occupancy, grid.frame, image_extent, overlay=overlay)
+        self._grid, self._overlay = grid, overlay
+        self._raster = Raster.fitting(grid.shape, image_max, part=part)
+        self._values = self._raster.pooling(grid.occupancy, np.fmax)
+
+    def take(self, rows: slice) -> None:
+        """Look at some rows."""
+        self._values.take(rows)
+
+    def image(self, title: str) -> Image:
+        """Return the picture."""
+        style, values = occupancy_style(), self._values.pixels
+        pixels = look_up(values, cast("NDArray[np.uint8]", style.by_value))
+        is_graded = histogram(values)[1:OCCUPIED].any()
+        return _on_sheet(
+            self._raster.enlarged(pixels),
+            style.colours,
+            self._grid.frame,
+            self._raster,
+            title=title,
+            bar=style.bar if is_graded else None,
+            swatches=swatches_in(pixels, style.swatches),
+            overlay=self._overlay,
+        )
 
 
 def occupancy_image(
@@ -50,22 +112,91 @@ def occupancy_image(
 
     Where cells share a pixel the most occupied one shows. An overlay is drawn over all.
     """
-    part = shown_part(grid.occupancy, grid.frame, image_extent, overlay=overlay)
-    raster = Raster.fitting(grid.shape, image_max, part=part)
-    style = occupancy_style()
-    values = raster.largest(grid.occupancy)
-    pixels = look_up(values, cast("NDArray[np.uint8]", style.by_value))
-    is_graded = histogram(values)[1:OCCUPIED].any()
-    return _on_sheet(
-        raster.enlarged(pixels),
-        style.colours,
-        grid.frame,
-        raster,
-        title=title,
-        bar=style.bar if is_graded else None,
-        swatches=swatches_in(pixels, style.swatches),
-        overlay=overlay,
-    )
+    drawing = OccupancyDrawing(
+        grid, image_max=image_max, image_extent=image_extent, overlay=overlay
+    )  # fmt: skip
+    return _drawn(drawing, grid, title)
+
+
+class FieldDrawing(Drawing):
+    """The picture of a distance field, see `field_image`, which has the same parameters."""
+
+    def __init__(
+        self,
+        field: DistanceField,
+        *,
+        image_max: int = DEFAULT_IMAGE_MAX,
+        image_extent: ImageExtent = "all",
+        overlay: Overlay | None = None,
+    ) -> None:
+        part = shown_part(field.occupancy, field.frame, image_extent, overlay=overlay)
+        raster = Raster.fitting(field.shape, image_max, part=part)
+        is_unknown = np.zeros(256, dtype=np.bool_)
+        is_unknown[UNKNOWN] = True
+        self._field, self._raster, self._overlay = field, raster, overlay
+        # around the box of numbers there is nothing to look at: the box is gone through alone
+        self._ends = EndsByRows(field) if field.region is None else None
+        self._obstacles = raster.pooling(field.obstacles(), np.fmax)
+        self._distance = raster.pooling(field.distance, np.fmin)
+        self._unknown = raster.pooling(looked_up(field.occupancy, is_unknown), np.fmin)
+
+    def take(self, rows: slice) -> None:
+        """Look at some rows."""
+        for one in (self._ends, self._obstacles, self._distance, self._unknown):
+            if one is not None:
+                one.take(rows)
+
+    def image(self, title: str) -> Image:
+        """Return the picture."""
+        field, raster = self._field, self._raster
+        ends = FieldEnds.of(field) if self._ends is None else self._ends.found()
+        style = field_style(field, ends)
+        pixels, faded = self._pixels(cast("Scale", style.scale))
+        strength = "" if field.strength == 1.0 else f", strength {field.strength:g}"
+        return _on_sheet(
+            pixels,
+            style.colours,
+            field.frame,
+            raster,
+            title=title,
+            more=f"convention {field.convention}{strength}",
+            bar=style.bar,
+            swatches=_field_swatches(style, pixels, faded),
+            overlay=self._overlay,
+        )
+
+    def _pixels(self, scale: Scale) -> tuple[NDArray[np.uint8], int | None]:
+        """Return palette indices, and one that shows what unknown cells look like, if any do.
+
+        Levels inside, then outside of obstacles; the same again, faded, for unknown cells; then
+        the outline of obstacles, and cells without a distance.
+        """
+        obstacles = self._obstacles.pixels
+        indices, faded = self._levels(scale, obstacles)
+        pixels = self._raster.enlarged(indices)
+        set_where(pixels, inner_outline(self._raster.enlarged(obstacles)), LINE)
+        return pixels, faded
+
+    def _levels(
+        self, scale: Scale, obstacles: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.uint8], int | None]:
+        distance, unknown = self._distance.pixels, self._unknown.pixels
+        nowhere = np.isnan(distance) if self._field.region is not None else None
+        if nowhere is not None:
+            distance = np.where(nowhere, np.float32(0), distance)
+            unknown = unknown & ~nowhere
+        below = steps_below_zero(scale)
+        # Whatever rounding says, and where obstacles have the distance 0: they are red.
+        levels = level_rows(
+            distance, obstacles, unknown, low=scale.low, factor=scale.factor, levels=scale.levels,
+            first=scale.first, below=below, faded_by=FIELD_LEVELS,
+        )  # fmt: skip
+        if nowhere is not None:
+            levels[nowhere] = NOWHERE
+        if not unknown.any():
+            return levels, None
+        outside = bool((unknown > obstacles).any())
+        return levels, faded_index(below, outside=outside)
 
 
 def field_image(
@@ -83,22 +214,10 @@ def field_image(
     smallest distance shows. The scale ends at the largest distances of known cells.
     An overlay is drawn over all.
     """
-    part = shown_part(field.occupancy, field.frame, image_extent, overlay=overlay)
-    raster = Raster.fitting(field.shape, image_max, part=part)
-    style = field_style(field, FieldEnds.of(field))
-    pixels, faded = _field_pixels(field, raster, cast("Scale", style.scale))
-    strength = "" if field.strength == 1.0 else f", strength {field.strength:g}"
-    return _on_sheet(
-        pixels,
-        style.colours,
-        field.frame,
-        raster,
-        title=title,
-        more=f"convention {field.convention}{strength}",
-        bar=style.bar,
-        swatches=_field_swatches(style, pixels, faded),
-        overlay=overlay,
-    )
+    drawing = FieldDrawing(
+        field, image_max=image_max, image_extent=image_extent, overlay=overlay
+    )  # fmt: skip
+    return _drawn(drawing, field, title)
 
 
 def _field_swatches(
@@ -119,44 +238,52 @@ def _field_swatches(
     return swatches
 
 
-def _field_pixels(
-    field: DistanceField, raster: Raster, scale: Scale
-) -> tuple[NDArray[np.uint8], int | None]:
-    """Return palette indices, and one that shows what unknown cells look like, if there are any.
+class CostDrawing(Drawing):
+    """The picture of a costmap, see `cost_image`, which has the same parameters."""
 
-    Levels inside, then outside of obstacles; the same again, faded, for unknown cells; then the
-    outline of obstacles, and cells without a distance.
-    """
-    obstacles = raster.largest(field.obstacles())
-    indices, faded = _field_levels(field, raster, scale, obstacles)
-    pixels = raster.enlarged(indices)
-    set_where(pixels, inner_outline(raster.enlarged(obstacles)), LINE)
-    return pixels, faded
+    def __init__(
+        self,
+        costmap: Costmap,
+        *,
+        image_max: int = DEFAULT_IMAGE_MAX,
+        image_extent: ImageExtent = "all",
+        overlay: Overlay | None = None,
+    ) -> None:
+        is_known = OtherThan(costmap.unknown_value)
+        part = shown_part(
+            costmap.cost, costmap.frame, image_extent, is_known=is_known, overlay=overlay
+        )
+        # One more than the cost, so that unknown cells are the lowest: 255 + 1 is 0.
+        one_more = (np.arange(256) + 1).astype(np.uint8)
+        self._costmap, self._overlay = costmap, overlay
+        self._raster = Raster.fitting(costmap.shape, image_max, part=part)
+        self._ranks = self._raster.pooling(looked_up(costmap.cost, one_more), np.fmax)
 
+    def take(self, rows: slice) -> None:
+        """Look at some rows."""
+        self._ranks.take(rows)
 
-def _field_levels(
-    field: DistanceField, raster: Raster, scale: Scale, obstacles: NDArray[np.bool_]
-) -> tuple[NDArray[np.uint8], int | None]:
-    distance = raster.smallest(field.distance)
-    is_unknown = np.zeros(256, dtype=np.bool_)
-    is_unknown[UNKNOWN] = True
-    unknown = raster.smallest(looked_up(field.occupancy, is_unknown))
-    nowhere = np.isnan(distance) if field.region is not None else None
-    if nowhere is not None:
-        distance = np.where(nowhere, np.float32(0), distance)
-        unknown &= ~nowhere
-    below = steps_below_zero(scale)
-    # Whatever rounding says, and where obstacles have the distance 0: they are red.
-    levels = level_rows(
-        distance, obstacles, unknown, low=scale.low, factor=scale.factor, levels=scale.levels,
-        first=scale.first, below=below, faded_by=FIELD_LEVELS,
-    )  # fmt: skip
-    if nowhere is not None:
-        levels[nowhere] = NOWHERE
-    if not unknown.any():
-        return levels, None
-    outside = bool((unknown > obstacles).any())
-    return levels, faded_index(below, outside=outside)
+    def image(self, title: str) -> Image:
+        """Return the picture."""
+        costmap, raster, ranks = self._costmap, self._raster, self._ranks.pixels
+        style = cost_style(costmap)
+        pixels = look_up(ranks, np.roll(cast("NDArray[np.uint8]", style.by_value), 1))
+        pixels = raster.enlarged(pixels)
+        if bounds_circumscribed(costmap):
+            above = raster.enlarged(ranks > costmap.circumscribed_cost)
+            line = inner_outline(above)
+            line |= inner_outline(above & ~line)
+            pixels[line] = CostPalette.contour
+        return _on_sheet(
+            pixels,
+            style.colours,
+            costmap.frame,
+            raster,
+            title=title,
+            bar=style.bar,
+            swatches=swatches_in(pixels, style.swatches),
+            overlay=self._overlay,
+        )
 
 
 def cost_image(
@@ -172,35 +299,17 @@ def cost_image(
     Where cells share a pixel the highest cost shows. If the circumscribed cost is known, a
     line bounds the cells of that cost and more. An overlay is drawn over all.
     """
-    part = shown_part(
-        costmap.cost,
-        costmap.frame,
-        image_extent,
-        is_known=lambda cost: cost != costmap.unknown_value,
-        overlay=overlay,
-    )
-    raster = Raster.fitting(costmap.shape, image_max, part=part)
-    style = cost_style(costmap)
-    # One more than the cost, so that unknown cells are the lowest: 255 + 1 is 0.
-    one_more = (np.arange(256) + 1).astype(np.uint8)
-    ranks = raster.largest(looked_up(costmap.cost, one_more))
-    pixels = look_up(ranks, np.roll(cast("NDArray[np.uint8]", style.by_value), 1))
-    pixels = raster.enlarged(pixels)
-    if bounds_circumscribed(costmap):
-        above = raster.enlarged(ranks > costmap.circumscribed_cost)
-        line = inner_outline(above)
-        line |= inner_outline(above & ~line)
-        pixels[line] = CostPalette.contour
-    return _on_sheet(
-        pixels,
-        style.colours,
-        costmap.frame,
-        raster,
-        title=title,
-        bar=style.bar,
-        swatches=swatches_in(pixels, style.swatches),
-        overlay=overlay,
-    )
+    drawing = CostDrawing(
+        costmap, image_max=image_max, image_extent=image_extent, overlay=overlay
+    )  # fmt: skip
+    return _drawn(drawing, costmap, title)
+
+
+def _drawn(drawing: Drawing, grid: Framed, title: str) -> Image:
+    """Return the picture of a grid whose rows nothing else goes through."""
+    for rows in swept(grid.layer):
+        drawing.take(rows)
+    return drawing.image(title)
 
 
 def _on_sheet(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapdeal.grid.canvas import cut_out
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.region import Region
-from mapdeal.kernels.blocks import Layer, blocks_of, is_lazy
+from mapdeal.kernels.blocks import Layer, blocks_of
 from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
 
@@ -70,47 +70,104 @@ class Raster:
 
         Of numbers it is nan only where all cells are.
         """
-        return self._pooled(layer, np.fmax)
+        return self.pooling(layer, np.fmax).all()
 
     def smallest(self, layer: Layer) -> NDArray[Any]:
         """Return the smallest value of the cells under each pixel, as `largest` does."""
-        return self._pooled(layer, np.fmin)
+        return self.pooling(layer, np.fmin).all()
 
-    def _pooled(self, layer: Layer, choose: np.ufunc) -> NDArray[Any]:
-        if self.part is not None:
-            layer = cut_out(layer, self.part)
-        if self.reduce == 1:
-            return layer[:]
-        step = self.reduce
-        height, width = (math.ceil(length / step) for length in layer.shape)
-        pooled = np.empty((height, width), dtype=layer.dtype)
-        # of lazy rows a block is enough: what is under many pixels may be most of the map
-        together = max(1, next(blocks_of(layer)).stop // step) if is_lazy(layer) else height
+    def pooling(self, layer: Layer, choose: np.ufunc) -> Pooling:
+        """Return what makes pixels of cells, some rows at a time.
 
-        def pool(rows: slice) -> None:
-            for first in range(rows.start, rows.stop, together):
-                pool_some(slice(first, min(first + together, rows.stop)))
-
-        def pool_some(rows: slice) -> None:
-            under = layer[rows.start * step : rows.stop * step]
-            merged = under[::step].copy()
-            for k in range(1, step):  # the last rows and columns may have fewer cells under them
-                more = under[k::step]
-                choose(merged[: len(more)], more, out=merged[: len(more)])
-            pixels = pooled[rows]
-            pixels[:] = merged[:, ::step]
-            for k in range(1, step):
-                more = merged[:, k::step]
-                choose(pixels[:, : more.shape[1]], more, out=pixels[:, : more.shape[1]])
-
-        for_rows(pool, pooled.shape)
-        return pooled
+        Parameters
+        ----------
+        layer : array or LazyLayer
+            The values of the whole map.
+        choose : numpy.ufunc
+            Returns, of two values under a pixel, the one that counts: `numpy.fmax` or `fmin`.
+        """
+        return Pooling(self, layer, choose)
 
     def enlarged(self, pixels: NDArray[Any]) -> NDArray[Any]:
         """Return each pixel as a square of `enlarge` pixels a side."""
         if self.enlarge == 1:
             return pixels
         return np.repeat(np.repeat(pixels, self.enlarge, axis=0), self.enlarge, axis=1)
+
+
+class Pooling:
+    """Cells that become pixels, some rows at a time.
+
+    Parameters
+    ----------
+    raster : Raster
+        How many cells are under a pixel, and which cells.
+    layer : array or LazyLayer
+        The values of the whole map.
+    choose : numpy.ufunc
+        Returns, of two values under a pixel, the one that counts.
+    """
+
+    def __init__(self, raster: Raster, layer: Layer, choose: np.ufunc) -> None:
+        self._step = raster.reduce
+        self._first = 0 if raster.part is None else raster.part.row
+        self._layer = layer if raster.part is None else cut_out(layer, raster.part)
+        self._choose = choose
+        self._pixels: NDArray[Any] | None = None
+
+    def all(self) -> NDArray[Any]:
+        """Return the pixels of a layer that nothing else goes through."""
+        for rows in blocks_of(self._layer):
+            self.take(slice(rows.start + self._first, rows.stop + self._first))
+        return self.pixels
+
+    @property
+    def pixels(self) -> NDArray[Any]:
+        """The chosen value under each pixel, before enlarging, once all rows were taken."""
+        if self._pixels is None:
+            raise ValueError("no rows were taken")
+        return self._pixels
+
+    def take(self, rows: slice) -> None:
+        """Take rows of the map: those after the ones that were taken before."""
+        height = self._layer.shape[0]
+        first, end = (min(max(row - self._first, 0), height) for row in (rows.start, rows.stop))
+        if first == end:
+            return
+        cells = self._layer[first:end]
+        if self._step == 1 and len(cells) == height:
+            self._pixels = cells
+            return
+        if self._pixels is None:
+            size = (math.ceil(length / self._step) for length in self._layer.shape)
+            self._pixels = np.empty(tuple(size), dtype=self._layer.dtype)
+        under_last = min(-first % self._step, len(cells))
+        if under_last:  # the rest of what is under the last row of pixels
+            row = self._pixels[first // self._step]
+            self._choose(row, self._pooled(cells[:under_last])[0], out=row)
+        self._pool(cells[under_last:], self._pixels[-(-first // self._step) :])
+
+    def _pool(self, cells: NDArray[Any], pixels: NDArray[Any]) -> None:
+        """Pool cells, from the first one of a pixel on, into the first rows of pixels."""
+
+        def pool(rows: slice) -> None:
+            pixels[rows] = self._pooled(cells[rows.start * self._step : rows.stop * self._step])
+
+        # by the cells, not the pixels, are there enough for threads
+        for_rows(pool, (math.ceil(len(cells) / self._step), cells.shape[1]))
+
+    def _pooled(self, cells: NDArray[Any]) -> NDArray[Any]:
+        """Return pixels; the last rows and columns may have fewer cells under them."""
+        step, choose = self._step, self._choose
+        merged = cells[::step].copy()
+        for k in range(1, step):
+            more = cells[k::step]
+            choose(merged[: len(more)], more, out=merged[: len(more)])
+        pixels = merged[:, ::step].copy()
+        for k in range(1, step):
+            more = merged[:, k::step]
+            choose(pixels[:, : more.shape[1]], more, out=pixels[:, : more.shape[1]])
+        return pixels
 
 
 def inner_outline(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

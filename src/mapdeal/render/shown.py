@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.region import Region
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.kernels.blocks import Layer, blocks_of
+from mapdeal.kernels.blocks import Layer, gathered
 from mapdeal.render.overlay import Overlay
 
 ImageExtent = Literal["known", "all"]
@@ -27,24 +28,42 @@ _WORTH = 0.95
 IsKnown = Callable[[NDArray[Any]], NDArray[np.bool_]]
 
 
-def is_known_occupancy(values: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Return which cells of a map are known."""
-    known: NDArray[np.bool_] = values != UNKNOWN
-    return known
+@dataclass(frozen=True)
+class OtherThan:
+    """Which values differ from one that stands for unknown cells."""
+
+    value: int
+
+    def __call__(self, values: NDArray[Any]) -> NDArray[np.bool_]:
+        """Return the mask."""
+        known: NDArray[np.bool_] = values != self.value
+        return known
+
+
+_IS_KNOWN = OtherThan(UNKNOWN)
+"""Of occupancy."""
+
+
+@dataclass(frozen=True)
+class KnownLines:
+    """What rows, and what columns, have a known cell: what `known_box` gathers."""
+
+    is_known: IsKnown
+
+    def __call__(self, values: NDArray[Any]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return a mask of rows and a mask of columns."""
+        known = self.is_known(values)
+        return np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
 
 
 def known_box(layer: Layer, is_known: IsKnown) -> Region | None:
     """Return the box of the known cells of a layer; None if there are none.
 
-    Rows are looked at once, from the first to the last.
+    Rows are looked at once, from the first to the last, and those of a lazy layer not again.
     """
-    rows: list[NDArray[np.int64]] = []
-    cols = np.zeros(layer.shape[1], dtype=np.bool_)
-    for block in blocks_of(layer):
-        known = is_known(layer[block])
-        rows.append(block.start + np.flatnonzero(known.any(axis=1)))
-        cols |= known.any(axis=0)
-    with_known, columns = np.concatenate(rows), np.flatnonzero(cols)
+    (parts,) = gathered(layer, KnownLines(is_known))
+    with_known = np.flatnonzero(np.concatenate([rows for rows, _ in parts]))
+    columns = np.flatnonzero(np.logical_or.reduce([cols for _, cols in parts]))
     if not len(with_known):
         return None
     row, col = int(with_known[0]), int(columns[0])
@@ -56,7 +75,7 @@ def shown_part(
     frame: Frame,
     extent: ImageExtent,
     *,
-    is_known: IsKnown = is_known_occupancy,
+    is_known: IsKnown = _IS_KNOWN,
     overlay: Overlay | None = None,
     places_xy: ArrayLike = (),
 ) -> Region | None:

@@ -13,7 +13,7 @@ from mapdeal.grid.coordinates import cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.region import Region
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.kernels.blocks import blocks_of
+from mapdeal.kernels.blocks import swept
 from mapdeal.kernels.neighbourhood import drop_small_groups
 from mapdeal.stages.definition import InSimulation, stage
 from mapdeal.stages.parameters import AT_LEAST_0, CELLS, METRES
@@ -26,6 +26,7 @@ Mask = NDArray[np.bool_]
     summary="Cut out the known part of a map, its active region.",
     title=lambda _: "active region",
     memory=1.5,
+    passes=1,
     is_whole=lambda parameters: parameters["min_component"] > 1,
     is_smaller=lambda parameters: parameters["canvas"] == "crop",
     in_simulation=InSimulation({}, is_added=True),
@@ -94,7 +95,7 @@ def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
             raise MalformedInputError(rule)
         return np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
     in_rows, in_cols = np.zeros(grid.shape[0], dtype=bool), np.zeros(grid.shape[1], dtype=bool)
-    for block in blocks_of(grid.occupancy):
+    for block in swept(grid.occupancy):
         known = grid.occupancy[block] != UNKNOWN
         in_rows[block] = known.any(axis=1)
         in_cols |= known.any(axis=0)

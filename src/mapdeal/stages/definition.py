@@ -133,7 +133,10 @@ class Stage:
         Returns the map that is written as pixels, if the product itself is none. Its
         parameters are parameters of the stage.
     view_passes : callable
-        How often the view goes through the product, given its own parameters.
+        How often the view goes through the product before it is written, given its own
+        parameters.
+    passes : int
+        How often the stage goes through a map that is processed block by block before it returns.
     is_whole : callable
         Whether, with some parameters, the whole map must be in memory at once.
     is_smaller : callable
@@ -175,7 +178,8 @@ class Stage:
     details: str = ""
     model: str | None = None
     view: Callable[..., Any] | None = None
-    view_passes: Callable[[Parameters], int] = lambda _: 1
+    view_passes: Callable[[Parameters], int] = lambda _: 0
+    passes: int = 0
     more_memory: Callable[[Parameters], float] = lambda _: 0.0
     is_whole: Callable[[Parameters], bool] = lambda _: False
     is_smaller: Callable[[Parameters], bool] = lambda _: False

@@ -20,7 +20,7 @@ from mapdeal.grid.values import (
     Convention,
     UnknownPolicy,
 )
-from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows
+from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows, swept
 from mapdeal.kernels.column_runs import Halo, halos_of, runs_of
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.lookup import look_up
@@ -104,7 +104,7 @@ class Viewer:
         has_others = not holds_everywhere(obstacles, lambda values: values)
         farthest = deepest = 0.0
         if view == "seed" and has_obstacles and has_others:
-            for block in blocks_of(obstacles):
+            for block in swept(obstacles):
                 part, mask = field.part(block), obstacles[block]
                 farthest = max(farthest, field.strength * largest_distance_in(part, mask))
                 deepest = max(deepest, deepest_in(part, mask))
@@ -170,7 +170,8 @@ def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
     title=lambda _: "signed distance field",
     memory=6.0,
     view=field_view,
-    view_passes=lambda view: 2 if view["view"] == "seed" else 1,
+    view_passes=lambda view: 1 if view["view"] == "seed" else 0,
+    passes=1,
     in_simulation=InSimulation({"unknown": "occupied"}),
     rows_alone=lambda parameters: FieldRule(**parameters),
     of_layers=_of_layers,
@@ -226,7 +227,7 @@ def esdf(
     blocks = list(blocks_of(obstacles))
     halos: list[Halo | None] = [None]
     if len(blocks) > 1:
-        halos = [*halos_of([runs_of(obstacles[block]) for block in blocks])]
+        halos = [*halos_of([runs_of(obstacles[block]) for block in swept(obstacles)])]
     by_start = {block.start: halo for block, halo in zip(blocks, halos, strict=True)}
 
     def distances(rows: slice) -> NDArray[np.float32]:

@@ -14,7 +14,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.scales import cost_from_occupancy
-from mapdeal.kernels.blocks import blocks_of, made_by_rows
+from mapdeal.kernels.blocks import made_by_rows, swept
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
 
@@ -87,7 +87,7 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
         return cost
 
     layer = made_by_rows(costmap.cost, costmap.cost.dtype, covered_rows, is_kept=True)
-    for rows in blocks_of(layer):  # for the counts; of an array it is done already
+    for rows in swept(layer):  # for the counts; of an array it is done already
         layer[rows]
     _warn(sum(covered), sum(freed))
     return costmap.with_values(layer)

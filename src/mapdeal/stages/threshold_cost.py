@@ -14,7 +14,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.field_view import FieldView, View, ViewScale
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
-from mapdeal.kernels.blocks import blocks_of, looked_up
+from mapdeal.kernels.blocks import looked_up, swept
 from mapdeal.records import dataclass
 from mapdeal.stages.cost import cost_model
 from mapdeal.stages.definition import InPlaceOf, Parameters
@@ -210,7 +210,7 @@ def threshold_cost(
         cost = looked_up(source.occupancy, table)
     else:
         if source.max_distance is not None:
-            for rows in blocks_of(source.distance):
+            for rows in swept(source.distance):
                 check_clip(source.part(rows), thresholds.down, view, view_range)
         cost = viewer.values_of(source, obstacles, table)
     return Costmap(cost, source.resolution, source.origin, scale="occupancy")
