@@ -192,12 +192,12 @@ def test_nothing_is_kept_of_the_cells_however_many_rows_come(kind, tmp_path, mon
 
         def __enter__(self):
             shape = (count * strip.shape[0], strip.shape[1])
-            return Strips(shape, lambda: itertools.repeat(picture, count))
+            return Strips(shape, lambda: itertools.repeat(picture, count)), b"P5 1 1 255\n"
 
         def __exit__(self, *_):
             pass
 
-    monkeypatch.setattr(facts, "open_strips", Opened)
+    monkeypatch.setattr(facts, "open_passing", Opened)
     (tmp_path / "m.pgm").write_bytes(b"P5 1 1 255\n0")
     (tmp_path / "m.yaml").write_text(
         "image: m.pgm\nresolution: 0.25\norigin: [1.5, -2, 0]\nnegate: 0\n"

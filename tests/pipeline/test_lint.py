@@ -295,8 +295,8 @@ def test_large_maps_are_worth_workers(maps, monkeypatch):
         text = f"image: {k}.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
         (maps / f"large{k}.yaml").write_text(text)
         with (maps / f"{k}.pgm").open("wb") as file:
-            file.write(b"P5\n11000 11000\n255\n")
-            file.truncate(19 + 11000 * 11000)
+            file.write(b"P5\n24000 24000\n255\n")
+            file.truncate(19 + 24000 * 24000)
     called = []
 
     def taken(paths, settings, radii, jobs, done):

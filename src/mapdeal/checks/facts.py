@@ -17,9 +17,9 @@ from mapdeal.errors import (
     kept_warnings,
 )
 from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
-from mapdeal.formats.budget import claim, holding
+from mapdeal.formats.budget import claim
 from mapdeal.formats.dialects import reader_of
-from mapdeal.formats.image import open_strips, read_image_size
+from mapdeal.formats.image import open_passing
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import remark_on_lost, warn_of_cost_figures, warn_of_one_cost
@@ -28,7 +28,6 @@ from mapdeal.formats.map_yaml import MapMetadata, metadata_of
 from mapdeal.formats.maps import as_occupancy, open_map
 from mapdeal.formats.npz import read_npz
 from mapdeal.formats.picture import Picture
-from mapdeal.formats.source import head_of
 from mapdeal.formats.strips import Strips
 from mapdeal.formats.yaml_text import Entry, read_mapping
 from mapdeal.grid.coordinates import Point
@@ -44,7 +43,7 @@ _HEAD = 1 << 16
 _OF_ROOMS = {"compiled": 22, "scipy": 106}
 """Bytes for each cell that looking for passages takes at its peak, by engine."""
 
-_PIXELS_TOGETHER = 1 << 17
+_PIXELS_TOGETHER = 1 << 18
 """Colours become wide numbers on the way to cells: not those of many pixels at once."""
 
 
@@ -220,14 +219,12 @@ def _of_pair(
         entries.update(read_mapping(path))
         metadata = metadata_of(entries, path, mend=True)
     image = find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
-    height, width = read_image_size(image, max_cells=max_cells)
-    with holding(-height * width), open_strips(image, max_cells=max_cells) as strips:
-        # readers claim a byte for each cell that is made of the pixels: none is kept here
+    with open_passing(image, max_cells=max_cells) as (strips, head):
         kind, pixels, cells = _counted(strips, metadata, image)
     if pixels.lost:
         text = f"{image}: {remark_on_lost(pixels.lost)}"
         emit_warning(MapdealWarning(text, "image.raw-values"), stacklevel=2)
-    comments = IMAGE_FORMATS[kind.file_format].comments(head_of(image, _HEAD))
+    comments = IMAGE_FORMATS[kind.file_format].comments(head[:_HEAD])
     frame = Frame(*strips.shape, metadata.resolution, metadata.origin)
     pair = PairFacts(path, entries, metadata, image, kind, pixels, frame, comments)
     if cells is None:
@@ -242,7 +239,10 @@ def _counted(
     """Go through a picture; return its kind, what its pixels come to, and its cells, if any."""
     holds_costs = metadata.cost_scale is not None
     pixels = PixelTallies(metadata)
-    cells = None if holds_costs else CellTallies(strips.shape, from_north=True)
+    cells = None
+    if not holds_costs:  # a reader makes the same of equal pixels: these are counted already
+        of_values = pixels.of_values("nav2")
+        cells = CellTallies(strips.shape, from_north=True, of_values=of_values)
     for strip in strips.pictures():
         read = None if cells is None else reader_of(strip, metadata, "nav2")
         for part in strip.bands(_PIXELS_TOGETHER):

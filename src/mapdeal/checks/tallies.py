@@ -33,14 +33,24 @@ class CellTallies:
         Rows and columns of the map.
     from_north : bool
         Whether the northernmost row comes first; what is told of places counts from the south.
+    of_values : numpy.ndarray of int64, shape (256,), optional
+        How often each byte occurs, where somebody else counts that: it is looked at when all cells
+        have come.
     """
 
-    def __init__(self, shape: tuple[int, int], *, from_north: bool = False) -> None:
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        *,
+        from_north: bool = False,
+        of_values: NDArray[np.int64] | None = None,
+    ) -> None:
         height, width = shape
         self.shape = shape
         self.size = height * width
         self._rows = 0
-        self._of_values = np.zeros(256, dtype=np.int64)
+        self._counts_values = of_values is None
+        self._of_values = np.zeros(256, dtype=np.int64) if of_values is None else of_values
         self._known_rows = np.zeros(height, dtype=np.bool_)
         self._known_cols = np.zeros(width, dtype=np.bool_)
         self._free = Components(last_row=height - 1 if from_north else None)
@@ -58,7 +68,8 @@ class CellTallies:
     def _add_band(self, band: NDArray[np.int8]) -> None:
         first, stop = self._rows, self._rows + len(band)
         self._rows = stop
-        self._of_values += histogram(band)
+        if self._counts_values:
+            self._of_values += histogram(band)
         self._known_rows[first:stop] = band.max(axis=1) >= 0
         self._known_cols |= band.max(axis=0) >= 0
         free = band == FREE
@@ -82,17 +93,18 @@ class CellTallies:
     @cached_property
     def free_on_border(self) -> int:
         """Cells on the border of the map that are free."""
-        return int(np.count_nonzero(self._border()[1]))
+        return int(np.count_nonzero(self._border[1]))
 
     @property
     def free_stretches(self) -> list[Place]:
         """The middles of the stretches of free cells along the border, of the longest first."""
-        cells, is_free = self._border()
+        cells, is_free = self._border
         stretches = _stretches(is_free, is_closed=min(self.shape) > 1)
         stretches.sort(key=lambda one: (-one[1], one[0]))
         middles = [(start + (length - 1) // 2) % len(cells) for start, length in stretches]
         return [(row, col) for row, col in cells[middles[:MOST_PLACES]].tolist()]
 
+    @cached_property
     def _border(self) -> tuple[Cells, NDArray[np.bool_]]:
         """Return the cells of the border, anticlockwise from (0, 0), and which of them are free."""
         height, width = self.shape
@@ -233,6 +245,10 @@ class PixelTallies:
     def counts(self) -> dict[Dialect, dict[str, int]]:
         """How many cells are occupied, free, unknown and between, for each reader."""
         return {name: states_of(values) for name, values in self._of_values.items()}
+
+    def of_values(self, reader: Dialect) -> NDArray[np.int64]:
+        """Return how often a reader has each byte, an array that grows while pixels come."""
+        return self._of_values[reader]
 
     @property
     def differing(self) -> dict[Dialect, int]:

@@ -19,7 +19,7 @@ from mapdeal.kernels.lookup import histogram
 Codes = NDArray[np.uint64]
 Counts = NDArray[np.int64]
 
-_PIXELS_TOGETHER = 1 << 17
+_PIXELS_TOGETHER = 1 << 18
 _MOST_KEPT = 1 << 16
 _BITS = 16
 
@@ -67,29 +67,31 @@ class DistinctPixels:
     def _add_band(self, picture: Picture) -> None:
         """Count some pixels: grey and opaque ones, which are most, without sorting."""
         grey, others = picture.greys_and_others()
-        self._note_firsts(grey, others)
+        counts = histogram(grey) if grey.dtype == np.uint8 else None
+        if counts is not None:
+            self._note_firsts(grey, others, counts)
+        self._seen += grey.size
         if others.any():
             self._add_others(picture.only(others))
             grey = grey[~others][np.newaxis]
-        if grey.dtype == np.uint8:
-            counts = histogram(grey)
-        else:
+            counts = None if counts is None else histogram(grey)
+        if counts is None:
             counts = np.bincount(grey.reshape(-1), minlength=256)
         if len(counts) > len(self._greys):
             counts, self._greys = self._greys, counts
         self._greys[: len(counts)] += counts
 
-    def _note_firsts(self, grey: Samples, others: NDArray[np.bool_]) -> None:
+    def _note_firsts(self, grey: Samples, others: NDArray[np.bool_], counts: Counts) -> None:
         """Note where the greys are that have not come up before, few as they are."""
-        if grey.dtype == np.uint8:
-            is_new = histogram(grey) > 0
-            is_new[list(self.firsts)] = False
-            for value in np.flatnonzero(is_new).tolist():
-                is_here = ((grey == value) & ~others).reshape(-1)
+        new = [value for value in np.flatnonzero(counts).tolist() if value not in self.firsts]
+        for value in new:
+            is_here = (grey == value).reshape(-1)
+            first = int(is_here.argmax())
+            if others.reshape(-1)[first]:
+                is_here &= ~others.reshape(-1)
                 first = int(is_here.argmax())
-                if is_here[first]:
-                    self.firsts[value] = self._seen + first
-        self._seen += grey.size
+            if is_here[first]:
+                self.firsts[value] = self._seen + first
 
     def _add_others(self, row: Picture) -> None:
         code = np.zeros(row.shape[1], dtype=np.uint64)

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from mapdeal.errors import MalformedInputError
+from mapdeal.formats.budget import holding
 from mapdeal.formats.images import pnm
 from mapdeal.formats.images.image_format import ImageFormat, OtherContentsError
 from mapdeal.formats.open_file import HEAD, OpenFile, opened
@@ -41,13 +42,50 @@ def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]
     """
     with opened(path) as file:
         image_format, _ = _format_of(file)
-        file.check_length()  # its checksum is of all of it
+        with _strips_in(file, image_format, max_cells) as strips:
+            yield strips
+
+
+@contextmanager
+def open_passing(
+    path: Path, *, max_cells: int | None = None
+) -> Iterator[tuple[Strips, bytes]]:  # fmt: skip
+    """Open an image file to go through its picture once, without keeping any cells.
+
+    Takes and raises what `open_strips` does.
+
+    Yields
+    ------
+    strips : Strips
+        The picture. Readers claim a byte for each cell that is made of its pixels: here they get
+        that back.
+    head : bytes
+        The first bytes of the file, its header among them.
+    """
+    with opened(path) as file:
+        image_format, head = _format_of(file)
         try:
-            strips = image_format.read(file, _limit(image_format, max_cells))
+            height, width = image_format.size(head, path, _limit(image_format, max_cells))
         except OtherContentsError:
             raise _unknown_format(path) from None
-        yield strips
-        note_sum(path, file.sha256)
+        with (
+            holding(-height * width),
+            _strips_in(file, image_format, max_cells) as strips,
+        ):  # fmt: skip
+            yield strips, head
+
+
+@contextmanager
+def _strips_in(
+    file: OpenFile, image_format: ImageFormat, max_cells: int | None
+) -> Iterator[Strips]:  # fmt: skip
+    file.check_length()  # its checksum is of all of it
+    try:
+        strips = image_format.read(file, _limit(image_format, max_cells))
+    except OtherContentsError:
+        raise _unknown_format(file.path) from None
+    yield strips
+    note_sum(file.path, file.sha256)
 
 
 def read_image(path: Path, *, max_cells: int | None = None) -> Picture:

@@ -7,6 +7,7 @@ import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import field
 from pathlib import Path
 from typing import BinaryIO
 
@@ -38,6 +39,7 @@ class OpenFile:
     size: int
     _descriptor: int
     _state: FileState
+    _head: list[bytes] = field(default_factory=list)
 
     def read(self, offset: int, count: int) -> bytes:
         """Return some bytes, fewer at the end, which are those of the file that was opened.
@@ -50,15 +52,33 @@ class OpenFile:
             If they cannot be read, or the file has changed since it was opened. Asked each
             time: in the end would be too late, since results are written by then.
         """
+        if offset < HEAD and self._head:  # small files are no more than that
+            known = self._head[0]
+            if offset + count <= len(known) or len(known) == self.size:
+                self._check_state()
+                return known if count >= len(known) and not offset else known[offset:][:count]
+        parts = self._parts(offset, count)
+        data = parts[0] if len(parts) == 1 else b"".join(parts)
+        if offset == 0 and count == HEAD:
+            self._head.append(data)
+        return data
+
+    def _check_state(self) -> None:
+        with access_to(self.path):
+            after = os.fstat(self._descriptor)
+        if FileState.of_status(after) != self._state:
+            raise FileAccessError(CHANGED, source=self.path)
+
+    def _parts(self, offset: int, count: int) -> list[bytes]:
         parts = []
+        # no larger than the file: room that is not needed takes longer to be had than the bytes
+        count = min(count, self.size - offset)
         with access_to(self.path):
             while count > 0 and (part := os.pread(self._descriptor, count, offset)):
                 parts.append(part)
                 offset, count = offset + len(part), count - len(part)
-            after = os.fstat(self._descriptor)
-        if FileState.of_status(after) != self._state:
-            raise FileAccessError(CHANGED, source=self.path)
-        return parts[0] if len(parts) == 1 else b"".join(parts)
+        self._check_state()
+        return parts
 
     def check_length(self) -> None:
         """Refuse a file of which more is to be read than any file has: sparse ones claim any size.

@@ -215,7 +215,7 @@ def read_file(
     try:
         with access_to(path), path.open("rb") as file:
             if inspect is not None:
-                inspect(file.read(_HEAD))
+                inspect(file.read(min(_HEAD, before.st_size)))
                 file.seek(0)
             if before.st_size > LARGEST_FILE:  # sparse files claim any size
                 rule = f"cannot be read: larger than {LARGEST_FILE} bytes"
@@ -313,9 +313,9 @@ def head_of(path: Path, length: int) -> bytes:
     FileAccessError
         If it cannot be read.
     """
-    check_readable(path)
+    size = check_readable(path).st_size
     with access_to(path), path.open("rb") as file:
-        return file.read(length)
+        return file.read(min(length, size))  # room for more takes longer to be had than the bytes
 
 
 def ignores_case(folder: Path) -> bool:
