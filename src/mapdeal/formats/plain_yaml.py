@@ -37,7 +37,16 @@ def compose_plain(text: str, most_nodes: int) -> yaml.MappingNode | None:
     lines = text.split("\n", _MOST_LINES)
     if len(lines) > _MOST_LINES:
         return None
-    buffer, at, count = f"{text}\0", 0, 1
+    found = [_LINE.fullmatch(line) for line in lines]
+    if not any(found) or not all(
+        one or _COMMENT.fullmatch(line) for one, line in zip(found, lines, strict=True)
+    ):
+        return None
+    lists = [one["list"] for one in found if one and one["list"]]
+    count = 1 + 2 * sum(map(bool, found)) + sum(1 + one.count(",") for one in lists)
+    if count > most_nodes:
+        return None
+    buffer, at = f"{text}\0", 0
     pairs: list[tuple[yaml.Node, yaml.Node]] = []
 
     def mark(line: int, column: int) -> yaml.Mark:
@@ -46,33 +55,26 @@ def compose_plain(text: str, most_nodes: int) -> yaml.MappingNode | None:
     def scalar(line: int, value: str, start: int, end: int) -> yaml.ScalarNode:
         return yaml.ScalarNode(_tag_of(value), value, mark(line, start), mark(line, end))
 
-    for number, line in enumerate(lines):
-        found = _LINE.fullmatch(line)
-        if found is not None:
-            key = scalar(number, found["key"], *found.span("key"))
+    for number, (line, one) in enumerate(zip(lines, found, strict=True)):
+        if one:
+            key = scalar(number, one["key"], *one.span("key"))
             value: yaml.Node
-            if found["word"] is not None:
-                value = scalar(number, found["word"], *found.span("word"))
+            if one["word"] is not None:
+                value = scalar(number, one["word"], *one.span("word"))
             else:
-                start, end = found.span("list")
+                start, end = one.span("list")
                 items: list[yaml.Node] = [
                     scalar(number, item[0], *item.span())
                     for item in _NUMBER.finditer(line, start + 1, end - 1)
                 ]
+                if any(item.value in ("-", "+") for item in items):  # a list within, or an error
+                    return None
                 value = yaml.SequenceNode(
                     "tag:yaml.org,2002:seq", items, mark(number, start), mark(number, end),
                     flow_style=True,
                 )  # fmt: skip
-                if any(item.value in ("-", "+") for item in items):  # a list within, or an error
-                    return None
-                count += len(items)
             pairs.append((key, value))
-            count += 2
-        elif not _COMMENT.fullmatch(line):
-            return None
         at += len(line) + 1
-    if not pairs or count > most_nodes:
-        return None
     at -= len(lines[-1]) + 1
     return yaml.MappingNode(
         "tag:yaml.org,2002:map", pairs, pairs[0][0].start_mark,

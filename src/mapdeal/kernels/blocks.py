@@ -268,8 +268,8 @@ def gathered(layer: Layer, *looks: Callable[[NDArray[Any]], Any]) -> list[list[A
 
     Examples
     --------
-    >>> gathered(np.array([[1, 2], [3, 4]]), np.min, np.max)
-    [[1], [4]]
+    >>> gathered(np.array([[1, 2], [3, 4]]), len, lambda values: int(values.max()))
+    [[2], [4]]
     """
     if not isinstance(layer, LazyLayer):
         return [[look(layer)] for look in looks]
