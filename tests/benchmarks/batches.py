@@ -1,9 +1,10 @@
-"""Batches: jobs side by side against one, and one command against a loop of the shell.
+"""Batches: jobs side by side against one, and one command against scripts, map by map.
 
 Run it as ``python tests/benchmarks/batches.py [--runs 5] [--maps 200] [--jobs 2]``. Whole
 processes take turns, A B A B, so that a drift of the machine's speed falls on both, and each
-ratio is of two that stood beside each other. Prints a table in Markdown: medians. Fails on
-nothing.
+ratio is of two that stood beside each other. The script for one map is `peer_script.py`, run as
+often at a time as there are jobs; lint stands beside a process that only reads the maps, with
+Pillow and PyYAML. Prints a table in Markdown: medians. Fails on nothing.
 """
 
 from __future__ import annotations
@@ -19,8 +20,23 @@ from pathlib import Path
 
 from make_map import make_map
 
-PROGRAM = f"{sys.executable} -m mapdeal run"
+MAPDEAL = f"{sys.executable} -m mapdeal"
+PROGRAM = f"{MAPDEAL} run"
+PEER = Path(__file__).parent / "peer_script.py"
 LARGE, SMALL = 1000, 384  # cells a side
+
+READ_ALL = """
+import sys
+from pathlib import Path
+
+import numpy as np
+import yaml
+from PIL import Image
+
+for path in sorted(Path(sys.argv[1]).glob("*.yaml")):
+    about = yaml.safe_load(path.read_text())
+    np.asarray(Image.open(path.parent / about["image"]).convert("L"))
+"""
 
 
 def main() -> None:
@@ -45,19 +61,41 @@ def main() -> None:
             options,
             folder / "out",
         )
+        compare_lint(folder / "large", LARGE, options)
         shutil.rmtree(folder / "large")
         make_maps(folder / "small", SMALL, options.maps)
         each = f"{PROGRAM} $map -q -o {folder}/out"
+        peer = f"{sys.executable} {PEER} opencv {folder}/small/{{}}.yaml {folder}/out/{{}}"
         compare(
             f"{options.maps} of {SMALL} x {SMALL}",
             {
                 "a loop of the shell": f"for map in {folder}/small/*.yaml; do {each} || exit; done",
-                "one `mapdeal run`": f"{PROGRAM} {folder}/small -q -o {folder}/out",
+                "one `mapdeal run`": (
+                    f"{PROGRAM} {folder}/small -q -o {folder}/out --jobs {options.jobs}"
+                ),
                 "the same, `--jobs 1`": f"{PROGRAM} {folder}/small -q -o {folder}/out --jobs 1",
+                f"OpenCV script, `xargs -P{options.jobs}`": (
+                    f"basename -s .yaml -a {folder}/small/*.yaml"
+                    f" | xargs -P{options.jobs} -I{{}} {peer}"
+                ),
             },
             options,
             folder / "out",
         )
+        compare_lint(folder / "small", SMALL, options)
+
+
+def compare_lint(maps: Path, side: int, options: argparse.Namespace) -> None:
+    """Print a row for lint of maps, and one for a script that reads them."""
+    compare(
+        f"{options.maps} of {side} x {side}",
+        {
+            "reading with Pillow and PyYAML": f"{sys.executable} -c '{READ_ALL}' {maps}",
+            "`mapdeal lint`": f"{MAPDEAL} lint {maps} -q > {maps}.txt",
+        },
+        options,
+        maps.parent / "out",
+    )
 
 
 def make_maps(folder: Path, side: int, count: int) -> None:
@@ -81,7 +119,7 @@ def compare(
             started = time.perf_counter()
             subprocess.run(["sh", "-c", line], check=True)
             times[name].append(time.perf_counter() - started)
-            shutil.rmtree(out)
+            shutil.rmtree(out, ignore_errors=True)  # lint makes none
     first = times[next(iter(contenders))]
     for name, seconds in times.items():
         ratio = statistics.median(a / b for a, b in zip(first, seconds, strict=True))
