@@ -15,6 +15,14 @@ from mapdeal.kernels.numbers import Limits, numbers_in, rows_in, whole_numbers_i
 pytestmark = needs_compiled
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled_engine():
+    """What is tested is the scanner, also where all other tests run on its twin."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(engine.VARIABLE, "compiled")
+        yield
+
+
 def _bits(number):
     return struct.pack("<d", number)
 
