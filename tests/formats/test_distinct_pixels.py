@@ -18,7 +18,8 @@ def values(most, *more, dtype=np.uint8):
 
 
 def mostly(full, other, dtype=np.uint8):
-    return np.where(RNG.random(SHAPE) < 0.8, full, other).astype(dtype)
+    # a number alone would have to fit the other's type
+    return np.where(RNG.random(SHAPE) < 0.8, np.array(full, dtype), other).astype(dtype)
 
 
 def greyish(most, dtype=np.uint8):
