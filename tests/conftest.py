@@ -11,13 +11,37 @@ from hypothesis import settings
 from mapdeal import MapdealWarning
 from mapdeal.cli.main import main
 
-# A first call imports and warms up; how long a case takes says nothing about it.
-settings.register_profile("mapdeal", deadline=None)
-settings.load_profile("mapdeal")
-
 ROOT = Path(__file__).parents[1]
+
+# A first call imports and warms up; how long a case takes says nothing about it.
+settings.register_profile("mapdeal", deadline=None, max_examples=60)
+settings.register_profile("quick", deadline=None, max_examples=15)
+settings.register_profile("thorough", deadline=None, max_examples=500)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "mapdeal"))
+
+WHOLE = frozenset({"command", "project", "real_maps", "running"})
+"""Fixtures that run whole commands, pages, real maps and browsers."""
+OF_COMMANDS = ROOT / "tests" / "cli"
+
 # Real maps of public repositories; they are not part of the project.
 SHARED = Path(os.environ.get("MAPDEAL_SHARED", ROOT.parent / "shared"))
+
+
+def pytest_configure(config):
+    """Try fewer examples where only quick tests are asked for."""
+    if "not slow" in config.option.markexpr:
+        settings.load_profile("quick")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark as slow what is thorough, and what runs more than a part of the program."""
+    for item in items:
+        is_whole = OF_COMMANDS in item.path.parents or WHOLE & set(
+            getattr(item, "fixturenames", ())
+        )
+        if is_whole or item.get_closest_marker("thorough"):
+            item.add_marker("slow")
 
 
 @pytest.fixture(scope="session")

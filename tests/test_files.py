@@ -3,7 +3,11 @@
 import ast
 from pathlib import Path
 
+import pytest
+
 import mapdeal
+
+pytestmark = pytest.mark.slow
 
 PACKAGE = Path(mapdeal.__file__).parent
 

@@ -56,6 +56,7 @@ def _found_imports(path):
             yield from (alias.name for alias in node.names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: p.stem)
 def test_no_layer_imports_from_above(path):
     layer = _layer(path)

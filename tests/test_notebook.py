@@ -14,6 +14,8 @@ from PIL import Image
 
 import mapdeal
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 NOTEBOOK = ROOT / "examples" / "notebooks" / "office.ipynb"
 SHOWN = {"map", "field", "recipe", "route", "diff"}

@@ -11,6 +11,8 @@ import pytest
 
 import mapdeal
 
+pytestmark = pytest.mark.slow
+
 SOURCE = Path(mapdeal.__file__).parent
 FUNCTIONS = {
     "compile",

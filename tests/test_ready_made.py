@@ -15,6 +15,8 @@ import yaml
 import mapdeal
 from mapdeal import OccupancyGrid, write_map
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 HOOKS = ROOT / ".pre-commit-hooks.yaml"
 ACTION = ROOT / ".github" / "actions" / "mapdeal-lint" / "action.yml"

@@ -15,6 +15,8 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.transform import Transform
 from mapdeal.kernels.threads import use_threads
 
+pytestmark = pytest.mark.slow
+
 HERE = Transform(-3.2, 11.7, 0.3)
 
 

@@ -180,6 +180,7 @@ def findings(tmp_path):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "text", "line", "words"),
     [pytest.param(*case, id=f"{case[0]}-{kind}")

@@ -149,6 +149,7 @@ def junit_schema():
     return xmlschema.XMLSchema(str(SCHEMAS / "junit-10.xsd"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("report", [REPORT, EMPTY], ids=["findings", "none"])
 def test_junit_is_valid(junit_schema, report):
     junit_schema.validate(made("junit", report))

@@ -17,6 +17,8 @@ from mapdeal import OccupancyGrid, write_map
 from mapdeal.cli import terminal
 from mapdeal.kernels.engine import engine_name
 
+pytestmark = pytest.mark.slow
+
 needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
 RUN = [sys.executable, "-m", "mapdeal", "run"]
 

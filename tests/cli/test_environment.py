@@ -13,6 +13,8 @@ from PIL import Image
 from bad_maps import tree, write_map, yaml_text
 from mapdeal.cli.main import command_names, main
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 QUIETLY = ["--set", "inflate.radius=0"]  # which leaves the small map free cells
 NAMES = ["Küche.yaml", "地图 ☃.yaml", os.fsdecode(b"\xff\xfe.yaml"), "a\x1bb\n.yaml"]

@@ -22,6 +22,8 @@ from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.single import apply_to_file
 from mapdeal.pipeline.step import make_step
 
+pytestmark = pytest.mark.slow
+
 IS_COMPILED = engine_name() == "compiled"
 BASE = 50 if IS_COMPILED else 100  # MB that are taken anyhow
 PLENTY = "100GB"

@@ -144,9 +144,23 @@ def check(command, folder, monkeypatch, line, name, *, is_output):
         (folder / left).unlink(missing_ok=True)
 
 
+def share_of(lines, name, every):
+    """Every so many lines; which ones differs from name to name, so that all are tried."""
+    return lines[list(NAMES).index(name) % every :: every]
+
+
+def test_lines_that_are_left_out_with_one_name_are_tried_with_others():
+    for lines in (INPUTS, OUTPUTS):
+        assert {line for name in NAMES for line in share_of(lines, name, 3)} == set(lines)
+
+
+every_so_many = pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.thorough)])
+
+
+@every_so_many
 @pytest.mark.parametrize("name", NAMES)
 def test_an_input_that_the_system_refuses_is_one_line(
-    command, folder, monkeypatch, mapdeal_warnings, name
+    command, folder, monkeypatch, mapdeal_warnings, name, every
 ):
     (folder / "list.txt").write_text(
         f"m.yaml\n{NAMES[name]('.yaml')}\n".replace("\0", "?"), "utf-8", "replace"
@@ -154,13 +168,14 @@ def test_an_input_that_the_system_refuses_is_one_line(
     image = NAMES[name](".pgm").replace("\0", "\\0").replace("\n", "\\n").replace("\ud800", "?")
     text = (folder / "m.yaml").read_text().replace("m.pgm", f'"{image}"')
     (folder / "image.yaml").write_text(text, "utf-8", "replace")
-    for line in INPUTS:
+    for line in share_of(INPUTS, name, every):
         check(command, folder, monkeypatch, line, name, is_output=False)
 
 
+@every_so_many
 @pytest.mark.parametrize("name", NAMES)
 def test_an_output_that_the_system_refuses_is_one_line_and_writes_nothing(
-    command, folder, monkeypatch, mapdeal_warnings, name
+    command, folder, monkeypatch, mapdeal_warnings, name, every
 ):
-    for line in OUTPUTS:
+    for line in share_of(OUTPUTS, name, every):
         check(command, folder, monkeypatch, line, name, is_output=True)

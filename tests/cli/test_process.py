@@ -13,6 +13,8 @@ from engines import needs_compiled
 from mapdeal.cli.process import begin_work
 from mapdeal.kernels import engine
 
+pytestmark = pytest.mark.slow
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "maps" / "office.yaml"
 
 

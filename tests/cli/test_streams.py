@@ -16,6 +16,8 @@ from drawn import grid_from_text
 from mapdeal import read_map, write_map
 from mapdeal.cli import terminal
 
+pytestmark = pytest.mark.slow
+
 PROGRAM = f"{sys.executable} -m mapdeal"
 CONVERT = f"{PROGRAM} convert m.yaml -o -".split()
 TEXT = """

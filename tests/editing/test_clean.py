@@ -134,6 +134,7 @@ def test_a_map_is_cleaned_as_floods_clean_it(values, limits):
     assert (cleaned.grid.resolution, cleaned.grid.origin) == (0.05, (1.5, -2.0, 0.4))
 
 
+@pytest.mark.slow
 @given(maps, limits_drawn)
 @settings(max_examples=200)
 def test_a_second_pass_changes_nothing(values, limits):

@@ -32,6 +32,7 @@ def built(method, *parts):
     return builder.result()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["log-odds", "counting"])
 @given(st.lists(st.integers(0, 999), min_size=2, max_size=4))
 @settings(max_examples=25)

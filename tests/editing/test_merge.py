@@ -21,7 +21,7 @@ from mapdeal import (
 )
 from strategies import occupancies
 
-pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
 
 RULES = ("occupied", "newest", "evidence")
 YAWS = st.one_of(st.sampled_from([0.0, math.pi / 2, -math.pi, math.pi / 4]), st.floats(-4, 4))

@@ -45,6 +45,7 @@ def colours_of(picture):
     return picture.samples if picture.palette is None else picture.palette[picture.samples, :3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [0, 6])
 @pytest.mark.parametrize(("bits", "is_os2", "top_down"), KINDS)
 def test_any_rows_are_those_that_were_written(tmp_path, monkeypatch, bits, is_os2, top_down, gap):

@@ -53,6 +53,7 @@ def test_files_are_replaced_and_removed_together(tmp_path):
     assert contents(tmp_path) == NEW
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_links", [True, False], ids=["links", "no links"])
 @pytest.mark.parametrize("operation", ["replace", "rename", "unlink"])
 def test_a_failure_at_any_step_puts_everything_back(tmp_path, monkeypatch, operation, has_links):
@@ -140,6 +141,7 @@ print(step, torn, restored)
 """
 
 
+@pytest.mark.slow
 def test_what_a_killed_process_has_left_is_put_back_at_every_step(tmp_path):
     words = [sys.executable, "-c", KILLED_AT_EACH_STEP, str(tmp_path), str(Path(__file__).parent)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)

@@ -60,6 +60,7 @@ def path(tmp_path, request):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("raised", RAISED, ids=lambda error: type(error).__name__)
 @pytest.mark.parametrize("at", ["open", "load"])
 def test_whatever_pillow_raises_is_one_line_about_the_file(
@@ -110,6 +111,7 @@ def state_of_the_process():
     return Image.MAX_IMAGE_PIXELS, list(warnings.filters), os.fstat(2)
 
 
+@pytest.mark.slow
 def test_threads_that_read_at_once_leave_the_process_as_it_was(path):
     before = state_of_the_process()
     inside, leave, second_is_inside = threading.Event(), threading.Event(), threading.Event()

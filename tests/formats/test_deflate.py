@@ -19,6 +19,7 @@ def noise(size, levels=256):
     return np.random.default_rng(size).integers(0, levels, size, dtype=np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 2, 5])
 @pytest.mark.parametrize("size", SIZES)
 def test_the_stream_gives_the_data_back(size, threads):
@@ -72,6 +73,7 @@ def test_pictures_with_opacity():
         assert np.array_equal(np.asarray(image), pixels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(2, 3), (1500, 1300)])
 def test_an_npz_is_one_for_zipfile_and_for_numpy(shape):
     rng = np.random.default_rng(1)

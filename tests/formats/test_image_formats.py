@@ -51,7 +51,7 @@ CASES = [
     ("JPEG", by_pillow("JPEG", quality=100), 2),
 ]
 
-pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
 every_case = pytest.mark.parametrize(
     ("name", "encoded", "tolerance"), [pytest.param(*case, id=case[0]) for case in CASES]
 )

@@ -132,6 +132,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_is_what_it_is_by_its_bytes(here, name):
     _, kind, what, figures, use = FILES[name]
@@ -143,6 +144,7 @@ def test_a_file_is_what_it_is_by_its_bytes(here, name):
     assert "{" not in found.use
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_is_the_same_by_another_name(here, name):
     kind = kind_of(here / name)
@@ -153,6 +155,7 @@ def test_a_file_is_the_same_by_another_name(here, name):
         assert (other.name, other.what, other.figures()) == (kind.name, kind.what, FILES[name][3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_what_is_not_known_is_nothing(here, name):
     assert kind_of(here / name) is None

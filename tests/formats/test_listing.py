@@ -158,6 +158,7 @@ PARTS = st.sampled_from(
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(
     st.lists(st.lists(NAMES, min_size=1, max_size=4), max_size=12),

@@ -35,7 +35,7 @@ FAXES = ("tiff_ccitt", "group3", "group4", "tiff_raw_16")
 COMPRESSIONS = ("tiff_lzw", "tiff_adobe_deflate", "tiff_deflate", "packbits", "lzma", "zstd")
 STRIP_OFFSETS, ROWS_PER_STRIP, STRIP_SIZES, TILE_OFFSETS, TILE_SIZES = 273, 278, 279, 324, 325
 
-pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
 
 
 def saved(picture, name, **options):

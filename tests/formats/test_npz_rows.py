@@ -44,6 +44,7 @@ def written(request, tmp_path_factory):
     return path, grid
 
 
+@pytest.mark.slow
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
 @given(
     requests=st.lists(st.tuples(st.sampled_from([0, 1]), st.integers(0, 22), st.integers(1, 23)))

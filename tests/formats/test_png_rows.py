@@ -105,6 +105,7 @@ def images(draw):
                before=before)  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("mapdeal_warnings")
 @settings(deadline=None, max_examples=150)
 @given(data=images(), strip=st.integers(1, 60), order=st.randoms(use_true_random=False))
@@ -133,6 +134,7 @@ def test_strips_and_rows_are_those_of_the_whole(tmp_path_factory, data, strip, o
                 assert np.array_equal(channels_of(part), expected[height - stop : height - start])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("mapdeal_warnings")
 @pytest.mark.parametrize("kind", KINDS, ids=str)
 def test_cells_by_rows_are_those_of_the_whole_picture(tmp_path, kind):
@@ -266,6 +268,7 @@ def test_a_file_that_changes_between_two_rows_is_an_error(tmp_path):
             cells[8:16]
 
 
+@pytest.mark.slow
 def test_interlaced_pictures_are_read_as_wholes(tmp_path):
     pixels = np.random.default_rng(1).integers(0, 256, (19, 23), dtype=np.uint8)
     data = adam7(pixels)

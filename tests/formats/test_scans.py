@@ -219,6 +219,7 @@ def test_scans_without_a_pose_are_dropped_up_to_half_of_them_s10(read):
         read(lines[0], lines[0], *lines[1:3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "told"),
     [

@@ -14,6 +14,8 @@ from mapdeal.formats import text_rows
 from mapdeal.formats.text_rows import LONGEST_LINE, read_rows
 from mapdeal.kernels import engine
 
+pytestmark = pytest.mark.slow
+
 TEXT = b"# a b c\n1 2 3\n\n4 5 6\n# more\n7 8 9\n10 11 12\n"
 
 

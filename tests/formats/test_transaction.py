@@ -162,6 +162,7 @@ def test_a_temporary_file_that_another_run_has_removed_is_made_again(tmp_path, m
     assert (tmp_path / "a.txt").read_text() == "kept"
 
 
+@pytest.mark.slow
 def test_a_failing_process_takes_no_folder_from_another(tmp_path):
     """One makes folders and removes them, since it fails; the other works in the same ones."""
     output, other = tmp_path / "out" / "good" / "file", tmp_path / "out" / "bad" / "file"

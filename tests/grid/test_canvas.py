@@ -155,6 +155,7 @@ CHOSEN = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", FIELD_STAGES, ids=lambda stage: f"{stage.name} {stage.model}")
 @settings(max_examples=40)
 @given(

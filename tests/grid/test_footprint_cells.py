@@ -130,6 +130,7 @@ def test_a_rectangle_in_72_headings_is_the_exact_one_but_for_a_cell(length, widt
         assert not (touched(exact.buffer(-1, join_style="mitre")) & ~cells).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [14, pytest.param(1, marks=pytest.mark.thorough)])
 def test_poses_are_open_where_exact_geometry_is_clear_but_for_a_cell(every):
     rng = np.random.default_rng(7)
@@ -233,6 +234,7 @@ def robots_on_maps(draw):
     return blocked, corners, count, yaw, draw(st.sampled_from([0.1, 0.13, 0.3])), seeds
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("mapdeal_warnings")
 @settings(max_examples=40)
 @given(robots_on_maps())

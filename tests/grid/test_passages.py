@@ -378,6 +378,7 @@ def brute(squared, is_open, is_traversable, start, radius, margin, min_cells):
     return sorted(told), is_certain
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(heights(), st.floats(0, 9), st.sampled_from([0.0, 0.7, 3.0]), st.integers(1, 12), st.data())
 def test_passages_are_those_of_the_definition(drawn, radius, margin, min_cells, data):
@@ -443,6 +444,7 @@ def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radi
         split_by(grid, passage, start, radius, 0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SHARED.exists(), reason="needs the shared data")
 @pytest.mark.parametrize(
     ("name", "count", "closed"),

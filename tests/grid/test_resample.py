@@ -98,6 +98,7 @@ def test_a_wall_stays_closed_when_it_is_turned():
     assert np.all(np.diff(rows) == 1)
 
 
+@pytest.mark.slow
 @given(
     shapes=st.tuples(*[st.integers(1, 6)] * 4), resolutions=st.tuples(RESOLUTIONS, RESOLUTIONS),
     yaws=st.tuples(YAWS, YAWS), shift=st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)),
@@ -169,6 +170,7 @@ def value_at(values, source, x, y, margin):
     return int(values[row, col]) if inside else -1
 
 
+@pytest.mark.slow
 @given(
     shapes=st.tuples(*[st.integers(1, 7)] * 4), resolutions=st.tuples(RESOLUTIONS, RESOLUTIONS),
     yaws=st.tuples(YAWS, YAWS), shift=st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)),

@@ -56,6 +56,7 @@ def test_crossings_are_found_beside_touches():
         Polygon([(5e5, 0), (5e5 + 1, 1), (5e5 + 1, 0), (5e5, 0.01)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "make",
     [

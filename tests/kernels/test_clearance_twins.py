@@ -10,7 +10,7 @@ from mapdeal.kernels import clearance_twin
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.squares import unreachable
 
-pytestmark = needs_compiled
+pytestmark = [pytest.mark.slow, needs_compiled]
 
 
 def check(squared, is_open, resolution=0.05, choice=0):

@@ -13,7 +13,7 @@ from mapdeal.kernels.distance import signed_distance
 from mapdeal.kernels.row_minima import row_minima
 from strategies import masks
 
-pytestmark = pytest.mark.usefixtures("each_engine")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("each_engine")]
 
 
 @st.composite

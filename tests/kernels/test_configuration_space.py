@@ -14,7 +14,7 @@ from mapdeal.kernels.blocks import LazyLayer
 from mapdeal.kernels.configuration_space import ConfigurationSpace, memory
 from mapdeal.kernels.spans import Spans
 
-pytestmark = pytest.mark.usefixtures("each_engine")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("each_engine")]
 
 
 def as_spans(runs):

@@ -66,6 +66,7 @@ def test_a_limit_makes_what_lies_beyond_unreachable(marked, limit):
         assert np.array_equal(cut_off, np.where(far, np.sign(whole) * endless, whole))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [0, 1, 5, 36, 9215, 9216, 9217, 30_975, 30_976, 30_977, 60_000])
 @pytest.mark.parametrize("density", [0.5, 3e-4])
 def test_limits_hold_at_every_distance(limit, density):
@@ -115,6 +116,7 @@ def test_shifts_clip_and_gain_act_in_this_order(clip):
     assert np.array_equal(distance, np.where(squares > 0, free, inside).astype(np.float32))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("side", "density"),
     [(450, 0.0), (450, 5e-6), (420, 1e-4), (400, 0.01), (333, 0.5), (333, 0.99), (450, 0.99999)],

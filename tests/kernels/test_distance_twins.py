@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from engines import needs_compiled
 from mapdeal.kernels import scipy_distance
 
-pytestmark = needs_compiled
+pytestmark = [pytest.mark.slow, needs_compiled]
 
 
 def bits(array):

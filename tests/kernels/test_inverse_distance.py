@@ -17,6 +17,7 @@ def test_the_convolution_is_the_direct_sum(marked, scale):
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(1, 400), (400, 1), (97, 211)])
 @pytest.mark.parametrize("density", [0.002, 0.3])
 def test_larger_maps_too(shape, density):

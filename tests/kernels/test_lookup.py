@@ -120,6 +120,7 @@ METRES = st.floats(width=32, allow_nan=False) | st.integers(0, 400).map(
 )
 
 
+@pytest.mark.slow
 @given(
     arrays.arrays(np.float32, (5, 7), elements=METRES),
     arrays.arrays(np.bool_, (5, 7)),

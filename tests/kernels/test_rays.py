@@ -129,6 +129,7 @@ def test_rays_from_and_to_far_away_take_no_longer(shape, rays):
     np.testing.assert_array_equal(misses, twin_misses)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [65_534, 65_535, 65_536, 131_071])
 @pytest.mark.parametrize("minor", [0, 1, 7, 40, 21_845, 32_767, 65_533, 65_534])
 @pytest.mark.parametrize("is_upright", [False, True])

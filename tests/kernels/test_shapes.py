@@ -117,6 +117,7 @@ def convex_polygons(draw):
     return points
 
 
+@pytest.mark.slow
 @given(convex_polygons())
 @settings(max_examples=500)
 def test_convex_polygons_are_filled_as_costmap_2d_fills_columns(points):

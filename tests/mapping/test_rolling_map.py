@@ -20,6 +20,8 @@ from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.beams import BeamLimits
 from oracles import line
 
+pytestmark = pytest.mark.slow
+
 
 def cell_of(x, y, resolution, corner=(0.0, 0.0)):
     return (math.floor((y - corner[1]) / resolution + 1e-9),

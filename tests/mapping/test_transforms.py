@@ -56,6 +56,7 @@ def test_the_arc_is_that_of_scipy(one, other, share):
     np.testing.assert_allclose(Rotation.from_quat(found).as_matrix(), wanted.as_matrix(), atol=1e-9)
 
 
+@pytest.mark.slow
 @given(data=st.data(), lengths=st.lists(st.integers(1, 4), min_size=2, max_size=3))
 def test_each_transform_of_a_chain_is_interpolated_alone(data, lengths):
     """Chains of several branches, edges upside down: the product of matrices, one by one."""
@@ -171,6 +172,7 @@ def test_samples_may_come_in_any_order_and_after_a_look_at_those_before(before, 
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_mixed", [False, True])
 def test_samples_are_kept_once(is_mixed):
     """72 bytes each and some slack, while they are read, sorted and asked for."""

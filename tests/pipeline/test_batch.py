@@ -20,6 +20,8 @@ from mapdeal.pipeline.processes import ProcessWorkers
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.settings import Settings
 
+pytestmark = pytest.mark.slow
+
 
 def jobs(names, output):
     return jobs_of(

@@ -195,6 +195,7 @@ def many(maps, monkeypatch):
     return [Path(one) for one in listed("maps")]
 
 
+@pytest.mark.slow
 def test_the_report_is_the_same_with_any_number_of_processes(many):
     done = []
     reports = [

@@ -16,7 +16,7 @@ from mapdeal.pipeline.settings import Settings
 ODD = [{}, [], 5, None, True, "x", "\ud800", [{}], {"x": {}}]
 SETTINGS = Settings(images=False)
 
-pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
 
 
 @pytest.fixture

@@ -20,6 +20,8 @@ from mapdeal.pipeline.settings import DEFAULT_SETTINGS
 from mapdeal.report.document import Item, Table
 from mapdeal.report.page import page_of
 
+pytestmark = pytest.mark.slow
+
 CHANGES = {"inflate.radius": 0.25, "cost.inflation_radius": 0.8, "cost.cost_scaling_factor": 1.0}
 ROOMS = """
     ??##################

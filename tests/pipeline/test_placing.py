@@ -16,6 +16,7 @@ def part(number, keep):
     return cut(drawn(WALLS, 0.15, place), place, keep)
 
 
+@pytest.mark.slow
 def test_a_map_that_only_overlaps_another_one_is_placed_by_that(tmp_path):
     west, whole, east = (
         part(0, lambda x: x < 11),
@@ -31,6 +32,7 @@ def test_a_map_that_only_overlaps_another_one_is_placed_by_that(tmp_path):
         assert grid.occupied().any()
 
 
+@pytest.mark.slow
 def test_a_map_of_another_place_is_named(tmp_path):
     paths = [tmp_path / name for name in ("a.yaml", "b.yaml", "other.yaml")]
     grids = [drawn(WALLS, 0.15, PLACES[0]), drawn(WALLS, 0.15, PLACES[1]), drawn(OTHER_WALLS, 0.15)]

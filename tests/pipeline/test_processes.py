@@ -18,6 +18,8 @@ from mapdeal import FileAccessError
 from mapdeal.pipeline.jobs import Job
 from mapdeal.pipeline.processes import ProcessWorkers
 
+pytestmark = pytest.mark.slow
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "maps" / "office.yaml"
 JOB = Job(Path("a.yaml"), Path("o"), "a.yaml", "a")
 

@@ -235,6 +235,7 @@ def test_of_a_radius_and_a_shape_the_later_setting_counts():
     assert (inflated["radius"], inflated["footprint"]) == (0.2, None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [SHAPE, Footprint.circle(0.3), None])
 @pytest.mark.parametrize("name", ["default", "nav2"])
 def test_the_stages_of_a_manifest_are_a_recipe(tmp_path, name, shape):

@@ -51,6 +51,7 @@ OCCUPANCY = st.lists(st.sampled_from([0, 0, 0, -1, 30, 50, 99, 100]), min_size=3
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(st.lists(STATIC | INFLATION, max_size=4), st.booleans(), OCCUPANCY)
 def test_the_recipe_of_a_robot_makes_its_master_grid(layers, track, occupancy):

@@ -81,6 +81,7 @@ def test_an_unchanged_map_is_skipped(room, tmp_path):
     assert {p: p.stat().st_mtime_ns for p in folder.iterdir()} == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["input", "recipe", "options", "output", "manifest"])
 def test_what_has_changed_is_not_overwritten_without_force(room, tmp_path, change):
     recipe, folder, settings = load_recipe("default"), tmp_path / "out", Settings()

@@ -16,6 +16,7 @@ WALL = OccupancyGrid([[100, *[0] * 199]] * 3, 0.05, (1.5, -2.0, 0.4))
 EMPTY = OccupancyGrid(np.zeros((3, 7), np.int8), 0.05, (1.5, -2.0, 0.4))
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(["costmap2d", "occupancy"]).flatmap(
         lambda scale: st.tuples(

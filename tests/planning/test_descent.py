@@ -195,6 +195,7 @@ def test_a_goal_in_the_start_s_own_cell_is_reached(start, goal):
     assert route.length == pytest.approx(math.dist(start, goal) * 0.25)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.2]))
 def test_the_clearance_is_the_least_distance_to_the_centre_of_an_obstacle(seed, density):

@@ -72,6 +72,7 @@ class Seen:
         return self.image.indices[self.top : self.bottom, self.left + place]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETS)
 def test_bars_have_the_height_and_the_colour_of_the_cost_at_the_nearest_distance(name):
     seen = Seen(curve_of(name))

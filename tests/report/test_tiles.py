@@ -24,6 +24,8 @@ from mapdeal.report import tiles
 from mapdeal.report.document import PageLayer
 from mapdeal.report.tiles import encoded, finest_reduce
 
+pytestmark = pytest.mark.slow
+
 STYLE = LayerStyle(np.zeros((1, 3), dtype=np.uint8))
 ROOM = 1 << 40
 DECODER = Path(mapdeal.__file__).parent / "report" / "page" / "decode.js"

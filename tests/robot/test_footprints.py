@@ -64,6 +64,7 @@ def test_texts_that_costmap_2d_takes_no_footprint_from(text):
     assert REFUSED[text] in str(caught.value)
 
 
+@pytest.mark.slow
 def test_long_texts_take_no_long_time():
     with pytest.raises(FootprintStringError):
         corners_of_string("[[" + "1" * 300_000)

@@ -454,6 +454,7 @@ def test_numbers_in_hints_are_numbers_to_yaml(resolve):
     assert yaml.safe_load("1.0e-05") == 1e-5
 
 
+@pytest.mark.slow
 def test_footprints_of_very_many_points_are_refused(resolve):
     corners = [[i, j] for i in range(25) for j in range(81)]
     robot, problems = resolve(f"static_map: true\nfootprint: {corners}\n")

@@ -15,6 +15,8 @@ import pytest
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.checks.lint import lint_file
 
+pytestmark = pytest.mark.slow
+
 RECIPE = """stages:
 - active
 - inflate: {radius: 0.15}

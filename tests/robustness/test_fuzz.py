@@ -24,6 +24,8 @@ from robustness.fuzz_readers import fuzz, read_seeds
 from robustness.mutation import Dice, mutant
 from robustness.readers import READERS, Reader, Seed
 
+pytestmark = pytest.mark.slow
+
 FEW, MUTANTS = 300, 2000
 LONGEST = 60.0
 """Seconds: a thousand times what a mutant takes, on however slow a machine."""

@@ -19,6 +19,8 @@ from mapdeal import OccupancyGrid, write_map
 from mapdeal.kernels.blocks import CacheBudget
 from mapdeal.pipeline import block_jobs, memory
 
+pytestmark = pytest.mark.slow
+
 FEW, MOMENTS = 16, 50
 _CALLS = ("open", "pread", "read", "stat", "fstat", "lstat", "scandir")
 ROWS = 7  # of a block

@@ -23,7 +23,7 @@ from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.stages.catalogue import STAGES
 from strategies import occupancies
 
-pytestmark = pytest.mark.usefixtures("mapdeal_warnings")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("mapdeal_warnings")]
 
 SPREADS = {"inflation": {"inscribed_radius": 0.2, "inflate_around_unknown": True}}
 

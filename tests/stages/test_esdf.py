@@ -25,6 +25,7 @@ def test_the_three_conventions_on_a_row():
         assert esdf(grid, convention=convention).distance.tolist() == [expected]
 
 
+@pytest.mark.slow
 @given(occupancies(), RESOLUTIONS, CONVENTIONS, st.sampled_from(["free", "occupied"]))
 def test_the_field_equals_brute_force_to_the_last_bit(occupancy, resolution, convention, unknown):
     occupied = occupancy >= 100

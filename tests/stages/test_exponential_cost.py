@@ -119,6 +119,7 @@ def test_costs_equal_brute_force(
         assert np.array_equal(exponential_cost(field, **parameters).cost, expected)
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(
     occupancies(),

@@ -48,6 +48,7 @@ def test_every_pair_of_cost_and_mask_value():
     assert (result.scale, result.origin, result.circumscribed_cost) == ("costmap2d", ORIGIN, 30)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", ["costmap2d", "occupancy"])
 @pytest.mark.parametrize("turn", [0.0, 0.5])
 @given(

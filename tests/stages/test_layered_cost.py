@@ -87,6 +87,7 @@ INFLATION = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(
     occupancies(),

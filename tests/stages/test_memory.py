@@ -16,6 +16,8 @@ from mapdeal.pipeline.memory import bytes_in_memory
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.catalogue import STAGES
 
+pytestmark = pytest.mark.slow
+
 SIDES = (1500, 1800)
 
 # The peak of a process begins with that of its parent: this one is small.

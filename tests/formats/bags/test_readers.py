@@ -25,6 +25,8 @@ from mapdeal.formats.bags.bag import MessageIndex, Place, normalised_topic
 from mapdeal.formats.bags.decoding import Decoder
 from mapdeal.formats.bags.reader import chosen_connections, open_bag
 
+pytestmark = pytest.mark.slow
+
 CELLS = np.array([[-1, 0, 100, 7], [0, 50, -1, 100]], np.int8)
 RANGES = np.arange(30, dtype=np.float32) / 4 + 0.5
 LASER = "sensor_msgs/msg/LaserScan"

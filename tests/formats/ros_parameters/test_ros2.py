@@ -285,6 +285,7 @@ def test_hints_say_what_to_write(read):
     assert "NODE: ros__parameters:" in hint("robot_radius: 0.2")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "rule"),
     [
