@@ -77,9 +77,9 @@ def test_it_has_a_command(command, room, tmp_path):
     text = " ".join(out.split())
     assert "--lethal-threshold N Occupancy of an obstacle, 1..100. [default: 100]" in text
     assert "first sentence" not in out
-    commands = command("--help")[1].split("Commands:")[1]
-    assert "drop-lone" in commands
-    assert "..." not in commands
+    others = command("--help")[1].split("Other commands:")[1]
+    assert "drop-lone" in others
+    assert "..." not in others
     code, out, err = command("drop-lone", room, "-o", tmp_path / "out.yaml", "--image",
                              tmp_path / "out.png")  # fmt: skip
     assert (code, err) == (0, "")
@@ -96,7 +96,7 @@ def test_its_models_options_join_the_command(command, room, tmp_path):
     models = "|".join(str(model) for model in catalogue.models_of("cost"))
     assert f"--model {models} " in text
     assert models.endswith("|flat")
-    assert "--beyond M flat: nothing lies so far away, metres. [default: 1.5]" in text
+    assert "With --model flat: --beyond M Nothing lies so far away, metres. [default: 1.5]" in text
     output = tmp_path / "c.npz"
     assert command("cost", room, "-o", output, "--model", "flat", "--beyond", 7)[0] == 0
     assert (read_map(output).cost == 7).all()

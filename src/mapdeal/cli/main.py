@@ -20,6 +20,7 @@ from typer.core import TyperGroup
 from typer.models import TyperPath
 
 from mapdeal.cli import terminal
+from mapdeal.cli.help_pages import in_groups, lay_out, write_commands
 from mapdeal.cli.process import begin_work
 from mapdeal.cli.streams import DASH
 from mapdeal.cli.usage import accept_spellings, usage_error
@@ -36,10 +37,10 @@ from mapdeal.errors import (
 _UsageError: Any = typer.BadParameter.__mro__[1]
 _ClickError: Any = typer.BadParameter.__mro__[2]
 
-_MAKERS = ("run", "local", "build")
 _OTHERS = (
-    "query", "route", "edit", "window", "shift", "convert", "pack", "unpack", "info", "lint",
-    "diff", "align", "merge", "rotate", "rescale", "clean", "score", "report", "completion",
+    "run", "local", "build", "query", "route", "edit", "window", "shift", "convert", "pack",
+    "unpack", "info", "lint", "diff", "align", "merge", "rotate", "rescale", "clean", "score",
+    "report", "completion",
 )  # fmt: skip
 _WORDS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
 
@@ -61,11 +62,11 @@ def command_names() -> list[str]:
     """Return the names of all commands, in the order of ``--help``."""
     from mapdeal.stages.catalogue import STAGE_NAMES  # which loads numpy
 
-    names = [*_MAKERS, *STAGE_NAMES, *_OTHERS]
+    names = [*STAGE_NAMES, *_OTHERS]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise ValueError(f"a stage has the name of another command: {', '.join(sorted(twice))}")
-    return names
+    return [name for members in in_groups(names).values() for name in members]
 
 
 class _ReaderGoneError(Exception):
@@ -144,7 +145,7 @@ class _LazyGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 - click's signature
         if cmd_name in self.commands:
             return self.commands[cmd_name]
-        if cmd_name in (*_MAKERS, *_OF_STAGES, *_OTHERS):
+        if cmd_name in (*_OF_STAGES, *_OTHERS):
             app = import_module(f"mapdeal.cli.{cmd_name}").app
         else:
             if cmd_name not in command_names():
@@ -155,12 +156,17 @@ class _LazyGroup(TyperGroup):
         begin_work()
         command: Any = typer.main.get_command(app)
         _leave_files_to_us(command)
+        lay_out(command, cmd_name)
         command.name = cmd_name
         first, _, _ = (command.help or "").partition("\n\n")
         command.short_help = " ".join(first.split())  # else it is cut off in the list
         command.context_settings["help_option_names"] = ["-h", "--help"]
         self.commands[cmd_name] = command
         return command
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands in groups."""
+        write_commands(self, ctx, formatter)
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the options, of which --help and --version print."""
@@ -200,9 +206,11 @@ def mapdeal(
 ) -> None:
     """Process robot map files without ROS.
 
+    Start with: mapdeal run MAP.yaml -o out
+
     A MAP is a map_server .yaml with its image, a .pbm with its .yaml, an .npz written by mapdeal,
     or - for such an .npz on standard input. Lengths are in metres, angles in radians. "mapdeal
-    COMMAND --help" tells all options of a command.
+    COMMAND --help" shows the options of a command, with examples.
     """
 
 

@@ -346,6 +346,7 @@ def _parameter(name: str, help_text: str | None) -> Parameter:
     shared = SHARED_OPTIONS[name]
     option = copy(shared.option)
     option.help = help_text or option.help
+    option.rich_help_panel = "Robot" if shared.group == _ROBOT else "Common options"
     return Parameter(
         name,
         Parameter.KEYWORD_ONLY,
