@@ -49,6 +49,9 @@ _COARSE, _FINE = 200, 500
 _MOST_FACES, _MOST_CHECKED, _MOST_POLISHED = 400, 2000, 4000
 """Faces of walls that move a candidate, that judge it, and that move the best one at the end."""
 
+_LEAST_SCALE = 1.5
+"""Cells: the smallest scale at which the best candidate is moved."""
+
 _SAME_TURN, _SAME_PLACE = math.radians(5), 1.2
 """Radians and metres within which two candidates are one place: drift bends maps so far."""
 
@@ -288,7 +291,9 @@ def _is_elsewhere(first: WallMap, poses: Poses, best: int) -> Mask:
 def _polished(first: WallMap, second: WallMap, poses: Poses) -> NDArray[np.float64]:
     """Return a place to a fraction of a cell."""
     narrow = _narrow(first, second)
-    scales = [narrow] * 3 + [narrow / 2] * 5
+    # Faces of one wall lie up to a cell apart: at a smaller scale, some pull without the others.
+    least = _LEAST_SCALE * max(first.resolution, second.resolution)
+    scales = [max(narrow, least)] * 3 + [max(narrow / 2, least)] * 5
     moved_to: Poses = refined(first, second, poses, scales, _MOST_POLISHED)[0]
     return moved_to
 
