@@ -55,11 +55,13 @@ def sum_of_inverse_distances(
     np.divide(1.0, inverse, out=inverse, where=far)
     inverse[~far] = 0.0
     response = fft.dctn(inverse, type=1, overwrite_x=True, workers=workers)
+    del inverse, far
     spectrum = fft.rfft2(
         marked.astype(np.float64), s=(2 * half_height, 2 * half_width), workers=workers
     )
     spectrum[: half_height + 1] *= response
     spectrum[half_height + 1 :] *= response[half_height - 1 : 0 : -1]
+    del response  # the peak of memory is that of what follows
     total: NDArray[np.float64] = fft.irfft2(
         spectrum, s=(2 * half_height, 2 * half_width), overwrite_x=True, workers=workers
     )
