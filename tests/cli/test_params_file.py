@@ -208,8 +208,8 @@ def test_inflate_takes_the_shape_and_what_is_lethal(command, hall, nav2, tmp_pat
 
 def test_routes_go_through_the_robots_costs(command, hall, nav2, tmp_path):
     command("cost", hall, "-o", tmp_path / "c.npz", "--params-file", nav2, "-q")
-    frame = np.load(hall)
-    x, y, yaw = frame["origin"]
+    with np.load(hall) as layers:
+        x, y, yaw = layers["origin"]
     turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     ends = [
         ",".join(map(repr, (turn @ np.array(p) * 0.15 + [x, y]).tolist()))

@@ -37,11 +37,11 @@ def turned(grid, points):
 
 
 def peers(folder):
-    arrays = np.load(folder / "expected" / "peers.npz")
     about = json.loads((folder / "expected" / "peers.json").read_text())
-    for key, case in about.items():
-        if key.startswith("polygon/"):
-            yield key, case, arrays[f"{key}/out"]
+    with np.load(folder / "expected" / "peers.npz") as arrays:
+        for key, case in about.items():
+            if key.startswith("polygon/"):
+                yield key, case, arrays[f"{key}/out"]
 
 
 def test_convex_polygons_are_those_of_costmap_2d_cell_for_cell(real_maps):

@@ -13,7 +13,8 @@ from mapdeal.grid.scales import (
 
 @pytest.fixture(scope="module")
 def peers(real_maps):
-    return np.load(real_maps / "expected" / "peers.npz")
+    with np.load(real_maps / "expected" / "peers.npz") as file:
+        yield file
 
 
 def test_costs_are_published_as_ros_publishes_them(peers):

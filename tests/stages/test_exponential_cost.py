@@ -221,9 +221,9 @@ def test_lookup_nav2_has_no_other_resolution_than_a_message_s():
 
 @pytest.mark.parametrize("case", range(16))
 def test_costs_equal_the_real_layer_within_the_brushfire_s_error(real_maps, case):
-    expected = np.load(real_maps / "expected" / "peers.npz")
     about = json.loads((real_maps / "expected" / "peers.json").read_text())[f"inflation/{case}"]
-    old, legacy = (expected[f"inflation/{case}/{name}"] for name in ("in", "legacy"))
+    with np.load(real_maps / "expected" / "peers.npz") as expected:
+        old, legacy = (expected[f"inflation/{case}/{name}"] for name in ("in", "legacy"))
     reach = math.ceil(about["inflation_radius"] / about["resolution"] - 1e-9)
     cost = old
     if reach > 0:
