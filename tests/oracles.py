@@ -96,7 +96,9 @@ def signed_distance(occupied, resolution, convention):
         s = inside[index] if occupied[index] else outside[index]
         metres = math.inf if s is None else math.sqrt(s) * resolution
         if occupied[index]:
-            shift = {"seed": resolution, "center": 0.0, "border": resolution / 2}[convention]
+            shift = {"fast-planner": resolution, "center": 0.0, "border": resolution / 2}[
+                convention
+            ]
             result[index] = -metres + shift
         else:
             result[index] = metres - (resolution / 2 if convention == "border" else 0.0)

@@ -17,6 +17,14 @@ BRITISH_AND_AMERICAN = (
 )
 """Spellings of one word, in choices and in names: either is as good."""
 
+FORMER_NAMES = {
+    "seed": ("fast-planner", "per-map"),
+    "seed-real": ("design-real",),
+    "seed-sim": ("design-sim",),
+    "seed-local": ("design-local",),
+}
+"""Names that are still accepted, and those that replaced them."""
+
 _ALIKE = 0.75
 """From this ratio on words with different first letters are alike: nflate and inflate."""
 
@@ -34,15 +42,27 @@ def as_known(word: str, known: Iterable[str]) -> str:
 
     Examples
     --------
-    >>> as_known("centre", ["seed", "center"]), as_known("log_odds", ["log-odds"])
+    >>> as_known("centre", ["border", "center"]), as_known("log_odds", ["log-odds"])
     ('center', 'log-odds')
-    >>> as_known("middle", ["seed", "center"])
-    'middle'
+    >>> as_known("middle", ["border", "center"]), as_known("seed", ["fast-planner", "border"])
+    ('middle', 'fast-planner')
     """
     names = list(known)
     if word in names:
         return word
-    return next((name for name in names if _plain(name) == _plain(word)), word)
+    spelled = next((name for name in names if _plain(name) == _plain(word)), word)
+    return renamed(spelled, names)
+
+
+def renamed(word: str, known: Iterable[str]) -> str:
+    """Return the known name that has replaced `word`; `word` itself if none has.
+
+    Examples
+    --------
+    >>> renamed("seed-sim", ["nav2", "design-sim"]), renamed("seed", ["nav2"])
+    ('design-sim', 'seed')
+    """
+    return next((name for name in known if name in FORMER_NAMES.get(word, ())), word)
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:

@@ -38,8 +38,8 @@ def _sums(folder):
         (["--recipe", "nav2"], {"recipe": "nav2"}),
         (["--set", "inflate.radius=0.4"], {"changes": {"inflate.radius": 0.4}}),
         (
-            ["--recipe", "seed-real", "--sim", "--canvas", "full", "--no-images"],
-            {"recipe": "seed-real", "sim": True, "canvas": "full", "images": False},
+            ["--recipe", "design-real", "--sim", "--canvas", "full", "--no-images"],
+            {"recipe": "design-real", "sim": True, "canvas": "full", "images": False},
         ),
         (
             ["--recipe", "nav2", "--footprint", "[[0.3,0.2],[-0.3,0.2],[-0.3,-0.2],[0.3,-0.2]]"],
@@ -67,7 +67,7 @@ def test_a_run_writes_the_files_of_the_command(room, tmp_path, command, words, a
 
 
 @pytest.mark.parametrize("canvas", ["crop", "full"])
-@pytest.mark.parametrize("name", ["default", "nav2", "seed-sim", "local", "arena"])
+@pytest.mark.parametrize("name", ["default", "nav2", "design-sim", "local", "arena"])
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_a_recipe_in_memory_makes_what_a_run_writes(room, tmp_path, name, canvas):
     report = mapdeal.run(room, tmp_path / "out", name, canvas=canvas, images=False)
@@ -99,7 +99,7 @@ def test_a_run_that_fails_leaves_nothing(room, tmp_path):
     blank = tmp_path / "blank.yaml"
     mapdeal.write_map(blank, mapdeal.OccupancyGrid(np.full((2, 3), -1, np.int8), 0.5))
     with pytest.raises(mapdeal.MapdealError, match=r"blank\.yaml"):
-        mapdeal.run(blank, tmp_path / "out", "seed-sim")
+        mapdeal.run(blank, tmp_path / "out", "design-sim")
     assert not (tmp_path / "out").exists()
 
 
@@ -225,7 +225,7 @@ def test_a_footprint_that_is_none_is_refused(room, tmp_path, footprint):
 def test_a_recipe_warns_of_costs_that_say_nothing():
     free = mapdeal.OccupancyGrid(np.zeros((9, 12), np.int8), 0.25, (1.5, -2.0, 0.4))
     with pytest.warns(mapdeal.MapdealWarning, match=r"cost: .*%"):
-        mapdeal.apply_recipe(free, "seed-real")
+        mapdeal.apply_recipe(free, "design-real")
 
 
 def test_info_is_what_the_command_says(room, command):

@@ -78,7 +78,7 @@ def test_the_smallest_maps_have_exact_distances(write_map, accepted, drawing, di
         pytest.param(["active", "m.yaml", "-o", "o.npz"], id="G4-active"),
         pytest.param(["active", "m.yaml", "-o", "new/o.yaml", "--image", "p.png"], id="G4-pair"),
         pytest.param(["run", "m.yaml", "-o", "out", "--sim"], id="G4-run"),
-        pytest.param(["run", "m.yaml", "-o", "new/out", "--recipe", "seed-sim"], id="G4-recipe"),
+        pytest.param(["run", "m.yaml", "-o", "new/out", "--recipe", "design-sim"], id="G4-recipe"),
     ],
 )
 def test_a_map_without_a_known_cell_has_no_active_region(write_map, folder, command, words):

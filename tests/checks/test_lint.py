@@ -295,7 +295,7 @@ def test_a_folder_of_a_run_is_what_its_manifest_says(command, folder):
 
 
 def test_a_run_whose_costs_say_nothing_has_a_finding(command, folder):
-    words = ["--recipe", "seed-real", "--set", "inflate.radius=0"]
+    words = ["--recipe", "design-real", "--set", "inflate.radius=0"]
     words += ["--set", "cost.down=100", "--set", "cost.up=100"]
     code, _, err = command("run", "good.yaml", "-o", "out", "--no-images", *words)
     assert (

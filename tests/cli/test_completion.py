@@ -34,7 +34,7 @@ CASES = [
     (["esdf", "--convention", "c"], {"center"}),
     (["convert", "--encoding", "a"], {"amcl"}),
     (["info", "--dialect", ""], {"nav2", "humble", "ros1"}),
-    (["run", "map.yaml", "--recipe", "seed-"], {"seed-real", "seed-sim", "seed-local"}),
+    (["run", "map.yaml", "--recipe", "design-"], {"design-real", "design-sim", "design-local"}),
     (["run", "--set", "inflate.ker"], {"inflate.kernel=disc", "inflate.kernel=square"}),
     (["run", "--set", "esdf.strengt"], {"esdf.strength="}),
     (["run", "--set", "cost.model=t"], {"cost.model=threshold"}),

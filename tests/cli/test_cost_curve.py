@@ -40,7 +40,11 @@ def test_the_picture_is_that_of_the_python_face(command, room, tmp_path):
 
 @pytest.mark.parametrize(
     "words",
-    [ROBOT, ["--model", "rings", "--values", "90,20"], ["--model", "threshold", "--view", "seed"]],
+    [
+        ROBOT,
+        ["--model", "rings", "--values", "90,20"],
+        ["--model", "threshold", "--view", "per-map"],
+    ],
 )
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_json_is_one_document(command, room, tmp_path, words):

@@ -65,7 +65,7 @@ def contents(folder):
 
 @pytest.mark.parametrize("memory", [LITTLE, LESS])
 @pytest.mark.parametrize(
-    "recipe", ["default", "nav2", "seed-real", "seed-sim", "seed-sim --canvas full"]
+    "recipe", ["default", "nav2", "design-real", "design-sim", "design-sim --canvas full"]
 )
 def test_run(command, building, tmp_path, blocks_used, recipe, memory):
     told = []
@@ -76,7 +76,7 @@ def test_run(command, building, tmp_path, blocks_used, recipe, memory):
         )  # fmt: skip
         told.append(err)
         assert (code, err.count("\n"), "the open cells cost 99" in err) == (
-            (0, 1, True) if recipe == "seed-real" else (0, 0, False)
+            (0, 1, True) if recipe == "design-real" else (0, 0, False)
         )
         assert out.replace(str(tmp_path / name), "") != out
         assert bool(blocks_used) == (name == "blocks")
@@ -93,7 +93,7 @@ STAGES = [
     ("inflate", ".npz", ["--radius", "0.5", "--kernel", "square"]),
     ("esdf", ".npy", []),
     ("esdf", ".npz", ["--convention", "border", "--max-distance", "2"]),
-    ("esdf", ".yaml", ["--view", "seed"]),
+    ("esdf", ".yaml", ["--view", "per-map"]),
     ("cost", ".yaml", []),
     ("cost", ".npz", ["--model", "rings"]),
     ("cost", ".yaml", ["--model", "threshold"]),
@@ -210,7 +210,7 @@ class Watched:
 @pytest.mark.parametrize("images", [True, False])
 @pytest.mark.parametrize(
     ("recipe", "canvas"),
-    [("default", "crop"), ("seed-real", "crop"), ("seed-sim", "crop"), ("seed-sim", "full")],
+    [("default", "crop"), ("design-real", "crop"), ("design-sim", "crop"), ("design-sim", "full")],
 )
 @pytest.mark.usefixtures("mapdeal_warnings")
 def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, canvas, images):
@@ -229,7 +229,7 @@ def test_progress_of_a_run_ends_with_its_end(building, tmp_path, recipe, canvas,
 
 
 @pytest.mark.parametrize(("stage", "ending"), sorted({case[:2] for case in STAGES}))
-@pytest.mark.parametrize("parameters", [{}, {"view": "seed"}])
+@pytest.mark.parametrize("parameters", [{}, {"view": "per-map"}])
 def test_progress_of_a_stage_ends_with_its_end(
     building, tmp_path, monkeypatch, stage, ending, parameters
 ):

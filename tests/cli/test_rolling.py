@@ -71,11 +71,11 @@ def test_the_square_kernel_and_rings_around_a_robot(command, place):
     values[0, 5] = 100
     write_map("wall.npz", OccupancyGrid(values, 0.2, (-1.0, 0.3, 0.0)))
     words = ["local", "--map", "wall.npz", "--pose", "0.2,0.4,0", "--size", "2.4,0.2", "-o", "o"]
-    code, _, _ = command(*words, "--recipe", "seed-local", "--no-images")
+    code, _, _ = command(*words, "--recipe", "design-local", "--no-images")
     assert code == 0
     assert read_map("o/inflated.yaml").occupancy.tolist() == [[0] * 3 + [100] * 5 + [0] * 4]
     assert read_map("o/cost.npz").cost[0].tolist() == [50, 70, 90, *[100] * 5, 90, 70, 50, 0]
-    run = ["run", "wall.npz", "--recipe", "seed-local", "-o", "r", "--no-images"]
+    run = ["run", "wall.npz", "--recipe", "design-local", "-o", "r", "--no-images"]
     assert command(*run)[0] == 0
     assert np.array_equal(read_map("r/wall/cost.npz").cost, read_map("o/cost.npz").cost)
 

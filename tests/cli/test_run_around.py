@@ -37,14 +37,14 @@ def around(command, *words, out="o", pose="0.5,0.3,1.2", cloud="c.csv"):
 
 def test_one_call_makes_what_two_commands_make(command, place):
     shape = ["--robot-radius", "0.25"]
-    code, out, _ = around(command, *IN_RUN, *shape, "--recipe", "seed-real", "--local-recipe",
-                          "seed-local", "--frame", "robot")  # fmt: skip
+    code, out, _ = around(command, *IN_RUN, *shape, "--recipe", "design-real", "--local-recipe",
+                          "design-local", "--frame", "robot")  # fmt: skip
     assert code == 0
     assert "m.yaml -> o/m\n" in out
     assert "m.yaml -> o/m/local: 2 of 3 points in the window" in out
-    command("run", "m.yaml", "-o", "a", "--recipe", "seed-real", *shape)
+    command("run", "m.yaml", "-o", "a", "--recipe", "design-real", *shape)
     command("local", "--map", "m.yaml", "--cloud", "c.csv", "--pose", "0.5,0.3,1.2", *LOCAL,
-            "--recipe", "seed-local", *shape, "-o", "b")  # fmt: skip
+            "--recipe", "design-local", *shape, "-o", "b")  # fmt: skip
     found = contents(place / "o" / "m")
     local = {name: data for name, data in found.items() if name.startswith("local/")}
     assert {name.removeprefix("local/"): data for name, data in local.items()} == contents(

@@ -147,7 +147,7 @@ FIELD_STAGES = [stage for stage in STAGES if stage.takes_field]
 CHOSEN = {
     "exponential": {"inscribed_radius": 0.3, "inflate_unknown": True,
                     "inflate_around_unknown": True},
-    "threshold": {"view": "seed", "down": 10, "up": 40},
+    "threshold": {"view": "per-map", "down": 10, "up": 40},
     "rings": {"values": (90, 70, 50)},
     "layers": {"layers": ["static", {"inflation": {"inflation_radius": 0.8}}]},
     "potential": {"goal": (9.5, -7.0)},
@@ -160,7 +160,7 @@ CHOSEN = {
 @settings(max_examples=40)
 @given(
     occupancies(longest=8), MARGINS, st.sampled_from(["free", "occupied"]),
-    st.sampled_from(["seed", "border"]),
+    st.sampled_from(["fast-planner", "border"]),
 )  # fmt: skip
 def test_a_stage_makes_of_it_what_it_makes_of_the_box(
     stage, occupancy, margins, unknown, convention
@@ -180,8 +180,8 @@ def test_a_stage_makes_of_it_what_it_makes_of_the_box(
     made = stage.function(field, **chosen)
     for one in (whole, again):
         assert_padded(stage.function(one, **chosen), made, margins)
-        view = mapdeal.field_view(one, view="seed").occupancy
-        expected = mapdeal.field_view(field, view="seed").occupancy
+        view = mapdeal.field_view(one, view="per-map").occupancy
+        expected = mapdeal.field_view(field, view="per-map").occupancy
         np.testing.assert_array_equal(view, padded(expected, margins))
         np.testing.assert_array_equal(
             one.obstacles(), padded(field.obstacles().astype(np.int8), margins) == 1

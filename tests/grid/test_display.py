@@ -139,7 +139,7 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
         ("Bottleneck", "0.8 m at (1.5, -2), the passage"),
         ("Passage", "0.8 m at (1.5, -2), closed, 12.25 m2 behind it"),
         # The farthest cell is a row and three columns away: sqrt(10) cells.
-        ("DistanceField", f"{PLACE}, convention seed, 0 .. 0.790569 m, 2 obstacle cells"),
+        ("DistanceField", f"{PLACE}, convention fast-planner, 0 .. 0.790569 m, 2 obstacle cells"),
         (
             "Costmap",
             # all cells within two cells: two on the left, one on the right, and three below
@@ -174,9 +174,9 @@ def test_the_line_says_what_there_is(name, expected):
 def test_fields_without_obstacles_and_with_parts_alone_are_told():
     free = mapdeal.OccupancyGrid(np.zeros((2, 3)), 0.5, (1, 2, 0.3))
     field = mapdeal.esdf(free)
-    assert repr(field).endswith("convention seed, no obstacle)")
+    assert repr(field).endswith("convention fast-planner, no obstacle)")
     nothing_free = mapdeal.esdf(free.with_values(np.full((2, 3), 100, np.int8)))
-    assert repr(nothing_free).endswith("convention seed, nothing but obstacles)")
+    assert repr(nothing_free).endswith("convention fast-planner, nothing but obstacles)")
     clipped = mapdeal.esdf(grid(), max_distance=0.3, strength=2.0)
     assert "strength 2, max_distance 0.3 m, " in repr(clipped)
     frame = grid().frame.window(-2, -1, 9, 8)
@@ -218,7 +218,7 @@ def test_giant_grids_are_not_counted(monkeypatch):
     monkeypatch.setattr("mapdeal.grid.framed.MOST_COUNTED", 14)
     for name in ("OccupancyGrid", "BitMap"):
         assert repr(SAMPLES[name]) == f"{name}({PLACE})"
-    assert repr(SAMPLES["DistanceField"]) == f"DistanceField({PLACE}, convention seed)"
+    assert repr(SAMPLES["DistanceField"]) == f"DistanceField({PLACE}, convention fast-planner)"
     monkeypatch.setattr("mapdeal.grid.framed.MOST_COUNTED", 15)
     assert repr(SAMPLES["BitMap"]) == f"BitMap({PLACE}, 2 ones)"
 

@@ -22,7 +22,7 @@ from mapdeal import (
 
 GRID = OccupancyGrid([[100, 0, 0, 0, 0, -1], [-1, 0, 0, 30, 0, 100]], 0.25, (1.0, 2.0, 0.3))
 METRIC = field_view(esdf(GRID), view_range=0.7)
-SEED = field_view(esdf(GRID, strength=1.3), view="seed")
+SEED = field_view(esdf(GRID, strength=1.3), view="per-map")
 
 
 @pytest.mark.parametrize("ending", [".yaml", ".png", ".npz"])
@@ -76,7 +76,7 @@ def test_another_mode_makes_it_a_map(tmp_path):
     ("key", "value", "rule"),
     [
         ("view", None, "needs key view"),
-        ("view", "polar", "must be metric or seed"),
+        ("view", "polar", "must be metric or per-map"),
         ("view_range", None, "needs key view_range"),
         ("view_range", "0", "above 0"),
         ("view_range", ".inf", "must be"),
@@ -136,7 +136,7 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("view", [["--view", "seed"], ["--view-range", "1.5"]])
+@pytest.mark.parametrize("view", [["--view", "per-map"], ["--view-range", "1.5"]])
 def test_costs_of_the_view_are_those_of_the_field(command, files, view):
     assert command("esdf", "m.yaml", "-o", "e.npz", "--strength", "1.3")[0] == 0
     assert command("esdf", "m.yaml", "-o", "e.yaml", "--strength", "1.3", *view)[0] == 0
@@ -145,7 +145,7 @@ def test_costs_of_the_view_are_those_of_the_field(command, files, view):
         code, _, err = command("cost", name, "-o", f"{name}.cost.npz", *words)
         assert (code, err) == (0, "")
     assert (files / "e.npz.cost.npz").read_bytes() == (files / "e.yaml.cost.npz").read_bytes()
-    asked = {"view": "seed"} if "seed" in view else {"view_range": 1.5}
+    asked = {"view": "per-map"} if "per-map" in view else {"view_range": 1.5}
     field = esdf(GRID, strength=1.3)
     expected = threshold_cost(field, down=20, up=50, up_factor=1, **asked)
     assert np.array_equal(read_map("e.yaml.cost.npz").cost, expected.cost)

@@ -34,7 +34,7 @@ def by_blocks(marked, blocks, **measure):
     return np.vstack(parts)
 
 
-@pytest.mark.parametrize("convention", ["seed", "center", "border"])
+@pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
 @given(cut=cut_masks())
 def test_blocks_of_any_height_equal_brute_force_over_the_whole(convention, cut):
     marked, blocks = cut

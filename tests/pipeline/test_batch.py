@@ -158,7 +158,7 @@ def test_errors_come_back_from_workers_as_they_were(error):
 
 
 @pytest.mark.parametrize(
-    "recipe", ["default", "nav2", "local", "seed-real", "seed-sim", "seed-local"]
+    "recipe", ["default", "nav2", "local", "design-real", "design-sim", "design-local"]
 )
 def test_runs_can_be_sent_to_workers(recipe):
     run_one = MapRun(load_recipe(recipe), Settings(threads=1))

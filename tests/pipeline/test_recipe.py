@@ -36,7 +36,7 @@ def test_the_default_recipe_has_the_documented_defaults():
     assert load_recipe("default").described() == [
         {"inflate": {"radius": 0.3, "footprint": None, "kernel": "disc", "lethal_threshold": 100,
                      "inflate_unknown": True}},
-        {"esdf": {"unknown": "free", "convention": "seed", "max_distance": None,
+        {"esdf": {"unknown": "free", "convention": "fast-planner", "max_distance": None,
                   "lethal_threshold": 100, "strength": 1.0, "view": "metric", "view_range": 2.0}},
         {"cost": {"model": "exponential", "inscribed_radius": 0.0, "inflation_radius": 0.55,
                   "cost_scaling_factor": 10.0, "inflate_unknown": False,
@@ -54,9 +54,9 @@ def test_the_default_recipe_has_the_documented_defaults():
         ("nav2", ["esdf", "cost"]),
         ("local", ["inflate", "esdf", "cost"]),
         ("arena", ["inflate", "esdf", "cost"]),
-        ("seed-real", ["inflate", "esdf", "cost"]),
-        ("seed-sim", ["active", "inflate", "esdf", "cost"]),
-        ("seed-local", ["inflate", "esdf", "cost"]),
+        ("design-real", ["inflate", "esdf", "cost"]),
+        ("design-sim", ["active", "inflate", "esdf", "cost"]),
+        ("design-local", ["inflate", "esdf", "cost"]),
     ],
 )
 def test_the_stages_of_the_built_in_recipes(name, stages):
@@ -65,11 +65,11 @@ def test_the_stages_of_the_built_in_recipes(name, stages):
 
 
 def test_the_recipes_of_the_design_document():
-    real, sim = described("seed-real"), described("seed-sim")
+    real, sim = described("design-real"), described("design-sim")
     assert (real["inflate"]["kernel"], real["inflate"]["radius"]) == ("square", 0.5)
     assert (real["esdf"]["unknown"], sim["esdf"]["unknown"]) == ("free", "occupied")
     for recipe in (real, sim):
-        assert (recipe["esdf"]["view"], recipe["cost"]["view"]) == ("seed", "seed")
+        assert (recipe["esdf"]["view"], recipe["cost"]["view"]) == ("per-map", "per-map")
         assert recipe["cost"]["model"] == "threshold"
 
 
@@ -77,11 +77,13 @@ def test_thresholds_in_metres_say_which_values_take_effect():
     arena = described("arena")["cost"]
     assert (arena["down_distance"], arena["down"]) == (1.0, 50)
     assert (arena["up_distance"], arena["up"]) == (0.5, 75)
-    seed = described("arena", settings=["cost.view=seed"])["cost"]
-    assert (seed["down"], seed["up"]) == (None, None)  # the map decides
+    per_map = described("arena", settings=["cost.view=per-map"])["cost"]
+    assert (per_map["down"], per_map["up"]) == (None, None)  # the map decides
     value = described("arena", settings=["cost.down=30"])["cost"]
     assert (value["down_distance"], value["down"], value["up"]) == (None, 30, 75)
-    metres = described("seed-real", settings=["cost.view=metric", "cost.down_distance=1.5"])["cost"]
+    metres = described("design-real", settings=["cost.view=metric", "cost.down_distance=1.5"])[
+        "cost"
+    ]
     assert (metres["down_distance"], metres["down"], metres["up"]) == (1.5, 25, 54)
 
 
@@ -109,18 +111,18 @@ def drawn_arena():
     return OccupancyGrid(cells, 0.05, (-1.0, 0.5, 0.0))
 
 
-def test_the_arena_recipe_grades_an_arena_that_the_seed_s_does_not():
+def test_the_arena_recipe_grades_an_arena_that_those_of_the_design_document_do_not():
     shares = {}
-    for name in ("arena", "seed-real"):
+    for name in ("arena", "design-real"):
         grid = drawn_arena()
         for step in load_recipe(name).steps:
             grid = step.apply(grid, Path("arena.yaml"))
         free = drawn_arena().occupancy == 0
         shares[name] = np.mean((grid.cost[free] > 0) & (grid.cost[free] < 99))
         is_told = step.remark_on(grid.figures()) is not None
-        assert is_told == (name == "seed-real")
+        assert is_told == (name == "design-real")
     assert shares["arena"] > 0.5
-    assert shares["seed-real"] == 0
+    assert shares["design-real"] == 0
 
 
 @pytest.mark.parametrize(
@@ -142,7 +144,7 @@ def test_the_arena_recipe_grades_a_fifth_near_obstacles_on_real_maps(real_maps, 
 
 
 def test_the_recipe_around_a_robot_has_a_square_kernel_and_rings():
-    recipe = described("seed-local")
+    recipe = described("design-local")
     assert (recipe["inflate"]["kernel"], recipe["inflate"]["radius"]) == ("square", 0.3)
     assert recipe["esdf"]["unknown"] == "free"
     assert (recipe["cost"]["model"], recipe["cost"]["values"]) == ("rings", [90, 70, 50])
@@ -182,7 +184,7 @@ def test_a_shape_goes_into_inflate_or_else_into_cost():
         Footprint.polygon([[0.4, 0.1], [0.1, 0.3], [-0.2, -0.3]]).padded(0.01),
     ],
 )
-@pytest.mark.parametrize("recipe", ["default", "nav2", "local", "seed-real"])
+@pytest.mark.parametrize("recipe", ["default", "nav2", "local", "design-real"])
 def test_the_radius_that_is_told_is_the_one_that_acts(recipe, shape):
     """Stages without the shape, with what was recorded as the radius, make the same cells."""
     grid = OccupancyGrid(np.eye(12, 17, dtype=np.int8) * 100, 0.1, (1.5, -2.0, 0.4))
@@ -221,17 +223,17 @@ def test_a_shape_gives_inflate_the_radius_that_is_recorded():
     assert described("default", footprint=SHAPE)["inflate"]["radius"] == pytest.approx(0.5)
     padded = Footprint.polygon([[0.3, 0.41], [0.3, -0.41], [-0.3, -0.41]]).padded(0.03)
     assert described("default", footprint=padded)["inflate"]["radius"] == pytest.approx(0.55)
-    circle = described("seed-real", footprint=Footprint.circle(0.25))["inflate"]
+    circle = described("design-real", footprint=Footprint.circle(0.25))["inflate"]
     assert (circle["radius"], circle["footprint"]) == (0.25, {"radius": 0.25})
 
 
 def test_of_a_radius_and_a_shape_the_later_setting_counts():
     shape = "inflate.footprint=[[0.3, 0.4], [0.3, -0.4], [-0.3, -0.4], [-0.3, 0.4]]"
     settings = ["inflate.radius=0.2", shape]
-    inflated = described("seed-real", settings=settings)["inflate"]
+    inflated = described("design-real", settings=settings)["inflate"]
     assert (inflated["radius"], inflated["kernel"]) == (0.5, "square")
     settings.reverse()
-    inflated = described("seed-real", settings=settings)["inflate"]
+    inflated = described("design-real", settings=settings)["inflate"]
     assert (inflated["radius"], inflated["footprint"]) == (0.2, None)
 
 
@@ -329,7 +331,7 @@ def test_names_of_recipes_that_are_none():
 
 def test_the_numbers_of_recipe_nav2_are_those_of_nav2_bringup():
     assert load_recipe("nav2").described() == [
-        {"esdf": {"unknown": "free", "convention": "seed", "max_distance": None,
+        {"esdf": {"unknown": "free", "convention": "fast-planner", "max_distance": None,
                   "lethal_threshold": 100, "strength": 1.0, "view": "metric", "view_range": 2.0}},
         {"cost": {"model": "exponential", "inscribed_radius": 0.22549849949589046,
                   "inflation_radius": 0.7, "cost_scaling_factor": 3.0, "inflate_unknown": False,
@@ -341,8 +343,8 @@ def test_the_numbers_of_recipe_nav2_are_those_of_nav2_bringup():
 
 
 def test_a_simulation_adds_no_second_active_region():
-    assert list(described("seed-sim", sim=True)) == ["active", "inflate", "esdf", "cost"]
-    assert [step.name for step in load_recipe("seed-sim", sim=True).steps].count("active") == 1
+    assert list(described("design-sim", sim=True)) == ["active", "inflate", "esdf", "cost"]
+    assert [step.name for step in load_recipe("design-sim", sim=True).steps].count("active") == 1
     assert list(described("default", sim=True)) == ["active", "inflate", "esdf", "cost"]
 
 

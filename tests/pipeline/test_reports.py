@@ -65,7 +65,7 @@ def test_a_run_has_a_layer_for_each_stage_and_all_that_its_manifest_tells(run):
         "Inflated by 0.25 m (disc)", "Signed distance field"
     ]  # fmt: skip
     field = entry.layers[1]
-    assert (field.states, field.convention, field.unit) == ("inflated", "seed", "m")
+    assert (field.states, field.convention, field.unit) == ("inflated", "fast-planner", "m")
     told = {table.title: dict(table.rows) for table in entry.tables}
     manifest = json.loads((run / "manifest.json").read_text())
     assert told["inflate: parameters"]["radius"] == "0.25"

@@ -118,7 +118,7 @@ def test_a_replaced_run_leaves_no_outputs_of_the_old_one_behind(room, tmp_path):
 def test_a_run_that_fails_leaves_nothing(tmp_path):
     write_map(tmp_path / "blank.yaml", grid_from_text("???\n???"))
     with pytest.raises(MalformedInputError, match="no active cells"):
-        run_map(tmp_path / "blank.yaml", tmp_path / "out" / "blank", load_recipe("seed-sim"))
+        run_map(tmp_path / "blank.yaml", tmp_path / "out" / "blank", load_recipe("design-sim"))
     assert not (tmp_path / "out").exists()
 
 
@@ -193,7 +193,7 @@ def test_outputs_of_another_version_are_made_again(room, tmp_path):
 
 
 CANVAS_RECIPES = {
-    "seed-sim": None,
+    "design-sim": None,
     "default": None,
     "nav2": None,
     "own": "stages:\n- active: {margin: 0.2}\n- esdf: {unknown: occupied, strength: 1.5}\n"

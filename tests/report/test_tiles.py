@@ -138,7 +138,7 @@ def _numbers(draw, scales=(1e-3, 0.05, 7.0, 3000.0)):
 
 
 @settings(max_examples=20)
-@given(values=_numbers(), convention=st.sampled_from([None, "seed", "center", "border"]))
+@given(values=_numbers(), convention=st.sampled_from([None, "fast-planner", "center", "border"]))
 def test_metres_are_told_to_half_a_millimetre_whatever_they_are(values, convention):
     result = encoded([_layer(values, unit="m", convention=convention)], size=ROOM)
     _same(_decoded(result)[1], values, within=0.00051, relative=2**-24)
@@ -166,7 +166,7 @@ def test_metres_beyond_the_range_of_steps_are_told(values):
     shape=SHAPES,
     seed=st.integers(0, 2**32 - 1),
     share=st.sampled_from([0.0, 0.001, 0.02, 0.6, 1.0]),
-    convention=st.sampled_from(["seed", "center", "border"]),
+    convention=st.sampled_from(["fast-planner", "center", "border"]),
     strength=st.sampled_from([1.0, 1.7, 1e-3]),
     max_distance=st.sampled_from([None, 0.13, 1.03]),
 )
@@ -189,7 +189,7 @@ def test_fields_are_told_by_their_squares(
     assert _ways_taken(result) == {"squares"}
 
 
-@pytest.mark.parametrize("convention", ["seed", "center", "border"])
+@pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
 def test_fields_deep_inside_of_obstacles_are_told_by_their_squares_too(convention):
     occupancy = np.full((60, 90), 100, dtype=np.int8)
     occupancy[3, 7], occupancy[50:, 60:] = 0, 0
@@ -221,7 +221,7 @@ def test_clearances_and_widths_are_told_by_their_squares(factor):
 
 def test_squares_that_do_not_fit_are_not_used():
     field = esdf(OccupancyGrid([[100, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]], 0.05), strength=1.23)
-    layer = _layer(field.distance, unit="m", convention="seed", resolution=0.05)
+    layer = _layer(field.distance, unit="m", convention="fast-planner", resolution=0.05)
     result = encoded([layer], size=ROOM)  # the factor is not told
     _same(_decoded(result)[1], field.distance, within=0.00051)
     assert _ways_taken(result) == {"steps"}
@@ -231,7 +231,7 @@ def test_a_field_takes_a_quarter_of_npz_or_less():
     random = np.random.default_rng(7)
     occupancy = np.where(random.random((700, 600)) < 0.0001, 100, 0)
     distance = esdf(OccupancyGrid(occupancy, 0.05)).distance
-    result = encoded([_layer(distance, unit="m", convention="seed")], size=ROOM)
+    result = encoded([_layer(distance, unit="m", convention="fast-planner")], size=ROOM)
     npz = len(zlib.compress(distance.tobytes(), 6))
     assert result.encoded[0].levels[-1].size < npz / 4
 
@@ -289,7 +289,13 @@ def _some_layers(make=lambda values: values):
     rank = np.roll(np.arange(256), 1).astype(np.uint8)
     return [
         _layer(make(occupancy.view(np.uint8)), shape=(1100, 300), rank=rank),
-        _layer(make(distance), shape=(1100, 300), unit="m", convention="seed", pooled="smallest"),
+        _layer(
+            make(distance),
+            shape=(1100, 300),
+            unit="m",
+            convention="fast-planner",
+            pooled="smallest",
+        ),
     ]
 
 

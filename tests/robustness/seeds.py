@@ -477,7 +477,7 @@ ANSWERS = {
 
 RECIPES = [
     b"stages:\n  - inflate:\n  - esdf:\n  - cost:\n",
-    b"stages: [inflate: {kernel: square, radius: 0.5}, esdf: {unknown: free, view: seed}]\n",
+    b"stages: [inflate: {kernel: square, radius: 0.5}, esdf: {unknown: free, view: per-map}]\n",
     b"stages:\n  - active\n  - esdf: {max_distance: 2}\n  - cost: {model: rings}\n",
     b"stages: [{cost: {inscribed_radius: 0.22, inflation_radius: .7, cost_scaling_factor: 3.0}}]\n",
     b"stages:\n- cost:\n    model: layers\n    layers: [static, inflation: {lookup: nav2}]\n",

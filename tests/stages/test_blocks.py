@@ -37,7 +37,7 @@ DRAWN = {
         "lethal_threshold": [50, 100], "inflate_unknown": [True, False],
     },
     ("esdf", None): {
-        "unknown": ["free", "occupied"], "convention": ["seed", "center", "border"],
+        "unknown": ["free", "occupied"], "convention": ["fast-planner", "center", "border"],
         "max_distance": [None, 0.5, 3.0], "lethal_threshold": [50, 100], "strength": [1.0, 2.5],
     },
     ("potential", None): {"goal": [None, (1.5, -2.0)], "lethal_threshold": [None, 50]},

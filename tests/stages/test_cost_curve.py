@@ -168,7 +168,7 @@ def test_real_nav2_has_the_costs_of_the_curve(real_maps):
     assert tried > 10
 
 
-@pytest.mark.parametrize("view", ["metric", "seed"])
+@pytest.mark.parametrize("view", ["metric", "per-map"])
 @pytest.mark.parametrize(
     "parameters",
     [
@@ -270,8 +270,8 @@ def test_what_has_no_curve_is_refused():
     assert make_step("esdf", {}).curve_on(around_one_obstacle(0.05)) is None
     with pytest.raises(ParameterError, match=r"^cost layers: no cost depends on the distance"):
         cost_curve(0.05, model="layers", layers=["inflation"])
-    with pytest.raises(ParameterError, match=r"^view: seed is scaled by the extremes of a map"):
-        cost_curve(0.05, model="threshold", view="seed")
+    with pytest.raises(ParameterError, match=r"^view: per-map is scaled by the extremes of a map"):
+        cost_curve(0.05, model="threshold", view="per-map")
     with pytest.raises(ParameterError, match=r"^cells: must be a grid"):
         cost_curve("map.yaml")
     with pytest.raises(ParameterError, match=r"cost\.values"):

@@ -11,7 +11,7 @@ from mapdeal import OccupancyGrid, ParameterError, ViewScale, esdf, field_view
 from mapdeal.stages.field_values import squares_in
 from strategies import RESOLUTIONS, occupancies
 
-CONVENTIONS = st.sampled_from(["seed", "center", "border"])
+CONVENTIONS = st.sampled_from(["fast-planner", "center", "border"])
 
 
 def test_the_three_conventions_on_a_row():
@@ -38,7 +38,7 @@ def test_the_field_equals_brute_force_to_the_last_bit(occupancy, resolution, con
 
 
 @pytest.mark.parametrize(("drawing", "distance"), [("...\n...", math.inf), ("###\n###", -math.inf)])
-@pytest.mark.parametrize("convention", ["seed", "center", "border"])
+@pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
 def test_maps_of_one_kind_are_infinitely_far_from_the_other(drawing, distance, convention):
     assert (esdf(grid_from_text(drawing), convention=convention).distance == distance).all()
 
@@ -88,11 +88,11 @@ def test_the_metric_view_equals_brute_force_whatever_the_convention(
 def test_the_view_is_of_the_strengthened_distances_by_hand():
     # 0.25 m cells: 0.5, 1 and 1.5 m once doubled, of a range of 2 m
     grid = OccupancyGrid([[100, 0, 0, 0, -1], [100, 0, 0, 0, -1]], 0.25, (3.0, -1.0, 0.7))
-    for convention in ("seed", "center", "border"):
+    for convention in ("fast-planner", "center", "border"):
         view = field_view(esdf(grid, strength=2.0, convention=convention), view_range=2.0)
         assert view.occupancy.tolist() == [[100, 75, 50, 25, -1]] * 2
     # D = 2 m, of the unknown cells, which count as free, and I = 0.25 m
-    view = field_view(esdf(grid, strength=2.0), view="seed")
+    view = field_view(esdf(grid, strength=2.0), view="per-map")
     assert view.occupancy.tolist() == [[100, 75, 50, 25, -1]] * 2
     assert (view.scale.farthest, view.scale.deepest) == (2.0, 0.25)
 
@@ -114,7 +114,7 @@ def test_the_seed_view_equals_brute_force_up_to_rounding(
     field = esdf(OccupancyGrid(occupancy, resolution), convention=convention, strength=strength)
     expected = oracles.seed_view(occupancy, occupancy >= 100, resolution, strength)
     # I comes from float32 metres; only a value on the edge of two whole numbers may move.
-    difference = field_view(field, view="seed").occupancy.astype(int) - expected
+    difference = field_view(field, view="per-map").occupancy.astype(int) - expected
     assert np.abs(difference).max() <= 1
     assert np.array_equal(expected == 100, occupancy >= 100)
     assert np.array_equal(expected == -1, occupancy == -1)
@@ -143,8 +143,8 @@ def test_parameters_that_are_none_are_refused_by_name(wrong):
         esdf(grid_from_text("..#"), **wrong)
 
 
-@pytest.mark.parametrize("convention", ["seed", "center", "border"])
+@pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
 @pytest.mark.parametrize("limit", [0.4, 0.5])
 def test_the_seed_view_of_a_field_that_is_clipped_within_a_cell(convention, limit):
     field = esdf(OccupancyGrid([[100, 0, 0]], 1.0), convention=convention, max_distance=limit)
-    assert field_view(field, view="seed").occupancy.tolist() == [[100, 0, 0]]
+    assert field_view(field, view="per-map").occupancy.tolist() == [[100, 0, 0]]

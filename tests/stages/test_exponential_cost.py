@@ -114,7 +114,7 @@ def test_costs_equal_brute_force(
     }
     grid = OccupancyGrid(occupancy, resolution)
     assert np.array_equal(exponential_cost(grid, **parameters).cost, expected)
-    for convention in ("seed", "center", "border"):
+    for convention in ("fast-planner", "center", "border"):
         field = esdf(grid, convention=convention, strength=1.5)
         assert np.array_equal(exponential_cost(field, **parameters).cost, expected)
 
@@ -256,7 +256,7 @@ def test_a_field_clipped_below_the_reach_is_refused():
         exponential_cost(field, inflation_radius=0.55)
 
 
-@pytest.mark.parametrize("convention", ["seed", "border"])
+@pytest.mark.parametrize("convention", ["fast-planner", "border"])
 @pytest.mark.parametrize("max_distance", [0.6, 0.601, 0.7])
 def test_a_field_clipped_at_the_reach_or_beyond_gives_the_same_costs(convention, max_distance):
     grid = grid_from_text("#.........", resolution=0.1)

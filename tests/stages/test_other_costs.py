@@ -35,14 +35,16 @@ def test_products_never_reach_the_obstacles_value():
     assert threshold_cost(grid, up_factor=1000.0).cost.tolist() == [[100, 99, 99, 99]]
 
 
-@given(occupancies(), st.sampled_from(["metric", "seed"]), st.integers(0, 100), st.integers(0, 100))
+@given(
+    occupancies(), st.sampled_from(["metric", "per-map"]), st.integers(0, 100), st.integers(0, 100)
+)
 def test_threshold_costs_equal_brute_force_on_the_view(occupancy, view, one, other):
     down, up = sorted((one, other))
     grid = OccupancyGrid(occupancy, 0.1)
     if view == "metric":
         values = oracles.metric_view(occupancy, occupancy >= 100, 0.1, 2.0)
     else:
-        values = field_view(esdf(grid), view="seed").occupancy  # held to its oracle elsewhere
+        values = field_view(esdf(grid), view="per-map").occupancy  # held to its oracle elsewhere
     cost = threshold_cost(esdf(grid), view=view, down=down, up=up, down_factor=0.3).cost
     for index in np.ndindex(occupancy.shape):
         v = int(values[index])
@@ -92,7 +94,7 @@ def test_thresholds_in_metres_by_hand():
 @given(
     occupancies(),
     st.sampled_from([0.04, 0.05, 0.1, 0.25]),
-    st.sampled_from(["metric", "seed"]),
+    st.sampled_from(["metric", "per-map"]),
     st.integers(0, 20),
     st.integers(0, 20),
     st.sampled_from([0.5, 1.0, 1.5]),
@@ -109,7 +111,7 @@ def test_thresholds_in_metres_part_the_cells_at_these_distances(
     occupied = occupancy >= 100
     squared = oracles.squared_distance(occupied)
     span, end = 100.0 / (20 * 0.25), up
-    if view == "seed" and occupied.any() and not occupied.all():
+    if view == "per-map" and occupied.any() and not occupied.all():
         inside = oracles.squared_distance(~occupied)
         farthest = strength * max(math.sqrt(s) for s in squared.ravel()) * resolution
         deepest = max(math.sqrt(s) for s in inside.ravel()) * resolution
@@ -131,14 +133,14 @@ def test_thresholds_in_metres_part_the_cells_at_these_distances(
 def test_a_threshold_beyond_the_metric_view_is_refused(name):
     with pytest.raises(ParameterError, match=rf"{name}.*view_range"):
         threshold_cost(grid_from_text("#."), **{"down": 0, name: 2.5})
-    threshold_cost(grid_from_text("#."), down=0, **{name: 2.5}, view="seed")
+    threshold_cost(grid_from_text("#."), down=0, **{name: 2.5}, view="per-map")
     threshold_cost(grid_from_text("#."), down=0, **{name: 2.5}, view_range=2.5)
 
 
 def test_a_view_gives_the_costs_of_its_field():
     grid = OccupancyGrid([[100, 0, 0, 0, 0, -1], [-1, 0, 0, 30, 0, 100]], 0.25, (1.0, 2.0, 0.3))
     field = esdf(grid, strength=1.3)
-    for view in ("metric", "seed"):
+    for view in ("metric", "per-map"):
         made = field_view(field, view=view, view_range=1.5)
         for more in ({}, {"down_distance": 0.6, "up_distance": 0.3, "down_factor": 0.4}):
             options = {"view": view, "view_range": 1.5, **more}
@@ -223,12 +225,12 @@ def test_a_field_clipped_where_costs_still_fall_is_refused():
     with pytest.raises(ParameterError, match="max_distance"):
         threshold_cost(esdf(grid, max_distance=1.0))  # the view there is 50, above down
     with pytest.raises(ParameterError, match="max_distance"):
-        threshold_cost(esdf(grid, max_distance=1.5), view="seed")
+        threshold_cost(esdf(grid, max_distance=1.5), view="per-map")
     whole = threshold_cost(esdf(grid)).cost
     # At 1.25 m the view is 37: beyond it everything costs 0, clipped or not.
     assert np.array_equal(threshold_cost(esdf(grid, max_distance=1.25)).cost, whole)
-    assert np.array_equal(threshold_cost(esdf(grid, max_distance=9.0), view="seed").cost,
-                          threshold_cost(esdf(grid), view="seed").cost)  # fmt: skip
+    assert np.array_equal(threshold_cost(esdf(grid, max_distance=9.0), view="per-map").cost,
+                          threshold_cost(esdf(grid), view="per-map").cost)  # fmt: skip
 
 
 @pytest.mark.parametrize(("max_distance", "is_refused"), [(1.07, True), (1.13, False)])
@@ -244,12 +246,12 @@ def test_a_clip_may_lie_where_the_view_is_down_at_most(max_distance, is_refused)
         threshold_cost(field, down=42)
 
 
-def test_a_field_clipped_inside_an_obstacle_only_has_no_seed_view():
+def test_a_field_clipped_inside_an_obstacle_only_has_no_view_per_map():
     grid = OccupancyGrid([[100] * 9 + [0]], 0.25)
     field = esdf(grid, max_distance=0.5)
     assert field.distance.max() < 0.5
-    with pytest.raises(ParameterError, match="the seed view still falls"):
-        threshold_cost(field, view="seed")
+    with pytest.raises(ParameterError, match="the per-map view still falls"):
+        threshold_cost(field, view="per-map")
 
 
 def test_views_of_long_distances_are_those_of_short_ones(monkeypatch):

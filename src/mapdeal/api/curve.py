@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from numbers import Real
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from mapdeal.errors import ParameterError
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.grid.field_view import View
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.robot import step_for
 from mapdeal.pipeline.step import make_step
 from mapdeal.robot.parameters import RobotParameters
+from mapdeal.spelling import as_known
 
 _UNKNOWN_MAP = np.zeros((1, 1), dtype=np.int8)
 
@@ -52,7 +54,7 @@ def cost_curve(
     Raises
     ------
     ParameterError
-        If a parameter is not known, not allowed or missing, or view ``seed`` is given without a
+        If a parameter is not known, not allowed or missing, or view ``per-map`` is given without a
         map, on whose extremes it depends, or layers without a static layer.
 
     Examples
@@ -64,9 +66,11 @@ def cost_curve(
     [254, 253, 253, 253, 223, 166, 152]
     """
     if isinstance(cells, Real) and not isinstance(cells, bool):
-        if parameters.get("view") == "seed":
+        if as_known(str(parameters.get("view")), get_args(View)) == "per-map":
             hint = "give a map instead of the side of its cells"
-            raise ParameterError("seed is scaled by the extremes of a map", place="view", hint=hint)
+            raise ParameterError(
+                "per-map is scaled by the extremes of a map", place="view", hint=hint
+            )
         cells = OccupancyGrid(_UNKNOWN_MAP, float(cells))
     if not isinstance(cells, Framed):
         raise ParameterError("must be a grid, or a length in metres", place="cells", got=cells)

@@ -14,6 +14,7 @@ from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.field_view import ESDF_VIEW, View, ViewScale
 from mapdeal.grid.values import CostScale
 from mapdeal.records import dataclass
+from mapdeal.spelling import as_known
 
 Mode = Literal["trinary", "scale", "raw"]
 Dialect = Literal["nav2", "humble", "ros1"]
@@ -252,9 +253,9 @@ def _view(entries: dict[str, Entry], mode: Mode) -> ViewScale | None:
         raise layer.error("needs mode raw, and no cost_scale")
     if "view" not in entries:
         raise layer.error("needs key view")
-    if entries["view"].text() not in get_args(View):
-        raise entries["view"].error("must be metric or seed")
-    view: View = entries["view"].text()  # type: ignore[assignment]
+    view: View = as_known(entries["view"].text(), get_args(View))  # type: ignore[assignment]
+    if view not in get_args(View):
+        raise entries["view"].error("must be metric or per-map")
     missing = [key for key in ViewScale.keys_of(view) if key not in entries]
     if missing:
         hint = f"a view {view} is described by {', '.join(ViewScale.keys_of(view))}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +16,18 @@ from mapdeal.grid.display import count_text, numbers_text
 from mapdeal.grid.framed import Figures, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.region import Region
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, UnknownPolicy
+from mapdeal.grid.values import (
+    DEFAULT_LETHAL_THRESHOLD,
+    UNKNOWN,
+    Convention,
+    UnknownPolicy,
+    tag_of,
+)
 from mapdeal.kernels.bilinear import interpolate
 from mapdeal.kernels.blocks import mapped, swept
 from mapdeal.kernels.threads import in_parallel
 from mapdeal.records import dataclass
+from mapdeal.spelling import as_known
 
 _POINTS_TOGETHER = 1 << 13
 """Whose arrays stay in the cache on their way through the steps."""
@@ -81,7 +88,7 @@ class DistanceField(FieldGrid):
         Side of a cell, metres.
     origin : sequence of float
         x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
-    convention : {'seed', 'center', 'border'}
+    convention : {'fast-planner', 'center', 'border'}
         Which points the distances are between, see `mapdeal.esdf`.
     strength : float
         Factor that the positive distances were multiplied by.
@@ -103,7 +110,7 @@ class DistanceField(FieldGrid):
     occupancy: NDArray[np.int8]
     resolution: float
     origin: Origin = (0.0, 0.0, 0.0)
-    convention: Convention = "seed"
+    convention: Convention = "fast-planner"
     strength: float = 1.0
     max_distance: float | None = None
     lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD
@@ -111,8 +118,10 @@ class DistanceField(FieldGrid):
     region: Region | None = None
 
     def __post_init__(self) -> None:
-        if self.convention not in ("seed", "center", "border"):
-            raise ParameterError("convention must be seed, center or border", got=self.convention)
+        object.__setattr__(self, "convention", as_known(self.convention, get_args(Convention)))
+        if self.convention not in get_args(Convention):
+            rule = "convention must be fast-planner, center or border"
+            raise ParameterError(rule, got=self.convention)
         if self.unknown not in ("free", "occupied"):
             raise ParameterError("unknown must be free or occupied", got=self.unknown)
         if not 1e-6 <= self.strength <= 1e6:
@@ -155,7 +164,7 @@ class DistanceField(FieldGrid):
         return {
             "distance": self.distance,
             "occupancy": self.occupancy,
-            "convention": self.convention,
+            "convention": tag_of(self.convention),
             "strength": np.float64(self.strength),
             "max_distance": np.float64(limit),
             "lethal_threshold": np.int64(self.lethal_threshold),

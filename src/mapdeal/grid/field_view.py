@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,11 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.values import tag_of
 from mapdeal.records import dataclass
+from mapdeal.spelling import as_known
 
-View = Literal["metric", "seed"]
+View = Literal["metric", "per-map"]
 
 ESDF_VIEW = "esdf_view"
 """What files call the layer."""
@@ -28,12 +30,12 @@ class ViewScale:
 
     Parameters
     ----------
-    view : {'metric', 'seed'}
-        ``metric``: scaled by a range; ``seed``: by the extremes of the map.
+    view : {'metric', 'per-map'}
+        ``metric``: scaled by a range; ``per-map``: by the extremes of the map.
     view_range : float
         Metres at which the metric view reaches 0.
     farthest, deepest : float
-        Of the seed view: the largest distance outside of obstacles, with the field's strength,
+        Of the per-map view: the largest distance outside of obstacles, with the field's strength,
         and the largest within, metres.
 
     Raises
@@ -48,8 +50,9 @@ class ViewScale:
     deepest: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.view not in ("metric", "seed"):
-            raise ParameterError("must be metric or seed", place="view", got=self.view)
+        object.__setattr__(self, "view", as_known(self.view, get_args(View)))
+        if self.view not in get_args(View):
+            raise ParameterError("must be metric or per-map", place="view", got=self.view)
         if not 0 < self.view_range < math.inf:
             rule = "must be a finite number, above 0"
             raise ParameterError(rule, place="view_range", got=self.view_range)
@@ -98,7 +101,7 @@ class ViewScale:
     def entries(self) -> dict[str, Any]:
         """Return what a file says of the scale, by its keys."""
         lengths = {name: float(getattr(self, name)) for name in self.keys_of(self.view)}
-        return {"view": self.view, **lengths}
+        return {"view": tag_of(self.view), **lengths}
 
     def described(self) -> str:
         """Return the scale in words."""

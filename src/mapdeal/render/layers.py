@@ -209,7 +209,7 @@ def field_image(
 ) -> Image:
     """Return a distance field in a diverging scale, obstacles red, free space blue.
 
-    The outermost obstacle cells, where the field of convention seed is 0, are drawn black.
+    The outermost obstacle cells, where a field of the Fast-Planner convention is 0, are black.
     Unknown cells are faded, those without a distance grey. Where cells share a pixel the
     smallest distance shows. The scale ends at the largest distances of known cells.
     An overlay is drawn over all.

@@ -54,8 +54,8 @@ def _figure(name: str, value: str | float) -> str:
 
     Examples
     --------
-    >>> _figure("occupied %", 13.66), _figure("recipe", "seed")
-    ('occupied 13.66 %', 'recipe seed')
+    >>> _figure("occupied %", 13.66), _figure("recipe", "nav2")
+    ('occupied 13.66 %', 'recipe nav2')
     """
     words, _, unit = name.rpartition(" ")
     if words and unit in ("%", "m", "m2", "m\u00b2"):

@@ -162,7 +162,7 @@ def ways_of(
     ----------
     resolution : float
         Side of a cell, metres.
-    convention : {'seed', 'center', 'border'}, optional
+    convention : {'fast-planner', 'center', 'border'}, optional
         Of a distance field.
     strength : float
         Factor of its positive distances.
@@ -174,7 +174,9 @@ def ways_of(
     if convention is None:  # a clearance, or a width
         one, two = (0.0, resolution), (0.0, 2 * resolution)
         return Squares(one, one), Squares(two, two), Steps(), Bits()
-    above, below = {"seed": (0.0, 1.0), "center": (0.0, 0.0), "border": (0.5, 0.5)}[convention]
+    above, below = {"fast-planner": (0.0, 1.0), "center": (0.0, 0.0), "border": (0.5, 0.5)}[
+        convention
+    ]
     return Squares((above, resolution * strength), (below, resolution)), Steps(), Bits()
 
 

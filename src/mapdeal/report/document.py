@@ -50,7 +50,7 @@ class PageLayer:
     states : str, optional
         Of a distance field: the name of the layer, on the same frame, with the map that it was
         made from, as bytes of int8 (255 is unknown).
-    convention : {'seed', 'center', 'border'}, optional
+    convention : {'fast-planner', 'center', 'border'}, optional
         Of a distance field; None for other layers.
     lethal_threshold : int
         Of a distance field and of a map: from which occupancy on a cell is an obstacle.

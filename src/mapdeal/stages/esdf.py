@@ -50,9 +50,9 @@ def field_view(
     field : DistanceField
         The field. The view is of the distance d between cell centres, whatever the convention,
         times the field's strength.
-    view : {'metric', 'seed'}
+    view : {'metric', 'per-map'}
         How distances become 0..100. ``metric``: trunc(100 (1 - min(d, view_range) /
-        view_range)), the same on every map. ``seed``: trunc(100 (D - d) / (D - resolution + I)),
+        view_range)), the same on every map. ``per-map``: trunc(100 (D - d) / (D - resolution + I)),
         scaled between the map's own largest free distance D and deepest obstacle I, as
         robot_costmap does it.
     view_range : float
@@ -103,7 +103,7 @@ class Viewer:
         has_obstacles = not holds_everywhere(obstacles, np.logical_not)
         has_others = not holds_everywhere(obstacles, lambda values: values)
         farthest = deepest = 0.0
-        if view == "seed" and has_obstacles and has_others:
+        if view == "per-map" and has_obstacles and has_others:
             for block in swept(obstacles):
                 part, mask = field.part(block), obstacles[block]
                 farthest = max(farthest, field.strength * largest_distance_in(part, mask))
@@ -170,7 +170,7 @@ def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
     title=lambda _: "signed distance field",
     memory=6.0,
     view=field_view,
-    view_passes=lambda view: 1 if view["view"] == "seed" else 0,
+    view_passes=lambda view: 1 if view["view"] == "per-map" else 0,
     passes=1,
     in_simulation=InSimulation({"unknown": "occupied"}),
     rows_alone=lambda parameters: FieldRule(**parameters),
@@ -180,7 +180,7 @@ def esdf(
     grid: OccupancyGrid,
     *,
     unknown: UnknownPolicy = "free",
-    convention: Convention = "seed",
+    convention: Convention = "fast-planner",
     max_distance: Annotated[float, ABOVE_0, METRES] | None = None,
     lethal_threshold: LethalThreshold = DEFAULT_LETHAL_THRESHOLD,
     strength: Annotated[float, STRENGTH, FACTOR] = 1.0,
@@ -193,11 +193,11 @@ def esdf(
         The map.
     unknown : {'free', 'occupied'}
         What unknown cells count as.
-    convention : {'seed', 'center', 'border'}
+    convention : {'fast-planner', 'center', 'border'}
         Where zero lies; see the documentation. With d the distance from a free cell's centre to
         the nearest obstacle cell's centre, and d_in from an obstacle cell's centre to the
         nearest free cell's, in metres:
-        ``seed`` d and resolution - d_in, so 0 on the outermost obstacle cells (Fast-Planner
+        ``fast-planner`` d and resolution - d_in, so 0 on the outermost obstacle cells (Fast-Planner
         and robot_costmap); ``center`` d and -d_in; ``border`` d - resolution / 2 and
         resolution / 2 - d_in, zero on the edge between the cells (grid_map).
     max_distance : float, optional
@@ -265,7 +265,7 @@ class FieldRule:
     ) -> NDArray[np.float32]:
         """Return the signed distances of a grid, or of rows of one with what lies around them."""
         outside_shift, inside_shift = {
-            "seed": (0.0, resolution),
+            "fast-planner": (0.0, resolution),
             "center": (0.0, 0.0),
             "border": (-0.5 * resolution, 0.5 * resolution),
         }[self.convention]

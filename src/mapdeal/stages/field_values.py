@@ -112,7 +112,7 @@ def largest_distance_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> f
 def deepest_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> float:
     """Return the metres from the centre of the deepest obstacle cell to the nearest free one's."""
     lowest = float(field.distance.min(where=obstacles, initial=math.inf))
-    shift = {"seed": field.resolution, "center": 0.0, "border": 0.5 * field.resolution}
+    shift = {"fast-planner": field.resolution, "center": 0.0, "border": 0.5 * field.resolution}
     return max(shift[field.convention] - lowest, 0.0)
 
 

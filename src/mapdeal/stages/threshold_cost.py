@@ -47,7 +47,7 @@ def _title(parameters: Parameters) -> str:
 
 
 def _distance_as_value(parameters: Parameters, name: str) -> float | None:
-    """Return the view at a threshold in metres; in view seed the map decides."""
+    """Return the view at a threshold in metres; in the per-map view the map decides."""
     if parameters["view"] != "metric":
         return None
     scale = ViewScale("metric", parameters["view_range"])
@@ -58,8 +58,8 @@ def _advice(parameters: Parameters, cost: int) -> str:
     """Return what to change where nearly all open cells have one cost."""
     if cost == 0:
         return _advice_on_nothing(parameters)
-    if parameters["view"] == "seed":
-        return "view seed is scaled by the extremes of the map; take view metric"
+    if parameters["view"] == "per-map":
+        return "view per-map is scaled by the extremes of the map; take view metric"
     if cost == _HIGHEST_BELOW_OBSTACLE:
         return f"lower up_factor ({parameters['up_factor']:g})"
     return "change down, up and their factors"
@@ -74,7 +74,7 @@ def _advice_on_nothing(parameters: Parameters) -> str:
     begin = "down" if factor * (OCCUPIED if up is None else up) >= 1 else "up"
     if begin == "up" and parameters["up_factor"] * _HIGHEST_BELOW_OBSTACLE < 1:
         return f"raise up_factor ({parameters['up_factor']:g})"
-    lengths = {} if parameters["view"] == "seed" else {"view_range": parameters["view_range"]}
+    lengths = {} if parameters["view"] == "per-map" else {"view_range": parameters["view_range"]}
     value, distance = parameters[begin], parameters[f"{begin}_distance"]
     if distance is not None:
         # up_distance must not be larger than down_distance, and neither than view_range
@@ -156,7 +156,7 @@ def threshold_cost(
         Factor of the middle range.
     up_factor : float
         Factor of the near range.
-    view : {'metric', 'seed'}
+    view : {'metric', 'per-map'}
         How distances become 0..100. See `mapdeal.field_view`.
     view_range : float
         Where the metric view is 0.
@@ -315,7 +315,7 @@ def table_of_views(
 def check_clip(field: DistanceField, down: float, view: View, view_range: float) -> None:
     """Refuse a field whose clipped cells would get another cost at their true distance.
 
-    In the metric view all is well if cells at the clip cost nothing already. The seed view is
+    In the metric view all is well if cells at the clip cost nothing already. The per-map view is
     scaled by the farthest and the deepest cell, which a clip hides.
     """
     if field.max_distance is None:
