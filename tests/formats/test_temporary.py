@@ -3,10 +3,14 @@
 import fcntl
 import os
 from contextlib import contextmanager
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from mapdeal.formats.temporary import locked, sync_folder
+from mapdeal import OccupancyGrid, write_map
+from mapdeal.formats import temporary
+from mapdeal.formats.temporary import Temporary, locked, sync_folder
 
 
 @contextmanager
@@ -47,3 +51,39 @@ def test_the_names_of_a_folder_are_written_through(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda descriptor: synced.append(os.fstat(descriptor)))
     sync_folder(tmp_path)
     assert [one.st_ino for one in synced] == [tmp_path.stat().st_ino]
+
+
+@pytest.fixture
+def as_on_windows(monkeypatch):
+    """There are no locks, and no open file can be renamed or removed."""
+
+    def is_open(path):
+        links = (Path("/proc/self/fd") / one for one in os.listdir("/proc/self/fd"))  # noqa: PTH208
+        return any(os.path.realpath(one) == os.path.realpath(path) for one in links)
+
+    def refusing(done):
+        def do(path, *words, **options):
+            if is_open(path):
+                raise PermissionError(13, "used by another process")
+            return done(path, *words, **options)
+
+        return do
+
+    monkeypatch.setattr(temporary, "fcntl", None)
+    for name in ("replace", "rename", "unlink"):
+        monkeypatch.setattr(Path, name, refusing(getattr(Path, name)))
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
+def test_no_open_file_is_renamed_or_removed_where_that_is_refused(tmp_path, as_on_windows):
+    with pytest.raises(PermissionError), (tmp_path / "open").open("w"):
+        (tmp_path / "open").unlink()
+    for value in (0, 100):
+        grid = OccupancyGrid(np.full((3, 5), value, np.int8), 0.25, (1.0, 2.0, 0.5))
+        write_map(tmp_path / "m.yaml", grid, force=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["m.pgm", "m.yaml", "open"]
+    assert (tmp_path / "m.pgm").read_bytes().endswith(bytes(15))
+    given_up = Temporary(tmp_path / "n.yaml")
+    given_up.open()
+    given_up.remove()
+    assert not given_up.path.exists()

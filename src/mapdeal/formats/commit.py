@@ -128,6 +128,8 @@ def put_in_place(
         with locked(folders) as is_alone, signals_put_off():
             if is_alone and any(os.path.lexists(folder / JOURNAL) for folder in folders):
                 continue  # another process was killed just now
+            for one in temporaries:
+                one.close_to_move()
             _change_all(sources, folders, replaces=replaces, with_journal=is_alone)
             for one in temporaries:
                 one.is_placed()

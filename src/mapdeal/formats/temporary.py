@@ -128,8 +128,17 @@ class Temporary:
         if self._file is not None:
             os.fsync(self._file.fileno())
 
+    def close_to_move(self) -> None:
+        """Close the file where open files cannot be renamed or removed, which is on Windows.
+
+        Elsewhere it stays open, and locked, until it has its own name.
+        """
+        if fcntl is None:
+            self._close()
+
     def rename(self) -> None:
         """Give the file its own name, in the place of an old one."""
+        self.close_to_move()
         try:
             self.path.replace(self.destination)
         except OSError as error:
@@ -144,6 +153,7 @@ class Temporary:
 
     def remove(self) -> None:
         """Remove the file, unless it has its own name already."""
+        self.close_to_move()
         if self._is_ours:
             with contextlib.suppress(OSError):  # it is gone, or the next command takes it away
                 self.path.unlink()
