@@ -23,8 +23,9 @@ WHOLE = frozenset({"command", "project", "real_maps", "running"})
 """Fixtures that run whole commands, pages, real maps and browsers."""
 OF_COMMANDS = ROOT / "tests" / "cli"
 
-# Real maps of public repositories; they are not part of the project.
-SHARED = Path(os.environ.get("MAPDEAL_SHARED", ROOT.parent / "shared"))
+# Real maps, logs and bags of public repositories: docs/test_data.md describes them.
+TEST_DATA = Path(os.environ.get("MAPDEAL_TEST_DATA", ROOT.parent / "shared" / "data"))
+NO_TEST_DATA = "needs files of public repositories in MAPDEAL_TEST_DATA: docs/test_data.md"
 
 
 def pytest_configure(config):
@@ -46,11 +47,10 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="session")
 def real_maps():
-    """The folder of real maps, or a skip where it is not at hand."""
-    folder = SHARED / "data"
-    if not folder.is_dir():
-        pytest.skip("the real maps are not here")
-    return folder
+    """The folder of real maps, or a skip where there is none."""
+    if not TEST_DATA.is_dir():
+        pytest.skip(NO_TEST_DATA)
+    return TEST_DATA
 
 
 @pytest.fixture

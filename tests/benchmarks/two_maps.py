@@ -1,8 +1,8 @@
 """How well two maps of one place are aligned, and how exactly a map is scored.
 
 Run it as ``python tests/benchmarks/two_maps.py [DATA] [--only align|score] [--each]``. DATA is the
-folder with recorded values and maps; of the environment variable MAPDEAL_SHARED its folder
-``data``, if it is not given. A script of the data makes 42 pairs of maps of one place, whose
+folder with recorded values and maps (docs/test_data.md), by default the one that the environment
+variable MAPDEAL_TEST_DATA names. A script of the data makes 42 pairs of maps of one place, whose
 relative pose is known exactly, and 6 pairs of different places; 3 pairs of the same office floor
 are real. What other programs make of them is recorded beside the truth. Prints tables in Markdown;
 ``--each`` prints every pair, too. Fails on nothing.
@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--only", choices=("align", "score"))
     parser.add_argument("--each", action="store_true")
     options = parser.parse_args()
-    data = options.data or Path(os.environ["MAPDEAL_SHARED"]) / "data"
+    data = options.data or Path(os.environ["MAPDEAL_TEST_DATA"])
     if options.only != "score":
         print_alignments(data, each=options.each)
     if options.only != "align":

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from PIL import Image
 
+from conftest import NO_TEST_DATA
 from drawn import cells, grid_from_text
 from mapdeal import (
     Costmap,
@@ -311,7 +312,7 @@ def test_the_maps_of_one_floor_lie_on_each_other(command, real_maps, tmp_path):
     """Three maps of it, of three robots and years, placed by transforms found otherwise."""
     place = real_maps / "align" / "PRBonn__tmcl"
     if not place.is_dir():
-        pytest.skip("the real maps are not here")
+        pytest.skip(NO_TEST_DATA)
     real = json.loads((real_maps / "expected" / "align.json").read_text())["real"]
     truth = {one["id"]: one["truth"] for one in real}
     files = []

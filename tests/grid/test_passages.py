@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from conftest import SHARED
+from conftest import NO_TEST_DATA, TEST_DATA
 from drawn import cells
 from mapdeal import OccupancyGrid, read_map
 from mapdeal.grid import ways as ways_module
@@ -445,7 +445,7 @@ def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radi
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not SHARED.exists(), reason="needs the shared data")
+@pytest.mark.skipif(not TEST_DATA.is_dir(), reason=NO_TEST_DATA)
 @pytest.mark.parametrize(
     ("name", "count", "closed"),
     [
@@ -457,7 +457,7 @@ def test_a_robot_a_hair_narrower_passes_and_one_a_hair_wider_does_not(seed, radi
     ],
 )
 def test_doors_of_real_maps(name, count, closed):
-    grid = read_map(SHARED / "data" / f"{name}.yaml")
+    grid = read_map(TEST_DATA / f"{name}.yaml")
     ways = ways_of(grid)
     largest = ways.in_largest_area(largest_closed_square(0.45, grid.frame))
     height = np.where(largest, ways.squared, 0)

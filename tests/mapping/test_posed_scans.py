@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from conftest import NO_TEST_DATA
 from mapdeal.kernels.rotations import from_yaw, normalised
 from mapdeal.mapping.posed_scans import beams_in_plane, stances
 from mapdeal.mapping.transforms import TransformTree
@@ -131,7 +132,7 @@ def _recorded(path):
     highlevel = pytest.importorskip("rosbags.highlevel")
     typesys = pytest.importorskip("rosbags.typesys")
     if not path.exists():
-        pytest.skip("the made bags are not here")
+        pytest.skip(NO_TEST_DATA)
     tree, stamps = TransformTree(), []
     store = typesys.get_typestore(typesys.Stores.LATEST)
     with highlevel.AnyReader([path], default_typestore=store) as reader:
