@@ -1,0 +1,51 @@
+"""The build backend: setuptools, with three additions that pyproject.toml cannot express.
+
+Each compiler gets its own flags, the source distribution contains everything that the tests and
+the documentation need, and README's links work on PyPI.
+"""
+
+from project_sources import absolute, project_files
+from setuptools.build_meta import *  # noqa: F403 - the hooks of a build backend
+from setuptools.command.build_ext import build_ext
+from setuptools.command.egg_info import egg_info
+from setuptools.command.sdist import sdist
+
+# Products are not fused into sums: results equal numpy's to the last bit.
+FLAGS = {
+    "msvc": ["/O2", "/fp:precise", "/std:c11"],
+    "unix": ["-O3", "-ffp-contract=off", "-fno-math-errno", "-g0"],
+}
+
+
+class BuildKernels(build_ext):
+    """Compile the kernels with the flags of the compiler at hand."""
+
+    def build_extension(self, ext):
+        """Compile one module; one that is optional may fail."""
+        kind = self.compiler.compiler_type
+        ext.extra_compile_args = FLAGS["msvc" if kind == "msvc" else "unix"]
+        super().build_extension(ext)
+
+
+class Metadata(egg_info):
+    """Write the metadata, with links that work where README is shown without its project."""
+
+    def run(self):
+        """Replace relative links by those to the release, and go on."""
+        metadata = self.distribution.metadata
+        text = metadata.get_long_description()
+        metadata.long_description = absolute(
+            text, metadata.project_urls["Source"], self.egg_version
+        )
+        super().run()
+
+
+class SourceDistribution(sdist):
+    """Pack all that the tests, the documentation and CI need."""
+
+    def make_distribution(self):
+        """Add the project's files to those that setuptools finds by itself."""
+        self.filelist.extend(project_files())
+        self.filelist.sort()
+        self.filelist.remove_duplicates()
+        super().make_distribution()
