@@ -1,0 +1,252 @@
+"""What packages contain, and what builds and publishes them."""
+
+import importlib.util
+import io
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+GITHUB = ROOT / ".github"
+WORKFLOWS = sorted((GITHUB / "workflows").glob("*.yml"))
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+
+
+def script(place):
+    """Import a script of a hidden folder."""
+    path = ROOT / place
+    loader = SourceFileLoader(path.stem.replace("-", "_"), str(path))
+    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
+    loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def sources(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / ".backend")
+    return script(".backend/project_sources.py")
+
+
+@pytest.fixture
+def check_packages(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / ".backend")
+    return script(".ci/check-packages")
+
+
+# What belongs to the project
+
+
+def test_without_git_the_same_files_belong_to_the_project(sources, tmp_path):
+    files = sources.project_files(ROOT)
+    assert {"README.md", ".ci/run", "tests/test_packages.py", "src/mapdeal/kernels/lanes.h"} <= {
+        *files
+    }
+    for name in files:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    for made in (
+        "PKG-INFO", "build/lib/a.py", "dist/a.whl", "out/a.pgm", ".venv/bin/python", ".git/config",
+        "src/mapdeal.egg-info/SOURCES.txt", "src/mapdeal/kernels/_rays.so", "tests/.cache/x",
+        "src/mapdeal/__pycache__/a.pyc",
+    ):  # fmt: skip
+        (tmp_path / made).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / made).write_bytes(b"")
+    (tmp_path / ".git" / "config").unlink()
+    (tmp_path / ".git").rmdir()
+    assert sources.project_files(tmp_path) == sorted(files)
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+def test_with_git_untracked_files_do_not_belong_to_the_project(sources, tmp_path):
+    for name in ("README.md", "notes.txt", "gone.py", "docs/a.md"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    for words in (["init", "-q"], ["add", "README.md", "docs", "gone.py"]):
+        subprocess.run(["git", "-C", tmp_path, *words], check=True)
+    (tmp_path / "gone.py").unlink()
+    assert sources.project_files(tmp_path) == ["README.md", "docs/a.md"]
+
+
+def test_links_of_readme_lead_to_the_release(sources):
+    text = "[a](docs/a.md#b) ![c](docs/c.png) [d](https://d.e) [f](#g)"
+    assert sources.absolute(text, "https://github.com/x/y", "1.2") == (
+        "[a](https://github.com/x/y/blob/v1.2/docs/a.md#b) "
+        "![c](https://raw.githubusercontent.com/x/y/v1.2/docs/c.png) [d](https://d.e) [f](#g)"
+    )
+    readme = (ROOT / "README.md").read_text("utf-8")
+    assert len(re.findall(r"\]\((?!\w+:|#)", readme)) > 20
+    shown = sources.absolute(readme, PROJECT["project"]["urls"]["Source"], "0.1.0")
+    assert re.findall(r"\]\((?!\w+:|#)", shown) == []
+
+
+# Packages
+
+
+def wheel(path, names):
+    with zipfile.ZipFile(path, "w") as file:
+        for name in names:
+            file.writestr(name, b"")
+    return path
+
+
+def test_a_wheel_has_all_kernels_and_the_package_alone(check_packages, tmp_path):
+    kernels = [path.stem for path in (ROOT / "src/mapdeal/kernels").glob("*.pyx")]
+    assert len(kernels) >= 7
+    good = ["mapdeal/__init__.py", "mapdeal-0.1.0.dist-info/METADATA"]
+    good += [f"mapdeal/kernels/{name}.cpython-313-x86_64-linux-gnu.so" for name in kernels]
+    flaws_of = check_packages.flaws_of_wheel
+    assert flaws_of(wheel(tmp_path / "a.whl", good)) == []
+    assert flaws_of(wheel(tmp_path / "a.whl", [*good, "tests/a.py"])) == ["contains tests/"]
+    bad = [*good[:-1], "mapdeal/kernels/lanes.h"]
+    assert flaws_of(wheel(tmp_path / "a.whl", bad)) == [
+        "contains mapdeal/kernels/lanes.h", f"lacks the compiled kernel {kernels[-1]}",
+    ]  # fmt: skip
+
+
+def test_a_source_distribution_has_every_file(check_packages, sources, tmp_path):
+    with tarfile.open(tmp_path / "a.tar.gz", "w:gz") as file:
+        for name in sources.project_files(ROOT):
+            if name != "tests/drawn.py":
+                file.addfile(tarfile.TarInfo(f"mapdeal-0.1.0/{name}"), io.BytesIO())
+    assert check_packages.missing_sources(tmp_path / "a.tar.gz") == {"tests/drawn.py"}
+
+
+def test_headers_of_a_kernel_are_named_where_it_is_built():
+    modules = PROJECT["tool"]["setuptools"]["ext-modules"]
+    folder = ROOT / "src/mapdeal/kernels"
+    assert {Path(one["sources"][0]).stem for one in modules} == {
+        path.stem for path in folder.glob("*.pyx")
+    }
+    assert all(one["optional"] for one in modules)
+
+    def included(path):
+        found = set(
+            re.findall(r'^(?:#include|cdef extern from) "(\w+\.h)"', path.read_text(), re.MULTILINE)
+        )
+        return found.union(*(included(folder / name) for name in found)) if found else set()
+
+    for one in modules:
+        (source,) = one["sources"]
+        assert {Path(name).name for name in one["depends"]} == included(ROOT / source)
+
+
+COMPILER = shutil.which("cc")
+HEADERS = sorted((ROOT / "src/mapdeal/kernels").glob("*.h"))
+STANDARD = "".join(
+    f"#include <{name}.h>\n"
+    for name in ("float", "locale", "math", "stddef", "stdint", "stdlib", "string")
+)
+
+
+@pytest.mark.skipif(COMPILER is None, reason="needs a C compiler")
+@pytest.mark.parametrize("header", HEADERS, ids=lambda path: path.name)
+def test_kernels_are_plain_c11_where_the_compiler_is_not_gcc(header, tmp_path):
+    """Neither gcc's extensions nor arrays of variable length, which Microsoft's compiler lacks."""
+
+    def compiled(text):
+        (tmp_path / "a.c").write_text(text)
+        strict = ["-std=c11", "-pedantic-errors", "-Werror=vla", "-fsyntax-only"]
+        words = [COMPILER, *strict, f"-I{header.parent}", str(tmp_path / "a.c")]
+        return subprocess.run(words, capture_output=True, text=True, check=False)
+
+    hidden = "#undef __GNUC__\n#undef __SIZEOF_INT128__\n#undef __BYTE_ORDER__\n"
+    text = f'{STANDARD}{hidden}#include "{header.name}"\n'
+    done = compiled(text)
+    assert done.returncode == 0, done.stderr
+    assert compiled(f"{text}int f(int n) {{ int a[n]; return sizeof a; }}\n").returncode != 0
+
+
+# What builds and publishes them
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
+def test_a_workflow_is_as_its_schema_says(path):
+    holds_to("vendor.github-workflows", path)
+
+
+def holds_to(schema, path):
+    pytest.importorskip("check_jsonschema")
+    words = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema, str(path)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
+def test_a_workflow_has_few_rights_and_actions_of_known_versions(path):
+    workflow = yaml.safe_load(path.read_text("utf-8"))
+    assert workflow["permissions"] == {"contents": "read"}
+    for job in workflow["jobs"].values():
+        steps = job.get("steps", [])
+        assert "timeout-minutes" in job or "uses" in job
+        for step in steps:
+            assert "${{" not in step.get("run", "")  # what users name is never part of a script
+            action = step.get("uses", "")
+            assert not action or re.search(r"@(v\d+|[0-9a-f]{40}|release/v\d+)$", action)
+            if action.startswith("actions/checkout@"):
+                assert step["with"]["persist-credentials"] is False
+
+
+def test_ci_runs_the_two_commands_of_readme_on_every_python():
+    workflow = yaml.safe_load((GITHUB / "workflows" / "test.yml").read_text("utf-8"))
+    job = workflow["jobs"]["linux"]
+    blocks = re.findall(
+        r"^```sh\n(.*?)\n```", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+    runs = [step.get("run") for step in job["steps"]]
+    assert [block for block in blocks[:2] if block not in runs] == []
+    pythons = [
+        one.rpartition(" ")[2] for one in PROJECT["project"]["classifiers"] if ":: 3." in one
+    ]
+    assert job["strategy"]["matrix"]["python"] == pythons
+    built = [name.removesuffix("-*") for name in PROJECT["tool"]["cibuildwheel"]["build"]]
+    assert built == [f"cp{python.replace('.', '')}" for python in pythons]
+
+
+@pytest.mark.parametrize(
+    ("schema", "place"),
+    [
+        ("vendor.github-issue-forms", "ISSUE_TEMPLATE/bug.yml"),
+        ("vendor.github-issue-forms", "ISSUE_TEMPLATE/feature.yml"),
+        ("vendor.github-issue-forms", "ISSUE_TEMPLATE/question.yml"),
+        ("vendor.github-issue-config", "ISSUE_TEMPLATE/config.yml"),
+        ("vendor.dependabot", "dependabot.yml"),
+        ("vendor.citation-file-format", "CITATION.cff"),
+    ],
+)  # fmt: skip
+def test_a_file_of_the_project_is_as_its_schema_says(schema, place):
+    holds_to(schema, GITHUB / place)
+
+
+def test_the_citation_is_of_this_version():
+    citation = yaml.safe_load((GITHUB / "CITATION.cff").read_text("utf-8"))
+    text = (ROOT / "src/mapdeal/version.py").read_text("utf-8")
+    assert f'"{citation["version"]}"' in text
+    assert citation["license"] == PROJECT["project"]["license"]
+    assert citation["repository-code"] == PROJECT["project"]["urls"]["Source"]
+
+
+def test_a_release_needs_its_own_tag_and_a_dated_changelog(tmp_path):
+    flaws_of = script(".ci/check-tag").flaws_of
+    (tmp_path / "src/mapdeal").mkdir(parents=True)
+    (tmp_path / "src/mapdeal/version.py").write_text('__version__ = "1.2.3"\n')
+    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## 1.2.3 (2027-01-02)\n\n## 1.2.2\n")
+    assert flaws_of("v1.2.3", tmp_path) == []
+    (flaw,) = flaws_of("v1.2.4", tmp_path)
+    assert flaw == "the tag is v1.2.4, and the version in src/mapdeal/version.py is 1.2.3"
+    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## 1.2.3 (unreleased)\n")
+    assert len(flaws_of("v1.2.3", tmp_path)) == 1
+
+
+@pytest.mark.parametrize("path", sorted(GITHUB.glob("*.md")), ids=lambda path: path.name)
+def test_every_link_of_a_page_of_the_project_leads_somewhere(path):
+    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", path.read_text("utf-8")):
+        assert target.startswith("http") or (path.parent / target).exists(), target
