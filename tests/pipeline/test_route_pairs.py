@@ -1,5 +1,7 @@
 """Routes of many pairs: what is kept of them while they are planned."""
 
+import io
+
 import numpy as np
 import pytest
 
@@ -29,7 +31,7 @@ def test_lines_go_to_the_disk_as_they_come(costs, tmp_path):
     report = compare_pairs(costs, asked(), folder / "r.jsonl", Settings(), asked_from="pairs")
     assert (report.pairs, report.failed) == (100, 100)
     assert sizes == sorted(sizes)
-    assert sizes[-1] > 980_000
+    assert sizes[-1] > 985_000 - io.DEFAULT_BUFFER_SIZE  # which Python 3.14 has made larger
     assert [one.name for one in folder.iterdir()] == ["r.jsonl"]
     assert (folder / "r.jsonl").read_text().count('"line": ') == 100
 
