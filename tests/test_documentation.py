@@ -138,7 +138,7 @@ def test_tables_say_what_the_code_says(tables):
     assert tables.main(["--check"]) == 0
 
 
-@pytest.mark.parametrize("cell", ["| 0.3 |", "Metres to grow obstacles by.", "all but `build`"])
+@pytest.mark.parametrize("cell", ["| 0.3 |", "Inflation radius, metres.", "all but `build`"])
 def test_a_cell_that_was_edited_is_found_and_put_right(tables, cell, capsys):
     page = tables.DOCS / "cli.md"
     text = page.read_text()

@@ -48,8 +48,8 @@ def test_what_differs_is_counted_by_hand(files):
     assert report.geometry == report.metadata == {}
     assert report.symmetry is None
     assert repr(report) == (
-        "DiffReport(different, 5 of 32 common cells differ, walls A to B: at most 0.25 m, "
-        "walls B to A: at most 0.25 m)"
+        "DiffReport(different, 5 of 32 common cells differ, "
+        "directed Hausdorff distance A to B: 0.25 m, directed Hausdorff distance B to A: 0.25 m)"
     )
 
 
@@ -110,7 +110,7 @@ def test_grids_and_files_are_compared_alike(files):
 def test_costs_are_compared_as_ros_publishes_them(files):
     grid = mapdeal.read_map(files[0])
     costs = mapdeal.exponential_cost(grid, inflation_radius=0.25)
-    with pytest.warns(mapdeal.MapdealWarning, match="map B holds costs"):
+    with pytest.warns(mapdeal.MapdealWarning, match="map B contains costs"):
         report = mapdeal.diff(grid, costs)
     assert report.confusion["occupied"]["occupied"] == 2
     assert mapdeal.diff(grid, mapdeal.esdf(grid)).is_equal

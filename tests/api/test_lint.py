@@ -95,7 +95,7 @@ def test_the_projects_configuration_holds_unless_it_is_not_wanted(maps):
 
 
 def test_standard_input_is_left_to_the_command():
-    with pytest.raises(mapdeal.ParameterError, match="@-: is for the command line"):
+    with pytest.raises(mapdeal.ParameterError, match="@-: applies to the command line"):
         mapdeal.lint("@-")
 
 

@@ -85,7 +85,7 @@ def test_a_truncated_last_line_is_passed_over_with_its_number_s13(folder, accept
     (folder / "a.log").write_text(GOOD + GOOD[:300])
     out, warned = accepted(*BUILD)
     assert len(warned) == 1
-    assert "a.log: 1 bad lines passed over: line 2: " in warned[0]
+    assert "a.log: 1 malformed lines ignored: line 2: " in warned[0]
     assert "1 scans, 180 beams" in out
 
 
@@ -102,7 +102,7 @@ def test_what_was_passed_over_is_told_also_if_there_is_no_map(folder, command):
     (folder / "a.log").write_text(GOOD.replace("2.0", "50") + GOOD[:300])
     code, _, err = command(*BUILD)
     assert code == 3
-    assert "1 bad lines passed over: line 2" in err
+    assert "1 malformed lines ignored: line 2" in err
     assert "no beam hits anything: of 180 readings 180 are without return" in err
 
 
@@ -127,7 +127,7 @@ def test_a_grid_that_no_beam_reaches_is_warned_of(folder, accepted):
     (folder / "a.log").write_text(GOOD)
     _, warned = accepted(*BUILD, "--size", "1,1", "--origin", "50,50")
     assert len(warned) == 1
-    assert "unknown everywhere" in warned[0]
+    assert "the whole map is unknown" in warned[0]
 
 
 def test_a_beam_within_one_cell_is_a_hit_alone_s12(folder, accepted):

@@ -166,13 +166,13 @@ def test_the_text(command, maps):
     assert err == ""
     assert out.splitlines() == [
         "a.yaml, b.yaml: different",
-        "  cells     8 in both, 2 differ",
-        "              A, down; B    occupied        free     unknown",
+        "  cells     8 in both, 2 differ; rows: A, columns: B",
+        "                            occupied        free     unknown",
         "                occupied           1           1           0",
         "                    free           1           4           0",
         "                 unknown           0           0           1",
-        "  walls     A to B: at most 0.1 m, 95 % 0.095 m, mean 0.05 m",
-        "  walls     B to A: at most 0.1 m, 95 % 0.095 m, mean 0.05 m",
+        "  walls     directed Hausdorff distance A to B: 0.1 m; 95 % within 0.095 m, mean 0.05 m",
+        "  walls     directed Hausdorff distance B to A: 0.1 m; 95 % within 0.095 m, mean 0.05 m",
     ]
     _, out, _ = command("diff", "a.yaml", "moved.yaml")
     assert "  geometry  origin [0.0, 0.0, 0.0] -> [0.1, 0.0, 0.0]" in out.splitlines()

@@ -61,7 +61,7 @@ def test_what_is_not_sure_is_said_and_written_and_ends_with_1(maps, command):
     assert code == 1
     assert "not sure: another place fits nearly as well" in out
     assert json.loads((maps / "t.json").read_text())["same_place"] is False
-    with pytest.warns(mapdeal.MapdealWarning, match="not sure"):
+    with pytest.warns(mapdeal.MapdealWarning, match="uncertain"):
         read_transform(maps / "t.json")
 
 

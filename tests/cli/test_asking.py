@@ -573,12 +573,12 @@ def test_pairs_of_standard_input_are_answered_at_once(hall):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        ("--from 1,1", "--from, --to: both are needed, or --pairs"),
-        ("--pairs p.csv --from 1,1", "--from: is for one route"),
-        ("--pairs p.csv --heuristic field", "--heuristic: is for one route"),
-        ("--pairs p.csv --repulsive-gain 2", "--repulsive-gain: is for one route"),
+        ("--from 1,1", "--from, --to: both are required, or --pairs"),
+        ("--pairs p.csv --from 1,1", "--from: applies to one route"),
+        ("--pairs p.csv --heuristic field", "--heuristic: applies to one route"),
+        ("--pairs p.csv --repulsive-gain 2", "--repulsive-gain: applies to one route"),
         ("--pairs p.csv --method descent", "--pairs: compares routes of --method astar"),
-        ("--pairs p.csv --image o.png", "--image: is for one route"),
+        ("--pairs p.csv --image o.png", "--image: applies to one route"),
         ("--pairs p.csv --compare plain,fast", "must be some of plain, cost, heuristic"),
         ("--pairs p.csv --compare=", "--compare: must be some of"),
         ("--pairs p.csv -o o.json", "are written as .jsonl"),
@@ -590,8 +590,14 @@ def test_pairs_of_standard_input_are_answered_at_once(hall):
         ("--from 1,1 --to 5,1 --heuristic-weight 1", "--heuristic-weight: needs --heuristic field"),
         ("--from 1,1 --to 5,1 --heuristic octile --heuristic-weight 1", "needs --heuristic field"),
         ("--from 1,1 --to 5,1 --heuristic field --heuristic-weight inf", "must lie between"),
-        ("--from 1,1 --to 5,1 --method descent --heuristic field", "is not for --method descent"),
-        ("--from 1,1 --to 5,1 --method descent --heuristic-weight 1", "is not for --method desce"),
+        (
+            "--from 1,1 --to 5,1 --method descent --heuristic field",
+            "does not apply to --method descent",
+        ),
+        (
+            "--from 1,1 --to 5,1 --method descent --heuristic-weight 1",
+            "does not apply to --method desce",
+        ),
     ],
 )
 def test_what_does_not_go_together_is_refused(command, hall, tmp_path, monkeypatch, words, text):

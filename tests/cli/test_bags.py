@@ -195,7 +195,7 @@ def test_a_transform_of_both_kinds_is_warned_of_and_keeps_its_samples(command, t
     maker.add("/tf_static", TF, drive.times[4], stale)
     code, _, err = command("build", maker.write(tmp_path, "mcap"), "-o", "m.yaml")
     assert code == 0
-    assert "odom -> base_link comes as static and as moving: the kind that comes most" in err
+    assert "odom -> base_link is both static and dynamic: the more frequent kind" in err
     same(read_map("m.yaml"), drive.map())
 
 
@@ -301,7 +301,7 @@ def test_poses_of_a_file_and_a_mount_stand_for_transforms(command, tmp_path):
     assert "no transforms lead from base_link to laser, rear: whose poses are they?" in err
     code, _, err = command(*both, "--poses", "base.txt", *mount)
     assert code == 2
-    assert "--mount: is for one sensor, and there are laser, rear" in err
+    assert "--mount: applies to one sensor, and there are laser, rear" in err
     path = path.parent.parent / "bag"
     (tmp_path / "flat.txt").write_text("0 0 0\n")
     code, _, err = command("build", path, "-o", "o.yaml", "--poses", "flat.txt")
@@ -335,7 +335,7 @@ def test_each_beam_has_the_pose_of_its_own_time(command, tmp_path):
     plain = whole(drive).write(tmp_path / "level", "mcap")
     code, out, err = command("build", plain, "-o", "p.yaml", "--deskew")
     assert (code, f"{STEPS} scans" in out) == (0, True)
-    assert "no scan tells the time between its beams: --deskew has no effect" in err
+    assert "no scan has a time between beams: --deskew has no effect" in err
 
 
 def test_a_scan_without_time_has_that_of_its_recording(command, tmp_path):
@@ -366,10 +366,10 @@ def test_options_of_bags_need_one(command, tmp_path):
     path = whole(Drive()).write(tmp_path, "mcap")
     code, _, err = command("build", path, "-o", "m.yaml", "--flip-y")
     assert code == 2
-    assert "--flip-y: is not for bags" in err
+    assert "--flip-y: does not apply to bags" in err
     code, _, err = command("build", path, "-o", "m.yaml", "--mount", "1,2,3")
     assert code == 3
-    assert "transforms tell already where laser stands on base_link" in err
+    assert "transforms already give the pose of laser on base_link" in err
 
 
 # convert
@@ -564,12 +564,12 @@ def test_fields_and_odd_words_are_refused(command, tmp_path):
     assert command("esdf", "map.npz", "-o", "field.npz")[0] == 0
     path = of_maps().write(tmp_path, "mcap")
     for words_, code, told in [
-        (["field.npz", "-o", "a.mcap"], 2, "has no message in ROS"),
+        (["field.npz", "-o", "a.mcap"], 2, "ROS has no message"),
         (["map.npz", "-o", "a.mcap", "--topic", "/"], 2, "must be the name of a topic"),
-        (["map.npz", "-o", "a.mcap", "--mode", "raw"], 2, "is for pixels"),
-        (["map.npz", "-o", "a.npz", "--topic", "/map"], 2, "--topic: is for bags"),
-        (["map.npz", "-o", "a.npz", "--index", "1"], 2, "--index: is for bags that are read"),
-        (["map.npz", "-o", "a.npz", "--frame-id", "m"], 2, "--frame-id: is for bags that are"),
+        (["map.npz", "-o", "a.mcap", "--mode", "raw"], 2, "applies to pixels"),
+        (["map.npz", "-o", "a.npz", "--topic", "/map"], 2, "--topic: applies to bags"),
+        (["map.npz", "-o", "a.npz", "--index", "1"], 2, "--index: applies to reading bags"),
+        (["map.npz", "-o", "a.npz", "--frame-id", "m"], 2, "--frame-id: applies to writing bags"),
         (["map.npz", "--all", "-o", "a", "--topic", "/map"], 2, ""),
         ([path, "-o", "a.npz"], 3, "has 3 topics of maps and costmaps"),
     ]:
@@ -694,13 +694,13 @@ def test_local_says_what_does_not_fit(command, tmp_path):
     (tmp_path / "two.txt").write_text("0 0 0\n0 0 0\n")
     for words_, code, told in [
         (["--cloud", path, "--index", "3"], 2, "/points has 3 messages"),
-        (["--cloud", path, "--index", "1", "--all"], 2, "--index: is for one cloud"),
-        (["--cloud", path, "--pose", "0,0,0", "--all"], 2, "--pose: is for one cloud"),
+        (["--cloud", path, "--index", "1", "--all"], 2, "--index: applies to one cloud"),
+        (["--cloud", path, "--pose", "0,0,0", "--all"], 2, "--pose: applies to one cloud"),
         (["--cloud", path, "--poses", "two.txt"], 3, "must have a pose for each of 3 clouds"),
         (["--cloud", path, "--topic", "/tf"], 3, "/tf is of type tf2_msgs/msg/TFMessage"),
         (["--cloud", "c.csv", "--pose", "0,0,0", "--all"], 2, "--all: needs a bag"),
         (["--cloud", "c.csv", "--pose", "0,0,0", "--topic", "/p"], 2, "--topic: needs a bag"),
-        (["--cloud", "c.csv"], 2, "--pose or --poses must be given"),
+        (["--cloud", "c.csv"], 2, "--pose or --poses is required"),
     ]:
         got, _, err = command("local", *words_, "-o", "out")
         assert (got, told in err, err.count("error: ")) == (code, True, 1), (words_, err)

@@ -125,7 +125,7 @@ def test_more_jobs_than_can_be_of_use_are_capped_p13(command, maps, monkeypatch)
     monkeypatch.setattr("mapdeal.cli.many_maps.available_threads", lambda: 2)
     _, _, err = command("run", "maps/many", "-o", "o", "-j", "9999")
     assert started == [8]
-    assert "--jobs 9999: took 8" in err
+    assert "--jobs 9999: using 8" in err
 
 
 LITTLE = "61M" if engine_name() == "compiled" else "112M"
@@ -282,7 +282,7 @@ def test_ctrl_c_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(la
     assert done <= complete <= done + 2  # of which two may have been done that very moment
     assert statuses.count("interrupted") == 20 - done > 0
     assert without_progress(err) == [
-        f"error: interrupted; {done} of 20 maps are done, the same command goes on"
+        f"error: interrupted; {done} of 20 maps are done, run the same command to continue"
     ]
     again = subprocess.run([*RUN, "maps", "-o", "o", "-j", "2"], capture_output=True, text=True)
     assert again.returncode == 0, again.stderr

@@ -45,10 +45,10 @@ def test_it_writes_what_the_function_makes_and_tells_what_has_changed(command, r
     assert (code, err) == (0, "")
     assert out.splitlines() == [
         "c.yaml: 13 x 7 cells, occupied 37.36 %, free 35.16 %, unknown 27.47 %",
-        "  pinholes  1 (3 cells) are now free, 1 (1 cell) occupied",
-        "  islands   1 (1 cell) are now unknown",
-        "  specks    1 (1 cell) are now free",
-        "  changed   6 cells",
+        "  pinholes          1 (3 cells) are now free, 1 (1 cell) occupied",
+        "  islands           1 (1 cell) are now unknown",
+        "  small components  1 (1 cell) are now free",
+        "  changed           6 cells",
     ]
     written = read_map("c.yaml")
     assert written.occupancy.tolist() == cells(CLEAN).tolist()
@@ -99,7 +99,7 @@ def test_a_map_that_is_clean_already_is_written_and_warned_of(command, room):
     command("clean", room, "-o", "c.yaml")
     code, out, err = command("clean", "c.yaml", "-o", "again.yaml")
     assert (code, err) == (0, "warning: clean: nothing has changed\n")
-    assert "changed   0 cells" in out
+    assert "changed           0 cells" in out
     assert (room.parent / "again.pgm").read_bytes() == (room.parent / "c.pgm").read_bytes()
 
 

@@ -213,8 +213,8 @@ def test_what_befalls_a_cluster_is_told_of_the_map():
 
     job = Job(Path("/d/m.yaml"), Path("/d/o"), "m.yaml", "m")
     for problem, text in (
-        (KilledWorker("task", None, 3), "/d/m.yaml: every worker died that tried this map"),
-        (CancelledError(), "/d/m.yaml: was lost: the scheduler is gone, or has dropped it"),
+        (KilledWorker("task", None, 3), "/d/m.yaml: every worker that tried this map died"),
+        (CancelledError(), "/d/m.yaml: was lost: the scheduler is gone or has dropped it"),
         (ZeroDivisionError("x"), "x"),
     ):
         sent = Future()

@@ -270,7 +270,7 @@ def test_costs_that_are_passed_as_a_map_are_warned_of(command, room, tmp_path):
     command("cost", room, "-o", tmp_path / "c.npz")
     code, _, err = command("inflate", tmp_path / "c.npz", "-o", tmp_path / "i.npz")
     assert code == 0
-    assert "holds costs" in err
+    assert "contains costs" in err
 
 
 def test_convert_tells_what_it_wrote_not_what_it_read(command, tmp_path):

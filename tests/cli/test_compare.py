@@ -235,7 +235,7 @@ def test_nothing_seen_has_no_thickness(command, run):
     far = ["--size", "2,2", "--origin", "90,90"]
     code, _, err = command("build", "hall.npz", "--compare", "-o", "out", *far)
     assert code == 0
-    assert err == ("warning: hall.npz: no beam reaches the grid: the map is unknown everywhere\n")
+    assert err == ("warning: hall.npz: no beam reaches the grid: the whole map is unknown\n")
     for figures in document()["methods"].values():
         assert figures["one_cell_wide_share"] is figures["mean_thickness_m"] is None
         assert figures["vanished_groups"] == 0

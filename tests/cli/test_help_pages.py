@@ -50,6 +50,6 @@ def test_options_that_count_with_a_value_of_another_stand_below_it(command):
     models = [f"With --model {name}" for name in ("exponential", "threshold", "rings", "layers")]
     assert titles == ["Arguments", "Options", *models, "Robot", "Common options", "Examples"]
     below = out[out.index("With --model rings:") :].splitlines()[1]
-    assert below.split()[:3] == ["--values", "N,N,...", "Cost"]
+    assert below.split()[:3] == ["--values", "N,N,...", "Costs"]
     _, out, _ = command("build", "--help")
     assert "\nWith a bag:\n  --topic TOPIC " in out

@@ -203,7 +203,7 @@ def test_five_mistakes_of_a_nav2_file_are_told_with_their_lines(command, tmp_pat
     told = [
         (4, "error: params.type: robot_radius: must be a double, is a string; "),
         (5, "error: params.type: track_unknown_space: must be a bool, is a string; "),
-        (8, "error: params.plugins: static_layer.plugin: there is no class nav2_costmap_2d::Stati"),
+        (8, "error: params.plugins: static_layer.plugin: unknown class nav2_costmap_2d::Stati"),
         (13, "error: params.type: inflation_layer.inflation_radius: must be a double, is an int"),
         (14, "warning: params.misspelt: no parameter is called inflation_layer.cost_scaling_f"),
         (12, "note: params.inflation-defaults: inflation_layer: not set, and so cost_scaling_f"),

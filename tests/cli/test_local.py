@@ -64,7 +64,7 @@ def test_local_writes_a_map_and_what_is_made_of_it(command, cloud, points):
     rings = ring_cost(inflated, values=(90, 70, 50))
     assert np.array_equal(read_map("o/cost.npz").cost, rings.cost)
     assert "points in the window" in out
-    assert "rear heading -1.942" in out
+    assert "robot's back at -1.942" in out
 
 
 def test_the_manifest_tells_what_became_of_the_points(command, cloud, points):

@@ -161,7 +161,7 @@ def test_too_little_memory_is_one_line_that_tells_how_much_it_takes(
     assert (code, out) == (3, "")
     first, hint = err.splitlines()
     assert first.startswith(f"error: {building}: 701 x 613 cells need ")
-    assert first.endswith(f" of memory, {memory} may be taken")
+    assert first.endswith(f" of memory, {memory} may be used")
     assert "--max-memory" in hint
     assert not output.exists()
 

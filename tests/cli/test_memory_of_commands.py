@@ -238,7 +238,7 @@ def test_what_would_take_too_much_is_refused_before(bombs, words):
     code, err, peak = measured(bombs, *words, "--max-memory", f"{MOST}MB")
     assert code == 3, err
     first, hint = err.splitlines()
-    told = rf"error: .*needs? ([0-9.]+) [MG]B of memory, {MOST} MB may be taken"
+    told = rf"error: .*needs? ([0-9.]+) [MG]B of memory, {MOST} MB may be used"
     assert re.fullmatch(told, first)
     assert "--max-memory" in hint
     assert peak < (MOST + 50) * 1_000_000
@@ -257,7 +257,7 @@ def test_headers_of_arrays_are_not_read_at_any_length(bombs, name):
 def test_lint_tells_of_it_as_of_every_file_that_cannot_be_read(bombs):
     code, told, peak = measured(bombs, "lint", "map.npz", "--max-memory", f"{MOST}MB")
     assert code == 1
-    assert re.search(rf"error: file.malformed: needs .* of memory, {MOST} MB may be taken", told)
+    assert re.search(rf"error: file.malformed: needs .* of memory, {MOST} MB may be used", told)
     assert peak < (MOST + 50) * 1_000_000
 
 

@@ -145,7 +145,7 @@ def test_checksums_that_are_of_no_map_are_warned_of(command, folder):
     code, _, err = command("merge", "a.yaml", "b.yaml", "-o", "o.npz", "--by", "s.json")
     assert code == 0
     assert err == (
-        "warning: s.json: its checksums are not those of the maps; taken as the transform from "
+        "warning: s.json: its checksums are not those of the maps; used as the transform from "
         "a.yaml to b.yaml\n"
     )
     np.testing.assert_array_equal(
@@ -204,7 +204,7 @@ def test_a_map_that_is_perhaps_of_another_place_is_not_merged(command, folder, a
     code, out, err = command("merge", "a.yaml", "b.yaml", "-o", "o.yaml", "--by", "align")
     assert (code, out) == (1, "")
     assert err.splitlines()[0] == (
-        "error: b.yaml: how it lies to a.yaml is not sure: another place fits as well"
+        "error: b.yaml: its placement on a.yaml is uncertain: another place fits as well"
     )
     assert sorted(folder.iterdir()) == before
 
@@ -278,8 +278,8 @@ def test_what_cannot_be_done_is_said_and_nothing_written(command, folder):
     before = sorted(folder.iterdir())
     for words, code, told in [
         (["a.yaml"], 2, "merge: takes two maps or more, got 1"),
-        (["a.yaml", "costs.npz"], 2, "costs.npz: is no map; merge the maps, and compute costs"),
-        (["a.yaml", "field.npz"], 2, "field.npz: is no map; merge the maps, and compute costs"),
+        (["a.yaml", "costs.npz"], 2, "costs.npz: is not a map; merge the maps, and compute costs"),
+        (["a.yaml", "field.npz"], 2, "field.npz: is not a map; merge the maps, and compute costs"),
         (["a.yaml", "far.yaml"], 2, "the maps lie too far apart: "),
         (["a.yaml", "b.yaml", "--by", "bad.json"], 3, "bad.json: the document: must have a key y"),
         (["a.yaml", "b.yaml", "--by", "none.json"], 4, "none.json: "),
@@ -287,7 +287,7 @@ def test_what_cannot_be_done_is_said_and_nothing_written(command, folder):
         (["a.yaml", "b.yaml", "--by", "s.json", "--by", "align"], 2, "--by: align cannot be given"),
         (["a.yaml", "b.yaml", "--by", "s.json", "--by", "s.json"], 2, "--by: 2 files are given, "),
         (["a.yaml", "b.yaml", "c.yaml", "--by", "t.json"], 2,
-         "--by: no transform leads from a.yaml to b.yaml"),
+         "--by: no transforms lead from a.yaml to b.yaml"),
         (["a.yaml", "odd.npz", "--rule", "evidence"], 3, "odd.npz: log_odds: "),
         (["a.yaml", "b.yaml", "--image", "o.jpg"], 2, "--image: "),
     ]:  # fmt: skip

@@ -223,7 +223,7 @@ def test_routes_go_through_the_robots_costs(command, hall, nav2, tmp_path):
     assert with_file[1] == with_costs[1] != plain[1]
     code, _, err = command("route", tmp_path / "c.npz", *words, "--params-file", nav2)
     assert code == 2
-    assert "--params-file: is for maps: these costs are made already" in err
+    assert "--params-file: applies to maps: these costs are already computed" in err
 
 
 @pytest.mark.parametrize("option", [["--costmap", "local"], ["--namespace", "robot1"]])

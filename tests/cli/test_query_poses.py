@@ -179,9 +179,9 @@ def test_any_number_is_answered(command, costs, pose):
     ("words", "rule"),
     [
         ("--at 1,2", "--at: must be three numbers X,Y,YAW, got '1,2'"),
-        ("", "--at, --poses: one of the two is needed"),
+        ("", "--at, --poses: one of the two is required"),
         ("--points p.csv", "--points: has no yaws; poses of a footprint are given by --poses"),
-        ("--at 1,2,3 --convention border", "--convention: is for distances"),
+        ("--at 1,2,3 --convention border", "--convention: applies to distances"),
         ("--at 1,2,3 --robot-radius 1", "cannot be given together with --robot-radius"),
         ("--at 1,2,3 --unknown maybe", "unknown: must be one of free, occupied, got 'maybe'"),
         ("--at 1,2,3 --lethal-threshold 0", "lethal_threshold: must be a whole number, between 1"),
@@ -220,7 +220,10 @@ def test_costs_that_are_made_take_no_parameters_of_a_map(command, costs):
     for option, value in (("--unknown", "free"), ("--lethal-threshold", "50")):
         words = ["--footprint", ROBOT, "--at", "1.6,-1.9,0", option, value]
         code, _, err = command("query", costs[0], *words)
-        assert (code, err) == (2, f"error: {option}: is for maps: these costs are made already\n")
+        assert (code, err) == (
+            2,
+            f"error: {option}: applies to maps: these costs are already computed\n",
+        )
 
 
 def test_fields_and_costs_of_another_scale_are_refused(command, grid, tmp_path):
@@ -247,14 +250,14 @@ def test_published_costs_in_a_pair_are_warned_of(command, costs, tmp_path):
     assert answered(command("query", path, *ask)[1])[0]["cost"] not in (0, 254)
     code, out, err = command("query", tmp_path / "c.yaml", *ask)
     assert (code, answered(out)[0]["cost"]) == (0, 0)
-    assert "cells of 1..99 are no obstacles; costs are read from an npz" in err
+    assert "cells of 1..99 are not obstacles; costs are read from an npz" in err
 
 
 def test_without_a_robot_costs_are_asked_for_distances_as_before(command, costs):
     code, out, err = command("query", costs[0], *POINT_OPTIONS)
     assert code == 0
     assert "gradient" in answered(out)[0]
-    assert "taken as the occupancy that ROS would publish" in err
+    assert "read as the occupancy that ROS would publish" in err
 
 
 def test_many_poses_are_those_of_the_library(command, tmp_path):

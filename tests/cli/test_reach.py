@@ -174,7 +174,7 @@ def test_the_map_of_a_robot_s_own_parameters(command, tmp_path):
             "--params-file", parameters,
         )  # fmt: skip
         assert code == int(tracks)
-        told = "costmap takes unknown cells as free, 6.67 % of the map: the robot drives through"
+        told = "costmap treats unknown cells as free, 6.67 % of the map: the robot drives through"
         assert (told in err) == (not tracks)
         radius = json.loads(out)["robot"]["radius"]
         assert radius == pytest.approx((0.2 + 0.01) * np.cos(np.pi / 16), abs=0.01)

@@ -80,7 +80,7 @@ def test_a_run_does_not_replace_what_is_no_page_of_ours(command, rooms, tmp_path
     (out / "report.html").write_text("<!doctype html><title>my own</title>")
     code, _, err = command("run", rooms, "-o", out, "--report")
     assert code == 4
-    assert "exists, and is no page that mapdeal has made" in err
+    assert "exists, and is not a page written by mapdeal" in err
     assert [one.name for one in out.iterdir()] == ["report.html"]  # before anything was made
 
 
@@ -98,7 +98,7 @@ def test_bad_input_ends_with_one_line_and_its_code(command, run, rooms, tmp_path
     (tmp_path / "cloud.pcd").write_text("VERSION .7\nFIELDS x y z\n")
     ok = tmp_path / "ok.html"
     for arguments, code, text in (
-        ((tmp_path / "empty", "-o", ok), 4, "holds no run"),
+        ((tmp_path / "empty", "-o", ok), 4, "contains no run"),
         ((tmp_path / "none", "-o", ok), 4, "No such file or directory"),
         ((run, "-o", tmp_path / "page.html"), 4, "exists"),
         ((run, "-o", tmp_path / "page.pdf"), 2, "must end in .html"),

@@ -20,7 +20,7 @@ SIZE = ["--size", "3,2", "--resolution", "0.1", "--no-images"]
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A map whose corner is no multiple of its cells, and a cloud."""
+    """A map whose corner is not a multiple of its cells, and a cloud."""
     monkeypatch.chdir(tmp_path)
     values = np.random.default_rng(3).choice([-1, 0, 100], (30, 40), p=[0.3, 0.69, 0.01])
     write_map("known.yaml", OccupancyGrid(values, 0.1, (-2.03, -1.06, 0.0)))
@@ -83,11 +83,11 @@ def test_the_square_kernel_and_rings_around_a_robot(command, place):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("", "--cloud: a cloud, or --map, must be given"),
-        ("--map known.yaml --min-height 0.1", "--min-height: is for clouds: it needs --cloud"),
-        ("--map known.yaml --frame map", "--frame: is for clouds"),
-        ("--map known.yaml --require-points", "--require-points: is for clouds"),
-        ("--cloud c.csv --keep 3", "--keep: is for a sequence: it needs --poses"),
+        ("", "--cloud: a cloud or --map is required"),
+        ("--map known.yaml --min-height 0.1", "--min-height: applies to clouds: it needs --cloud"),
+        ("--map known.yaml --frame map", "--frame: applies to clouds"),
+        ("--map known.yaml --require-points", "--require-points: applies to clouds"),
+        ("--cloud c.csv --keep 3", "--keep: applies to a sequence: it needs --poses"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(command, place, words, told):

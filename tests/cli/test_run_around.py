@@ -201,7 +201,7 @@ def test_a_folder_of_one_map_and_its_summary(command, place):
         ("--cloud=", "--cloud: needs --pose"),
         ("--pose 0,0", "--pose: must be three numbers"),
         ("--pose 0,0,0 --local-recipe nowhere", "nowhere"),
-        ("m2.yaml --pose 0,0,0", "--pose: is for one map, there are 2"),
+        ("m2.yaml --pose 0,0,0", "--pose: takes one map, there are 2"),
         ("--pose 0,0,0 --scheduler tcp://h:1", "--pose: cannot be given together with --scheduler"),
     ],
 )

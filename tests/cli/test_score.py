@@ -114,7 +114,7 @@ def test_a_transform_the_other_way_round_is_turned_and_told_of(command, maps):
     assert (found["values"]["iou_occupied"], err) == (1.0, "")
     _, found, err = answer(command, "own.yaml", "--truth", "other.yaml", *words)
     assert found["values"]["iou_occupied"] == 1.0
-    assert "aligned.json: goes from the truth to the map; its inverse is taken" in err
+    assert "aligned.json: leads from the truth to the map; its inverse is used" in err
     _, _, err = answer(command, "far.yaml", "--truth", "own.yaml", *words)
     assert "aligned.json: is between other maps" in err
 
@@ -166,7 +166,7 @@ def test_bounds_decide_the_exit_code_and_are_told_one_by_one(command, maps):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--min", "coverge=1"), "--min: is no figure of a score, got 'coverge'\nhint: did"),
+        (("--min", "coverge=1"), "--min: is not a figure of a score, got 'coverge'\nhint: did"),
         (("--min", "coverage"), "error: --min: must be NAME=VALUE, got 'coverage'"),
         (("--max", "coverage=x"), "error: --max coverage: must be a number, got 'x'"),
         (("--max", "coverage=nan"), "must be a"),
@@ -195,9 +195,17 @@ def test_without_a_truth_there_is_nothing_to_move_onto(command, maps, words):
     [
         ("empty", "truth", "empty.yaml: has no occupied cell there, so no distances"),
         ("truth", "empty", "empty.yaml: has no occupied cell there, so no distances"),
-        ("truth", "unknown", "unknown.yaml: knows no cell, so there is nothing to compare with"),
-        ("far", "truth", "far.yaml: knows no cell on truth.yaml; --align finds how the maps lie"),
-        ("unknown", "truth", "unknown.yaml: knows no cell on truth.yaml"),
+        (
+            "truth",
+            "unknown",
+            "unknown.yaml: has no known cell, so there is nothing to compare with",
+        ),
+        (
+            "far",
+            "truth",
+            "far.yaml: has no known cell on truth.yaml; --align finds how the maps lie",
+        ),
+        ("unknown", "truth", "unknown.yaml: has no known cell on truth.yaml"),
         ("fine", "truth", "fine.yaml: has cells of 0.125 m, truth.yaml of 0.25 m"),
     ],
 )

@@ -183,7 +183,7 @@ def test_what_has_no_end_is_refused(command, here, monkeypatch):
     code, _, err = command("info", "-", "--max-memory", "70M")
     assert code == 3
     assert "standard input: needs" in err
-    assert "73.5 MB may be taken" in err  # 70 x 1024 x 1024
+    assert "73.5 MB may be used" in err  # 70 x 1024 x 1024
 
 
 def test_standard_input_is_one_file(command, here, monkeypatch):
@@ -192,7 +192,7 @@ def test_standard_input_is_one_file(command, here, monkeypatch):
                   "cost - --mask - -o o.npz"):  # fmt: skip
         code, _, err = command(*words.split())
         assert (code, err.splitlines()[0]) == (
-            2, "error: -: can stand once for an input: standard input is one file"
+            2, "error: -: can be used for one input only: standard input is one file"
         )  # fmt: skip
     code, _, err = command("run", "-", "-o", "out")
     assert (code, err.splitlines()[0]) == (
@@ -261,13 +261,13 @@ def test_terminals_are_refused(here):
             check=False,
         )
         assert (done.returncode, done.stderr.decode().splitlines()[0]) == (
-            2, "error: -o -: is a terminal, and an npz is no text"
+            2, "error: -o -: is a terminal, and an npz is not text"
         )  # fmt: skip
         done = subprocess.run(
             f"{PROGRAM} info -".split(), stdin=other, capture_output=True, check=False
         )
         assert (done.returncode, done.stderr.decode().splitlines()[0]) == (
-            2, "error: -: is a terminal, and an npz is no text"
+            2, "error: -: is a terminal, and an npz is not text"
         )  # fmt: skip
     finally:
         os.close(main)
@@ -305,4 +305,4 @@ def test_standard_input_is_not_changed_in_place(command, here, monkeypatch):
     stdin(monkeypatch, (here / "m.npz").read_bytes())
     code, out, err = command("lint", "-", "--fix", "--in-place")
     assert (code, out) == (2, "")
-    assert err.startswith("error: -: is standard input, which cannot be changed in place")
+    assert err.startswith("error: -: is standard input, which cannot be repaired in place")

@@ -60,7 +60,7 @@ def test_every_command_is_found_with_two_letters_swapped(command):
 def test_what_is_like_nothing_gets_the_way_to_the_list(command):
     code, _, err = command("qqqq")
     assert (code, err.splitlines()) == (
-        2, ["error: no such command 'qqqq'", "hint: mapdeal --help tells what is allowed"]
+        2, ["error: no such command 'qqqq'", "hint: run mapdeal --help for usage"]
     )  # fmt: skip
 
 

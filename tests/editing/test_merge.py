@@ -344,7 +344,7 @@ def test_what_cannot_be_merged_is_refused():
         with pytest.raises(ParameterError, match=r"^maps: takes two maps or more, got "):
             merge(maps)
     for odd in (costs, esdf(grid), field_view(esdf(grid)), np.zeros((2, 3)), "a.yaml"):
-        with pytest.raises(ParameterError, match=r"^map 2: is no map"):
+        with pytest.raises(ParameterError, match=r"^map 2: is not a map"):
             merge([grid, odd])
     with pytest.raises(ParameterError, match=r"^rule: must be one of occupied, newest, evidence"):
         merge([grid, grid], rule="oldest")

@@ -227,12 +227,12 @@ def test_what_must_not_be_believed_names_the_key(read, document, told):
     ("text", "told"),
     [
         (b'{"maps": [' + b"[" * 100_000, "nested too deep"),
-        (b'{"maps": [NaN], "errors": 0, "suppressed": 0}', "NaN is no number of JSON"),
-        (b'{"maps": [-Infinity]}', "-Infinity is no number of JSON"),
+        (b'{"maps": [NaN], "errors": 0, "suppressed": 0}', "NaN is not a JSON number"),
+        (b'{"maps": [-Infinity]}', "-Infinity is not a JSON number"),
         (b'{"maps": [], "errors": 1e999, "suppressed": 0}', "errors: must be a whole number"),
         (b'{"points": [[0, 1e999]], "reached": true}', "points[0][1]: must be a number from"),
         (b'{"errors": ' + b"7" * 5000 + b"}", "no valid JSON"),
-        (b'{"errors": 0, "errors": 1}', "key 'errors' stands twice"),
+        (b'{"errors": 0, "errors": 1}', "key 'errors' appears twice"),
         (b'{"maps": [}', "line 1, column 11: no valid JSON"),
         (b'{"maps": "\xff"}', "not UTF-8"),
         (

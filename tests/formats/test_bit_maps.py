@@ -101,7 +101,7 @@ def test_the_obstacles_of_every_real_map_survive(real_maps, mapdeal_warnings, tm
         (
             lambda p: _rewrite(p, "negate: 0", "negate: 0\ncost_scale: costmap2d"),
             MalformedInputError,
-            "no costs",
+            "cannot hold costs",
         ),
     ],
 )

@@ -46,7 +46,7 @@ def test_what_fits_is_allowed_and_what_does_not_is_told_with_both_figures():
         claim("a.npz", 50 * MB)
         with pytest.raises(MalformedInputError) as caught:
             claim("a.npz", 51 * MB, what="7 x 5 cells")
-    assert str(caught.value) == "a.npz: 7 x 5 cells need 101 MB of memory, 100 MB may be taken"
+    assert str(caught.value) == "a.npz: 7 x 5 cells need 101 MB of memory, 100 MB may be used"
     assert caught.value.hint.startswith("--max-memory 101MB allows more")
 
 
@@ -59,7 +59,7 @@ def test_a_little_is_always_allowed():
 
 def test_the_default_is_said_to_depend_on_what_is_free(free):
     free(1000 * MB)
-    with pytest.raises(MalformedInputError, match=r"500 MB may be taken \(by default half of what"):
+    with pytest.raises(MalformedInputError, match=r"500 MB may be used \(by default half of what"):
         claim("a.npz", 451 * MB)
     claim("a.npz", 449 * MB)
 
@@ -325,6 +325,6 @@ def taken_and_said(path, codes):
 def test_readers_of_python_take_a_budget(tmp_path, free, read, name, write):
     write(tmp_path / name)
     free(100 * MB)
-    with pytest.raises(MalformedInputError, match="of memory, 40 MB may be taken"):
+    with pytest.raises(MalformedInputError, match="of memory, 40 MB may be used"):
         read(tmp_path / name, max_memory=40 * MB)
     read(tmp_path / name, max_memory=1000 * MB)

@@ -90,7 +90,7 @@ def test_lines_end_as_on_windows_and_comments_are_passed_over(read):
 
 def test_more_than_padding_behind_the_points_is_warned_of(read):
     for data in ("ascii", "binary"):
-        with pytest.warns(MapdealWarning, match="behind the points"):
+        with pytest.warns(MapdealWarning, match="after the points"):
             assert len(read("c.pcd", pcd(XYZ, [[[1.0]] * 3], data, padding=b"4 5 6\n"))) == 1
 
 

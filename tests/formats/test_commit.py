@@ -313,7 +313,7 @@ def test_a_journal_from_somewhere_has_no_power_outside_of_its_folder(tmp_path, c
 def test_a_damaged_journal_is_named(tmp_path, text):
     (tmp_path / JOURNAL).write_text(text, encoding="latin-1")
     (tmp_path / "a.txt").write_bytes(b"1")
-    with pytest.raises(FileAccessError, match="no journal") as caught:
+    with pytest.raises(FileAccessError, match="not the journal") as caught:
         read_file(tmp_path / "a.txt")
     assert caught.value.hint == "remove it"
 

@@ -182,7 +182,7 @@ def test_a_file_of_another_format_is_refused_with_those_that_are_known(tmp_path,
     path.write_bytes(data)
     with pytest.raises(MalformedInputError) as caught:
         read(path)
-    start = f"{path}: is no image of a format that maps have: pgm, pbm, ppm, png, bmp, tiff"
+    start = f"{path}: is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
     assert str(caught.value).startswith(start)
     known = [name for entry in IMAGE_FORMATS.values() for name in entry.suggested]
     assert str(caught.value).endswith(", ".join(known))

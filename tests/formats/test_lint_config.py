@@ -31,7 +31,7 @@ def test_a_table_is_read_as_it_is_written(tmp_path, name, table):
     ("text", "told", "hint"),
     [
         ("[lint]\nselct = []\n", "lint.selct: unknown key", "did you mean select?"),
-        ("[lint]\nxyz = 1\n", "lint.xyz: unknown key", "keys are select, ignore, strict"),
+        ("[lint]\nxyz = 1\n", "lint.xyz: unknown key", "known keys: select, ignore, strict"),
         ("strict = true\n", "strict: unknown key", "it belongs in the table [lint]"),
         ("[lnt]\n", "lnt: unknown key", "did you mean lint?"),
         ("lint = 3\n", "lint: must be a table, got 3", ""),

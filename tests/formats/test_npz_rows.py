@@ -193,7 +193,7 @@ def test_rows_take_the_memory_of_rows(tmp_path):
     with use_memory(60_000_000), open_npz(path) as lazy:
         for rows in lazy.layer.blocks():
             assert not lazy.layer[rows].any()
-        with pytest.raises(MalformedInputError, match="may be taken"):
+        with pytest.raises(MalformedInputError, match="may be used"):
             lazy.layer[:]
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

@@ -182,7 +182,7 @@ def test_a_bad_line_is_named_and_passed_over_up_to_a_number(read, line, told):
     assert "line 3: " in str(caught.value)
     assert told in str(caught.value)
     assert "--max-bad" in caught.value.hint
-    with pytest.warns(MapdealWarning, match=r"1 bad lines passed over: line 3: "):
+    with pytest.warns(MapdealWarning, match=r"1 malformed lines ignored: line 3: "):
         ((poses, _, _),) = read(*lines, max_bad=1)
     assert poses == [[4.0, 5.0, 6.0]]
 

@@ -90,7 +90,7 @@ def test_a_bare_geometry_and_one_without_place(tmp_path):
         ("shapes: []", "no shape"),
         ("shapes: 3", "must be a list"),
         ("shapes: [3]", r"shape 1 \(line 1\).*mapping"),
-        ("shapes: []\nvalue: 3", "value.*no such key"),
+        ("shapes: []\nvalue: 3", "value.*unknown key"),
         ("shapes:\n- points: [[0, 0]]", r"shape 1 \(line 2\).*type"),
         ("shapes: [{type: star}]", "type must be one of"),
         ("shapes: [{type: circle, radius: 1}]", "needs center"),
@@ -100,7 +100,7 @@ def test_a_bare_geometry_and_one_without_place(tmp_path):
         ("shapes: [{type: circle, center: [0, x], radius: 1}]", "must be a number"),
         ("shapes: [{type: circle, center: [0, .nan], radius: 1}]", "must be a number"),
         ("shapes: [{type: circle, center: [0, 0], radius: 1, raduis: 2}]", "raduis"),
-        ("shapes: [{type: circle, center: [0, 0], radius: 1, radius: 2}]", "stands twice"),
+        ("shapes: [{type: circle, center: [0, 0], radius: 1, radius: 2}]", "appears twice"),
         ("shapes: [{type: circle, center: [0, 0], radius: 1, value: 1.5}]", "whole number"),
         ("shapes: [{type: line, points: [[0, 0]]}]", "two vertices"),
         ("shapes: [{type: line, points: [[0, 0], [1, 1]], thickness: -1}]", "thickness"),
@@ -169,9 +169,9 @@ def test_either_spelling_of_a_key_is_taken_and_none_twice(tmp_path):
     path.write_text("shapes: [{type: circle, centre: [1.5, -2], radius: 0.5}]\n")
     assert read_shapes(path) == [Circle((1.5, -2.0), 0.5)]
     path.write_text("shapes:\n- type: circle\n  center: [1, 2]\n  centre: [1, 2]\n  radius: 1\n")
-    with pytest.raises(MalformedInputError, match=r"centre \(line 4\): stands twice"):
+    with pytest.raises(MalformedInputError, match=r"centre \(line 4\): is given twice"):
         read_shapes(path)
     path.write_text("shapes: [{type: circle, cetner: [1, 2], radius: 1}]\n")
-    with pytest.raises(MalformedInputError, match="no such key of a circle") as caught:
+    with pytest.raises(MalformedInputError, match="unknown key of a circle") as caught:
         read_shapes(path)
     assert caught.value.hint == "did you mean center?"

@@ -40,7 +40,7 @@ def test_a_document_of_align_says_between_which_maps(tmp_path):
         ({"x": 1, "y": 2}, "must have a key yaw"),
         ({"x": 1, "y": "2", "yaw": 0}, "must be a number"),
         ('{"x": 1, "y": 1e400, "yaw": 0}', "must be a number from"),
-        ('{"x": NaN, "y": 0, "yaw": 0}', "NaN is no number of JSON"),
+        ('{"x": NaN, "y": 0, "yaw": 0}', "NaN is not a JSON number"),
         ({"transform": {"x": 1, "y": 2, "yaw": 0}, "first": {"sha256": {"a": "1"}}}, "sha256"),
     ],
 )

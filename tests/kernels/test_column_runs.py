@@ -38,7 +38,7 @@ def by_blocks(marked, blocks, **measure):
 @given(cut=cut_masks())
 def test_blocks_of_any_height_equal_brute_force_over_the_whole(convention, cut):
     marked, blocks = cut
-    inside = {"seed": 0.3, "center": 0.0, "border": 0.15}[convention]
+    inside = {"fast-planner": 0.3, "center": 0.0, "border": 0.15}[convention]
     outside = -0.15 if convention == "border" else 0.0
     distance = by_blocks(marked, blocks, scale=0.3, inside_shift=inside, outside_shift=outside)
     expected = oracles.signed_distance(marked, 0.3, convention)

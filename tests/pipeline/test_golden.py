@@ -73,7 +73,7 @@ def test_stages_that_are_new_or_missing(command, golden):
     [
         (["--update-golden"], 2, "--golden"),
         (["--golden", "nowhere"], 4, "no golden run"),
-        (["--golden", "bad"], 3, "no manifest"),
+        (["--golden", "bad"], 3, "not the manifest"),
     ],
 )
 def test_golden_runs_that_are_not_there_f18(command, golden, words, code, told):

@@ -42,11 +42,11 @@ def test_a_stage_is_given_what_its_function_takes(visit, grid):
 
 def test_a_stage_that_takes_no_costs_gets_the_map_in_them():
     costs = layered_cost(MAP)
-    with pytest.warns(MapdealWarning, match="holds costs"):
+    with pytest.warns(MapdealWarning, match="contains costs"):
         assert type(make_step("inflate", {}).taken(costs)) is OccupancyGrid
-    with pytest.warns(MapdealWarning, match="holds costs"):
+    with pytest.warns(MapdealWarning, match="contains costs"):
         assert type(make_step("esdf", {}).taken(costs)) is OccupancyGrid
-    with pytest.warns(MapdealWarning, match="holds costs"):
+    with pytest.warns(MapdealWarning, match="contains costs"):
         assert type(make_step("cost", {}).taken(costs)) is OccupancyGrid
     assert make_step("inflate", {}).taken(esdf(MAP)).occupancy is not None
     with pytest.warns(MapdealWarning, match="view of a distance field"):
@@ -115,5 +115,5 @@ def test_only_a_stage_that_takes_costs_can_follow_cost(tmp_path, visit):
 
 
 def test_a_shape_that_nothing_takes_is_refused(tmp_path):
-    with pytest.raises(ParameterError, match="no stage that a robot's shape could go into"):
+    with pytest.raises(ParameterError, match="no stage that uses a robot's shape"):
         recipe(tmp_path, "esdf", footprint=ROUND)

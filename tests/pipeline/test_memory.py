@@ -63,7 +63,7 @@ def test_too_little_memory_says_how_much_would_do():
     class Whole(Step):
         is_whole = True
 
-    with pytest.raises(MalformedInputError, match="need 1 GB of memory, 80 MB may be taken"):
+    with pytest.raises(MalformedInputError, match="need 1 GB of memory, 80 MB may be used"):
         cut(80_000_000, base=0, steps=(Step, Whole))
 
 
@@ -135,7 +135,7 @@ def test_an_image_that_must_be_whole_is_read_within_the_memory_or_refused():
     assert need(WORK, SHAPE, whole) == memory.Need(WORK, by_blocks=False)
     assert need(WORK - 1, SHAPE, whole) == memory.Need(WORK - 1, by_blocks=True)
     assert need(1000 + 5 * CELLS, SHAPE, whole).by_blocks
-    with pytest.raises(MalformedInputError, match=r"need 80\.1 MB of memory, 80 MB may be taken"):
+    with pytest.raises(MalformedInputError, match=r"need 80\.1 MB of memory, 80 MB may be used"):
         need(5 * CELLS, SHAPE, whole)
 
 

@@ -105,7 +105,7 @@ def test_an_odd_golden_manifest_is_refused_or_differs(folder):
         try:
             lines = differences_from_golden(folder / "out" / "m", folder / "gold")
         except MalformedInputError as error:
-            assert str(error) == f"{path}: is no manifest of a run"
+            assert str(error) == f"{path}: is not the manifest of a run"
             told.add("refused")
         else:
             assert all(isinstance(line, str) for line in lines), (where, odd)
@@ -123,7 +123,7 @@ def test_info_of_an_odd_manifest_tells_what_there_is_or_refuses(command, folder)
         code, out, err = command("info", path.parent, path.parent / "cost.npz")
         assert code in (0, 3), (where, odd, err)
         if code == 3:
-            assert err == f"error: {path}: is no manifest of a run\n"
+            assert err == f"error: {path}: is not the manifest of a run\n"
         seen.add((code, "made by" in out))
     assert seen == {(0, True), (0, False), (3, False)}
 
@@ -155,7 +155,10 @@ def test_a_manifest_that_is_none_is_one_line_in_every_command(command, folder, t
         assert len([line for line in err.splitlines() if line.startswith("error: ")]) == 1
         assert "internal" not in err
     code, _, err = command("info", "out/m")
-    assert (code, err.splitlines()) == (3, ["error: out/m/manifest.json: is no manifest of a run"])
+    assert (code, err.splitlines()) == (
+        3,
+        ["error: out/m/manifest.json: is not the manifest of a run"],
+    )
     code, out, err = command("lint", "out/m")
     assert (code, err) == (1, "")
     assert "run.no-manifest" in out

@@ -114,7 +114,7 @@ def test_few_of_many_missing_files_are_told_one_by_one(run):
 def test_a_stage_is_in_a_manifest_but_once(run):
     """Recipes have each stage once; a hundred thousand of them would be as many layers."""
     changed(run / "manifest.json", lambda manifest: manifest["stages"].append({"esdf": {}}))
-    with pytest.raises(MalformedInputError, match="is no manifest of a run"):
+    with pytest.raises(MalformedInputError, match="is not the manifest of a run"):
         report_of(run)
 
 
@@ -130,7 +130,7 @@ def test_outputs_are_looked_for_in_the_folder_of_the_run_alone(run, tmp_path):
     changed(run / "manifest.json", change)
     (entry,), _ = report_of(run)
     assert [layer.name for layer in entry.layers] == ["inflated", "esdf"]
-    told = "manifest.json: the run has written no values of stage cost"
+    told = "manifest.json: the run wrote no values of stage cost"
     assert told in entry.warnings
 
 
@@ -170,7 +170,7 @@ def test_a_summary_without_maps_hides_no_run(batch):
     (entry,), _ = report_of(batch)
     assert len(entry.layers) == 3
     (batch / "rooms" / "manifest.json").unlink()
-    with pytest.raises(FileAccessError, match="holds no run"):
+    with pytest.raises(FileAccessError, match="contains no run"):
         report_of(batch)
 
 

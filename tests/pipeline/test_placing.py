@@ -36,5 +36,7 @@ def test_a_map_that_only_overlaps_another_one_is_placed_by_that(tmp_path):
 def test_a_map_of_another_place_is_named(tmp_path):
     paths = [tmp_path / name for name in ("a.yaml", "b.yaml", "other.yaml")]
     grids = [drawn(WALLS, 0.15, PLACES[0]), drawn(WALLS, 0.15, PLACES[1]), drawn(OTHER_WALLS, 0.15)]
-    with pytest.raises(FindingError, match=r"other\.yaml: how it lies to .*a\.yaml or to another"):
+    with pytest.raises(
+        FindingError, match=r"other\.yaml: its placement on .*a\.yaml or on another"
+    ):
         transforms_by_walls(grids, paths)

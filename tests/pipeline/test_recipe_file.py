@@ -119,7 +119,7 @@ def test_mappings_that_are_merged_give_way_to_what_stands_beside_them(tmp_path):
     path.write_text(path.read_text() + "      lethal_threshold: *n\n")
     assert load_recipe(str(path)).steps[2].parameters["lethal_threshold"] == 60
     path.write_text(path.read_text() + "      lethal_threshold: 50\n")
-    with pytest.raises(ParameterError, match="stands twice, on lines 6 and 7"):
+    with pytest.raises(ParameterError, match="appears twice, on lines 6 and 7"):
         load_recipe(str(path))
 
 

@@ -197,7 +197,7 @@ def test_an_image_that_another_map_uses_is_left_to_it(command, folder, is_link):
     code, out, _ = command("lint", "turned.yaml", "--fix", "--in-place")
     assert code == 0
     assert (
-        "turned.yaml: repaired: turned.pgm written beside m.pgm, which user.yaml uses, too" in out
+        "turned.yaml: repaired: turned.pgm written beside m.pgm, which user.yaml also uses" in out
     )
     assert Path("m.pgm").read_bytes() == pgm()
     assert np.array_equal(read_map("user.yaml").occupancy, before.occupancy)
@@ -216,7 +216,7 @@ def test_an_image_is_left_to_a_map_that_names_it_as_elsewhere(command, folder, n
     Path("m.yaml").rename("turned.yaml")
     code, out, _ = command("lint", "turned.yaml", "--fix", "--in-place")
     assert code == 0
-    assert "turned.pgm written beside m.pgm, which user.yaml uses, too" in out
+    assert "turned.pgm written beside m.pgm, which user.yaml also uses" in out
     assert np.array_equal(read_map("user.yaml").occupancy, before.occupancy)
 
 
@@ -227,7 +227,7 @@ def test_a_file_in_the_place_of_a_new_image_is_not_replaced_and_the_others_go_on
     text = Path("turned.yaml").read_bytes()
     code, out, err = command("lint", ".", "--fix", "--in-place")
     assert code == 4
-    told = "its image m.pgm, which m.yaml uses, too, would become turned.pgm, which exists"
+    told = "its image m.pgm, which m.yaml also uses, would become turned.pgm, which exists"
     hint = "mapdeal lint MAP --fix -o OUT writes a repaired copy"
     assert err.splitlines() == [f"error: turned.yaml: {told}", f"hint: {hint}"]
     assert (Path("turned.yaml").read_bytes(), Path("turned.pgm").read_text()) == (text, "mine")
@@ -355,7 +355,7 @@ def test_maps_that_are_no_pairs_are_left(command, folder):
         (["--fix"], "--fix: needs -o OUT or --in-place"),
         (["--fix", "--in-place", "-o", "x.yaml"], "--in-place: cannot be given together with -o"),
         (["-o", "x.yaml"], "-o: needs --fix"),
-        (["m.yaml", "n.yaml", "--fix", "-o", "x.yaml"], "-o: is for one map, got 2"),
+        (["m.yaml", "n.yaml", "--fix", "-o", "x.yaml"], "-o: takes one map, got 2"),
     ],
 )
 def test_what_cannot_be_asked_for(command, folder, words, told):

@@ -130,7 +130,7 @@ def test_routes_that_do_not_arrive():
     assert way.text.endswith("; it ends in a local minimum at 1, 1")
     nowhere = Route("astar", False, (0.0, 1.0), (2.0, 3.0), [], 0.0, math.nan, math.nan)
     *_, way = items_of(RouteAnswer(nowhere))
-    assert (way.text, way.lines, way.place) == ("route by astar: there is no way", (), None)
+    assert (way.text, way.lines, way.place) == ("route by astar: no way", (), None)
 
 
 def test_shapes_have_outlines():
@@ -167,8 +167,10 @@ def test_what_differs_is_listed():
     figures, geometry, states = tables_of(answer)
     rows = dict(figures.rows)
     assert rows["differing"] == "3"
-    assert rows["walls, first to second"] == "at most 0.5 m, 95 % 0.25 m, mean 0.125 m"
-    assert rows["walls, second to first"] == "no obstacles"
+    assert rows["directed Hausdorff distance, first to second"] == (
+        "0.5 m; 95 % within 0.25 m, mean 0.125 m"
+    )
+    assert rows["directed Hausdorff distance, second to first"] == "no obstacles"
     assert rows["max_shift"] == "at most 0.1: missed, nothing to compare"
     assert rows["max_differing"] == "at most 5: missed, found 30"
     assert geometry.rows == (("width", "3 → 4"),)

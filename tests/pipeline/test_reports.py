@@ -138,7 +138,7 @@ def test_files_that_do_not_match_the_manifest_are_told_and_the_rest_is_shown(run
     assert layer_names(entry) == ["inflated", "esdf"]
     texts = [str(one.message) for one in given]
     assert texts[:2] == [
-        f"{run}/inflated.pgm: is not what the run has written, its checksum differs",
+        f"{run}/inflated.pgm: is not what the run wrote: its checksum differs",
         f"{run}/cost.npz: is missing, though the manifest lists it",
     ]
     # on the page files have their names alone: it may be sent to anybody
@@ -151,7 +151,7 @@ def test_a_damaged_layer_is_told_and_left_out(run):
         (entry,) = report_of(run).entries
     assert layer_names(entry) == ["inflated", "esdf"]
     assert entry.warnings == (
-        "cost.npz: is not what the run has written, its checksum differs",
+        "cost.npz: is not what the run wrote: its checksum differs",
         "cost.npz: is not an npz file, so layer cost is not shown",
     )
     assert [str(one.message) for one in given] == [f"{run}/{text}" for text in entry.warnings]
@@ -188,12 +188,12 @@ def test_a_manifest_stands_for_its_run(run):
 
 def test_folders_without_runs_are_refused(tmp_path, run):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(FileAccessError, match="holds no run"):
+    with pytest.raises(FileAccessError, match="contains no run"):
         report_of(tmp_path / "empty")
     with pytest.raises(FileAccessError, match="No such file"):
         report_of(tmp_path / "nowhere")
     (run / "manifest.json").write_text("[]")
-    with pytest.raises(MalformedInputError, match="is no manifest of a run"):
+    with pytest.raises(MalformedInputError, match="is not the manifest of a run"):
         report_of(run)
 
 

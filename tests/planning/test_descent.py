@@ -234,7 +234,7 @@ def test_a_way_without_end_is_given_up(monkeypatch):
     monkeypatch.setattr(descent, "_STEPS_PER_CELL_OF_SIDE", 0.5)
     route = descend(_costmap(grid), field, _xy(grid, 1.5, 1.5))
     assert (route.reached, route.local_minimum, len(route.points_xy)) == (False, None, 51)
-    with pytest.raises(FindingError, match="gave up"):
+    with pytest.raises(FindingError, match="stopped after"):
         check_reached(route, Path("m.yaml"))
 
 

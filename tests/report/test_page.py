@@ -171,7 +171,7 @@ def test_equal_styles_are_told_once():
 
 def test_an_entry_without_layers_is_told_in_words():
     page = parsed(Report("broken", (Entry("broken", warnings=("no pixels",)),), "1.0"))
-    assert "There is no layer to show of this map." in "".join(page.text)
+    assert "This map has no layer to show." in "".join(page.text)
     assert "1 warning" in "".join(page.text)
 
 

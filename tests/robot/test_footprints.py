@@ -48,12 +48,12 @@ REFUSED = {
     "[[1, 2], [3, 4], [5, 6]]\n": "'\\n' stands outside",
     "[[1, 2], [3, 4], [5]]": "pairs of numbers",
     "[[1, 2], [3, 4], [5, 6, 7]]": "pairs of numbers",
-    "[[1, 2], [3, 4m], [5, 6]]": "'m' is no number",
-    "[[1, 2], [3, nan], [5, 6]]": "'nan' is no number",
-    "[[1, 2], [3, 1e], [5, 6]]": "'1e' is no number",
-    "[[1, 2], [3, .], [5, 6]]": "'.' is no number",
+    "[[1, 2], [3, 4m], [5, 6]]": "'m' is not a number",
+    "[[1, 2], [3, nan], [5, 6]]": "'nan' is not a number",
+    "[[1, 2], [3, 1e], [5, 6]]": "'1e' is not a number",
+    "[[1, 2], [3, .], [5, 6]]": "'.' is not a number",
     "[[1, 2], [3, 1e39], [5, 6]]": "'1e39' is too large",
-    "[[0.3; 0.2], [1; 2], [3; 4]]": "is no number",
+    "[[0.3; 0.2], [1; 2], [3; 4]]": "is not a number",
 }
 
 

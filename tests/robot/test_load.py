@@ -39,7 +39,7 @@ def test_files_of_ros_2_are_told_by_their_key(tmp_path, text, expected):
 
 def test_files_of_two_kinds_are_no_robot(tmp_path):
     paths = [_file(tmp_path, NAV2, "nav2.yaml"), _file(tmp_path, ROS1, "common.yaml")]
-    with pytest.raises(ParameterError, match="holds no parameters of ROS 2, but nav2"):
+    with pytest.raises(ParameterError, match="contains no parameters of ROS 2, but nav2"):
         read_robot(paths)
     with pytest.raises(ParameterError, match="takes at least one file"):
         read_robot([])

@@ -237,7 +237,7 @@ def test_what_launch_files_fill_in_is_refused_where_its_value_counts(of_node, li
     _, problems = of_node(with_line(GOOD, line))
     (one,) = refused(problems)
     assert one.check == "params.substitution"
-    assert "launch files fill it in" in one.hint
+    assert "launch files replace it" in one.hint
 
 
 def test_what_launch_files_fill_in_is_a_text_elsewhere(of_node):
@@ -344,10 +344,13 @@ CLASSES = {
     "nav2_costmap_2d::VoxelLayer": (None, "reads sensors"),
     "spatio_temporal_voxel_layer/SpatioTemporalVoxelLayer": (None, "reads sensors"),
     "nav2_costmap_2d/NonPersistentVoxelLayer": (None, "reads sensors"),
-    "nav2_costmap_2d::DenoiseLayer": ("params.not-modelled", "not modelled: drops small groups"),
-    "nav2_costmap_2d::PluginContainerLayer": ("params.not-modelled", "not modelled: holds layers"),
+    "nav2_costmap_2d::DenoiseLayer": ("params.not-modelled", "not modelled: removes small groups"),
+    "nav2_costmap_2d::PluginContainerLayer": (
+        "params.not-modelled",
+        "not modelled: contains layers",
+    ),
     "nav2_costmap_2d::AsymmetricInflationLayer": ("params.not-modelled", "not modelled: inflates"),
-    "my_robot::GradientLayer": ("params.not-modelled", "not modelled: a class of somebody's own"),
+    "my_robot::GradientLayer": ("params.not-modelled", "not modelled: a custom class"),
     "nav2_costmap_2d::KeepoutFilter": (None, "a filter without its mask"),
     "nav2_costmap_2d/VoxelLayer": ("params.plugins", "nav2_costmap_2d::VoxelLayer"),
     "costmap_2d::ObstacleLayer": ("params.plugins", "nav2_costmap_2d::ObstacleLayer"),
@@ -405,7 +408,7 @@ def test_a_footprint_that_is_none_gives_way_to_the_radius(of_node):
     for text in ("[[0.3, 0.2], [0.3, -0.2]]", "[[1, 2], [3, 4], [5]]", "round", " []"):
         robot, problems = of_node(GOOD + f'footprint: "{text}"\n')
         assert told(problems) == [("params.footprint-unused", "warning", "footprint", 9)]
-        assert "takes robot_radius of 0.22 m" in problems[0].text
+        assert "uses robot_radius of 0.22 m" in problems[0].text
         assert robot.robot_radius == 0.22
     for text in ('"[]"', '""'):
         assert of_node(GOOD + f"footprint: {text}\n")[1] == ()
@@ -471,7 +474,7 @@ def test_a_local_costmap_gets_a_layer_that_reads_the_map(of_node):
     assert told(problems) == []
     robot, problems = of_node(text, costmap="global")
     assert told(problems)[0] == ("params.no-static-layer", "warning", "plugins", 5)
-    assert problems[0].text.endswith("all of it is 0, free")
+    assert problems[0].text.endswith("all cells are 0, free")
     assert robot.static_layers == ()
 
 

@@ -215,13 +215,13 @@ def test_a_footprint_nearer_to_the_costmap_hides_one_above(resolve):
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        ("[[1, 1], [0, 1]]", "a footprint needs three points or more, has 2; move_base ends there"),
-        ("[[1, 1], [0, 1], 3]", "point 3 is no pair of numbers; move_base ends there"),
-        ("[[1, 1], [0, 1, 2], [1, 0]]", "point 2 is no pair of numbers; move_base ends there"),
-        ("[[1, 1], [0, '1'], [1, 0]]", "point 2 is no pair of numbers; move_base ends there"),
-        ("[[1, 1], [0, yes], [1, 0]]", "point 2 is no pair of numbers; move_base ends there"),
-        ("[[1, 1], [0, .inf], [1, 0]]", "point 2 is out of range; move_base ends there"),
-        ("[]", "a footprint needs three points or more, has 0; move_base ends there"),
+        ("[[1, 1], [0, 1]]", "a footprint needs three points or more, has 2; move_base exits"),
+        ("[[1, 1], [0, 1], 3]", "point 3 is not a pair of numbers; move_base exits"),
+        ("[[1, 1], [0, 1, 2], [1, 0]]", "point 2 is not a pair of numbers; move_base exits"),
+        ("[[1, 1], [0, '1'], [1, 0]]", "point 2 is not a pair of numbers; move_base exits"),
+        ("[[1, 1], [0, yes], [1, 0]]", "point 2 is not a pair of numbers; move_base exits"),
+        ("[[1, 1], [0, .inf], [1, 0]]", "point 2 is out of range; move_base exits"),
+        ("[]", "a footprint needs three points or more, has 0; move_base exits"),
     ],
 )
 def test_a_list_that_is_no_polygon_ends_move_base(resolve, value, text):
@@ -332,22 +332,22 @@ def test_wrong_types_are_told_of_with_the_default_that_ros_takes(resolve):
     assert robot.static_layers[0].lethal_cost_threshold == 65
     assert robot.inflation_layers[0].inflation_radius == 0.55
     assert [(one.parameter, one.line, one.text, one.hint) for one in problems] == [
-        ("rolling_window", 5, "must be true or false; roscpp silently takes its default, false",
+        ("rolling_window", 5, "must be true or false; roscpp silently uses its default, false",
          "write true"),
         ("static_layer/lethal_cost_threshold", 11,
          "must be a whole number; roscpp rounds it to 65", None),
         ("static_layer/trinary_costmap", 12,
-         "must be true or false; roscpp silently takes its default, true", "write false"),
+         "must be true or false; roscpp silently uses its default, true", "write false"),
         ("static_layer/unknown_cost_value", 13,
-         "must be a whole number; roscpp silently takes its default, -1", None),
+         "must be a whole number; roscpp silently uses its default, -1", None),
         ("inflation_layer/inflation_radius", 7,
-         "must be a number; roscpp silently takes its default, 0.55 m",
+         "must be a number; roscpp silently uses its default, 0.55 m",
          "write 0.7, without quotes"),
         ("inflation_layer/cost_scaling_factor", 8,
-         "must be a number; roscpp silently takes its default, 10",
+         "must be a number; roscpp silently uses its default, 10",
          "write 10.0; YAML 1.1 takes this for text"),
         ("inflation_layer/enabled", 9,
-         "must be true or false; roscpp silently takes its default, true", "write true"),
+         "must be true or false; roscpp silently uses its default, true", "write true"),
     ]  # fmt: skip
     assert {one.check for one in problems} == {"params.silent-default"}
 
@@ -378,14 +378,14 @@ def test_numbers_out_of_range_are_moved_into_it(resolve):
 @pytest.mark.parametrize(
     ("entry", "text"),
     [
-        ("static_layer", "entry 2 must be a name and a type; move_base ends there"),
-        ("{type: x}", "entry 2 has no name; move_base ends there"),
-        ("{name: x}", "entry 2 has no type; move_base ends there"),
-        ("{name: x, type: 3}", "entry 2 has no type; move_base ends there"),
+        ("static_layer", "entry 2 must be a name and a type; move_base exits"),
+        ("{type: x}", "entry 2 has no name; move_base exits"),
+        ("{name: x}", "entry 2 has no type; move_base exits"),
+        ("{name: x, type: 3}", "entry 2 has no type; move_base exits"),
         ("{name: x, type: 'costmap_2d::StaticLayr'}",
-         "entry 2 has an unknown type, costmap_2d::StaticLayr; move_base ends there"),
+         "entry 2 has an unknown type, costmap_2d::StaticLayr; move_base exits"),
         ("{name: x, type: 'nav2_costmap_2d::InflationLayer'}",
-         "entry 2 has an unknown type, nav2_costmap_2d::InflationLayer; move_base ends there"),
+         "entry 2 has an unknown type, nav2_costmap_2d::InflationLayer; move_base exits"),
     ],
 )  # fmt: skip
 def test_plugins_that_cannot_be_loaded_end_move_base(resolve, entry, text):

@@ -38,15 +38,15 @@ def test_a_bound_holds(side, allowed, found, holds):
 @pytest.mark.parametrize(
     ("minimum", "maximum", "with_truth", "told", "hint"),
     [
-        ({"coverge": 1}, {}, True, "is no figure of a score, got 'coverge'", "mean coverage?"),
-        ({}, {"zzzz": 1}, True, "is no figure", "--json"),
+        ({"coverge": 1}, {}, True, "is not a figure of a score, got 'coverge'", "mean coverage?"),
+        ({}, {"zzzz": 1}, True, "is not a figure", "--json"),
         ({"coverage": 1}, {}, False, "needs a truth", "--truth"),
         ({"corners": 1}, {}, True, "without a truth", "leave --truth out"),
         ({}, {"dist_est_to_truth_m": 1}, True, "several figures", "dist_est_to_truth_m.mean"),
         ({"coverage": math.nan}, {}, True, "finite", None),
         ({"coverage": "1"}, {}, True, "finite", None),
         ({"coverage": 0.9}, {"coverage": 0.8}, True, "at least 0.9 and at most 0.8", None),
-        ({"cells": 1}, {}, True, "is no figure", None),
+        ({"cells": 1}, {}, True, "is not a figure", None),
     ],
 )
 def test_what_cannot_be_a_bound_is_refused(minimum, maximum, with_truth, told, hint):

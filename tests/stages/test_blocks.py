@@ -155,7 +155,7 @@ def test_a_chain_of_stages(case, of_field):
         inflated = mapdeal.inflate(mapdeal.active_region(source))
         field = mapdeal.esdf(inflated, **of_field)
         ends.append(outcome(mapdeal.exponential_cost, field, inscribed_radius=0.2))
-    if isinstance(ends[0], str):  # the field is clipped below the reach of the costs
+    if isinstance(ends[0], str):  # the field is clipped below the range of the costs
         assert ends[1] == ends[0]
     else:
         assert_same(*ends, step)

@@ -117,7 +117,7 @@ def test_settings_are_read_as_yaml(tmp_path, monkeypatch, text, goals):
     [
         ("{kitchen: [7.1, 3.2}", r"^--set: visit.goals: "),
         ("{kitchen: [7.1]}", r"^--set: visit.goals kitchen: must be a list of 2 numbers"),
-        ("{a: [1, 2], a: [3, 4]}", "stands twice"),
+        ("{a: [1, 2], a: [3, 4]}", "appears twice"),
     ],
 )
 def test_settings_that_are_no_goals_are_refused(tmp_path, monkeypatch, text, said):

@@ -248,7 +248,7 @@ def test_malformed_layers_are_refused_with_their_place(value, told):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("[{static: {use_maximum: yes, use_maximum: no}}]", "key stands twice"),
+        ("[{static: {use_maximum: yes, use_maximum: no}}]", "key appears twice"),
         ("[{inflation: {inflation_radius: 010}}]", "must be a decimal number"),
         ("[" * 30, "nested deeper"),
         ("[{static: ", "not valid YAML"),

@@ -69,12 +69,12 @@ def test_thresholds_in_the_wrong_order_are_refused():
         ParameterError, match=r"down_distance: the view is 90 there, above up \(54\)"
     ) as e:
         threshold_cost(grid_from_text("#."), down_distance=0.2)
-    assert e.value.hint == "give up_distance, too"
+    assert e.value.hint == "give up_distance as well"
     with pytest.raises(
         ParameterError, match=r"up_distance: the view is 25 there, below down \(45\)"
     ) as e:
         threshold_cost(grid_from_text("#."), up_distance=1.5)
-    assert e.value.hint == "give down_distance, too"
+    assert e.value.hint == "give down_distance as well"
     with pytest.raises(ParameterError, match="down"):  # the view at 1.8 m is 10
         threshold_cost(grid_from_text("#."), down=11, up_distance=1.8)
 

@@ -166,7 +166,7 @@ def align(
     search = _Search(here, there, prior, rotations)
     poses = search.places()
     if not len(poses):
-        return _nowhere("there is no place within what was given", prior)
+        return _nowhere("no place within the given limits", prior)
     return _judged(here, there, poses)
 
 

@@ -40,7 +40,7 @@ def read_map_from_bag(
         What the values of an OccupancyGrid are; by default costs if the topic's name holds
         ``costmap``, else a map.
     max_memory : int, optional
-        Bytes of memory that may be taken; half of what is free if not given.
+        Bytes of memory that may be used; half of what is free if not given.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def read_map_from_bag(
     Warns
     -----
     MapdealWarning
-        If the bag is damaged; what is whole of it is read.
+        If the bag is damaged; the intact part is read.
     """
     from mapdeal.pipeline.bags.grids import grid_topic
 
@@ -110,7 +110,7 @@ def build_map_from_bag(
     deskew : bool
         Whether each beam has the pose of its own time.
     max_memory : int, optional
-        Bytes of memory that may be taken; half of what is free if not given.
+        Bytes of memory that may be used; half of what is free if not given.
     threads : int, optional
         Threads to compute with; all processors if not given.
 

@@ -43,7 +43,7 @@ def build_map_from_log(
     max_bad : int
         Lines of a log that may be wrong.
     max_memory : int, optional
-        Bytes of memory that may be taken; half of what is free if not given.
+        Bytes of memory that may be used; half of what is free if not given.
     threads : int, optional
         Threads to compute with; all processors if not given.
 

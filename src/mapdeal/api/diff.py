@@ -102,7 +102,7 @@ class DiffReport(Drawn):
             yield f"B is much more like A if it is {self.symmetry}"
         for name, shift in (("A to B", self.first_to_second), ("B to A", self.second_to_first)):
             if shift is not None:
-                yield f"walls {name}: at most {shift.largest:.4g} m"
+                yield f"directed Hausdorff distance {name}: {shift.largest:.4g} m"
 
 
 def diff(
@@ -160,7 +160,7 @@ def diff(
     >>> after = OccupancyGrid([[0, 100, 0, 0]], 0.5)
     >>> diff(before, after, tolerance=1)  # doctest: +NORMALIZE_WHITESPACE
     DiffReport(equal, 2 of 4 common cells differ, 0 beyond a tolerance of 1 cells,
-               walls A to B: at most 0.5 m, walls B to A: at most 0.5 m)
+               directed Hausdorff distance A to B: 0.5 m, directed Hausdorff distance B to A: 0.5 m)
     >>> diff(before, after).confusion["free"]["occupied"]
     1
     """

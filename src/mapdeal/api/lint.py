@@ -59,7 +59,7 @@ def lint(
     max_cells : int, optional
         Cells up to which a file is read; by default 2e8 for compressed images, 1e9 for others.
     max_memory : int, optional
-        Bytes of memory that may be taken; by default half of what is free.
+        Bytes of memory that may be used; by default half of what is free.
 
     Returns
     -------
@@ -133,4 +133,6 @@ def _several(given: str | PathLike[str] | Iterable[str | PathLike[str]]) -> tupl
 
 
 def _no_standard_input() -> Iterable[bytes]:
-    raise ParameterError("is for the command line", source="@-", hint="give the names as a list")
+    raise ParameterError(
+        "applies to the command line", source="@-", hint="give the names as a list"
+    )

@@ -28,7 +28,7 @@ def occupancy_of(map_: Map, settings: Settings, *, place: str, name: str) -> Occ
     place : str
         The function that was called.
     name : str
-        What warnings call a map that is no file.
+        What warnings call a map that is not a file.
 
     Raises
     ------

@@ -62,7 +62,7 @@ def run(
     dialect, max_cells
         As of `read_map`.
     max_memory : int, optional
-        Bytes of memory that may be taken; half of what is free if not given. A map that needs
+        Bytes of memory that may be used; half of what is free if not given. A map that needs
         more is processed in blocks of rows, with the same result, or refused.
     threads : int, optional
         Threads to compute and write with; all processors if not given.

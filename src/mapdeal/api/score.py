@@ -86,7 +86,7 @@ class Score(Drawn):
         if self.transform is None:
             yield f"{self.values['corners']} corners"
             yield f"{self.values['enclosed_areas']} enclosed areas"
-            yield f"{self.values['specks']} specks"
+            yield f"{self.values['specks']} small components"
         else:
             mean = self.values["dist_est_to_truth_m"]["mean"]
             yield "no walls to measure" if mean is None else f"walls {mean:.4g} m off in the mean"

@@ -95,7 +95,7 @@ def gamma(facts: PairFacts) -> Iterator[str]:
         yield f"{display}: viewers may show other greys than map readers, which ignore it, take"
 
 
-@check("image.colour", "warning", "pixels that are no grey")
+@check("image.colour", "warning", "pixels that are not grey")
 def colour(facts: PairFacts) -> Iterator[str]:
     """Count them: colour becomes grey by rules that differ between readers."""
     count = facts.pixels.coloured

@@ -10,7 +10,7 @@ _SEVERITIES: dict[str, Severity] = {"refused": "error", "warning": "warning", "n
 declare_check("params.syntax", "error", "a parameter file that ROS cannot read")
 declare_check("params.other-kind", "error", "a file of another kind, such as a map or a recipe")
 declare_check("params.empty", "error", "a parameter without a value, at which roslaunch ends")
-declare_check("params.name", "error", "a name that is no text")
+declare_check("params.name", "error", "a name that is not text")
 declare_check("params.type", "error", "a value of a type that ROS refuses")
 declare_check(
     "params.silent-default",
@@ -62,8 +62,8 @@ declare_check("params.only-namespace", "warning", "a robot in a namespace that w
 declare_check("params.no-node", "warning", "a Nav2 file that says nothing of the costmap")
 declare_check("params.hidden", "warning", "a later value that ROS 2 ignores for its type")
 declare_check("params.overridden", "warning", "a value that another one takes the place of")
-declare_check("params.twice", "warning", "a key that stands twice, with different values")
-declare_check("params.repeated", "note", "a key that stands twice, with one value")
+declare_check("params.twice", "warning", "a key given twice, with different values")
+declare_check("params.repeated", "note", "a key given twice, with one value")
 
 
 def finding_of(problem: Problem, file: str) -> Finding:

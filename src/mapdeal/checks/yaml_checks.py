@@ -41,7 +41,7 @@ def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
     """Look at its type: the readers of ROS take the text, others the value."""
     node = facts.entries["image"].node
     if node.tag != _STRING:
-        yield Remark(f"{facts.metadata.image} is no text to YAML; put it into quotes", "image")
+        yield Remark(f"{facts.metadata.image} is not text in YAML; put it in quotes", "image")
 
 
 @check(
@@ -84,13 +84,13 @@ def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
         yield Remark(f"yaw {yaw:g} rad is ignored by costmap_2d and AMCL", "origin")
 
 
-@check("yaml.origin-off-lattice", "note", "an origin that is no multiple of the resolution")
+@check("yaml.origin-off-lattice", "note", "an origin that is not a multiple of the resolution")
 def origin_off_lattice(facts: PairFacts) -> Iterator[Remark]:
     """Compare them: layers of different maps do not share their cells then."""
     x, y, _ = facts.metadata.origin
     cells = np.array([x, y]) / facts.metadata.resolution
     if np.abs(cells - np.rint(cells)).max() > 1e-3:
-        yield Remark(f"{x:g}, {y:g} is no multiple of {facts.metadata.resolution:g} m", "origin")
+        yield Remark(f"{x:g}, {y:g} is not a multiple of {facts.metadata.resolution:g} m", "origin")
 
 
 @check("yaml.origin-far", "warning", "an origin too far for the 32-bit floats of some readers")

@@ -49,16 +49,16 @@ def align(
         str | None,
         typer.Option(
             metavar="X,Y,YAW",
-            help="About what the transform is, metres and radians: places within 30 degrees and "
-            "5 m of it are looked at.",
+            help="Rough transform, metres and radians: only places within 30 degrees and 5 m "
+            "of it are searched.",
         ),
     ] = None,
     rotation: Annotated[
         str | None,
         typer.Option(
             metavar="DEG,...",
-            help="The only turns to look at, degrees, such as 0,90,180,270; 3 degrees either way "
-            "are left for what the maps are off.",
+            help="Rotations to search, degrees, such as 0,90,180,270, each with a tolerance of "
+            "3 degrees.",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
@@ -68,9 +68,9 @@ def align(
     """Find where a map lies in the frame of another map of the same place.
 
     The transform brings points of A into the frame of B: p_b = R(yaw) p_a + (x, y). Size,
-    resolution, origin and yaw of the maps may differ, they need to overlap only in part, and
-    things may have moved. The exit code is 0 if it is sure that both show one place so, 1 if not:
-    if the walls agree too little, or agree nearly as well elsewhere.
+    resolution, origin and yaw of the maps may differ, the maps may overlap only in part, and
+    things may have moved. Exit code 0 if the match is certain; 1 if the walls agree too little, or
+    nearly as well elsewhere.
     """
     report = align_files(
         first,

@@ -22,34 +22,34 @@ Topics = Annotated[
     typer.Option(
         "--topic",
         metavar="TOPIC",
-        help="With a bag: the topic, if there are several. Can be repeated.",
+        help="With a bag: topic to read, if there are several. Can be repeated.",
     ),
 ]
 FixedFrame = Annotated[
     str | None,
     typer.Option(
-        metavar="FRAME", help="With a bag: the frame of the map.  [default: map, or else odom]"
+        metavar="FRAME", help="With a bag: frame of the map.  [default: map, or else odom]"
     ),
 ]
 BaseFrame = Annotated[
     str | None,
     typer.Option(
         metavar="FRAME",
-        help="With a bag: the frame of the robot.  [default: base_link, or else base_footprint]",
+        help="With a bag: frame of the robot.  [default: base_link, or else base_footprint]",
     ),
 ]
 Odometry = Annotated[
     str | None,
     typer.Option(
         metavar="TOPIC",
-        help="With a bag: the topic of odometry to take where no transforms lead to the robot.",
+        help="With a bag: odometry topic, for bags without transforms to the robot.",
     ),
 ]
 Mount = Annotated[
     str | None,
     typer.Option(
         metavar="X,Y,YAW",
-        help="With a bag: where the sensor stands on the robot, if no transform tells.",
+        help="With a bag: pose of the sensor on the robot, if no transform gives it.",
     ),
 ]
 

@@ -52,20 +52,23 @@ def build(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Text: x,y,yaw of a scan, a line each. With a bag: the robot's poses, "
-            "t x y z qx qy qz qw a line, in the place of transforms.",
+            help="Text file with one x,y,yaw per scan. With a bag: the robot's poses, one t x "
+            "y z qx qy qz qw per line, instead of transforms.",
         ),
     ] = None,
     angles: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Text: the angles of the beams, radians.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Text file with the angles of the beams, radians."),
     ] = None,
     ranges: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Text: the ranges of a scan, a line each."),
+        typer.Option(
+            metavar="FILE", help="Text file with the ranges of one scan per line, metres."
+        ),
     ] = None,
     flip_y: Annotated[
         bool,
-        typer.Option("--flip-y", help="With --poses: y of the poses points to the right."),
+        typer.Option("--flip-y", help="With --poses: the y axis of the poses points to the right."),
     ] = False,
     topics: bag_opt.Topics = None,
     fixed_frame: bag_opt.FixedFrame = None,
@@ -75,7 +78,7 @@ def build(
     deskew: Annotated[
         bool,
         typer.Option(
-            "--deskew", help="With a bag: give each beam the pose of its own time_increment."
+            "--deskew", help="With a bag: use the pose at the time of each beam (time_increment)."
         ),
     ] = False,
     method: Annotated[
@@ -86,46 +89,55 @@ def build(
         bool,
         typer.Option(
             "--compare",
-            help="Run all methods on one grid: maps, figures, and pictures of what differs.",
+            help="Run all methods on one grid and compare them: maps, figures, and pictures of "
+            "the differences.",
         ),
     ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="With --compare: print the figures as JSON.")
     ] = False,
-    resolution: Annotated[float, typer.Option(metavar="R", help="Metres per cell.")] = 0.05,
+    resolution: Annotated[float, typer.Option(metavar="R", help="Side of a cell, metres.")] = 0.05,
     size: Annotated[
         str | None,
-        typer.Option(metavar="WX,WY", help="Metres along x and y.  [default: what holds all]"),
+        typer.Option(
+            metavar="WX,WY",
+            help="Extent along x and y, metres.  [default: what contains all scans]",
+        ),
     ] = None,
     origin: Annotated[
-        str | None, typer.Option(metavar="X,Y", help="With --size: the lower left corner.")
+        str | None, typer.Option(metavar="X,Y", help="With --size: the lower left corner, metres.")
     ] = None,
     range_min: Annotated[
-        float, typer.Option(metavar="M", help="Nearer readings mean nothing.")
+        float, typer.Option(metavar="M", help="Shorter readings are ignored, metres.")
     ] = 0.0,
     range_max: Annotated[
-        float, typer.Option(metavar="M", help="From here on a reading hits nothing.")
+        float,
+        typer.Option(metavar="M", help="Readings at or above this range have hit nothing, metres."),
     ] = 30.0,
     clear_max: Annotated[
         float,
-        typer.Option(metavar="M", help="How far beams that hit nothing clear; 0: not at all."),
+        typer.Option(
+            metavar="M",
+            help="Range up to which beams without a hit clear cells, metres; 0 clears none.",
+        ),
     ] = 0.0,
     log_free: Annotated[
         float | None,
-        typer.Option(metavar="V", help="log-odds: for a cell that is passed.  [default: -1]"),
+        typer.Option(metavar="V", help="log-odds: added where a beam passes.  [default: -1]"),
     ] = None,
     log_occ: Annotated[
         float | None,
-        typer.Option(metavar="V", help="log-odds: for a cell that is hit.  [default: 2]"),
+        typer.Option(metavar="V", help="log-odds: added where a beam ends.  [default: 2]"),
     ] = None,
     log_min: Annotated[
-        float | None, typer.Option(metavar="V", help="log-odds: least value.  [default: 0]")
+        float | None, typer.Option(metavar="V", help="log-odds: lower bound.  [default: 0]")
     ] = None,
     log_max: Annotated[
-        float | None, typer.Option(metavar="V", help="log-odds: greatest value.  [default: 100]")
+        float | None, typer.Option(metavar="V", help="log-odds: upper bound.  [default: 100]")
     ] = None,
     values: Annotated[
-        bool, typer.Option("--values", help="log-odds: write the values, not free and occupied.")
+        bool,
+        typer.Option("--values", help="log-odds: write the values instead of free and occupied."),
     ] = False,
     ratio: Annotated[
         float | None,
@@ -136,33 +148,33 @@ def build(
     ] = None,
     truncation: Annotated[
         float | None,
-        typer.Option(metavar="CELLS", help="tsdf: truncation distance.  [default: 2]"),
+        typer.Option(metavar="CELLS", help="tsdf: truncation distance, cells.  [default: 2]"),
     ] = None,
     truncation_behind: Annotated[
         float | None,
         typer.Option(
             metavar="N",
-            help="tsdf: how far beams are followed behind a hit, in truncation distances.  "
+            help="tsdf: how far beams continue behind a hit, in truncation distances.  "
             "[default: 1]",
         ),
     ] = None,
     layers: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.npz", help="Write the map with its evidence, too."),
+        typer.Option(metavar="OUT.npz", help="Also write the map with its evidence."),
     ] = None,
     max_bad: Annotated[
         int,
-        typer.Option(metavar="N", min=0, help="Lines of a log that may be wrong."),
+        typer.Option(metavar="N", min=0, help="Malformed lines of a log to tolerate."),
     ] = DEFAULT_MAX_BAD,
     *,
     settings: Settings,
 ) -> None:
     """Make a map from laser scans with known poses.
 
-    Of a bag, poses are those of its transforms, or of its odometry.
+    With a bag, the poses come from its transforms or its odometry.
 
-    Cells that a beam passes become free, those that it ends in occupied; what no beam reaches
-    stays unknown. --compare shows what each method makes of a log; docs/mapping.md explains it.
+    Cells that a beam passes become free, and cells where a beam ends become occupied; cells that
+    no beam reaches stay unknown. --compare shows what each method makes of a log.
     """
     own: dict[Method, dict[str, Any]] = {
         "log-odds": opt.given(
@@ -189,7 +201,7 @@ def build(
     texts = {"--angles": angles, "--ranges": ranges, "--flip-y": flip_y}
     with ExitStack() as stack:
         if log is not None and is_bag(log):
-            _refuse(texts, "is not for bags")
+            _refuse(texts, "does not apply to bags")
             source: ScanSource = stack.enter_context(of_bag.scans(log, poses))
         else:
             of_bag.refuse("needs a bag for LOG")
@@ -222,7 +234,7 @@ def _only(own: dict[Method, dict[str, Any]], method: Method) -> dict[Method, dic
     for other, given in own.items():
         if other != method and given:
             option = f"--{next(iter(given)).replace('_', '-')}"
-            raise ParameterError(f"is not for --method {method}", source=option)
+            raise ParameterError(f"does not apply to --method {method}", source=option)
     return {method: own[method]}
 
 

@@ -22,7 +22,7 @@ _OFF = "0 or 1 for none"
 
 
 @app.command()
-@shared_options("files", help_texts={"image": "Write a picture of the cells that have changed."})
+@shared_options("files", help_texts={"image": "Write a picture of the changed cells."})
 def clean(
     source: opt.MapArgument,
     output: opt.GridOutput,
@@ -55,10 +55,10 @@ def clean(
     *,
     settings: Settings,
 ) -> None:
-    """Remove specks, pinholes and islands of free space.
+    """Remove small components, pinholes and islands of free space.
 
-    No wall is opened: an obstacle goes only if all cells around it are free, a hole is filled
-    only if all cells around it are free, or all are occupied. Values 1..99 stay.
+    No wall is opened: an obstacle is removed only if all cells around it are free, and a hole is
+    filled only if all cells around it are free or all are occupied. Values 1..99 stay.
     """
     if as_json:
         terminal.need_stdout("--json")
@@ -74,10 +74,10 @@ def clean(
 def _lines(counts: CleanCounts) -> list[str]:
     filled = f"{_told(counts.free_holes)} are now free, {_told(counts.wall_holes)} occupied"
     return [
-        f"  pinholes  {filled}",
-        f"  islands   {_told(counts.islands)} are now unknown",
-        f"  specks    {_told(counts.specks)} are now free",
-        f"  changed   {count_text(counts.changed, 'cell')}",
+        f"  pinholes          {filled}",
+        f"  islands           {_told(counts.islands)} are now unknown",
+        f"  small components  {_told(counts.specks)} are now free",
+        f"  changed           {count_text(counts.changed, 'cell')}",
     ]
 
 

@@ -24,12 +24,12 @@ def completion(
     *,
     settings: Settings,  # noqa: ARG001 - every command takes them
 ) -> None:
-    """Print a script that completes commands, options, choices, recipes, checks and files.
+    """Print a completion script for commands, options, values and files.
 
-    bash, in ~/.bashrc: eval "$(mapdeal completion bash)". zsh, in ~/.zshrc behind compinit: eval
+    bash, in ~/.bashrc: eval "$(mapdeal completion bash)". zsh, in ~/.zshrc after compinit: eval
     "$(mapdeal completion zsh)". fish: mapdeal completion fish >
-    ~/.config/fish/completions/mapdeal.fish. All words stand in the script, so that completing
-    starts nothing; make it again after an upgrade.
+    ~/.config/fish/completions/mapdeal.fish. The script contains all words, so that completion
+    starts no process; make it again after an upgrade.
     """
     terminal.result(script_for(shell))
 

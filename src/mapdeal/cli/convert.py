@@ -39,8 +39,8 @@ def convert(
         str | None,
         typer.Option(
             metavar="TOPIC",
-            help="Of a bag: the topic that is read, if there are several, or written.  [default: "
-            "/map, of costs /costmap]",
+            help="With a bag: topic to read, if there are several, or to write.  [default: "
+            "/map, or /costmap for costs]",
             show_default=False,
         ),
     ] = None,
@@ -48,20 +48,20 @@ def convert(
         int | None,
         typer.Option(
             metavar="N",
-            help="Of a bag that is read: which message, from 0 on, or from the last back, -1.  "
-            "[default: the last]",
+            help="Reading a bag: index of the message, from 0, or from the end, -1.  [default: "
+            "the last]",
             show_default=False,
         ),
     ] = None,
     takes_all: Annotated[
         bool,
-        typer.Option("--all", help="Of a bag that is read: all messages, into a folder."),
+        typer.Option("--all", help="Reading a bag: write all messages into a folder."),
     ] = False,
     read_as: Annotated[
         Literal["map", "costs"] | None,
         typer.Option(
-            help="Of a bag that is read: what an OccupancyGrid holds.  [default: costs if the "
-            "topic's name has costmap in it, else a map]",
+            help="Reading a bag: what an OccupancyGrid contains.  [default: costs if the "
+            "topic's name contains costmap, else a map]",
             show_default=False,
         ),
     ] = None,
@@ -70,29 +70,31 @@ def convert(
         typer.Option(
             "--frame-id",
             metavar="FRAME",
-            help="Of a bag that is written: the frame of its header.  [default: map]",
+            help="Writing a bag: frame_id of the header.  [default: map]",
             show_default=False,
         ),
     ] = None,
     encoding: Annotated[
         Scale | None,
         typer.Option(
-            help="Scale of the values: what ROS publishes, costmap_2d's bytes, or the map that "
-            "is left to amcl.  [default: an .npz keeps its own, pixels of costs are occupancy]",
+            help="Scale of the values: what ROS publishes, costmap_2d's bytes, or the map as "
+            "amcl sees it.  [default: an .npz keeps its own, pixels of costs are "
+            "occupancy]",
         ),
     ] = None,
     mode: Annotated[
         Mode | None,
         typer.Option(
-            help="How values become pixels.  [default: raw if a value lies in 1..99, else trinary]",
+            help="How values become pixels.  [default: raw if there are values 1..99, else "
+            "trinary]",
         ),
     ] = None,
     static_layer: Annotated[
         bool,
         typer.Option(
             "--static-layer",
-            help="With --encoding costmap2d: costs as costmap_2d's static layer makes them of a "
-            "map, not round(2.54 v).",
+            help="With --encoding costmap2d: compute costs as costmap_2d's static layer does, "
+            "instead of round(2.54 v).",
         ),
     ] = False,
     lethal_threshold: Annotated[
@@ -122,14 +124,14 @@ def convert(
         str | None,
         typer.Option(
             metavar="N|none",
-            help="With --static-layer: this value becomes 253, as in Nav2 lyrical and newer; none "
-            "as before and in ROS 1.  [default: 99]",
+            help="With --static-layer: this value becomes 253, as in Nav2 lyrical and newer; "
+            "none as in older releases and ROS 1.  [default: 99]",
         ),
     ] = None,
     *,
     settings: Settings,
 ) -> None:
-    """Write a grid in another format or on another scale, out of a bag or into one."""
+    """Convert a map to another format or scale, or from or to a bag."""
     layer = opt.given(
         lethal_threshold=lethal_threshold, trinary=trinary_costmap, track_unknown=track_unknown
     )

@@ -39,7 +39,7 @@ def diff(
         float,
         typer.Option(
             metavar="CELLS",
-            help="Ignore differences with a matching cell in the other map within so many cells.",
+            help="Ignore differences with a matching cell in the other map within N cells.",
         ),
     ] = 0.0,
     max_shift: Annotated[
@@ -47,8 +47,8 @@ def diff(
         typer.Option(
             metavar="M",
             min=0,
-            help="Pass if no obstacle of either map is farther than this from those of the "
-            "other, metres.",
+            help="Pass if the directed Hausdorff distances between the obstacles, both ways, "
+            "are at most this, metres.",
         ),
     ] = None,
     max_differing: Annotated[
@@ -57,19 +57,19 @@ def diff(
             metavar="PERCENT",
             min=0,
             max=100,
-            help="Pass if no more than this part of the common cells differs.",
+            help="Pass if at most this share of the common cells differs.",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     settings: Settings,
 ) -> None:
-    """Tell what differs between two maps.
+    """Compare two maps of one place.
 
-    Size, origin and resolution may differ: cells are compared where both maps have some. The
-    exit code is 0 if they are equal within the tolerance, 1 if not. With --max-shift or
-    --max-differing it is 0 if what differs in the common area stays within them, both if both
-    are given, whatever the maps' geometry.
+    Size, origin and resolution may differ: cells are compared where both maps have some. Exit code
+    0 if the maps are equal within the tolerance, 1 if not. With --max-shift or --max-differing the
+    exit code is 0 if the differences in the common area stay within these bounds, whatever the
+    geometry of the maps.
     """
     bounds = Bounds(max_shift, max_differing)
     report = diff_files(first, second, settings, tolerance=tolerance, bounds=bounds)
@@ -95,13 +95,13 @@ def _lines(first: Path, second: Path, report: DiffReport, tolerance: float) -> l
     told = f"  cells     {found.common} in both, {found.differing} differ"
     if tolerance:
         told += f", {found.beyond} beyond a tolerance of {tolerance:g} cells"
-    lines.append(told)
+    lines.append(f"{told}; rows: A, columns: B" if found.differing else told)
     if found.differing:
         lines += _matrix(found)
     if found.symmetry is not None:
         lines.append(f"  symmetry  B is much more like A if it is {found.symmetry}")
     for name, shift in (("A to B", found.walls[0]), ("B to A", found.walls[1])):
-        lines.append(f"  walls     {name}: {_shift(shift)}")
+        lines.append(f"  walls     {_shift(name, shift)}")
     lines += [f"  bound     {_judged(bound)}" for bound in report.bounds]
     return lines
 
@@ -129,16 +129,17 @@ def _matrix(found: Difference) -> list[str]:
     table = found.confusion
     used = [k for k in range(len(STATES)) if table[k].any() or table[:, k].any()]
     head = "".join(f"{STATES[k]:>12}" for k in used)
-    lines = [f"            {'A, down; B':>12}{head}"]
+    lines = [f"            {'':>12}{head}"]
     for k in used:
         row = "".join(f"{table[k, other]:>12}" for other in used)
         lines.append(f"            {STATES[k]:>12}{row}")
     return lines
 
 
-def _shift(shift: WallShift | None) -> str:
+def _shift(name: str, shift: WallShift | None) -> str:
     if shift is None:
-        return "no obstacles"
+        return f"{name}: no obstacles"
     return (
-        f"at most {shift.largest:.4g} m, 95 % {shift.percentile_95:.4g} m, mean {shift.mean:.4g} m"
+        f"directed Hausdorff distance {name}: {shift.largest:.4g} m; "
+        f"95 % within {shift.percentile_95:.4g} m, mean {shift.mean:.4g} m"
     )

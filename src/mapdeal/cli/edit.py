@@ -38,28 +38,28 @@ Output = Annotated[
 ]
 Points = Annotated[
     list[str] | None,
-    typer.Option("--point", metavar="X,Y", help="A point, metres; more may follow."),
+    typer.Option("--point", metavar="X,Y", help="Point, metres; more may follow."),
 ]
 Value = Annotated[
     int | None,
     typer.Option(
         metavar="V",
-        help="What to draw with, on the map's own scale: -1..100, of costmap_2d's costs "
-        "0..255, 0 or 100 where a .pbm is written.",
+        help="Value to draw, on the map's own scale: -1..100, or 0..255 for costmap_2d's "
+        "costs, or 0 or 100 for a .pbm.",
     ),
 ]
 File = Annotated[
     Path | None,
     typer.Option(
         metavar="SHAPES",
-        help="Draw the shapes of a YAML or GeoJSON file, of whatever kind, one after the other.",
+        help="Draw all shapes of a YAML or GeoJSON file, whatever their kind, in order.",
     ),
 ]
 OverlayOption = Annotated[
     OverlayType,
     typer.Option(
-        help="What wins in a cell: the later (seq), the larger (max) or the smaller value (min). "
-        "Unknown gives way to all."
+        help="Which value wins in a cell: the later (seq), the larger (max) or the smaller one "
+        "(min). Any value replaces unknown."
     ),
 ]
 Blank = Annotated[bool, typer.Option("--blank", help="Start from 0 everywhere, to draw a mask.")]
@@ -67,15 +67,15 @@ Background = Annotated[
     int | None,
     typer.Option(
         metavar="V",
-        help="With --blank: start from V instead, such as -1, unknown, for a mask that says "
-        "nothing outside of its shapes.",
+        help="With --blank: start from V instead, such as -1 (unknown) for a mask without "
+        "effect outside its shapes.",
     ),
 ]
 Strict = Annotated[
     bool,
     typer.Option(
         "--strict",
-        help="Draw nothing, exit code 1, if anything has to be clipped or has no area.",
+        help="Draw nothing and exit with 1 if a shape would be clipped or has no area.",
     ),
 ]
 
@@ -122,8 +122,8 @@ def line(
         float | None,
         typer.Option(
             metavar="M",
-            help="Thickness of the line; up to a cell's side it is one of single cells.  "
-            "[default: a single cell]",
+            help="Thickness of the line, metres; up to the side of a cell the line is one cell "
+            "wide.  [default: one cell]",
         ),
     ] = None,
     file: File = None,
@@ -151,7 +151,8 @@ def circle(
     radius: Annotated[
         float | None,
         typer.Option(
-            metavar="M", help="Radius of the circle around each point; 0 for its cell alone."
+            metavar="M",
+            help="Radius of the circle around each point, metres; 0 for its cell alone.",
         ),
     ] = None,
     file: File = None,
@@ -184,7 +185,7 @@ def reset(
         int | None,
         typer.Option(
             metavar="V",
-            help="What the cells become.  [default: unknown, -1 of a map, 255 of costs]",
+            help="Value of the cells.  [default: unknown: -1 for a map, 255 for costs]",
         ),
     ] = None,
     blank: Blank = False,
@@ -193,7 +194,7 @@ def reset(
     *,
     settings: Settings,
 ) -> None:
-    """Give a rectangle along the map's axes one value."""
+    """Set all cells of a rectangle along the map's axes to one value."""
     region = opt.region(size, at, corner)
 
     start = _start(blank, background)
@@ -227,7 +228,7 @@ def _refuse_without_points(name: str, given: float | None, points: list[str] | N
 def _gathered(file: Path | None, own: list[Shape]) -> list[Shape]:
     """Return the shapes of a file, if there is one, and over them those of the points."""
     if not own and file is None:
-        raise ParameterError("one of the two is needed", source="--point, --file")
+        raise ParameterError("one of the two is required", source="--point, --file")
     return [*([] if file is None else read_shapes(file)), *own]
 
 

@@ -39,34 +39,35 @@ def info(
         FROM_STDIN,
     ],
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object per file, each on a line.")
+        bool, typer.Option("--json", help="Print one JSON object per file, one per line.")
     ] = False,
     of_map: Annotated[
         Path | None,
         typer.Option(
             "--map",
             metavar="MAP",
-            help="Of a robot's parameter files, all of one robot: say what they come to on a map.",
+            help="With parameter files of one robot: report what they resolve to on this map.",
         ),
     ] = None,
     costmap: Annotated[
         CostmapName | None,
         typer.Option(
-            help="Of a robot's parameter files: which costmap.  [default: global]",
+            help="With a robot's parameter files: which costmap.  [default: global]",
             show_default=False,
         ),
     ] = None,
     namespace: Annotated[
         str | None,
-        typer.Option(metavar="NS", help="Of a robot's parameter files: which robot."),
+        typer.Option(metavar="NS", help="With a robot's parameter files: which robot."),
     ] = None,
     *,
     settings: Settings,
 ) -> None:
-    """Tell size, origin, cell counts and checksum of files, and how a run has made them.
+    """Describe maps, runs, bags and a robot's parameter files.
 
-    Of a bag, topics and transforms. Of a robot's parameter files, shape and costmap layers as the
-    robot resolves them. ROS 1's files that are given one after the other are one robot's.
+    For maps: size, origin, cell counts, checksum, and the run that made them. For bags: topics and
+    transforms. For a robot's parameter files: shape and costmap layers as the robot resolves them;
+    consecutive ROS 1 files belong to one robot.
     """
     is_of_robot = any(one is not None for one in (costmap, namespace, of_map))
     reports = (

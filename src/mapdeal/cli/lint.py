@@ -35,9 +35,9 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
     "force",
     "max_memory",
     help_texts={
-        "footprint": "The robot's corners around its centre: look for rooms that it is cut off "
-        "from, by its inscribed radius.",
-        "robot_radius": "The radius of a round robot: look for rooms that it is cut off from.",
+        "footprint": "Corners of the robot around its centre, metres: find rooms that it "
+        "cannot enter, by its inscribed radius.",
+        "robot_radius": "Radius of a round robot, metres: find rooms that it cannot enter.",
     },
 )
 def lint(
@@ -55,49 +55,48 @@ def lint(
             "--params-file",
             metavar="FILE",
             help="A robot's own parameters: a Nav2 file, or ROS 1's costmap files; can be "
-            "repeated, later ones win.",
+            "repeated, later files win.",
         ),
     ] = None,
     costmap: Annotated[
         CostmapName | None,
-        typer.Option(help="Which costmap of --params-file.  [default: both]", show_default=False),
+        typer.Option(help="Costmap of --params-file.  [default: both]", show_default=False),
     ] = None,
     namespace: Annotated[
         str | None,
-        typer.Option(metavar="NS", help="Which robot of --params-file, if it holds several."),
+        typer.Option(metavar="NS", help="Robot of --params-file, if it contains several."),
     ] = None,
     select: Annotated[
         list[str] | None,
         typer.Option(
             metavar="IDS",
-            help="Checks that count, or their areas, such as image; several with commas.  "
+            help="Checks, or areas of checks such as image, to run; separated by commas.  "
             "[default: all]",
         ),
     ] = None,
     ignore: Annotated[
         list[str] | None,
-        typer.Option(metavar="IDS", help="Checks, or areas, that do not count."),
+        typer.Option(metavar="IDS", help="Checks, or areas of checks, to leave out."),
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Warnings, too, make the exit code 1.")
+        bool, typer.Option("--strict", help="Exit with 1 for warnings as well.")
     ] = False,
     config: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Configuration of all maps.  [default: the nearest mapdeal.toml or "
-            "pyproject.toml of each]",
+            help="Configuration file for all maps.  [default: the nearest mapdeal.toml or "
+            "pyproject.toml of each map]",
         ),
     ] = None,
     is_isolated: Annotated[
-        bool, typer.Option("--no-config", help="Read no file of configuration.")
+        bool, typer.Option("--no-config", help="Read no configuration file.")
     ] = False,
     form: Annotated[
         ReportForm,
         typer.Option(
             "--format",
-            help="Text, one JSON document, annotations of a GitHub workflow, SARIF 2.1.0, or "
-            "JUnit XML.",
+            help="Text, one JSON document, GitHub annotations, SARIF 2.1.0, or JUnit XML.",
         ),
     ] = "text",
     jobs: Annotated[
@@ -107,48 +106,50 @@ def lint(
             "-j",
             metavar="N",
             min=1,
-            help="Processes, if there is enough for them to do.  [default: the processors]",
+            help="Processes to use for many maps.  [default: all cores]",
         ),
     ] = None,
     fix: Annotated[
         bool,
         typer.Option(
             "--fix",
-            help="Take out the traps that can be taken out: of one map with -o, of all with "
-            "--in-place.",
+            help="Repair what can be repaired: one map with -o, any number with --in-place.",
         ),
     ] = False,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="OUT", help="A repaired copy: .yaml, .pgm, .png, .npz."
+            "--output",
+            "-o",
+            metavar="OUT",
+            help="Where to write the repaired copy: .yaml, .pgm, .png, .npz.",
         ),
     ] = None,
     in_place: Annotated[
         bool,
-        typer.Option("--in-place", help="Repair maps in their own files, and say what is left."),
+        typer.Option("--in-place", help="Repair maps in place, and report what is left."),
     ] = False,
     *,
     footprint: Footprint | None,
     settings: Settings,
 ) -> None:
-    """Report what is wrong with maps, and with a robot's parameter files, by named checks.
+    """Check maps, and a robot's parameter files, for errors and pitfalls.
 
-    Errors make the exit code 1: they make a map wrong or unsafe for some reader. Warnings are
-    traps, notes are good to know. A file that cannot be read is a finding; the others go on.
+    Errors are wrong or unsafe for some reader, and make the exit code 1. Warnings are pitfalls;
+    notes are good to know. A file that cannot be read is a finding, and the other files are still
+    checked.
 
-    A MAP is a .yaml of map_server, a .pbm beside its .yaml, or an .npz; a folder, for all maps
-    and folders of runs in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt,
-    a file with such names, one a line (@- reads them from stdin).
+    A MAP is a map_server .yaml, a .pbm with its .yaml, or an .npz; a folder, for all maps and runs
+    in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with one such
+    name per line (@- reads standard input).
 
-    With --params-file a robot's own parameters are looked at, too: what ROS refuses, or passes over
-    in silence, and what its shape and its costs make of one another. A MAP is not needed then.
+    With --params-file a robot's own parameters are checked as well: what ROS refuses or silently
+    ignores, and how shape and costs fit together. A MAP is optional then.
 
-    With a robot's shape, of options or of parameter files, areas of a map are looked for that only
-    passages too narrow for the robot join.
+    With a robot's shape, areas are reported that only passages too narrow for the robot connect.
 
-    A comment "# mapdeal: ignore ID, ID" in a map's .yaml takes these checks out for that map, and
-    in a parameter file for that file.
+    A comment "# mapdeal: ignore ID, ID" in a map's .yaml or in a parameter file turns these checks
+    off for that file.
     """
     parameters = _parameters_of(params_file, costmap, namespace)
     _check_fix(
@@ -225,7 +226,7 @@ def _check_fix(
     for option, is_given in (("--params-file", has_parameters), ("a robot's shape", has_shape)):
         if fix and is_given:
             rule = "cannot be given together with --fix"
-            raise ParameterError(rule, source=option, hint="--fix repairs maps alone")
+            raise ParameterError(rule, source=option, hint="--fix repairs maps only")
     if has_output and in_place:
         raise ParameterError("cannot be given together with -o", source="--in-place")
     if fix and not (has_output or in_place):
@@ -237,6 +238,6 @@ def _check_fix(
 def _write_copy(sources: list[Path], output: Path, options: Settings) -> None:
     if len(sources) != 1:
         hint = "--in-place repairs any number of maps"
-        raise ParameterError("is for one map", source="-o", got=len(sources), hint=hint)
+        raise ParameterError("takes one map", source="-o", got=len(sources), hint=hint)
     done = repair_file(sources[0], output, options)
     terminal.summary([f"{sources[0]} -> {output}", *(f"  {line}" for line in done)])

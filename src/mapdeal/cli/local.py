@@ -54,7 +54,7 @@ def _limit(help_text: str) -> Any:
 )  # fmt: skip
 def local(
     output: Annotated[
-        Path, opt.output_argument("DIR", "Where the maps go; those of a sequence to DIR/0000, ...")
+        Path, opt.output_argument("DIR", "Output folder; maps of a sequence go to DIR/0000, ...")
     ],
     clouds: Annotated[
         list[str] | None,
@@ -70,26 +70,29 @@ def local(
         str | None,
         typer.Option(
             metavar="X,Y,YAW",
-            help="Where the robot stands, metres and radians.  [default: by a bag's transforms]",
+            help="Pose of the robot, metres and radians.  [default: from a bag's transforms]",
             show_default=False,
         ),
     ] = None,
     poses: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="A pose for each cloud, a line each: x y yaw, or TUM's."),
+        typer.Option(
+            metavar="FILE", help="Text file with one pose per cloud: x y yaw, or TUM format."
+        ),
     ] = None,
     topics: bag_opt.Topics = None,
     index: Annotated[
         int | None,
         typer.Option(
             metavar="N",
-            help="With a bag: which message, from 0 on, or from the last back, -1.  [default: the "
-            "last]",
+            help="With a bag: index of the message, from 0, or from the end, -1.  [default: "
+            "the last]",
             show_default=False,
         ),
     ] = None,
     takes_all: Annotated[
-        bool, typer.Option("--all", help="With a bag: a map of each message, as of a sequence.")
+        bool,
+        typer.Option("--all", help="With a bag: make a map of each message, as of a sequence."),
     ] = False,
     fixed_frame: bag_opt.FixedFrame = None,
     base_frame: bag_opt.BaseFrame = None,
@@ -97,18 +100,24 @@ def local(
     mount: bag_opt.Mount = None,
     frame: Annotated[
         CloudFrame,
-        typer.Option(help="What the points' coordinates are: the robot's, or the map's already."),
+        typer.Option(help="Frame of the points: the robot's, or already the map's."),
     ] = "robot",
     offset: Annotated[
-        str, typer.Option(metavar="DX,DY", help="Taken off the points' map coordinates.")
+        str,
+        typer.Option(
+            metavar="DX,DY", help="Offset subtracted from the points' map coordinates, metres."
+        ),
     ] = "0,0",
     size: Annotated[
-        str, typer.Option(metavar="WX,WY", help="Metres along x and y, the robot in the middle.")
+        str,
+        typer.Option(
+            metavar="WX,WY", help="Extent along x and y, metres, the robot in the middle."
+        ),
     ] = "20,20",
     resolution: Annotated[
         float | None,
         typer.Option(
-            metavar="R", help="Metres per cell.  [default: 0.05, without a cloud the map's]"
+            metavar="R", help="Side of a cell, metres.  [default: 0.05; without a cloud, the map's]"
         ),
     ] = None,
     global_map: Annotated[
@@ -116,22 +125,27 @@ def local(
         typer.Option(
             "--map",
             metavar="GLOBAL",
-            help="A map whose obstacles and free cells in the window are taken over.",
+            help="Global map, whose obstacles and free cells in the window are copied.",
         ),
     ] = None,
-    min_height: Annotated[float | None, _limit("Drop points whose z is less.")] = None,
-    max_height: Annotated[float | None, _limit("Drop points whose z is more.")] = None,
-    min_range: Annotated[float | None, _limit("Drop points nearer to the robot.")] = None,
-    max_range: Annotated[float | None, _limit("Drop points farther from the robot.")] = None,
+    min_height: Annotated[float | None, _limit("Drop points with a smaller z, metres.")] = None,
+    max_height: Annotated[float | None, _limit("Drop points with a larger z, metres.")] = None,
+    min_range: Annotated[float | None, _limit("Drop points nearer to the robot, metres.")] = None,
+    max_range: Annotated[
+        float | None, _limit("Drop points farther from the robot, metres.")
+    ] = None,
     raytrace_range: Annotated[
         float | None,
-        _limit("Beams clear up to this distance.  [default: --max-range, else to the point]"),
+        _limit(
+            "Range up to which beams clear cells, metres.  [default: --max-range, else up "
+            "to the point]"
+        ),
     ] = None,
     unknown: Annotated[
         Unknown | None,
         typer.Option(
-            help="With --map or --keep: cells that nothing has seen stay unknown, or become free.  "
-            "[default: keep]",
+            help="With --map or --keep: whether cells that nothing has seen stay unknown "
+            "(keep) or become free.  [default: keep]",
             show_default=False,
         ),
     ] = None,
@@ -139,13 +153,13 @@ def local(
         str | None,
         typer.Option(
             metavar="N|all",
-            help="With --poses, or a bag: clouds to remember. Their obstacles stay until a beam "
-            "passes them.",
+            help="With --poses, or a bag: number of clouds to remember. Their obstacles stay "
+            "until a beam passes them.",
         ),
     ] = None,
     require_points: Annotated[
         bool,
-        typer.Option("--require-points", help="Fail (3) if no point of a cloud marks a cell."),
+        typer.Option("--require-points", help="Exit with 3 if no point of a cloud marks a cell."),
     ] = False,
     recipe: run_opt.Recipe = LOCAL_RECIPE,
     changes: run_opt.Changes = None,
@@ -156,12 +170,13 @@ def local(
 ) -> None:
     """Make maps around a robot from point clouds, a global map, or both.
 
-    Of a bag the last cloud is taken, or with --all each; points are brought to the robot's frame.
+    With a bag, the last cloud is used, or with --all each; points are transformed to the robot's
+    frame.
 
-    Cells with a point are occupied, others free; with --map, those that neither the map nor a
-    beam has seen stay unknown. Then come the stages of the recipe: inflation, field, rings of
-    costs. A sequence, given by --poses, gets a numbered folder for each cloud; one whose manifest
-    shows that nothing has changed is skipped.
+    Cells with a point are occupied, others free; with --map, cells that neither the map nor a beam
+    has seen stay unknown. The stages of the recipe follow: inflation, field, rings of costs. A
+    sequence, given by --poses, gets a numbered folder for each cloud; clouds whose manifest shows
+    no change are skipped.
     """
     bag = Path(clouds[0]) if clouds and len(clouds) == 1 and is_bag(Path(clouds[0])) else None
     of_bag = bag_opt.BagWords(topics, fixed_frame, base_frame, odometry, mount)
@@ -171,9 +186,9 @@ def local(
             if value is not None:
                 raise ParameterError("needs a bag for --cloud", source=name)
     elif index is not None and (takes_all or poses is not None or keep is not None):
-        raise ParameterError("is for one cloud, and not for a sequence", source="--index")
+        raise ParameterError("applies to one cloud, not to a sequence", source="--index")
     if pose is None and poses is None and bag is None:
-        raise ParameterError("--pose or --poses must be given", source="--pose")
+        raise ParameterError("--pose or --poses is required", source="--pose")
     if pose is not None and poses is not None:
         raise ParameterError("cannot be given together with --poses", source="--pose")
     if not clouds:
@@ -193,7 +208,7 @@ def local(
         )
     is_sequence = poses is not None or (bag is not None and (takes_all or keep is not None))
     if is_sequence and pose is not None:
-        raise ParameterError("is for one cloud, and not for a sequence", source="--pose")
+        raise ParameterError("applies to one cloud, not to a sequence", source="--pose")
     kept = _number_of_clouds(keep, is_sequence=is_sequence)
     if unknown == "keep" and global_map is None and kept is None:
         terminal.warn(
@@ -256,10 +271,10 @@ def _pose(text: str) -> Pose:
 def _check_window_of_map(global_map: Path | None, given: dict[str, object]) -> None:
     """Refuse what is of clouds alone, where there is none."""
     if global_map is None:
-        raise ParameterError("a cloud, or --map, must be given", source="--cloud")
+        raise ParameterError("a cloud or --map is required", source="--cloud")
     for name, value in given.items():
         if value is not None:
-            raise ParameterError("is for clouds: it needs --cloud", source=name)
+            raise ParameterError("applies to clouds: it needs --cloud", source=name)
 
 
 def _number_of_clouds(text: str | None, *, is_sequence: bool) -> Keep | None:
@@ -267,7 +282,7 @@ def _number_of_clouds(text: str | None, *, is_sequence: bool) -> Keep | None:
     if text is None:
         return None
     if not is_sequence:
-        raise ParameterError("is for a sequence: it needs --poses", source="--keep")
+        raise ParameterError("applies to a sequence: it needs --poses", source="--keep")
     if text == "all":
         return "all"
     if not (text.isascii() and text.isdigit() and int(text[:9]) > 0 and len(text) < 10):

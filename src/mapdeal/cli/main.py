@@ -269,7 +269,7 @@ def _check_words(words: Iterable[str]) -> None:
         except UnicodeEncodeError:  # half of a pair of surrogates
             is_possible = False
         if not is_possible:
-            raise ParameterError("is no word of a command line", got=word)
+            raise ParameterError("contains characters that no command line can hold", got=word)
 
 
 def _refusal_of_the_system(error: Exception) -> FileAccessError | None:

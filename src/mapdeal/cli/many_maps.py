@@ -43,5 +43,5 @@ def jobs_at_once(wanted: int | None, maps: int) -> int:
     processors = available_threads()
     most = max(_LEAST_CAP, _MOST_PER_PROCESSOR * processors)
     if wanted is not None and wanted > most:
-        terminal.warn(f"--jobs {wanted}: took {most}, as there are {processors} processors")
+        terminal.warn(f"--jobs {wanted}: using {most}, as there are {processors} cores")
     return min(wanted or processors, maps, most)

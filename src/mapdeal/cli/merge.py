@@ -40,35 +40,35 @@ def merge(
         list[str] | None,
         typer.Option(
             metavar="frames|align|FILE.json",
-            help="How the maps lie: in one map frame, by their walls, or as a file of mapdeal "
-            "align says; a file for each map but the first.  [default: frames]",
+            help="How the maps are placed: by their frames, by their walls (align), or by "
+            "files of mapdeal align, one for each map but the first.  [default: frames]",
             show_default=False,
         ),
     ] = None,
     rule: Annotated[
         Rule,
         typer.Option(
-            help="What wins where maps differ: the largest value, the last map named that knows "
-            "the cell, or the sum of the evidence."
+            help="Which value wins where maps differ: the largest, that of the last map that "
+            "knows the cell, or the sum of the evidence."
         ),
     ] = "occupied",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     settings: Settings,
 ) -> None:
-    """Merge two maps or more into one.
+    """Merge maps of one place into one.
 
-    The result has the lattice of the first map, extended to what the others know. Resolution,
-    origin and yaw of the others may be any: they are resampled so that no obstacle is lost.
+    The result has the lattice of the first map, extended to all others. The others may have any
+    resolution, origin and yaw: they are resampled so that no obstacle is lost.
 
-    Rule occupied: occupied wins over free, and free over unknown. Rule newest: of the maps that
-    know a cell the last one on the command line wins. Rule evidence: what speaks for and against
-    an obstacle is summed, from the layers of mapdeal build --layers; a map without them has one
-    vote for each cell, and a tie is decided by rule occupied.
+    Rule occupied: occupied wins over free, and free over unknown. Rule newest: the last map on the
+    command line that knows a cell wins. Rule evidence: the evidence for and against an obstacle is
+    summed, from the layers of mapdeal build --layers; a map without them has one vote per cell,
+    and a tie is decided by rule occupied.
 
     Cells that are occupied in one map and free in another are conflicts: they are counted, and
-    coloured in the picture. With --by align the exit code is 1, and nothing is written, if it is
-    not sure how a map lies to the first.
+    coloured in the picture. With --by align the exit code is 1, and nothing is written, if the
+    placement of a map is uncertain.
     """
     if as_json:
         terminal.need_stdout("--json")
@@ -107,8 +107,8 @@ def _line(number: int, one: Known, counts: MapCounts) -> str:
         text += f", {counts.added} added"
     if not counts.common:
         return text
-    text += f"; of {counts.common} that others know {counts.occupied_here} are occupied here and"
-    text += f" free there, {counts.free_here} the other way round"
+    text += f"; of {counts.common} that others know, {counts.occupied_here} are occupied here and"
+    text += f" free there, {counts.free_here} vice versa"
     if counts.walls:
-        text += f"; {100 * counts.met / counts.walls:.0f} % of its walls there are in others, too"
+        text += f"; {100 * counts.met / counts.walls:.0f} % of its walls there are also in others"
     return text

@@ -23,29 +23,30 @@ MapArgument = Annotated[
     Path,
     typer.Argument(
         metavar="MAP",
-        help="A map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's. " + OR_STDIN,
+        help="A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal. "
+        + OR_STDIN,
     ),
     FROM_STDIN,
 ]
 
 _COUNTS = {2: "two", 3: "three"}
 
-Size = Annotated[
-    str, typer.Option(metavar="WX,WY", help="Metres along the columns and along the rows.")
+Size = Annotated[str, typer.Option(metavar="WX,WY", help="Extent along columns and rows, metres.")]
+At = Annotated[
+    str | None, typer.Option(metavar="X,Y", help="Centre of the window, map frame, metres.")
 ]
-At = Annotated[str | None, typer.Option(metavar="X,Y", help="The middle, in the map frame.")]
 Corner = Annotated[
     str | None,
     typer.Option(
         metavar="X,Y",
-        help="Or the corner at its first cell, in the map frame: the lower left one, if the map "
-        "has no yaw.",
+        help="Or the corner at its first cell, map frame, metres: the lower left one if the "
+        "map has no yaw.",
     ),
 ]
 Rule = Annotated[
     ResamplingRule,
     typer.Option(
-        help="What a cell gets: the largest value that it shares an area with (area), so that no "
+        help="Value of a new cell: the largest of all overlapped cells (area), so that no "
         "obstacle is lost, or the value at its centre (nearest)."
     ),
 ]
@@ -152,7 +153,7 @@ def region(size: str, at: str | None, corner: str | None) -> dict[str, Any]:
         return {"size_xy": pair(size, "--size"), "center_xy": pair(at, "--at")}
     if corner is not None:
         return {"size_xy": pair(size, "--size"), "corner_xy": pair(corner, "--corner")}
-    raise ParameterError("one of the two is needed", source="--at, --corner")
+    raise ParameterError("one of the two is required", source="--at, --corner")
 
 
 def described(stage: str, parameters: Mapping[str, object]) -> str:

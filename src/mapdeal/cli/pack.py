@@ -20,9 +20,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @shared_options("files")
 def pack(
     source: opt.MapArgument,
-    output: Annotated[
-        Path, opt.output_argument("OUT.pbm", "The bit map; its .yaml is written beside it.")
-    ],
+    output: Annotated[Path, opt.output_argument("OUT.pbm", "Bit map to write, with its .yaml.")],
     lethal_threshold: Annotated[
         int | None,
         typer.Option(

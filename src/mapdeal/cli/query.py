@@ -74,10 +74,11 @@ _POSES = _Kind("poses", "pose", "X,Y,YAW", PoseLines, read_pose_lines)
     "threads",
     "max_memory",
     help_texts={
-        "footprint": "Ask for the cost of a robot at poses: its corners around its centre.",
-        "robot_radius": "The same of a round robot, a polygon of 16 corners as in costmap_2d.",
-        "params_file": "The same of a robot that its own parameters describe: a Nav2 file, or ROS "
-        "1's costmap files. A map gets its costs, too.",
+        "footprint": "Report the cost of a robot at poses: its corners around its centre, metres.",
+        "robot_radius": "The same for a round robot, metres: a polygon of 16 corners as in "
+        "costmap_2d.",
+        "params_file": "The same for a robot's own parameters: a Nav2 file, or ROS 1's costmap "
+        "files, which also define the costs of a map.",
     },
 )
 def query(
@@ -95,55 +96,58 @@ def query(
         typer.Option(
             "--at",
             metavar="X,Y[,YAW]",
-            help="A point, metres, or for a footprint a pose; more may follow.",
+            help="Point, metres, or with a footprint a pose; more may follow.",
         ),
     ] = None,
     points: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE|-",
-            help="Points in lines x,y or of JSON, from a file, or - for standard input.",
+            help="File of points, one x,y or JSON object per line; - reads standard input.",
         ),
     ] = None,
     poses: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE|-",
-            help="For a footprint: poses in lines x,y,yaw, of TUM's form or of JSON, or -.",
+            help="With a footprint: file of poses, one x,y,yaw, TUM line or JSON object per "
+                 "line; - reads standard input.",
         ),
     ] = None,
     rule: Annotated[
         FootprintRule | None,
         typer.Option(
-            help="For a footprint: which cells count, outline, as in Nav2, or full, those inside, "
-            "too.  [default: outline]",
+            help="With a footprint: cells that count, the outline as in Nav2, or full, with "
+                 "those inside.  [default: outline]",
         ),
     ] = None,
     unknown: Annotated[
-        str | None, opt.stage_option(esdf_stage, "unknown", "Of a map: what unknown cells are.")
+        str | None, opt.stage_option(esdf_stage, "unknown", "With a map: what unknown cells "
+                                                            "count as.")
     ] = None,
     convention: Annotated[
-        str | None, opt.stage_option(esdf_stage, "convention", "Of a map: where zero lies.")
+        str | None, opt.stage_option(esdf_stage, "convention", "With a map: where the distance "
+                                                               "is zero.")
     ] = None,
     lethal_threshold: Annotated[
         int | None,
         opt.stage_option(
-            esdf_stage, "lethal_threshold", "Of a map: occupancy of an obstacle, 1..100."),
+            esdf_stage, "lethal_threshold", "With a map: least occupancy of an obstacle, 1..100."),
     ] = None,
     strict: Annotated[
         bool,
-        typer.Option("--strict", help="Exit with 1 if a point or a robot lies outside of the map."),
+        typer.Option("--strict", help="Exit with 1 if a point or a robot lies outside the map."),
     ] = False,
     *,
     footprint: Footprint | None,
     robot: RobotParameters | None,
     settings: Settings,
 ) -> None:  # fmt: skip
-    """Tell distance, gradient and state at points, or the cost of a robot at poses.
+    """Report distances and gradients at points, or a robot's cost at poses.
 
-    One line of JSON comes out for each, in order. Distances and gradients are interpolated between
+    Prints one line of JSON for each, in order. Distances and gradients are interpolated between
     the centres of cells. The gradient points away from obstacles, in the map frame. The cost of a
-    robot is what Nav2's collision checker says of its footprint.
+    robot is that of its footprint in Nav2's collision checker.
     """
     parameters = opt.given(
         unknown=unknown, convention=convention, lethal_threshold=lethal_threshold
@@ -159,10 +163,10 @@ def query(
         kind, file = _POINTS, points
     else:
         _refuse({"--points": points}, "has no yaws; poses of a footprint are given by --poses")
-        _refuse({"--convention": convention}, "is for distances, not for a footprint")
+        _refuse({"--convention": convention}, "applies to distances, not to a footprint")
         kind, file = _POSES, poses
     if not at and file is None:
-        raise ParameterError("one of the two is needed", source=f"--at, --{kind.name}")
+        raise ParameterError("one of the two is required", source=f"--at, --{kind.name}")
     first = _of_options(at or [], kind)
     answer: Callable[[Any], Answers]
     if footprint is None:

@@ -43,8 +43,8 @@ def reach(
         typer.Option(
             "--from",
             metavar="X,Y[,YAW]",
-            help="The start, metres and radians; without a yaw every heading that is open "
-            "there.  [default: the widest place of the largest open area]",
+            help="Start, metres and radians; without a yaw, every heading that is free there.  "
+                 "[default: the widest place of the largest free area]",
         ),
     ] = None,
     goals: Annotated[
@@ -52,61 +52,65 @@ def reach(
         typer.Option(
             "--to",
             metavar="[NAME=]X,Y",
-            help="A goal, metres; more may follow.",
+            help="Goal, metres; more may follow.",
         ),
     ] = None,
     points: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE|-",
-            help="Goals in lines [NAME=]x,y or of JSON, from a file, or - for standard input.",
+            help="File of goals, one [NAME=]x,y or JSON object per line; - reads standard input.",
         ),
     ] = None,
     headings: Annotated[
         int | None,
-        opt.stage_option(reach_stage, "headings", "Headings of a robot with corners, 4..255."),
+        opt.stage_option(reach_stage, "headings", "Number of headings for a robot with "
+                                                  "corners, 4..255."),
     ] = None,
     through_unknown: Annotated[
-        bool, typer.Option("--through-unknown", help="Open unknown cells.")
+        bool, typer.Option("--through-unknown", help="Treat unknown cells as free.")
     ] = False,
     margin: Annotated[
         float | None,
         opt.stage_option(
             reach_stage, "margin",
-            "Passages that leave less than this on either side of the robot are told, too."),
+            "Also report passages that leave less than this on either side of the robot, metres."),
     ] = None,
     min_area: Annotated[
         float | None,
         opt.stage_option(
-            reach_stage, "min_area", "Passages that cut off less than this are not told."),
+            reach_stage, "min_area", "Leave out passages that cut off less than this, square "
+                                     "metres."),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="OUT.json", help="Write the answer to a file."),
+        typer.Option("--output", "-o", metavar="OUT.json", help="Write the result to a file."),
     ] = None,
     layers: Annotated[
         Path | None,
         typer.Option(
             metavar="OUT.npz",
-            help="Write reachable, headings, clearance and widest of every cell.",
+            help="Write reachable, headings, clearance and widest for every cell.",
         ),
     ] = None,
     lethal_threshold: Annotated[
         int | None,
         opt.stage_option(
-            reach_stage, "lethal_threshold", "Of a map: occupancy of an obstacle, 1..100."),
+            reach_stage, "lethal_threshold", "With a map: least occupancy of an obstacle, "
+                                             "1..100."),
     ] = None,
     *,
     settings: Settings,
     footprint: Footprint | None,
     robot: RobotParameters | None,
 ) -> None:  # fmt: skip
-    """Tell where a robot can go from a start, and which passages stop it.
+    """Show where a robot can go from a start, and which passages stop it.
 
-    A round robot fits where the nearest obstacle is farther away than its radius; one with corners
-    is tried in many headings. Unknown cells are closed. Without -o the answer is printed, as
-    JSON: areas, whether each goal can be reached, by how wide a robot, and what limits that; and
-    the passages where the robot is stopped, or all but stopped. Exit 1 if a goal cannot be reached.
+    A round robot fits where the nearest obstacle is farther away than its radius; a robot with
+    corners is tried in many headings. Unknown cells are closed. Without -o the result is printed
+    as JSON: areas; for each goal, whether it can be reached, by how wide a robot, and what limits
+    it; and the passages that stop the robot, or nearly do. Exit code 1 if a goal cannot be
+    reached.
     """
     parameters = opt.given(
         headings=headings, margin=margin, min_area=min_area, lethal_threshold=lethal_threshold

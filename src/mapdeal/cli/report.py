@@ -28,10 +28,10 @@ def report(
             "route, diff, align and score; shapes.",
         ),
     ],
-    output: Annotated[Path, opt.output_argument("OUT.html", "The page.")],
+    output: Annotated[Path, opt.output_argument("OUT.html", "Page to write.")],
     title: Annotated[
         str | None,
-        typer.Option(metavar="TEXT", help="What stands above all.  [default: the map's name]"),
+        typer.Option(metavar="TEXT", help="Title of the page.  [default: the map's name]"),
     ] = None,
     max_size: Annotated[
         str | None,
@@ -44,16 +44,16 @@ def report(
     *,
     settings: Settings,
 ) -> None:
-    """Make one page of runs, maps, and what was found out about them.
+    """Write one HTML page about runs, maps, findings and routes.
 
-    The page is a single HTML file that needs no network: all layers to zoom and pan, with the
-    values under the pointer; findings, passages and routes in their places; parameters, figures
-    and checksums. Several maps become a table with thumbnails.
+    The page is a single file that needs no network: all layers to zoom and pan, with the values
+    under the pointer; findings, passages and routes in their places; parameters, figures and
+    checksums. Several maps become a table with thumbnails.
 
-    Each run and each map is an entry of its own. A map that a run was made of joins that run; a
-    field or costmap joins what is named before it, if it covers the same cells. JSON of reach and
-    route, and shapes, belong to what is named before them; findings of lint to the maps that they
-    name; a diff shows its two maps one over the other.
+    Each run and each map is an entry of its own. The map that a run was made from joins that run;
+    a field or costmap joins the entry named before it, if it covers the same cells. JSON of reach
+    and route, and shapes, belong to the entry named before them; findings of lint belong to the
+    maps that they name; a diff shows its two maps one over the other.
     """
     size = LARGEST_PAGE if max_size is None else opt.size_of(max_size, "--max-size")
     made = write_report(paths, output, settings, title=title, size=size)

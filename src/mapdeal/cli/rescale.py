@@ -28,7 +28,7 @@ def rescale(
 ) -> None:
     """Write a map or costmap with larger or smaller cells.
 
-    Origin and yaw stay, and the new cells cover all of the map. With the rule area no obstacle is
+    Origin and yaw stay, and the new cells cover the whole map. With the rule area no obstacle is
     lost in a coarser map; nearest takes the value at the centre of each new cell.
     """
     terminal.detail(f"rescale: resolution {resolution:.10g} m, rule {rule}")

@@ -28,7 +28,7 @@ def rotate(
         typer.Option(
             "--yaw",
             metavar="A",
-            help="Turn by A, anticlockwise about the origin of the map frame, radians; 0 only "
+            help="Rotation, radians, anticlockwise about the origin of the map frame; 0 only "
             "bakes the yaw of the map's origin into the cells.",
         ),
     ] = None,
@@ -36,24 +36,24 @@ def rotate(
         bool,
         typer.Option(
             "--straighten",
-            help="Or turn by the smallest angle that brings the main direction of the walls "
-            "along the axes.",
+            help="Or rotate by the smallest angle that aligns the main direction of the walls "
+            "with the axes.",
         ),
     ] = False,
     rule: opt.Rule = "area",
     *,
     settings: Settings,
 ) -> None:
-    """Turn a map or costmap, and bake the yaw of its origin into the cells.
+    """Rotate a map or costmap, and bake the yaw of its origin into the cells.
 
-    The result has yaw 0 and covers the whole turned map; cells outside of it are unknown. With
-    --yaw 0 all walls stay where they are in the map frame. Otherwise poses move as well, by the
-    transform that is printed. Quarter turns copy the cells as they are.
+    The result has yaw 0 and covers the whole rotated map; cells outside it are unknown. With --yaw
+    0 all walls stay where they are in the map frame. Otherwise poses change as well, by the
+    transform that is printed. Quarter turns copy the cells unchanged.
     """
     if straighten and yaw is not None:
         raise ParameterError("cannot be given together with --straighten", source="--yaw")
     if not straighten and yaw is None:
-        raise ParameterError("one of the two is needed", source="--yaw, --straighten")
+        raise ParameterError("one of the two is required", source="--yaw, --straighten")
     terminal.detail(
         f"rotate: {'straighten' if yaw is None else f'yaw {yaw:.10g} rad'}, rule {rule}"
     )

@@ -40,17 +40,17 @@ def route(
         FROM_STDIN,
     ],
     start: Annotated[
-        str | None, typer.Option("--from", metavar="X,Y", help="The start, metres.")
+        str | None, typer.Option("--from", metavar="X,Y", help="Start, metres.")
     ] = None,
     goal: Annotated[
-        str | None, typer.Option("--to", metavar="X,Y", help="The goal, metres.")
+        str | None, typer.Option("--to", metavar="X,Y", help="Goal, metres.")
     ] = None,
     pairs: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE|-",
-            help="File of starts and goals, a pair a line: x,y,x,y or JSON; - reads standard "
-            "input. Instead of --from and --to.",
+            help="File of starts and goals, one x,y,x,y or JSON object per line; - reads "
+                 "standard input. Instead of --from and --to.",
         ),
     ] = None,
     compare: Annotated[
@@ -66,18 +66,20 @@ def route(
         Path | None,
         typer.Option(
             "--output", "-o", metavar="OUT.json",
-            help="Write the answer to a file; with --pairs a .jsonl.",
+            help="Write the result to a file; with --pairs a .jsonl.",
         ),
     ] = None,
     method: Annotated[
         Method,
-        typer.Option(help="The cheapest route, or the one that the potential leads down."),
+        typer.Option(help="Cheapest route (astar), or steepest descent of the potential "
+                          "(descent)."),
     ] = "astar",
     through_unknown: Annotated[
-        bool, typer.Option("--through-unknown", help="Open unknown cells, at the highest cost.")
+        bool, typer.Option("--through-unknown", help="Treat unknown cells as free, at the "
+                                                     "highest cost.")
     ] = False,
     cost_travel_multiplier: Annotated[
-        float, typer.Option(metavar="K", help="How much costs count against length.")
+        float, typer.Option(metavar="K", help="Weight of costs against length.")
     ] = 2.0,
     field_weight: Annotated[
         float | None,
@@ -90,8 +92,8 @@ def route(
     heuristic: Annotated[
         Heuristic | None,
         typer.Option(
-            help="astar: estimate of the way that remains: the octile distance, or that and a "
-            "penalty within 2 m of obstacles (field).  [default: octile]",
+            help="astar: estimate of the remaining cost: the octile distance, or that plus a "
+                 "penalty within 2 m of obstacles (field).  [default: octile]",
             show_default=False,
         ),
     ] = None,
@@ -106,29 +108,29 @@ def route(
     attractive_gain: Annotated[
         float | None,
         opt.stage_option(
-            potential_stage, "attractive_gain", "descent: factor of the distance to the goal."),
+            potential_stage, "attractive_gain", "descent: weight of the distance to the goal."),
     ] = None,
     repulsive_gain: Annotated[
         float | None,
         opt.stage_option(
-            potential_stage, "repulsive_gain", "descent: factor of repulsion."),
+            potential_stage, "repulsive_gain", "descent: weight of the repulsion."),
     ] = None,
     repulsive_cap: Annotated[
         float | None,
         opt.stage_option(
-            potential_stage, "repulsive_cap", "descent: the most that repulsion can be."),
+            potential_stage, "repulsive_cap", "descent: upper bound of the repulsion."),
     ] = None,
     *,
     settings: Settings,
     footprint: Footprint | None,
     robot: RobotParameters | None,
 ) -> None:  # fmt: skip
-    """Find a route from point to point.
+    """Find a route between two points.
 
-    Lethal, inscribed and unknown cells are closed. A map gets the costs that --params-file says,
-    else those of the recipe nav2; the shape of a robot replaces its radius of 0.22 m. Without -o
-    the answer is printed, as JSON.
-    With --pairs there is a line of JSON for each pair and method, and their means on stderr.
+    Lethal, inscribed and unknown cells are closed. A map gets the costs of --params-file, or else
+    those of the recipe nav2; the shape of a robot replaces its radius of 0.22 m. Without -o the
+    result is printed as JSON. With --pairs, one line of JSON is printed for each pair and method,
+    and their means on stderr.
     """
     gains = opt.given(
         attractive_gain=attractive_gain, repulsive_gain=repulsive_gain, repulsive_cap=repulsive_cap
@@ -140,7 +142,7 @@ def route(
     }
     if pairs is not None:
         one = opt.given(**{"from": start, "to": goal}, heuristic=heuristic, **gains)
-        _refuse(one, "is for one route, not for --pairs")
+        _refuse(one, "applies to one route, not to --pairs")
         if method != "astar":
             raise ParameterError("compares routes of --method astar", source="--pairs")
         from mapdeal.cli.route_pairs import report_on_pairs  # not for a single route
@@ -159,11 +161,11 @@ def route(
         return
     _refuse(opt.given(compare=compare), "needs --pairs")
     if start is None or goal is None:
-        raise ParameterError("both are needed, or --pairs", source="--from, --to")
+        raise ParameterError("both are required, or --pairs", source="--from, --to")
     if method == "astar":
-        _refuse(gains, "is not for --method astar")
+        _refuse(gains, "does not apply to --method astar")
     else:
-        _refuse(opt.given(**of_field, heuristic=heuristic), f"is not for --method {method}")
+        _refuse(opt.given(**of_field, heuristic=heuristic), f"does not apply to --method {method}")
     if heuristic == "field":
         of_field.setdefault("heuristic_weight", HEURISTIC_WEIGHT)
     elif heuristic_weight is not None:

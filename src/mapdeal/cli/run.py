@@ -40,9 +40,10 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
     "golden", "update_golden", "dialect", "max_cells", "jobs",
     "scheduler", "dry_run", "force", "threads", "max_memory",
     help_texts={
-        "threads": "Threads of each job.  [default: all processors, shared out]",
-        "max_memory": "Memory that each job may take, like 4G or 500M; maps that need more are "
-        "processed in blocks of rows.  [default: half of what is free, shared out]",
+        "threads": "Threads of each job.  [default: all cores, shared between jobs]",
+        "max_memory": "Memory for each job, such as 4G or 500M; maps that need more are "
+                      "processed in blocks of rows.  [default: half of the free memory, shared "
+                      "between jobs]",
     },
     makes_costs=lambda own: own["recipe"] is None,
 )  # fmt: skip
@@ -52,32 +53,35 @@ def run(
         typer.Argument(metavar="MAP...", help="Maps, folders, quoted patterns, or @LIST.txt."),
     ],
     output: Annotated[
-        Path, opt.output_argument("DIR", "Where the folder of each map goes, named as the map.")
+        Path, opt.output_argument("DIR", "Output folder, with a subfolder for each map.")
     ],
     recipe: run_opt.RunRecipe = None,
     sim: Annotated[
         bool,
         typer.Option(
-            "--sim", help="The map is of a simulated world: cut out its active region first."
+            "--sim",
+            help="Map of a simulated world: cut out its active region first, and "
+            "treat unknown cells as obstacles.",
         ),
     ] = False,
     changes: run_opt.Changes = None,
     canvas: Annotated[
         Canvas,
         typer.Option(
-            help="Extent of the outputs: the active region (crop), or the map's whole canvas "
-            "(full), unknown outside of the region. Stages compute on the region either way, "
-            "unless active.canvas=full is --set."
+            help="Extent of the outputs: the active region (crop), or the full map extent "
+            "(full), unknown outside the region. Stages compute on the region in either "
+            "case, unless active.canvas=full is --set."
         ),
     ] = "crop",
     golden: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="Compare each stage with a stored run; exit 1 if any differs."
+            metavar="DIR", help="Compare each stage with a stored run; exit with 1 if any differs."
         ),
     ] = None,
     update_golden: Annotated[
-        bool, typer.Option("--update-golden", help="Store the runs in --golden instead.")
+        bool,
+        typer.Option("--update-golden", help="Store the runs in --golden instead of comparing."),
     ] = False,
     strict: Annotated[
         bool,
@@ -94,7 +98,7 @@ def run(
             "-j",
             metavar="N",
             min=1,
-            help="Maps to run at the same time, each in a process.  [default: the processors]",
+            help="Number of maps to run at the same time, each in a process.  [default: the cores]",
         ),
     ] = None,
     scheduler: Annotated[
@@ -126,24 +130,24 @@ def run(
     footprint: Footprint | None,
     robot: RobotParameters | None,
 ) -> None:
-    """Run maps through a recipe: inflate, field, costmap.
+    """Run maps through a recipe: inflation, distance field, costmap.
 
-    Each map gets a folder of its own: a pgm, yaml and png file of every stage, npz files of
-    field and costs, and a manifest. A map whose manifest shows that nothing has changed is skipped.
+    Each map gets its own folder: a pgm, yaml and png file of every stage, npz files of field and
+    costs, and a manifest. Maps whose manifest shows no change are skipped.
 
-    A MAP is a .yaml of map_server, a .pbm beside its .yaml, or an .npz; a folder, for all such
-    .yaml files in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file
-    with such names, one a line (@- reads them from stdin). Maps of folders, patterns and lists
-    keep their path below DIR.
+    A MAP is a map_server .yaml, a .pbm with its .yaml, or an .npz; a folder, for all such .yaml
+    files in it and below; a quoted pattern such as "maps/**/*.yaml"; or @LIST.txt, a file with one
+    such name per line (@- reads standard input). Maps of folders, patterns and lists keep their
+    path below DIR.
 
-    With --params-file the maps get the costs that a robot makes of them, as its own Nav2 or ROS 1
-    parameters say; options given here win over the file. A --recipe takes its shape alone.
+    With --params-file the maps get the costs of a robot, as its own Nav2 or ROS 1 parameters
+    define them; options on the command line win over the file. A --recipe takes only its shape.
 
-    With --pose, a single map also gets the local map around a robot there, with or without a
-    point cloud (--cloud): the products of both maps in one call.
+    With --pose, a single map also gets the local map around a robot there, with or without a point
+    cloud (--cloud).
 
-    One map's failure does not stop the others: the exit code is 5 then, and DIR/summary.json
-    tells what became of each. A map that --strict refuses has failed, too.
+    If a map fails, the others continue: the exit code is 5, and DIR/summary.json has the outcome
+    of each. A map that --strict refuses counts as failed.
     """
     if update_golden and golden is None:
         raise ParameterError("needs --golden DIR", source="--update-golden")
@@ -173,7 +177,7 @@ def run(
     say_listing(listing, "run")
     is_batch = listing.is_set or len(all_jobs) > 1
     if standing is not None and len(all_jobs) > 1:
-        raise ParameterError(f"is for one map, there are {len(all_jobs)}", source="--pose")
+        raise ParameterError(f"takes one map, there are {len(all_jobs)}", source="--pose")
     map_run = MapRun(loaded, settings, standing)
     if scheduler is not None:
         all_jobs = [replace(job, path=absolute_path(job.path)) for job in all_jobs]

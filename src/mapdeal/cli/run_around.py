@@ -69,7 +69,9 @@ def refuse_in_set(changes: Sequence[str]) -> None:
     for text in changes:
         if text.strip().startswith(f"{LOCAL_RECIPE}."):
             hint = f"with --pose, {_SET} takes what the local map is made with"
-            raise ParameterError("is no stage's parameter", source="--set", got=text, hint=hint)
+            raise ParameterError(
+                "is not a parameter of a stage", source="--set", got=text, hint=hint
+            )
 
 
 def around_of(

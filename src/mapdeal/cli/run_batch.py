@@ -112,7 +112,7 @@ def _summary_of_local(local: Figures) -> str:
         around = local["angle_max"] - local["angle_min"] > _ALL_AROUND
         ends = f"from {local['angle_min']:.4g} to {local['angle_max']:.4g} rad of its heading"
         parts.append(f"seen {'all around' if around else ends}")
-    return ", ".join([*parts, f"rear heading {local['rear_heading']:.4g} rad"])
+    return ", ".join([*parts, f"robot's back at {local['rear_heading']:.4g} rad"])
 
 
 def _points_in(local: Figures) -> str:

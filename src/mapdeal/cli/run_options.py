@@ -23,6 +23,8 @@ RunRecipe = Annotated[
 Changes = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="STAGE.PARAMETER=VALUE", help="Change a parameter; can be repeated."
+        "--set",
+        metavar="STAGE.PARAMETER=VALUE",
+        help="Set a parameter of a stage; can be repeated.",
     ),
 ]

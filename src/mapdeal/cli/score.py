@@ -52,19 +52,18 @@ def score(
     source: opt.MapArgument,
     truth: Annotated[
         Path | None,
-        typer.Option(metavar="MAP", help="The true map, to compare with."),
+        typer.Option(metavar="MAP", help="True map to compare with."),
         FROM_STDIN,
     ] = None,
     align: Annotated[
         bool,
-        typer.Option("--align", help="Find how the map lies on the true one, and move it there."),
+        typer.Option("--align", help="Align the map with the true one first."),
     ] = False,
     transform: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE.json",
-            help="Or move it by a transform from its frame to that of the true map, as align "
-            "writes it.",
+            help="Or apply a transform from its frame to that of the true map, as align writes it.",
         ),
     ] = None,
     minimum: Annotated[
@@ -72,7 +71,7 @@ def score(
         typer.Option(
             "--min",
             metavar="NAME=VALUE",
-            help="Pass if a figure is at least so large, such as coverage=0.9; can be repeated.",
+            help="Pass if a figure is at least this value, such as coverage=0.9; can be repeated.",
         ),
     ] = None,
     maximum: Annotated[
@@ -80,19 +79,19 @@ def score(
         typer.Option(
             "--max",
             metavar="NAME=VALUE",
-            help="Pass if a figure is at most so large, such as dist_est_to_truth_m.mean=0.1; can "
-            "be repeated.",
+            help="Pass if a figure is at most this value, such as "
+            "dist_est_to_truth_m.mean=0.1; can be repeated.",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     settings: Settings,
 ) -> None:
-    """Score a map, on its own or against a true one.
+    """Score a map, on its own or against a true map.
 
-    With --truth: how far its walls are from the true ones, how much of the known area it covers,
-    how its cells agree. Without: shares of cells, thickness of walls, corners, enclosed areas.
-    The exit code is 1 if a bound is missed.
+    With --truth: the distances between its walls and the true ones, the share of the known area
+    that it covers, the agreement of cells. Without: shares of cells, thickness of walls, corners,
+    enclosed areas. Exit code 1 if a bound is missed.
     """
     asked = Asked(
         _bounds(minimum, "--min"), _bounds(maximum, "--max"), None, transform, align

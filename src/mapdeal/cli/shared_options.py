@@ -60,18 +60,23 @@ SHARED_OPTIONS = {
     "footprint": SharedOption(
         str | None,
         typer.Option(
-            "--footprint", metavar="[[X,Y],...]", help="The robot's corners around its centre."
+            "--footprint",
+            metavar="[[X,Y],...]",
+            help="Corners of the robot around its centre, metres.",
         ),
         group="robot",
     ),
     "robot_radius": SharedOption(
         float | None,
-        typer.Option(metavar="M", help="The radius of a round robot."),
+        typer.Option(metavar="M", help="Radius of a round robot, metres."),
         group="robot",
     ),
     "footprint_padding": SharedOption(
         float,
-        typer.Option(metavar="M", help="Move the shape's edges outwards; ROS pads by 0.01."),
+        typer.Option(
+            metavar="M",
+            help="Distance to move the edges of the shape outwards, metres; ROS uses 0.01.",
+        ),
         default=0.0,
         group="robot",
     ),
@@ -79,7 +84,7 @@ SHARED_OPTIONS = {
         bool,
         typer.Option(
             "--robot-16-gon/--no-robot-16-gon",
-            help="Take a round robot as costmap_2d does, as a polygon of 16 corners.  "
+            help="Treat a round robot as a polygon of 16 corners, as costmap_2d does.  "
             "[default: no]",
             show_default=False,
         ),
@@ -92,36 +97,36 @@ SHARED_OPTIONS = {
             "--params-file",
             metavar="FILE",
             help="Take shape and costs from a robot's own parameters: a Nav2 file, or ROS 1's "
-            "costmap files; can be repeated, later ones win.",
+            "costmap files; can be repeated, later files win.",
         ),
         group="robot",
     ),
     "costmap": SharedOption(
         CostmapName | None,
-        typer.Option(help="Which costmap of --params-file.  [default: global]", show_default=False),
+        typer.Option(help="Costmap of --params-file.  [default: global]", show_default=False),
         group="robot",
     ),
     "namespace": SharedOption(
         str | None,
-        typer.Option(metavar="NS", help="Which robot of --params-file, if it holds several."),
+        typer.Option(metavar="NS", help="Robot of --params-file, if it contains several."),
         group="robot",
     ),
     "image": SharedOption(
         Path | None,
-        typer.Option(metavar="FILE.png", help="Write a picture of the result, too."),
+        typer.Option(metavar="FILE.png", help="Also write a picture of the result."),
         group="files",
         field="image",
     ),
     "image_extent": SharedOption(
         ImageExtent,
-        typer.Option(help="What pictures show: the known cells and a margin, or all of the map."),
+        typer.Option(help="Extent of pictures: the known cells and a margin, or the whole map."),
         default=Settings.image_extent,
         group="files",
         field="image_extent",
     ),
     "dialect": SharedOption(
         Dialect,
-        typer.Option(help="Whose reading of the image: nav2 (jazzy and newer), humble, or ros1."),
+        typer.Option(help="How the image is read: as nav2 (jazzy and newer), humble or ros1."),
         default=Settings.dialect,
         group="files",
         field="dialect",
@@ -131,22 +136,22 @@ SHARED_OPTIONS = {
         typer.Option(
             metavar="N",
             min=1,
-            help="Refuse larger images before memory is taken.  "
-            "[default: 2e8 for compressed images, 1e9 for others]",
+            help="Refuse larger images before allocating memory.  [default: 2e8 for compressed "
+            "images, 1e9 for others]",
         ),
         group="files",
         field="max_cells",
     ),
     "force": SharedOption(
         bool,
-        typer.Option("--force", help="Replace outputs that exist."),
+        typer.Option("--force", help="Replace existing outputs."),
         default=False,
         group="files",
         field="force",
     ),
     "threads": SharedOption(
         int | None,
-        typer.Option(metavar="N", min=1, help="Threads to use.  [default: all processors]"),
+        typer.Option(metavar="N", min=1, help="Threads to use.  [default: all cores]"),
         group="files",
         field="threads",
     ),
@@ -154,8 +159,8 @@ SHARED_OPTIONS = {
         str | None,
         typer.Option(
             metavar="SIZE",
-            help="Memory to take, like 4G or 500M; what needs more is refused.  "
-            "[default: half of what is free]",
+            help="Memory to use, such as 4G or 500M; what needs more is refused.  [default: "
+            "half of the free memory]",
         ),
         group="files",
         field="max_memory",
@@ -164,7 +169,9 @@ SHARED_OPTIONS = {
     "image_max": SharedOption(
         int,
         typer.Option(
-            metavar="PIXELS", min=0, help="Longest side of pictures; 0 for a pixel per cell."
+            metavar="PIXELS",
+            min=0,
+            help="Longest side of pictures, pixels; 0 for one pixel per cell.",
         ),
         default=Settings.image_max,
         field="image_max",
@@ -178,13 +185,13 @@ SHARED_OPTIONS = {
     ),
     "quiet": SharedOption(
         bool,
-        typer.Option("--quiet", "-q", help="Say nothing but errors and asked-for results."),
+        typer.Option("--quiet", "-q", help="Print only errors and requested results."),
         default=False,
         group="always",
     ),
     "verbose": SharedOption(
         bool,
-        typer.Option("--verbose", "-v", help="Say what is read and done."),
+        typer.Option("--verbose", "-v", help="Print what is read and done."),
         default=False,
         group="always",
     ),

@@ -24,22 +24,22 @@ def shift(
     output: opt.GridOutput,
     origin: Annotated[
         str,
-        typer.Option(metavar="X,Y", help="Where the lower left corner goes, by whole cells."),
+        typer.Option(metavar="X,Y", help="New origin, metres; the map moves by whole cells."),
     ],
     default: Annotated[
         int | None,
         typer.Option(
             metavar="V",
-            help="Value of cells that come in.  [default: unknown, -1 of a map, 255 of costs]",
+            help="Value of new cells.  [default: unknown: -1 for a map, 255 for costs]",
         ),
     ] = None,
     *,
     settings: Settings,
 ) -> None:
-    """Move the window that a map or costmap shows.
+    """Move the window of a map or costmap to a new origin.
 
-    As costmap_2d's updateOrigin: cells that both places have in common are kept. The new
-    origin is the corner of the cell that holds the point asked for.
+    As costmap_2d's updateOrigin: cells that both windows have in common are kept. The new origin
+    is the corner of the cell that contains the given point.
     """
     to = opt.pair(origin, "--origin")
     shown = "unknown" if default is None else default

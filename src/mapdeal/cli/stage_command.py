@@ -44,38 +44,39 @@ _TAKEN: dict[type[Any], tuple[str, str]] = {
 
 _MASK = Annotated[
     Path | None,
-    typer.Option(metavar="MASK", help="A keepout mask, a map: costs are nowhere below its values."),
+    typer.Option(metavar="MASK", help="Keepout mask, a map: the lower bound of the costs."),
     FROM_STDIN,
 ]
 _ENCODING = Annotated[
     Encoding,
-    typer.Option(help="Pixels of a .yaml: what ROS would publish, or costmap_2d's bytes."),
+    typer.Option(help="Pixels of a .yaml: the values that ROS publishes, or costmap_2d's bytes."),
 ]
 _CURVE = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE.png",
-        help="Draw the cost over the distance from the nearest obstacle, too, with the robot's "
+        help="Also plot the cost over the distance from the nearest obstacle, with the robot's "
         "radii.",
     ),
 ]
 _JSON = Annotated[
     bool,
     typer.Option(
-        "--json", help="Print one JSON document: parameters, figures, and the curve as a table."
+        "--json",
+        help="Print one JSON document: parameters, figures, and the cost curve as a table.",
     ),
 ]
 _MEMORY = (
-    "Memory to take, like 4G or 500M; maps that need more are processed in blocks of rows.  "
-    "[default: half of what is free]"
+    "Memory to use, such as 4G or 500M; maps that need more are processed in blocks of rows.  "
+    "[default: half of the free memory]"
 )
 
 _SCHEDULER = Annotated[
     str | None,
     typer.Option(
         metavar="tcp://HOST:PORT",
-        help="Have the workers of this dask scheduler compute an .npy, each some blocks of rows at "
-        "a time.  [needs mapdeal[cluster]]",
+        help="Compute an .npy on the workers of this Dask scheduler, in blocks of rows.  "
+        "[needs mapdeal[cluster]]",
     ),
 ]
 
@@ -201,7 +202,7 @@ def _of_source(stage: Stage) -> tuple[str, str]:
     metavars = ["MAP", *(_TAKEN[kind][0] for kind in stage.takes if kind in _TAKEN)]
     others = [_TAKEN[kind][1] for kind in stage.takes if kind in _TAKEN]
     if not others:
-        return "MAP", "A map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's."
+        return "MAP", "A map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal."
     *before, last = others
     return "|".join(metavars), f"{', '.join(['A map', *before])}, or {last}."
 

@@ -72,10 +72,10 @@ def piped(values: Mapping[str, Any], marked: Mapping[str, bool]) -> Iterator[dic
         yield dict(values)
         return
     if wanted and values.get("in_place"):
-        rule = "is standard input, which cannot be changed in place"
+        rule = "is standard input, which cannot be repaired in place"
         raise ParameterError(rule, source="-", hint="--fix -o OUT writes a repaired map")
     if sum(_dashes(values[name]) for name in inputs) > 1 and wanted:
-        rule = "can stand once for an input: standard input is one file"
+        rule = "can be used for one input only: standard input is one file"
         raise ParameterError(rule, source="-")
     from mapdeal.formats.streams import STDOUT, keep_npz, stream_folder
 

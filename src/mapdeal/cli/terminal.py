@@ -53,7 +53,7 @@ def leave_stdout_to_data() -> None:
     global _is_for_data
     if sys.stdout.isatty():
         hint = "pipe it into another command, or name a file"
-        raise ParameterError("is a terminal, and an npz is no text", source="-o -", hint=hint)
+        raise ParameterError("is a terminal, and an npz is not text", source="-o -", hint=hint)
     _is_for_data = True
 
 
@@ -68,7 +68,7 @@ def refuse_keyboard() -> None:
     """Raise ParameterError if what comes in on stdin is typed."""
     if sys.stdin is not None and sys.stdin.isatty():
         hint = "mapdeal convert MAP -o - | mapdeal ... - takes a map from another command"
-        raise ParameterError("is a terminal, and an npz is no text", source="-", hint=hint)
+        raise ParameterError("is a terminal, and an npz is not text", source="-", hint=hint)
 
 
 def call_files(names: Mapping[Path, str]) -> None:

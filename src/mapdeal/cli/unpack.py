@@ -20,11 +20,11 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
 @shared_options("image", "max_cells", "force", "threads", "max_memory")
 def unpack(
     source: Annotated[
-        Path, typer.Argument(metavar="IN.pbm", help="A bit map with its .yaml beside it.")
+        Path, typer.Argument(metavar="IN.pbm", help="A bit map, with its .yaml in the same folder.")
     ],
     output: opt.GridOutput,
     *,
     settings: Settings,
 ) -> None:
-    """Write a bit map as an ordinary map: 1 is occupied, 0 free."""
+    """Convert a bit map to an ordinary map: 1 is occupied, 0 free."""
     say_written(output, unpack_file(source, output, settings))

@@ -90,7 +90,7 @@ def usage_error(error: Any, commands: Callable[[], Iterable[str]]) -> ParameterE
         message = mistyped[0]
     hint = _meant_by(error, mistyped, context, commands)
     if hint is None:
-        hint = f"{path} --help tells what is allowed"
+        hint = f"run {path} --help for usage"
         is_astray = message.startswith(("got unexpected extra", "no such option"))
         if path.endswith(" local") and ("--cloud" in message or message.startswith("got unexp")):
             hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"

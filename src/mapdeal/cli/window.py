@@ -30,7 +30,7 @@ def window(
     output: opt.GridOutput,
     size: Annotated[
         str | None,
-        typer.Option(metavar="WX,WY", help="Metres along the columns and along the rows."),
+        typer.Option(metavar="WX,WY", help="Extent along columns and rows, metres."),
     ] = None,
     at: opt.At = None,
     corner: opt.Corner = None,
@@ -38,7 +38,7 @@ def window(
         Path | None,
         typer.Option(
             metavar="MAP",
-            help="The canvas of another map with the same cells, instead of a size and a place.",
+            help="Map with the same cells whose extent to use, instead of a size and a place.",
         ),
         FROM_STDIN,
     ] = None,
@@ -46,30 +46,30 @@ def window(
         int | None,
         typer.Option(
             metavar="V",
-            help="Value of cells beyond the map.  [default: unknown, -1 of a map, 255 of costs]",
+            help="Value of cells beyond the map.  [default: unknown: -1 for a map, 255 for costs]",
         ),
     ] = None,
     *,
     settings: Settings,
 ) -> None:
-    """Copy a part of a map, or more than the map.
+    """Copy a part of a map, or an area larger than the map.
 
-    What lies beyond the map is unknown; beyond a distance field there is no distance. The window
-    is laid along the map's own axes and begins with the cell that holds its lower left corner, so
-    that cells keep their places.
+    Cells beyond the map are unknown; beyond a distance field there is no distance. The window lies
+    along the map's own axes and begins with the cell that contains its lower left corner, so that
+    cells keep their places.
     """
     region: dict[str, Any] = {}
     inputs: tuple[Path, ...] = ()
     if like is None:
         if size is None:
-            raise ParameterError("one of the two is needed", source="--size, --like")
+            raise ParameterError("one of the two is required", source="--size, --like")
         region = opt.region(size, at, corner)
     elif (size, at, corner) != (None, None, None):
         raise ParameterError(
             "cannot be given together with --size, --at, --corner", source="--like"
         )
     else:
-        terminal.detail(f"region: the canvas of {like}")
+        terminal.detail(f"region: the extent of {like}")
         region["frame"], inputs = frame_of_file(like, settings)
 
     def cells(grid: Grid) -> int:

@@ -319,7 +319,7 @@ def check_is_map(grid: object, name: str) -> OccupancyGrid:
         If it is a costmap, a field, or a field's view.
     """
     if not isinstance(grid, OccupancyGrid) or isinstance(grid, FieldView):
-        rule = "is no map; merge the maps, and compute costs and fields from the result"
+        rule = "is not a map; merge the maps, and compute costs and fields from the result"
         raise ParameterError(rule, source=name)
     return grid
 

@@ -23,7 +23,7 @@ def yaml_beside(path: Path) -> Path:
     found = next((p for p in map(path.with_suffix, (".yaml", ".yml")) if exists(p)), None)
     if found is None:
         status_of(path)
-        rule = f"has no {path.with_suffix('.yaml').name} beside it, which tells its place"
+        rule = f"has no {path.with_suffix('.yaml').name} beside it, which gives its place"
         hint = "a bit map is two files, as mapdeal pack writes them"
         raise FileAccessError(rule, source=path, hint=hint)
     return found

@@ -29,7 +29,7 @@ def read_bit_map(
     max_cells : int, optional
         Cells up to which it is read, 1e9 by default.
     max_memory : int, optional
-        Bytes of memory that may be taken; by default half of what is free.
+        Bytes of memory that may be used; by default half of what is free.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def read_bit_map_pair(
     metadata = read_metadata(yaml_path)
     find_bits(path, yaml_path, metadata)
     if metadata.cost_scale is not None:
-        rule = "bits are no costs"
+        rule = "a bit map cannot hold costs"
         raise MalformedInputError(rule, source=yaml_path, place="cost_scale")
     if metadata.mode == "raw":
         rule = "must be trinary for a bit map"

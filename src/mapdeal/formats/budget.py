@@ -1,4 +1,4 @@
-"""The memory that may be taken: readers ask here before they take it.
+"""The memory that may be used: readers ask here before they take it.
 
 A small file can ask for any amount of memory, by the numbers in its header or because it is
 compressed. So every reader says what it is about to take, and the answer may be an error.
@@ -44,7 +44,7 @@ _SMALL = 256_000_000
 
 @dataclass(frozen=True)
 class _Budget:
-    """What may be taken.
+    """What may be used.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ def use_memory(
     >>> with use_memory(60_000_000):
     ...     claim("map.npz", 20_000_000)
     Traceback (most recent call last):
-    mapdeal.errors.MalformedInputError: map.npz: needs 70 MB of memory, 60 MB may be taken
-    hint: --max-memory 70MB allows more, if there is so much
+    mapdeal.errors.MalformedInputError: map.npz: needs 70 MB of memory, 60 MB may be used
+    hint: --max-memory 70MB allows more, if that much is available
     """
     is_new = anew and limit is None
     token = _current.set(_by_default() if is_new else _budget_of(limit, is_chosen=is_chosen))
@@ -138,13 +138,13 @@ def holding(count: int) -> Iterator[None]:
 
 
 def memory_limit() -> tuple[int | None, str]:
-    """Return the bytes that may be taken, None if there is no limit, and how a message says why."""
+    """Return the bytes that may be used, None if there is no limit, and how a message says why."""
     budget = _budget_of(None)
     return budget.limit, budget.origin
 
 
 def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:
-    """Refuse what would take more memory than may be taken.
+    """Refuse what would take more memory than may be used.
 
     Parameters
     ----------
@@ -166,9 +166,11 @@ def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> No
     needed = _INTERPRETER + budget.held + count
     if budget.limit is None or needed <= budget.limit or count <= _LITTLE:
         return
-    amounts = f"{size_text(needed)} of memory, {size_text(budget.limit)} may be taken"
+    amounts = f"{size_text(needed)} of memory, {size_text(budget.limit)} may be used"
     rule = f"{what} need {amounts}" if what else f"needs {amounts}"
-    more = f"--max-memory {size_text(needed).replace(' ', '')} allows more, if there is so much"
+    more = (
+        f"--max-memory {size_text(needed).replace(' ', '')} allows more, if that much is available"
+    )
     raise MalformedInputError(
         rule + budget.origin, source=path, hint=f"{more}; {hint}" if hint else more
     )
@@ -195,7 +197,7 @@ def check_expansion(
     Raises
     ------
     MalformedInputError
-        If they expand to more, to more than a few MB, and nobody chose how much may be taken.
+        If they expand to more, to more than a few MB, and nobody chose how much may be used.
     """
     budget = _budget_of(None)
     if expanded <= max(_HARMLESS, most * stored) or (
@@ -203,7 +205,7 @@ def check_expansion(
     ):
         return
     rule = f"{stored} bytes would expand to {expanded}, more than {most} times as many"
-    hint = "--max-memory SIZE reads it within that size, if the file is to be trusted"
+    hint = "--max-memory SIZE reads it within that size, if you trust the file"
     raise MalformedInputError(rule, source=path, place=place or None, hint=hint)
 
 

@@ -329,7 +329,7 @@ def _read_journal(folder: Path) -> _Journal | None:
     except OSError as error:
         raise FileAccessError(f"cannot be read: {error.strerror}", source=path) from None
     except (ValueError, TypeError, KeyError, RecursionError):
-        rule, hint = "is no journal of a command that was killed", "remove it"
+        rule, hint = "is not the journal of a killed command", "remove it"
         raise FileAccessError(rule, source=path, hint=hint) from None
 
 

@@ -192,5 +192,5 @@ def _unknown_format(path: Path) -> MalformedInputError:
     from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 
     names = [name for entry in IMAGE_FORMATS.values() for name in entry.suggested]
-    rule = f"is no image of a format that maps have: {', '.join(names)}"
+    rule = f"is not an image in a supported format: {', '.join(names)}"
     return MalformedInputError(rule, source=path)

@@ -49,7 +49,7 @@ _ZSTD, _OF_BAGS = b"\x28\xb5\x2f\xfd", (".mcap", ".db3")
 _BESIDE_BAGS = (".zstd", ".db3-wal", ".db3-shm", ".txt")
 _MAP_SUFFIXES = (".yaml", ".yml", ".npz", ".pbm")
 _UNKNOWN = "is not a kind of file that mapdeal knows"
-_MAPS_ARE = "a map is a map_server .yaml, a .pbm beside its .yaml, or an .npz of mapdeal's"
+_MAPS_ARE = "a map is a map_server .yaml, a .pbm with its .yaml, or an .npz written by mapdeal"
 
 _MAP_USE = "mapdeal info {path} describes it, mapdeal run {path} -o DIR processes it"
 _CLOUD_USE = "mapdeal local --cloud {path} --pose X,Y,YAW -o DIR makes a map of it"
@@ -60,9 +60,9 @@ _PARAMETERS_USE = "mapdeal run MAP -o DIR --params-file {path} takes it"
 _REPORT_USE = "mapdeal report {path} -o OUT.html shows it"
 _OF_A_MAP_USE = "mapdeal report MAP {path} -o OUT.html shows it on its map"
 _DOCUMENTS = {
-    "manifest": ("the manifest of a run", "mapdeal info on its folder tells of the run"),
+    "manifest": ("the manifest of a run", "mapdeal info on its folder describes the run"),
     "summary": (
-        "the summary of a batch", "mapdeal info tells of the folder of each of its maps"
+        "the summary of a batch", "mapdeal info describes the folder of each of its maps"
     ),
     "route": ("a route (JSON)", _OF_A_MAP_USE),
     "reach": ("what a robot can reach (JSON)", _OF_A_MAP_USE),
@@ -234,7 +234,7 @@ def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
     with NpzReader(path, 1) as reader:
         names = reader.names()
         if "format" in names:
-            return FileKind(MAP, "an npz of mapdeal's", _MAP_USE)
+            return FileKind(MAP, "an npz written by mapdeal", _MAP_USE)
         if {"poses", "angles", "ranges"} <= names:
             scans = reader.shape("ranges")
             figures = {"scans": scans[0], "beams": scans[1]} if len(scans) == 2 else {}
@@ -259,7 +259,7 @@ def _kind_of_image(path: Path, head: bytes) -> FileKind | None:
         return {"pixels": f"{width} x {height}"}
 
     beside = [p for p in map(path.with_suffix, (".yaml", ".yml")) if p != path and exists(p)]
-    use = "a map needs a .yaml, too, with its resolution and origin; pass that"
+    use = "a map also needs a .yaml with its resolution and origin; pass that"
     if beside:
         use = f"pass the map: {str(beside[0]).replace('{', '{{').replace('}', '}}')}"
     return FileKind(IMAGE, f"an image ({image.name})", use, figures)

@@ -133,7 +133,7 @@ def _check_keys(
             import difflib
 
             near = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"keys are {', '.join(known)}"
+            hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"
             if key in _KEYS:  # of the table that it stands above
                 hint = f"it belongs in the table [{prefix}lint]"
             raise ParameterError("unknown key", source=path, place=f"{prefix}{key}", hint=hint)

@@ -141,7 +141,7 @@ def find_image(yaml_path: Path, image: str) -> Path:
         return path
     for other in others:
         if exists(other):
-            _warn_path(yaml_path, f"{image} does not exist here; took {other}")
+            _warn_path(yaml_path, f"{image} does not exist here; using {other}")
             return other
     hint = _nearest_name(path)
     raise FileAccessError(

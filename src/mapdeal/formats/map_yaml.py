@@ -80,7 +80,7 @@ def read_metadata(path: Path, *, dialect: Dialect = "nav2", mend: bool = False) 
     FileAccessError
         If the file cannot be read.
     MalformedInputError
-        If it is not YAML, a key is missing or stands twice, or a value is not allowed.
+        If it is not YAML, a key is missing or appears twice, or a value is not allowed.
 
     Warns
     -----

@@ -360,11 +360,11 @@ def as_occupancy(grid: Grid, what: str = "the input") -> OccupancyGrid:
     if isinstance(grid, (DistanceField, PotentialField, Reach)):
         return grid.grid
     if isinstance(grid, Costmap):
-        text = f"{what} holds costs; taken as the occupancy that ROS would publish for them"
+        text = f"{what} contains costs; read as the occupancy that ROS would publish for them"
         emit_warning(text, stacklevel=2)
         return grid.to_occupancy()
     if isinstance(grid, FieldView):
-        text = f"{what} is the 0..100 view of a distance field; its values are taken as a map's"
+        text = f"{what} is the 0..100 view of a distance field; its values are read as a map's"
         emit_warning(text, stacklevel=2)
         return grid.as_map()
     return grid
@@ -389,7 +389,7 @@ def read_map(
     max_cells : int, optional
         Cells up to which a file is read; by default 2e8 for compressed images, 1e9 for others.
     max_memory : int, optional
-        Bytes of memory that may be taken; by default half of what is free.
+        Bytes of memory that may be used; by default half of what is free.
 
     Returns
     -------

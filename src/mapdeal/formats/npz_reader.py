@@ -277,7 +277,7 @@ class NpzReader:
         except KeyError:
             raise self._error(name, "missing key") from None
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise self._error(name, "compressed in a way that npz files are not")
+            raise self._error(name, "compressed by a method that npz files do not use")
         return self._zip.open(info)
 
     def _entry(self, name: str, file: Any) -> _Entry:

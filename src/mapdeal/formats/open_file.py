@@ -100,7 +100,7 @@ class OpenFile:
         FileAccessError
             As `read` and `check_length`.
         MalformedInputError
-            If they take more memory than may be taken.
+            If they take more memory than may be used.
         """
         self.check_length()
         claim(self.path, self.size)

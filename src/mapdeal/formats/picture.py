@@ -135,7 +135,7 @@ def check_size(source: object, width: int, height: int, limit: int) -> None:
         raise MalformedInputError(rule, source=str(source), place=place, got=(width, height))
     if width * height > limit:
         rule = f"{width} x {height} are {width * height} cells, above the limit of {limit}"
-        hint = "--max-cells N raises the limit, if the file is to be trusted"
+        hint = "--max-cells N raises the limit, if you trust the file"
         raise MalformedInputError(rule, source=str(source), place=place, hint=hint)
 
 

@@ -323,7 +323,7 @@ def _write_rows(file: BinaryIO, rows: NDArray[np.uint8]) -> None:
 def _read_header(data: bytes, source: Path) -> _Header:
     kind = data[1:2].decode("latin-1")
     if not data.startswith(b"P") or kind not in list("1234567fF"):
-        raise MalformedInputError("is no netpbm image", source=source)
+        raise MalformedInputError("is not a netpbm image", source=source)
     if kind not in "123456":
         name = "PAM" if kind == "7" else "PFM"
         raise MalformedInputError(f"{name} images are not supported", source=source)
@@ -429,8 +429,8 @@ def _start_of_data(data: bytes, size: int, header: _Header, expected: int, sourc
     separator = data[header.end : header.end + 2]
     if not separator[:1].isspace():
         if not separator:
-            raise MalformedInputError("the file ends behind its header", source=source)
-        rule = "white space must stand between the header and the pixels"
+            raise MalformedInputError("the file ends after its header", source=source)
+        rule = "white space must separate the header from the pixels"
         raise MalformedInputError(rule, source=source, place=f"byte {header.end}")
     start = header.end + 1
     if separator != b"\r\n":
@@ -452,7 +452,7 @@ def _check_length(actual: int, expected: int, trailing: bytes, source: Path) -> 
         raise MalformedInputError(rule, source=source, place="pixels", got=actual)
     if actual > expected:
         _check_trailing(trailing, source)
-        text = f"{source}: {actual - expected} bytes behind the picture were ignored"
+        text = f"{source}: {actual - expected} bytes after the picture were ignored"
         emit_warning(MapdealWarning(text, "image.trailing-bytes"), stacklevel=6)
 
 
@@ -476,7 +476,7 @@ def _plain(data: bytes, header: _Header, source: Path) -> Samples:
         _check_count(len(digits), count, source)
         return (digits - 48).reshape(header.height, header.width)
     if not body[:1].isspace():
-        rule = "white space must stand between the header and the pixels"
+        rule = "white space must separate the header from the pixels"
         raise MalformedInputError(rule, source=source, place=f"byte {header.end}")
     samples = _numbers(body, count, header.maxval, source)
     if header.channels == 3:

@@ -63,7 +63,7 @@ def _shapes_of(path: Path) -> Iterator[Shape]:
         raise MalformedInputError("missing key shapes", source=path, hint=_FORM)
     for key, entry in entries.items():
         if key != "shapes":
-            raise entry.error("no such key, a file of shapes has only shapes")
+            raise entry.error("unknown key: a file of shapes has only shapes")
     for index, entry in enumerate(entries["shapes"].items()):
         yield _shape_of(Entry(path, f"shape {index + 1}", entry.node))
 
@@ -102,11 +102,11 @@ def _as_known(fields: dict[str, Entry], kind: str) -> dict[str, Entry]:
     for key, field in fields.items():
         name = as_known(key, known)
         if name not in known:
-            rule, hint = f"no such key of a {kind}", meant(key, known)
+            rule, hint = f"unknown key of a {kind}", meant(key, known)
             raise MalformedInputError(rule, source=field.source, place=field.place, got=key,
                                       hint=hint or f"known: {', '.join(known)}")  # fmt: skip
         if name in named:
-            raise field.error(f"stands twice, as {name} and as {key}")
+            raise field.error(f"is given twice, as {name} and as {key}")
         named[name] = field
     return named
 

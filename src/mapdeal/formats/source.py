@@ -128,7 +128,7 @@ def absolute_path(path: Path) -> Path:
     try:
         return Path(os.getcwd()) / path  # noqa: PTH109 - pathlib asks the same
     except OSError as error:
-        rule = f"the working directory is not there: {error.strerror}"
+        rule = f"the working directory does not exist: {error.strerror}"
         raise FileAccessError(rule, source=path) from None
 
 
@@ -209,7 +209,7 @@ def read_file(
     FileAccessError
         If it is missing, not a regular file, not readable, or changed while it was read.
     MalformedInputError
-        If it is longer than `limit` bytes, or than the memory that may be taken.
+        If it is longer than `limit` bytes, or than the memory that may be used.
     """
     before = check_readable(path)
     try:

@@ -217,7 +217,7 @@ def _numbers_of(
 
 def _no_table(numbered: list[tuple[int, bytes]], path: Path) -> MalformedInputError:
     place = f"lines {numbered[0][0]} to {numbered[-1][0]}"
-    return MalformedInputError("are no table of numbers", source=path, place=place)
+    return MalformedInputError("are not a table of numbers", source=path, place=place)
 
 
 def _check_line(

@@ -64,7 +64,7 @@ def read_transform(path: Path) -> TransformFile:
     own = document if place is None else place
     sure = document.get("same_place")
     if sure is not None and not sure.flag():
-        text = f"{path}: align was not sure of this transform; it is taken as it is"
+        text = f"{path}: align was uncertain about this transform; it is used as it is"
         emit_warning(text, stacklevel=2)
     x, y, yaw = (own[key].number() for key in ("x", "y", "yaw"))
     return TransformFile(

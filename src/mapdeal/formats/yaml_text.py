@@ -117,7 +117,7 @@ class Entry:
             key.tag == _MERGE for key, _ in self.node.value
         ):
             own = [pair for pair in self.node.value if pair[0].tag != _MERGE]
-            _entries_of(self.source, yaml.MappingNode(self.node.tag, own))  # none stands twice
+            _entries_of(self.source, yaml.MappingNode(self.node.tag, own))  # none appears twice
             merged = yaml.MappingNode(self.node.tag, list(self.node.value))
             try:
                 yaml.SafeLoader("").flatten_mapping(merged)
@@ -134,7 +134,7 @@ class Entry:
         """Return the value, in which all numbers are decimal ones.
 
         YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10; other readers do not. A key
-        that stands twice is refused.
+        that appears twice is refused.
         """
         _refuse_repeated_keys(self.source, self.node)
         for node in _scalars_of(self.node):
@@ -227,7 +227,7 @@ def parse_value(text: str, name: str, limits: YamlLimits = OF_MAPS) -> Any:
 
 
 def _entries_of(path: Path, node: yaml.MappingNode) -> dict[str, Entry]:
-    """Return the entries of a mapping by key; a key that stands twice is refused."""
+    """Return the entries of a mapping by key; a key that appears twice is refused."""
     entries: dict[str, Entry] = {}
     for key_node, value_node in node.value:
         if not isinstance(key_node, yaml.ScalarNode):
@@ -235,9 +235,8 @@ def _entries_of(path: Path, node: yaml.MappingNode) -> dict[str, Entry]:
             raise MalformedInputError("a key must be a single word", source=path, place=place)
         key = str(key_node.value)
         if key in entries:
-            rule = (
-                f"key stands twice, on lines {entries[key].line} and {key_node.start_mark.line + 1}"
-            )
+            line = key_node.start_mark.line + 1
+            rule = f"key appears twice, on lines {entries[key].line} and {line}"
             raise MalformedInputError(rule, source=path, place=key)
         entries[key] = Entry(path, key, value_node, key_node.start_mark.line + 1)
     return entries

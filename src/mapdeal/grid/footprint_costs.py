@@ -92,7 +92,9 @@ def sample_poses(
     check_choice(rule, FootprintRule, "rule")
     if costmap.scale != "costmap2d":
         text = "footprints are checked against costs on scale costmap2d"
-        hint = "those that ROS publishes, and those of rings and thresholds, tell too little"
+        hint = (
+            "published costs, and those of rings and thresholds, do not show what a footprint hits"
+        )
         raise ParameterError(text, place="cost scale", got=costmap.scale, hint=hint)
     places = np.asarray(poses, dtype=np.float64)
     if places.shape == (3,):

@@ -79,7 +79,7 @@ def run_all(
             dispatch(len(jobs), job_of, partial(attempt, run_one), workers, done)
     except KeyboardInterrupt:
         _write_summary(jobs, outcomes, output, what)
-        told = f"{len(outcomes)} of {len(jobs)} {what}s are done, the same command goes on"
+        told = f"{len(outcomes)} of {len(jobs)} {what}s are done, run the same command to continue"
         raise KeyboardInterrupt(told) from None
     except MapdealError:
         if outcomes:

@@ -84,7 +84,7 @@ class ClusterWorkers:
         while self._client.status == "connecting" and time.monotonic() < end:
             time.sleep(0.1)
         if self._client.status != "running":
-            rule = f"was not begun: the scheduler {self._address} is gone"
+            rule = f"was not started: the scheduler {self._address} is gone"
             raise WorkerDiedError(rule, source=job.path)
 
 
@@ -167,7 +167,7 @@ def _check_workers(client: Any, address: str, shared: Sequence[Path]) -> None:
     for path in shared:
         for worker, found in _asked(client, address, "os.path", "exists", str(path)):
             if not found:
-                rule = f"is not there for worker {worker}"
+                rule = f"does not exist for worker {worker}"
                 hint = "workers must see inputs and outputs under the same paths"
                 raise FileAccessError(rule, source=path, hint=hint)
 
@@ -196,7 +196,7 @@ def _told_as_ours(sent: Future[Outcome], job: Job) -> Future[Outcome]:
         try:
             told.set_result(done.result())
         except CancelledError:
-            rule = "was lost: the scheduler is gone, or has dropped it"
+            rule = "was lost: the scheduler is gone or has dropped it"
             told.set_exception(WorkerDiedError(rule, source=job.path))
         except Exception as error:  # noqa: BLE001 - whatever it is, somebody waits for it
             told.set_exception(_ours(error, job))
@@ -209,8 +209,8 @@ def _ours(error: Exception, job: Job) -> Exception:
     from distributed import KilledWorker
 
     if isinstance(error, KilledWorker):
-        rule = "every worker died that tried this map"
-        hint = "it may have run out of memory: mapdeal run --dry-run tells what a map needs"
+        rule = "every worker that tried this map died"
+        hint = "it may have run out of memory: mapdeal run --dry-run shows what a map needs"
         return WorkerDiedError(rule, source=job.path, hint=hint)
     return error
 

@@ -90,7 +90,7 @@ def convert_file(
     reads_bag = is_bag(path)
     _check_words(of_bag, reads_bag=reads_bag, writes_bag=writes_bag)
     if writes_bag and mode is not None:
-        raise ParameterError("is for pixels, and not for bags", source="--mode", got=mode)
+        raise ParameterError("applies to pixels, not to bags", source="--mode", got=mode)
     if static_layer is not None and encoding != "costmap2d":
         raise ParameterError("needs --encoding costmap2d", place="--static-layer")
     source = _read_bag(path, of_bag, options) if reads_bag else read_input(path, options)
@@ -168,11 +168,11 @@ def _check_words(given: BagTopic, *, reads_bag: bool, writes_bag: bool) -> None:
     if not reads_bag:
         for name, value in (("--index", given.index), ("--read-as", given.read_as)):
             if value is not None:
-                raise ParameterError("is for bags that are read", source=name)
+                raise ParameterError("applies to reading bags", source=name)
     if given.frame is not None and not writes_bag:
-        raise ParameterError("is for bags that are written", source="--frame-id")
+        raise ParameterError("applies to writing bags", source="--frame-id")
     if given.topic is not None and not (reads_bag or writes_bag):
-        raise ParameterError("is for bags", source="--topic")
+        raise ParameterError("applies to bags", source="--topic")
 
 
 def _read_bag(path: Path, given: BagTopic, options: Settings) -> Source:
@@ -195,8 +195,8 @@ def _write_bag(transaction: Transaction, output: Path, grid: Grid, given: BagTop
     if isinstance(grid, FieldView):
         grid = grid.as_map()
     if not isinstance(grid, (OccupancyGrid, Costmap)):
-        rule = f"a {grid.kind} has no message in ROS"
-        hint = "mapdeal cost makes costs of it, which have"
+        rule = f"ROS has no message for a {grid.kind}"
+        hint = "mapdeal cost makes costs of it, which ROS has"
         raise ParameterError(rule, source=output, hint=hint)
     write_bag(
         transaction,
@@ -230,7 +230,7 @@ def _converted(
         return _published(grid)
     if isinstance(grid, Costmap) and grid.scale == "costmap2d":
         if static_layer is not None:
-            rule = "reads maps, and these are costs on its own scale already"
+            rule = "applies to maps, and these are already costs on its own scale"
             raise ParameterError(rule, place="--static-layer")
         return grid
     occupancy = grid.to_occupancy() if isinstance(grid, Costmap) else grid

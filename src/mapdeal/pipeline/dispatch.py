@@ -70,7 +70,7 @@ def dispatch(
 def died(job: Job) -> WorkerDiedError:
     """Return the failure of a job whose workers die."""
     rule = "the worker process died, and again with this map alone"
-    hint = "it may have run out of memory: mapdeal run --dry-run tells what a map needs"
+    hint = "it may have run out of memory: mapdeal run --dry-run shows what a map needs"
     return WorkerDiedError(rule, source=job.path, hint=hint)
 
 

@@ -104,7 +104,7 @@ def warn_of_published_costs(source: Source, path: Path) -> None:
     if isinstance(grid, OccupancyGrid) and metadata is not None and metadata.mode == "raw":
         between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
         if between:
-            text = f"{path}: {between} cells of 1..99 are no obstacles; costs are read from an npz"
+            text = f"{path}: {between} cells of 1..99 are not obstacles; costs are read from an npz"
             emit_warning(text, stacklevel=2)
 
 

@@ -184,7 +184,7 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
         place = one.place
         odd = [part for part in place.parts if part in ("", ".", "..") or _is_reserved(part)]
         if odd or not place.name:
-            rule = "the map's name makes no name for a folder"
+            rule = "the map's name cannot be the name of a folder"
             raise ParameterError(rule, source=one.path, got=odd[0] if odd else place.name)
         if len(maps) > 1 and place.parts[0] == SUMMARY:
             raise ParameterError(f"would write into the place of {SUMMARY}", source=one.path)

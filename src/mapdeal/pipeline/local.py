@@ -453,7 +453,7 @@ def only_cloud(names: Sequence[str]) -> FileCloud:
     """
     clouds = _clouds_of(names)
     if len(clouds) > 1:
-        rule = f"is for one cloud, there are {len(clouds)}"
+        rule = f"applies to one cloud, there are {len(clouds)}"
         hint = "--poses FILE takes a pose for each"
         raise ParameterError(rule, source="--pose", hint=hint)
     return FileCloud(clouds[0])

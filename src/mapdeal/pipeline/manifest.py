@@ -22,7 +22,7 @@ def manifest_in(folder: Path) -> dict[str, Any]:
     """
     manifest = _manifest_or_none(folder)
     if manifest is None:
-        raise MalformedInputError("is no manifest of a run", source=folder / MANIFEST)
+        raise MalformedInputError("is not the manifest of a run", source=folder / MANIFEST)
     return manifest
 
 

@@ -139,7 +139,7 @@ def opened_map(
     steps : sequence of Step
         The stages.
     settings : Settings
-        How it is read, and how much memory may be taken.
+        How it is read, and how much memory may be used.
     image_max : int, optional
         Longest side of the pictures that will be drawn, 0 for a pixel per cell; None for none.
     with_sums : bool
@@ -396,7 +396,7 @@ def too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> M
     """Return the error of a map that takes more memory than it may."""
     height, width = shape
     limit, origin = memory_limit()
-    amounts = f"{size_text(needed)} of memory, {size_text(budget)} may be taken"
+    amounts = f"{size_text(needed)} of memory, {size_text(budget)} may be used"
     rule = f"{width} x {height} cells need {amounts}{origin if budget == limit else ''}"
     hint = "raise --max-memory if there is more; .pgm and .png maps take least"
     return MalformedInputError(rule, source=path, hint=hint)

@@ -76,8 +76,8 @@ def transforms_by_files(files: Sequence[Path], maps: Sequence[Known]) -> list[Tr
         found |= more
     for one, first in zip(maps, own, strict=True):
         if first not in found:
-            rule = f"no transform leads from {maps[0].path} to {one.path}"
-            hint = "give --by once for each map but the first"
+            rule = f"no transforms lead from {maps[0].path} to {one.path}"
+            hint = "pass --by once for each map but the first"
             raise ParameterError(rule, source="--by", hint=hint)
     return [found[first] for first in own[1:]]
 
@@ -92,7 +92,7 @@ def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -
     FindingError
         If it is not sure how a map lies to any of them.
     MalformedInputError
-        If aligning them takes more memory than may be taken.
+        If aligning them takes more memory than may be used.
     """
     from mapdeal.alignment.align import align
 
@@ -117,9 +117,9 @@ def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -
     for number, reason in reasons.items():
         if number not in found:
             path = paths[number]
-            others = " or to another" if len(found) > 1 else ""
-            rule = f"how it lies to {paths[0]}{others} is not sure: {reason}"
-            hint = f"mapdeal align {paths[0]} {path} shows what it found; --by FILE.json takes that"
+            others = " or on another" if len(found) > 1 else ""
+            rule = f"its placement on {paths[0]}{others} is uncertain: {reason}"
+            hint = f"mapdeal align {paths[0]} {path} shows the result; --by FILE.json uses it"
             raise FindingError(rule, source=path, hint=hint)
     return [found[number] for number in range(1, len(grids))]
 
@@ -147,7 +147,7 @@ def _step(
         return ends[0], ends[1], told.transform
     if told.first or told.second:
         text = (
-            f"{path}: its checksums are not those of the maps; taken as the transform from "
+            f"{path}: its checksums are not those of the maps; used as the transform from "
             f"{maps[0].path} to {maps[number].path}"
         )
         emit_warning(text, stacklevel=2)

@@ -77,7 +77,7 @@ def field_to_ask(path: Path, options: Settings, parameters: Mapping[str, object]
     if isinstance(source.grid, DistanceField):
         for name in parameters:
             option = f"--{name.replace('_', '-')}"
-            raise ParameterError("is for maps: this field is made already", source=option)
+            raise ParameterError("applies to maps: this field is already computed", source=option)
         with options.memory():
             claim_work(path, source.grid, 0.0)
         return source.grid

@@ -101,9 +101,9 @@ def costs_to_ask(
     if isinstance(grid, Costmap):
         for name in parameters:
             option = f"--{name.replace('_', '-')}"
-            raise ParameterError("is for maps: these costs are made already", source=option)
+            raise ParameterError("applies to maps: these costs are already computed", source=option)
         if grid.scale != "costmap2d":
-            rule = "costs on the occupancy scale tell too little of what a footprint hits"
+            rule = "costs on the occupancy scale do not show what a footprint hits"
             hint = "mapdeal cost --model exponential writes costmap_2d's own as .npz"
             raise ParameterError(rule, source=path, hint=hint)
         return grid

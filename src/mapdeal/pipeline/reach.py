@@ -154,7 +154,7 @@ def _warn_of_free_unknown(occupancy: NDArray[np.int8], costs: Grid, path: Path) 
     unknown = np.count_nonzero(occupancy == UNKNOWN)
     if unknown and isinstance(costs, Costmap) and not (costs.cost == costs.unknown_value).any():
         text = (
-            f"{path}: the robot's costmap takes unknown cells as free, "
+            f"{path}: the robot's costmap treats unknown cells as free, "
             f"{100 * unknown / occupancy.size:.3g} % of the map: the robot drives through; "
             "track_unknown_space: true closes them"
         )

@@ -213,7 +213,7 @@ def _adapt_to_footprint(draft: Draft, footprint: Footprint, seen: Footprint, nam
         if stage.hands_on:
             shaped, grown = stage, stage.makes is not Costmap
     if not is_used:
-        rule = "the recipe has no stage that a robot's shape could go into"
+        rule = "the recipe has no stage that uses a robot's shape"
         raise ParameterError(rule, source=name)
 
 

@@ -102,7 +102,7 @@ def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
     if not others and pair.image_path.suffix in _WRITTEN:
         return real_path(pair.image_path), f"{pair.image_path.name} written anew"
     new = real_path(pair.path).with_suffix(".pgm")
-    why = f"which {others[0].name} uses, too" if others else "whose format is only read"
+    why = f"which {others[0].name} also uses" if others else "whose format is only read"
     if exists(new):
         rule = f"its image {pair.image_path.name}, {why}, would become {new.name}, which exists"
         raise FileAccessError(rule, source=pair.path, hint=_COPY)
@@ -130,7 +130,7 @@ def _write_cells(
 
 
 def _check(pair: PairFacts, data: bytes, values: Mapping[str, Any]) -> None:
-    """Raise MalformedInputError if an edited YAML file does not say what it is meant to."""
+    """Raise MalformedInputError if an edited YAML file does not state what it is meant to."""
     found: MapMetadata | None = None
     # warnings that stay are found again
     with kept_warnings(), contextlib.suppress(MalformedInputError):

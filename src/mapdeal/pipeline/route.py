@@ -130,7 +130,7 @@ def check_reached(route: Route, path: Path) -> None:
         return
     goal = f"{route.goal[0]:.10g}, {route.goal[1]:.10g}"
     if route.local_minimum is None and len(route.points_xy):
-        raise FindingError(f"gave up after {route.length:.4g} m on the way to {goal}", source=path)
+        raise FindingError(f"stopped after {route.length:.4g} m on the way to {goal}", source=path)
     if route.local_minimum is None:
         rule = f"no route leads to {goal}"
         hint = "lethal, inscribed and unknown cells are closed; --image shows them, "
@@ -152,7 +152,7 @@ def costs_of(
     grid = source.grid
     if isinstance(grid, Costmap):
         if footprint is not None or robot is not None:
-            rule = "is for maps: these costs are made already"
+            rule = "applies to maps: these costs are already computed"
             option = "--footprint, --robot-radius" if robot is None else "--params-file"
             raise ParameterError(rule, source=option)
         return grid

@@ -149,7 +149,7 @@ def compare_pairs(
         rule = f"must be some of {', '.join(PLACES_OF_FIELD)}"
         raise ParameterError(rule, source="--compare", got=",".join(methods))
     if options.image is not None:
-        raise ParameterError("is for one route, not for --pairs", source="--image")
+        raise ParameterError("applies to one route, not to --pairs", source="--image")
     source = read_input(path, options)
     with options.memory():
         claim_work(path, source.grid, _PER_CELL)

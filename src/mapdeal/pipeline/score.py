@@ -320,11 +320,11 @@ def _with_transform(asked: Asked, told: TransformFile, sources: list[Source]) ->
         ends = [set(of.values()) for of in (told.first, told.second)]
         own = [set(of.values()) for of in sums]
         if ends == own[::-1] and ends != own:
-            text = f"{source}: goes from the truth to the map; its inverse is taken"
+            text = f"{source}: leads from the truth to the map; its inverse is used"
             emit_warning(text, stacklevel=2)
             transform = transform.inverse()
         elif ends != own:
-            text = f"{source}: is between other maps, their checksums are not those of these two"
+            text = f"{source}: is between other maps: the checksums are not those of these two"
             emit_warning(text, stacklevel=2)
     return Asked(asked.minimum, asked.maximum, transform)
 
@@ -341,7 +341,7 @@ def _brought_together(
     found = align(estimate, truth)
     if not found.same_place:
         rule = f"cannot be aligned to {names[1]} with certainty: {found.reason}"
-        raise FindingError(rule, source=names[0], hint="--transform takes a transform as it is")
+        raise FindingError(rule, source=names[0], hint="--transform uses a transform as it is")
     return found.transform, "align"
 
 
@@ -356,12 +356,14 @@ def _warn_of_values(grid: OccupancyGrid, name: str) -> None:
 def _warn_of(found: Comparison, estimate: OccupancyGrid, names: tuple[str, str]) -> None:
     own, truth = names
     if not (found.truth != UNKNOWN).any():
-        emit_warning(f"{truth}: knows no cell, so there is nothing to compare with", stacklevel=3)
+        emit_warning(
+            f"{truth}: has no known cell, so there is nothing to compare with", stacklevel=3
+        )
     elif not (found.estimate != UNKNOWN).any():
-        text = f"{own}: knows no cell on {truth}; {_HINT}"
+        text = f"{own}: has no known cell on {truth}; {_HINT}"
         emit_warning(text, stacklevel=3)
     elif not found.values["known_in_both"]:
-        text = f"{own}: knows no cell that {truth} knows; {_HINT}"
+        text = f"{own}: has no known cell in common with {truth}; {_HINT}"
         emit_warning(text, stacklevel=3)
     else:
         for walls, name in ((found.wall_squares, own), (found.missed, truth)):

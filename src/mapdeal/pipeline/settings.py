@@ -45,7 +45,7 @@ class Settings:
     threads : int, optional
         Threads to compute and write with; all processors if not given.
     max_memory : int, optional
-        Bytes of memory that may be taken; half of what is free if not given. A map that needs
+        Bytes of memory that may be used; half of what is free if not given. A map that needs
         more is processed block by block, with the same result, or refused.
     image : Path, optional
         Where a command that writes one result puts its picture.

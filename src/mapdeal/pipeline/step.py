@@ -88,7 +88,7 @@ class Step:
     def no_curve(self) -> ParameterError:
         """Return what to raise where a curve is needed."""
         what = " ".join(filter(None, [self.name, self.stage.model]))
-        rule = "no cost depends on the distance from an obstacle, so there is no curve"
+        rule = "no cost depends on the distance from an obstacle, so it has no curve"
         return ParameterError(rule, source=what)
 
     def taken(self, grid: Grid) -> Grid:

@@ -154,7 +154,7 @@ def _entry(entry: Entry, number: int, *, several: bool) -> Markup:
         slot = element("div", class_="slot")
         parts.append(element("div", slot, _panels(entry, number), rest, class_="work"))
     else:
-        parts.append(element("p", "There is no layer to show of this map.", class_="notice"))
+        parts.append(element("p", "This map has no layer to show.", class_="notice"))
         parts += [_items(entry.items), rest]
     return element("section", *parts, class_="entry", id=f"entry-{number}", aria_label=entry.name)
 

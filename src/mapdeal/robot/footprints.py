@@ -92,7 +92,7 @@ def _number_at(text: str, at: int) -> tuple[float, int]:
         value = float(text[start:end])
     except ValueError:  # what is accepted bit by bit may be no number in the end, as "1e"
         word = text[start : max(end, start + 1) + 9].split("]")[0].split(",")[0].strip()
-        raise FootprintStringError(f"{word!r} is no number") from None
+        raise FootprintStringError(f"{word!r} is not a number") from None
     single = as_float32(value)
     if math.isinf(single):
         raise FootprintStringError(f"{text[start:end][:20]!r} is too large")

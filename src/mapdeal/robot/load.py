@@ -95,8 +95,8 @@ def found_in(
     of_ros2 = [path for path in paths if is_ros2(path)]
     if of_ros2 and len(of_ros2) < len(paths):
         other = next(path for path in paths if path not in of_ros2)
-        rule = f"holds no parameters of ROS 2, but {of_ros2[0].name} does"
-        raise ParameterError(rule, source=other, hint="give files of one robot")
+        rule = f"contains no parameters of ROS 2, but {of_ros2[0].name} does"
+        raise ParameterError(rule, source=other, hint="pass the files of one robot")
     if of_ros2:
         from mapdeal.robot.nav2 import nav2_robot
 

@@ -113,7 +113,7 @@ def _of_error(error: MalformedInputError) -> Problem:
 
 def _tell_unset(values: Nav2Values, parameters: Ros2Parameters) -> None:
     for name, value in parameters.unset_for(values.node):
-        text = "has no value, and every node that it is meant for ends there"
+        text = "has no value, and every node that it is for exits"
         hint = "an empty list has no type in ROS 2; take the parameter out"
         one = Problem(
             "params.empty", "refused", text, name, value.source, value.line, value.text, hint
@@ -141,7 +141,9 @@ def _resolved(
         values.problem("params.too-large", "refused", text, "footprint")
         return None
     for text in oddities_of(padded) if radius is None else ():
-        values.problem("params.outline", "warning", f"{text}; its radii mean little", "footprint")
+        values.problem(
+            "params.outline", "warning", f"{text}; its radii are meaningless", "footprint"
+        )
     inscribed, circumscribed = radii_of(padded)
     layers = listed_layers(values, inscribed, older=older)
     if layers is None:
@@ -187,26 +189,26 @@ def _shape(values: Nav2Values) -> tuple[float | None, Corners]:
         else:
             return None, corners
     elif not (values.has("robot_radius") or values.has_problem("params.no-node")):
-        rule = "neither footprint nor robot_radius is set; Nav2 takes a radius of 0.1 m"
+        rule = "neither footprint nor robot_radius is set; Nav2 uses a radius of 0.1 m"
         values.problem("params.no-shape", "warning", rule, hint="set one of them")
     radius = values.number("robot_radius", 0.1)
     if radius <= 0:
-        rule = "must be above 0; Nav2 takes it all the same, and has a robot of no size"
+        rule = "must be above 0; Nav2 accepts it, and the robot has no size"
         if radius < 0:
-            rule = f"must be above 0; Nav2 takes it for {-radius:g} m"
+            rule = f"must be above 0; Nav2 uses {-radius:g} m"
         values.problem("params.range", "warning", rule, "robot_radius")
     return radius, sixteen_corners(radius)
 
 
 def _tell_footprint(values: Nav2Values, text: str, reason: str) -> None:
     if "$(" in text or text.startswith("<"):
-        hint = "launch files fill it in; give the file that the node gets, or write the points"
+        hint = "launch files replace it; pass the file that the node gets, or write the points"
         values.problem("params.substitution", "refused", "must be a list of points", "footprint",
                        hint)  # fmt: skip
         return
     radius = values.get("robot_radius", "double", 0.1)
     taken = "robot_radius" if values.has("robot_radius") else "a radius"
-    rule = f"{reason}; Nav2 takes {taken} of {radius:g} m in its place"
+    rule = f"{reason}; Nav2 uses {taken} of {radius:g} m in its place"
     values.problem("params.footprint-unused", "warning", rule, "footprint", _LIKE_THIS)
 
 
@@ -221,7 +223,7 @@ def _with_static(
     if not any(one.is_enabled for one in statics):
         value = "255, unknown" if values.get("track_unknown_space", "bool", False) else "0, free"
         what = "the static layer is switched off" if statics else "no static layer"
-        text = f"{what}: the costmap does not read the map, and all of it is {value}"
+        text = f"{what}: the costmap does not read the map, and all cells are {value}"
         name = f"{statics[0].name}.enabled" if statics else "plugins"
         hint = f'add a layer with plugin: "{STATIC}"' if not statics else None
         values.problem("params.no-static-layer", "warning", text, name, hint)
@@ -264,7 +266,7 @@ def _node_of(
 
 def _no_node(parameters: Ros2Parameters, node: str, own: str, source: Path) -> Problem:
     names = _listed([one.name for one in parameters.nodes])
-    text = f"nothing in it is meant for {node}, which runs with Nav2's defaults; it has {names}"
+    text = f"nothing in it applies to {node}, which runs with Nav2's defaults; it has {names}"
     first = own.partition("/")[0]
     hint = None
     for one in parameters.nodes:

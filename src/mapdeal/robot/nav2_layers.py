@@ -22,8 +22,8 @@ _OBSTACLE, _VOXEL, _RANGE = (
     _OWN + name for name in ("ObstacleLayer", "VoxelLayer", "RangeSensorLayer")
 )
 _UNMODELLED = {
-    _OWN + "DenoiseLayer": "drops small groups of obstacles",
-    _OWN + "PluginContainerLayer": "holds layers of its own",
+    _OWN + "DenoiseLayer": "removes small groups of obstacles",
+    _OWN + "PluginContainerLayer": "contains layers of its own",
     _OWN + "AsymmetricInflationLayer": "inflates the two sides of a path differently",
 }
 _FILTERS = tuple(
@@ -111,7 +111,7 @@ def _tell_topics(values: Nav2Values, layers: list[ListedLayer]) -> None:
         parameter = f"{one.name}.map_topic"
         topic = (values.get(parameter, "string", "") or own_map).lstrip("/")
         if first is not None and topic != first:
-            text = f"reads {topic}, another map than {first}; here it gets the same one"
+            text = f"reads {topic}, another map than {first}; here it gets the same map"
             values.problem("params.other-map", "warning", text, parameter)
         first = first or topic
 
@@ -149,7 +149,7 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
         return None
     meant = _meant_by(kind)
     if meant is not None:
-        text = f"there is no class {kind[:_LONGEST]}; Nav2 does not start"
+        text = f"unknown class {kind[:_LONGEST]}; Nav2 does not start"
         values.problem("params.plugins", "refused", text, parameter, f"did you mean {meant}?")
     return meant or kind
 
@@ -266,9 +266,9 @@ def _foreign(values: Nav2Values, name: str, kind: str) -> ListedLayer:
         return _filter(values, name, kind, is_filter=False)
     if kind not in _UNMODELLED and any(word in plain for word in _SENSORS):
         return ListedLayer(name, kind, None, is_enabled, why_ignored="reads sensors")
-    what = _UNMODELLED.get(kind, "a class of somebody's own")
+    what = _UNMODELLED.get(kind, "a custom class")
     if is_enabled:
-        text = f"{kind} is left out, which changes the costs: {what}"
+        text = f"{kind} is not modelled, which changes the costs: {what}"
         values.problem("params.not-modelled", "warning", text, f"{name}.plugin")
     return ListedLayer(name, kind, None, is_enabled, why_ignored=f"not modelled: {what}")
 

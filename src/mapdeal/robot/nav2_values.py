@@ -84,11 +84,13 @@ class Nav2Values:
         """Return a declared double that is finite, and not below what costs are defined for."""
         value = float(self.get(name, "double", default))
         if not math.isfinite(value):
-            text = "must be finite; the node takes it, and costs mean nothing"
+            text = "must be finite; the node accepts it, and the costs are meaningless"
             self.problem("params.not-finite", "refused", text, name)
             return default
         if value < least:
-            text = f"must not be below {least:g}; the node takes it, and costs mean nothing"
+            text = (
+                f"must not be below {least:g}; the node accepts it, and the costs are meaningless"
+            )
             self.problem("params.not-positive", "refused", text, name)
             return default
         return value
@@ -107,7 +109,7 @@ class Nav2Values:
     def _tell_type(self, name: str, kind: str, found: ParameterValue, level: Level) -> None:
         wanted, given = _ARTICLES[kind], _ARTICLES[found.kind]
         if _is_substitution(found) and kind != "string":
-            hint = "launch files fill it in; give the file that the node gets, or write the value"
+            hint = "launch files replace it; pass the file that the node gets, or write the value"
             self.problem("params.substitution", level, f"must be {wanted}", name, hint)
             return
         end = "Nav2 does not start" if level == "refused" else "the real node does not start"

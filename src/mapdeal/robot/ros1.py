@@ -125,7 +125,7 @@ def _resolved(server: Ros1Server) -> RobotParameters | None:
             injected = StaticLayer(INJECTED)
             layers = (ListedLayer(INJECTED, _STATIC, injected), *layers)
         else:
-            text = "no static layer: the costmap does not read the map, and all of it is "
+            text = "no static layer: the costmap does not read the map, and all cells are "
             value = "255, unknown" if track else "0, free"
             server.problem(
                 "params.no-static-layer", "warning", text + value, hint=_static_hint(server)
@@ -166,7 +166,7 @@ def _plugins(server: Ros1Server) -> list[tuple[str, str]] | None:
     if value is not None and value.kind == UNSENDABLE:
         return None
     if value is None or value.kind != "list":
-        text = "must be a list of {name, type}; move_base ends there"
+        text = "must be a list of {name, type}; move_base exits"
         server.problem("params.plugins", "refused", text, value, ("plugins",), _LIKE_THIS)
         return None
     found, is_good = [], True
@@ -176,7 +176,7 @@ def _plugins(server: Ros1Server) -> list[tuple[str, str]] | None:
             found.append((entry["name"], entry["type"]))
             continue
         is_good = False
-        text = f"entry {index} {reason}; move_base ends there"
+        text = f"entry {index} {reason}; move_base exits"
         server.problem("params.plugins", "refused", text, value, ("plugins",), hint)
     return found if is_good else None
 

@@ -62,7 +62,7 @@ def ros1_shape(server: Ros1Server) -> Ros1Shape | None:
     padded = padded_corners(corners, padding)
     for text in oddities_of(padded) if radius is None else ():
         value = None if found is None else found[1]
-        text = f"{text}; its radii mean little"
+        text = f"{text}; its radii are meaningless"
         server.problem("params.outline", "warning", text, value, (_FOOTPRINT,))
     inscribed, circumscribed = radii_of(padded)
     return Ros1Shape(Footprint(vertices=padded), padding, radius, inscribed, circumscribed)
@@ -78,7 +78,7 @@ def _of_parameter(
         return _of_string(server, value, is_own=place == server.path)
     if isinstance(value, ParameterValue) and value.kind == UNSENDABLE:
         return None
-    text = "must be a list of points or a string; it is passed over, and robot_radius counts"
+    text = "must be a list of points or a string; it is ignored, and robot_radius is used"
     server.problem("params.footprint-unused", "warning", text, value, (_FOOTPRINT,), _LIKE_THIS)
     return None
 
@@ -87,7 +87,7 @@ def _of_string(server: Ros1Server, value: ParameterValue, *, is_own: bool) -> Co
     if value.value in ("", "[]"):
         return None
     if "$(" in value.value:
-        text = "must be a list of points, which a launch file would fill in"
+        text = "must be a list of points, which a launch file would replace"
         hint = "write the points themselves, in this file or in one that comes after it"
         server.problem("params.substitution", "refused", text, value, (_FOOTPRINT,), hint)
         return None
@@ -96,12 +96,12 @@ def _of_string(server: Ros1Server, value: ParameterValue, *, is_own: bool) -> Co
         return corners_of_string(f"[{written}]")
     except FootprintStringError as error:
         if not is_own or server.search(_RADIUS) is not None:
-            text = f"{error}; it is passed over, and robot_radius counts"
+            text = f"{error}; it is ignored, and robot_radius is used"
             server.problem(
                 "params.footprint-unused", "warning", text, value, (_FOOTPRINT,), _LIKE_THIS
             )
         else:
-            text = f"{error}, and there is no robot_radius: the robot is left without a footprint"
+            text = f"{error}, and there is no robot_radius: the robot has no footprint"
             server.problem("params.footprint", "refused", text, value, (_FOOTPRINT,), _LIKE_THIS)
         return None
 
@@ -109,7 +109,7 @@ def _of_string(server: Ros1Server, value: ParameterValue, *, is_own: bool) -> Co
 def _of_list(server: Ros1Server, value: ParameterValue) -> Corners | None:
     reason = _why_not(value.value)
     if reason is not None:
-        text = f"{reason}; move_base ends there"
+        text = f"{reason}; move_base exits"
         server.problem("params.footprint", "refused", text, value, (_FOOTPRINT,), _LIKE_THIS)
         return None
     # writeFootprintToParam prints doubles as a C++ stream does, and readFootprintFromConfig
@@ -124,9 +124,9 @@ def _why_not(points: list[object]) -> str | None:
         return f"a footprint needs three points or more, has {len(points)}"
     for index, point in enumerate(points, 1):
         if not isinstance(point, list) or len(point) != 2:
-            return f"point {index} is no pair of numbers"
+            return f"point {index} is not a pair of numbers"
         if not all(isinstance(one, int | float) and not isinstance(one, bool) for one in point):
-            return f"point {index} is no pair of numbers"
+            return f"point {index} is not a pair of numbers"
         if not all(abs(one) <= _LARGEST_SINGLE for one in point):
             return f"point {index} is out of range"
     return None
@@ -136,7 +136,7 @@ def _radius(server: Ros1Server) -> float:
     """Return the radius that is in use where there are no corners."""
     found = server.search(_RADIUS)
     if found is None:
-        text = f"neither footprint nor robot_radius is set; ROS takes a radius of {_DEFAULT_RADIUS}"
+        text = f"neither footprint nor robot_radius is set; ROS uses a radius of {_DEFAULT_RADIUS}"
         server.problem("params.no-shape", "warning", f"{text} m", hint="set one of them")
         return _DEFAULT_RADIUS
     value = found[1]
@@ -158,10 +158,10 @@ def _radius(server: Ros1Server) -> float:
 
 def _wrong_radius(server: Ros1Server, value: ParameterValue | Ros1Namespace) -> None:
     if isinstance(value, ParameterValue) and value.kind == "string" and "$(" in value.value:
-        text = "must be a number, which a launch file would fill in"
+        text = "must be a number, which a launch file would replace"
         hint = "write the value itself, in this file or in one that comes after it"
         server.problem("params.substitution", "refused", text, value, (_RADIUS,), hint)
         return
-    text = f"must be a number; costmap_2d silently takes {_RADIUS_OF_WRONG_TYPE} m"
+    text = f"must be a number; costmap_2d silently uses {_RADIUS_OF_WRONG_TYPE} m"
     own_hint = type_hint(value, "double") if isinstance(value, ParameterValue) else None
     server.problem("params.silent-default", "warning", text, value, (_RADIUS,), own_hint)

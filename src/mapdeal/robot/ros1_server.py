@@ -123,11 +123,11 @@ class Ros1Server:
 
     def _wrong_type(self, value: ParameterValue, kind: str, below: Path1, default: str) -> None:
         if value.kind == "string" and _SUBSTITUTION in value.value:
-            text = f"must be {_KINDS[kind]}, which a launch file would fill in"
+            text = f"must be {_KINDS[kind]}, which a launch file would replace"
             hint = "write the value itself, in this file or in one that comes after it"
             self.problem("params.substitution", "refused", text, value, below, hint)
             return
-        text = f"must be {_KINDS[kind]}; roscpp silently takes its default, {default}"
+        text = f"must be {_KINDS[kind]}; roscpp silently uses its default, {default}"
         self.problem("params.silent-default", "warning", text, value, below, type_hint(value, kind))
 
     def problem(
@@ -212,10 +212,9 @@ def load_server(
         return server, False
     for one, found in zip(files, owners, strict=True):
         if not found and len(files) > 1 and costmap_of_name(one.source) not in (None, costmap):
-            text = (
-                f"is left out, as a file of the other costmap by its name; {costmap} was asked for"
-            )
-            hint = "give it alone with the files of its own costmap, or another name"
+            text = "is left out: by its name it is a file of the other costmap; "
+            text += f"{costmap} was requested"
+            hint = "pass it with the files of its own costmap only, or rename it"
             server.problems.append(
                 Problem("params.other-costmap", "warning", text, source=one.source, hint=hint)
             )

@@ -131,6 +131,6 @@ def _known_name(given: str, side: str, *, with_truth: bool) -> str:
         hint = "leave --truth out" if with_truth else "give --truth"
     else:
         near = nearest(name, names)
-        rule = "is no figure of a score"
+        rule = "is not a figure of a score"
         hint = f"did you mean {near}?" if near else "mapdeal score --json lists the names"
     raise ParameterError(rule, source=f"--{side}", got=given, hint=hint)

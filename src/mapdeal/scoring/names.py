@@ -62,7 +62,7 @@ ALONE: dict[str, tuple[str, str]] = {
     "share_occupied_of_known": (SHARE, "occupied, of the known cells"),
     "wall_cells": (COUNT, "wall cells"),
     "wall_pieces": (COUNT, "pieces of wall, of 5 cells or more"),
-    "specks": (COUNT, "specks, of 4 cells or fewer"),
+    "specks": (COUNT, "small components, of 4 cells or fewer"),
     "share_one_cell_thick": (SHARE, "wall cells where the wall is one cell thick"),
     "corners": (COUNT, "corners and ends of walls"),
     "enclosed_areas": (COUNT, "enclosed areas of 0.25 m2 or more"),

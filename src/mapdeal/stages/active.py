@@ -23,7 +23,7 @@ Mask = NDArray[np.bool_]
 
 @stage(
     name="active",
-    summary="Cut out the known part of a map, its active region.",
+    summary="Crop a map to its known part, the active region.",
     title=lambda _: "active region",
     memory=1.5,
     passes=1,
@@ -48,15 +48,15 @@ def active_region(
     grid : OccupancyGrid
         The map.
     margin : float
-        Metres to grow the box by. It grows on every side, rounded up to whole cells, and is
+        Margin around the box, metres. It is added on every side, rounded up to whole cells, and
         clipped to the grid.
     canvas : {'crop', 'full'}
-        Crop, or blank the rest of the full canvas.
-        ``crop``: the grid shrinks to the box and its origin moves with it, whatever the yaw.
-        ``full``: the grid keeps its size, and cells outside of the box become unknown.
+        Extent of the result: the box (crop), or the full map extent (full). ``crop``: the grid
+        shrinks to the box and its origin moves with it, whatever the yaw. ``full``: the grid keeps
+        its size, and cells outside the box become unknown.
     min_component : int
-        Known cells in smaller 8-connected groups do not count for the box. So a stray beam does
-        not blow it up; inside of the box its cells stay.
+        Smaller 8-connected groups of known cells do not extend the box. A stray beam does not
+        enlarge it; inside the box its cells stay.
 
     Returns
     -------

@@ -118,7 +118,7 @@ class CostProfile:
         if reach_is_kept(field, self.metres):
             return True
         if field.max_distance is not None and field.max_distance < self.metres * (1 - 1e-6):
-            rule = f"the field is clipped below the reach of the costs, {self.metres:g} m"
+            rule = f"the field is clipped below the range of the costs, {self.metres:g} m"
             hint = "make the field with a larger max_distance, or none"
             raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
         # The clip falls on the reach: cells right there look like those beyond.

@@ -48,7 +48,7 @@ def field_view(
     Parameters
     ----------
     field : DistanceField
-        The field. The view is of the distance d between cell centres, whatever the convention,
+        The field. The view shows the distance d between cell centres, whatever the convention,
         times the field's strength.
     view : {'metric', 'per-map'}
         How distances become 0..100. ``metric``: trunc(100 (1 - min(d, view_range) /
@@ -56,7 +56,7 @@ def field_view(
         scaled between the map's own largest free distance D and deepest obstacle I, as
         robot_costmap does it.
     view_range : float
-        Where the metric view is 0.
+        Distance at which the metric view is 0, metres.
 
     Returns
     -------
@@ -194,19 +194,19 @@ def esdf(
     unknown : {'free', 'occupied'}
         What unknown cells count as.
     convention : {'fast-planner', 'center', 'border'}
-        Where zero lies; see the documentation. With d the distance from a free cell's centre to
-        the nearest obstacle cell's centre, and d_in from an obstacle cell's centre to the
-        nearest free cell's, in metres:
-        ``fast-planner`` d and resolution - d_in, so 0 on the outermost obstacle cells (Fast-Planner
-        and robot_costmap); ``center`` d and -d_in; ``border`` d - resolution / 2 and
-        resolution / 2 - d_in, zero on the edge between the cells (grid_map).
+        Where the distance is zero; see the documentation. With d the distance from a free cell's
+        centre to the nearest obstacle cell's centre, and d_in from an obstacle cell's centre to
+        the nearest free cell's, in metres: ``fast-planner`` d and resolution - d_in, so 0 on the
+        outermost obstacle cells (Fast-Planner and robot_costmap); ``center`` d and -d_in;
+        ``border`` d - resolution / 2 and resolution / 2 - d_in, zero on the edge between the cells
+        (grid_map).
     max_distance : float, optional
-        Clip both signs to this.
+        Largest distance, metres: both signs are clipped to it.
     lethal_threshold : int
-        Occupancy of an obstacle, 1..100.
+        Least occupancy of an obstacle, 1..100.
     strength : float
-        Factor of positive distances. It is applied after clipping. Views, and costs by thresholds,
-        are made of the distances times the factor; the other costs take no account of it.
+        Factor of positive distances. It is applied after clipping. Views and threshold costs use
+        the distances times the factor; the other costs ignore it.
 
     Returns
     -------

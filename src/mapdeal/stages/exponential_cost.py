@@ -149,34 +149,34 @@ def exponential_cost(
     source : OccupancyGrid or DistanceField
         The map, or its distance field: obstacles then are the field's, distances its own.
     inscribed_radius : float
-        Cost 253 up to here. Within it the robot collides whatever its heading.
+        Radius within which cells cost 253, metres. There the robot collides whatever its heading.
     inflation_radius : float
-        Costs reach this far. It is rounded up to whole cells.
+        Radius up to which cells have costs, metres. It is rounded up to whole cells.
     cost_scaling_factor : float
-        Steepness, per metre. Larger is steeper.
+        Decay of the costs, per metre. Larger is steeper.
     inflate_unknown : bool
-        Unknown cells take any cost. Otherwise they only take 253 and more.
+        Unknown cells take any cost. Otherwise they take only 253 and 254.
     inflate_around_unknown : bool
         Unknown cells are lethal and spread costs.
     lethal_threshold : int, optional
-        Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
+        Least occupancy of an obstacle, 1..100; 100 for a map, the field's own for a field.
     trinary_costmap : bool
-        Values below an obstacle's are free. Otherwise they start out with the cost
+        Values below the threshold are free. Otherwise they start with the cost
         trunc(254 v / `lethal_threshold`).
     track_unknown_space : bool
         Unknown cells are 255. Otherwise they are free, cost 0.
     inscribed_obstacle_cost_value : int, optional
-        This value is an inscribed cell, 253. Nav2 newer than Kilted has 99; older ones and ROS 1
-        have no such rule.
+        Occupancy that becomes 253, inscribed. Nav2 newer than Kilted uses 99; older releases and
+        ROS 1 have no such rule.
     lookup : {'exact', 'nav2'}
-        How a distance becomes a cost. ``exact``: as it is, like ROS 1 and Nav2 up to Kilted.
-        ``nav2``: rounded to 1/100 cell, like newer ones.
+        How a distance becomes a cost. ``exact``: unrounded, as in ROS 1 and Nav2 up to Kilted.
+        ``nav2``: rounded to 1/100 cell, as in newer releases.
     float32_resolution : bool, optional
-        Round the resolution to float32, as map messages carry it and lookup nav2 always does. The
-        reach is counted in such cells, without a tolerance.
+        Round the resolution to float32, as in map messages; lookup nav2 always does. The range is
+        counted in such cells, without a tolerance.
     circumscribed_radius : float, optional
-        The robot cannot collide farther away. It only sets `circumscribed_cost`, and a robot's
-        shape gives it.
+        Distance beyond which the robot cannot collide, metres. It only sets `circumscribed_cost`,
+        and a robot's shape defines it.
 
     Returns
     -------

@@ -53,18 +53,18 @@ def inflate(
     grid : OccupancyGrid
         The map.
     radius : float
-        Metres to grow obstacles by.
+        Inflation radius, metres.
     footprint : Footprint, optional
-        The robot's corners, or in a recipe {radius: R} of a round one; the circumscribed radius
-        takes the place of `radius`.
+        The robot's corners, or in a recipe {radius: R} for a round robot; the circumscribed radius
+        replaces `radius`.
     kernel : {'disc', 'square'}
-        Grow to a disc, or to a square of cells.
+        Shape to grow obstacles by: a disc, or a square of cells.
         ``disc``: cells whose centre lies within `radius` of an obstacle cell's centre.
         ``square``: cells within ceil(radius / resolution) cells along both axes.
     lethal_threshold : int
-        Occupancy of an obstacle, 1..100.
+        Least occupancy of an obstacle, 1..100.
     inflate_unknown : bool
-        Whether unknown cells are covered. Those inside the kernel then become occupied, too;
+        Whether inflation covers unknown cells. Those inside the kernel then become occupied;
         otherwise they stay unknown.
 
     Returns

@@ -95,7 +95,7 @@ def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
 
 def _warn(covered: int, freed: int) -> None:
     if not covered:
-        text = "the mask covers no cell of the costs: nothing of it is known there"
+        text = "the mask covers no cell of the costs: it has no known cell there"
         emit_warning(text, stacklevel=3)
     if freed:
         text = f"{freed} unknown cells became free where the mask is 0, as in Nav2"

@@ -112,10 +112,10 @@ def layered_cost(
     layers : list of layers
         Static and inflation layers, the lowest first.
     default_cost : int
-        The cost of an empty costmap, 0 or 255. A robot with track_unknown_space has 255.
+        Cost of an empty costmap, 0 or 255. With track_unknown_space it is 255.
     circumscribed_radius : float, optional
-        The robot cannot collide farther away. It only sets `circumscribed_cost`, and a robot's
-        shape gives it.
+        Distance beyond which the robot cannot collide, metres. It only sets `circumscribed_cost`,
+        and a robot's shape defines it.
 
     Returns
     -------

@@ -28,7 +28,7 @@ LEAST_DISTANCE = 0.001
 
 @stage(
     name="potential",
-    summary="Compute repulsion from all obstacles, and attraction to a goal.",
+    summary="Compute the artificial potential field of a map.",
     details="Repulsion is the sum of 1 / distance to every obstacle cell. MAP may also be a "
     "distance field, whose obstacles then count.",
     title=lambda parameters: "potential field" if parameters["goal"] else "repulsive field",
@@ -52,15 +52,15 @@ def potential(
     source : OccupancyGrid or DistanceField
         The map, or its distance field: obstacles then are the field's.
     goal : tuple of float, optional
-        Attraction to a point of the map frame. Without one there is only repulsion.
+        Point of the map frame that attracts. Without one there is only repulsion.
     repulsive_cap : float
-        The most that repulsion can be.
+        Upper bound of the repulsion.
     attractive_gain : float
-        Factor of the distance to the goal.
+        Weight of the distance to the goal.
     repulsive_gain : float
-        Factor of repulsion.
+        Weight of the repulsion.
     lethal_threshold : int, optional
-        Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
+        Least occupancy of an obstacle, 1..100; 100 for a map, the field's own for a field.
 
     Returns
     -------

@@ -70,7 +70,7 @@ def _remark(_: Parameters, figures: Figures) -> str | None:
 
 @stage(
     name="reach",
-    summary="Tell where a robot can go from a start, and which passages stop it.",
+    summary="Show where a robot can go from a start, and which passages stop it.",
     title=lambda parameters: f"reach of {robot_text(_shape_of(parameters))}",
     memory=_MEMORY,
     more_memory=_memory_of_headings,
@@ -101,25 +101,24 @@ def reach(
         The map. Of a field the obstacles are the field's; of costs they are the lethal cells, 254,
         or 100 on scale ``occupancy``, whatever the costs around them.
     start : tuple of float, optional
-        Where the robot starts, x, y or x, y, yaw in the map frame. Without a yaw it starts in
-        every heading that is open there; without a start, at the widest place of the largest open
-        area.
+        Start of the robot, x, y or x, y, yaw in the map frame. Without a yaw it starts in every
+        heading that is free there; without a start, at the widest place of the largest free area.
     goals : tuple of Goal
-        Places it should get to.
+        Places that it should reach.
     radius : float
-        The radius of a round robot; 0 is a point.
+        Radius of a round robot, metres; 0 is a point.
     footprint : Footprint, optional
-        The robot's corners, or in a recipe {radius: R} of a round one.
+        The robot's corners, or in a recipe {radius: R} for a round robot.
     headings : int
-        How many headings a robot with corners can have, 4..255.
+        Number of headings for a robot with corners, 4..255.
     through_unknown : bool
-        Whether unknown cells are open.
+        Whether unknown cells count as free.
     margin : float
-        Passages that leave less than this on either side of the robot are told, too.
+        Passages that leave less than this on either side of the robot are reported as well, metres.
     min_area : float
-        Passages that cut off less than this are not told.
+        Passages that cut off less than this are left out, square metres.
     lethal_threshold : int, optional
-        Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
+        Least occupancy of an obstacle, 1..100; 100 for a map, the field's own for a field.
 
     Returns
     -------
@@ -187,7 +186,7 @@ def _of_costs(costs: Costmap, lethal_threshold: int | None) -> NDArray[np.int8]:
     """Return the map of a costmap's lethal and unknown cells."""
     lethal = LETHAL_OBSTACLE if costs.scale == "costmap2d" else OCCUPIED
     if lethal_threshold not in (None, OCCUPIED):
-        rule = f"is for maps: of costs the lethal cells are obstacles, {lethal}"
+        rule = f"applies to maps: of costs the lethal cells are obstacles, {lethal}"
         raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
     occupancy = np.full(costs.shape, FREE, dtype=np.int8)
     occupancy[costs.cost == costs.unknown_value] = UNKNOWN

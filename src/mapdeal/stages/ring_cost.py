@@ -56,10 +56,10 @@ def ring_cost(
     source : OccupancyGrid or DistanceField
         The map, or a field whose map and obstacles are taken.
     values : sequence of int
-        Cost of each ring of cells, inside out. Rings lie at Chebyshev distance 1, 2, 3, ... from
-        the nearest obstacle.
+        Costs of the rings of cells, from the inside out. Rings lie at Chebyshev distance 1, 2, 3,
+        ... from the nearest obstacle.
     lethal_threshold : int, optional
-        Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
+        Least occupancy of an obstacle, 1..100; 100 for a map, the field's own for a field.
 
     Returns
     -------

@@ -140,18 +140,18 @@ def threshold_cost(
     Parameters
     ----------
     source : OccupancyGrid, DistanceField or FieldView
-        The field; a map is made into one first, with unknown cells free. A view is taken as it
-        is: `view` and `view_range` then make no difference.
+        The field; a map is made into one first, with unknown cells free. A view is used as it is:
+        `view` and `view_range` then have no effect.
     down : float, optional
-        View values up to here cost 0. None where `down_distance` is given.
+        Largest view value that costs 0. None if `down_distance` is given.
     up : float, optional
-        End of the middle range. None where `up_distance` is given.
+        Largest view value of the middle range. None if `up_distance` is given.
     down_distance : float, optional
-        Cells at this distance from obstacles and farther cost 0. It replaces `down`, which becomes
+        Distance from obstacles from which cells cost 0, metres. It replaces `down`, which becomes
         the view at this distance.
     up_distance : float, optional
-        End of the middle range, as a distance. It replaces `up`, which becomes the view at this
-        distance.
+        Distance below which cells belong to the near range, metres. It replaces `up`, which
+        becomes the view at this distance.
     down_factor : float
         Factor of the middle range.
     up_factor : float
@@ -159,9 +159,9 @@ def threshold_cost(
     view : {'metric', 'per-map'}
         How distances become 0..100. See `mapdeal.field_view`.
     view_range : float
-        Where the metric view is 0.
+        Distance at which the metric view is 0, metres.
     lethal_threshold : int, optional
-        Occupancy of an obstacle, 1..100; 100 for a map, a field's own for a field.
+        Least occupancy of an obstacle, 1..100; 100 for a map, the field's own for a field.
 
     Returns
     -------
@@ -254,9 +254,7 @@ def _check_view(
         raise ParameterError(rule, place="lethal_threshold", got=lethal_threshold)
     asked = ViewScale(view, view_range)
     if asked.view != source.scale.view or (view == "metric" and asked != source.scale):
-        text = (
-            f"cost: the input is a view already, {source.scale.described()}; it is taken as it is"
-        )
+        text = f"cost: the input is a view already, {source.scale.described()}; it is used as it is"
         emit_warning(text, stacklevel=4)
 
 
@@ -276,10 +274,12 @@ def _check_order_of_views(
     if up_distance is None:
         rule = f"the view is {lower:g} there, above up ({upper:g})"
         raise ParameterError(
-            rule, place="down_distance", got=down_distance, hint="give up_distance, too"
+            rule, place="down_distance", got=down_distance, hint="give up_distance as well"
         )
     rule = f"the view is {upper:g} there, below down ({lower:g})"
-    raise ParameterError(rule, place="up_distance", got=up_distance, hint="give down_distance, too")
+    raise ParameterError(
+        rule, place="up_distance", got=up_distance, hint="give down_distance as well"
+    )
 
 
 def _value_at(
@@ -288,7 +288,7 @@ def _value_at(
     """Return the view at a distance, or the value that is given where no distance is."""
     if distance is None:
         if value is None:
-            raise ParameterError("is needed where its value is none", place=name)
+            raise ParameterError("is required if its value is none", place=name)
         return value
     if scale.view == "metric" and distance > scale.view_range:
         rule = f"must not be larger than view_range ({scale.view_range:g} m), where the view is 0"

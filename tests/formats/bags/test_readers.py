@@ -423,5 +423,7 @@ def test_a_message_that_is_none_of_its_type_is_one_error(maker, tmp_path, form):
     with open_bag(path) as bag:
         (one,) = bag.connections
         place = bag.index([one.id])[0]
-        with pytest.raises(MalformedInputError, match=r"/tf: a message at .* is no tf2_msgs"):
+        with pytest.raises(
+            MalformedInputError, match=r"/tf: a message at .* is not a valid tf2_msgs"
+        ):
             Decoder(bag).message(place)

@@ -156,11 +156,11 @@ class ChunkedBag(Bag):
     def _remark_on_damage(self, number: int) -> None:
         """Warn of a chunk of which the rest cannot be read, unless it is known to be cut."""
         if not self._chunks[number].is_cut:
-            self.remark("a chunk is damaged; what is whole before that is read")
+            self.remark("a chunk is damaged; the intact part before it is read")
 
     def _remark_on_end(self, why: str = "") -> None:
         """Warn of a file that ends too early, and do without the last index: it may be cut, too."""
-        self.remark(f"ends too early{why}; what is whole before that is read")
+        self.remark(f"ends too early{why}; the intact part before it is read")
         if self._chunks:
             self._chunks[-1].is_indexed = False
 

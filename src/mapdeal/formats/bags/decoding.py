@@ -68,7 +68,8 @@ class Decoder:
             return reader(data)
         except Exception as error:  # noqa: BLE001 - decoders of damaged bytes fail in many ways
             one = self._connections[place.connection]
-            rule = f"a message at {place.time} ns is no {one.type}: {error or type(error).__name__}"
+            rule = f"a message at {place.time} ns is not a valid {one.type}"
+            rule += f": {error or type(error).__name__}"
             raise self._bag.malformed(rule, one.topic) from None
 
     def read(self, place: Place, make: Callable[[Any], _T]) -> _T:
@@ -152,10 +153,10 @@ class Decoder:
                 else:
                     store.register(get_types_from_msg(connection.definition, connection.type))
             if connection.type not in store.fielddefs:
-                rule = f"its type {connection.type} is described nowhere"
+                rule = f"its type {connection.type} has no definition"
                 raise self._bag.malformed(rule, connection.topic)
         except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
-            rule = f"its type {connection.type} cannot be understood: {error}"
+            rule = f"its type {connection.type} cannot be parsed: {error}"
             raise self._bag.malformed(rule, connection.topic) from None
         self._stores[key] = store
         return store

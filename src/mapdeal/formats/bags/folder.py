@@ -75,7 +75,7 @@ class FolderBag(Bag):
     Warns
     -----
     MapdealWarning
-        If there is no metadata, as a recorder leaves it that was killed, or a file is missing.
+        If there is no metadata, as left by a recorder that was killed, or a file is missing.
 
     Notes
     -----
@@ -194,7 +194,7 @@ class FolderBag(Bag):
         for suffix, storage in _SUFFIXES.items():
             found = [name for name in names if _plain(name).endswith(suffix)]
             if found:
-                self.remark(f"has no {METADATA}, as a recorder leaves it that was killed")
+                self.remark(f"has no {METADATA}, as left by a recorder that was killed")
                 return _Metadata(storage, tuple(found), "none", {})
         raise self.malformed(f"is a folder without {METADATA}, .db3 and .mcap files")
 

@@ -62,7 +62,7 @@ class McapBag(ChunkedBag):
     Warns
     -----
     MapdealWarning
-        If it ends too early: what is whole of it is read.
+        If it ends too early: the intact part is read.
 
     Notes
     -----
@@ -95,7 +95,7 @@ class McapBag(ChunkedBag):
     def _walk(self) -> None:
         """Go through all records of the file."""
         if self._file.read(8) != MAGIC:
-            raise self.malformed("is no MCAP file: it must begin with its magic bytes")
+            raise self.malformed("is not an MCAP file: it must begin with its magic bytes")
         position, is_ended = 8, False
         while position + 9 <= self._size:
             self._file.seek(position)
@@ -114,7 +114,7 @@ class McapBag(ChunkedBag):
                     return
             position += 9 + length
         if is_ended:
-            self.remark("ends too early, behind its messages; all of them are read")
+            self.remark("ends early, after its messages; all of them are read")
         else:
             self._remark_on_end()
 

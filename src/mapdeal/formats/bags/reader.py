@@ -63,7 +63,7 @@ def _opened(path: Path, file: Path) -> Bag:
         return SqliteBag(file)
     if not head:
         raise MalformedInputError("is empty", source=path)
-    raise MalformedInputError("is no bag of ROS 1 or ROS 2", source=path)
+    raise MalformedInputError("is not a bag of ROS 1 or ROS 2", source=path)
 
 
 def _check_serialization(bag: Bag) -> None:

@@ -52,7 +52,7 @@ class Ros1Bag(ChunkedBag):
     Warns
     -----
     MapdealWarning
-        If it has no index, or ends too early: what is whole of it is read.
+        If it has no index, or ends too early: the intact part is read.
 
     Notes
     -----
@@ -90,7 +90,7 @@ class Ros1Bag(ChunkedBag):
         magic = self._file.readline(64)
         match = _MAGIC.fullmatch(magic)
         if match is None:
-            raise self.malformed("is no ROS 1 bag: it must begin with #ROSBAG V2.0")
+            raise self.malformed("is not a ROS 1 bag: it must begin with #ROSBAG V2.0")
         if match[1] != b"2":
             version = f"{int(match[1])}.{int(match[2])}"
             error = self.malformed(f"is a bag of version {version}; 2.0 is read")
@@ -104,7 +104,7 @@ class Ros1Bag(ChunkedBag):
                 self._remark_on_end(f" ({error})")
                 return
         if not self._has_summary and self._chunks:
-            self.remark("has no index, as a recorder leaves it that was killed; it is read all")
+            self.remark("has no index, as left by a recorder that was killed; it is read all")
 
     def _walk_record(self, position: int) -> int:
         """Take one record in, and return where the next one begins."""

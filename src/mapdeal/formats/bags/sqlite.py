@@ -42,7 +42,7 @@ MAGIC = b"SQLite format 3\0"
 _ROWS_TOGETHER = 1 << 14
 _SMALLEST_PAGE = 512
 _SMALL_CACHE = "PRAGMA cache_size = -16384"
-_WORDS = {"not a database": "is no SQLite file", "malformed": "is damaged, or cut"}
+_WORDS = {"not a database": "is not an SQLite file", "malformed": "is damaged, or cut"}
 
 
 class SqliteBag(Bag):
@@ -105,7 +105,7 @@ class SqliteBag(Bag):
         except sqlite3.DatabaseError as error:
             self.remark(f"{_told(error)}; the messages before that place are read")
         except (TypeError, ValueError, OverflowError):
-            raise self.malformed("a time or topic of a message is no whole number") from None
+            raise self.malformed("a time or topic of a message is not a whole number") from None
 
     def summary(self) -> dict[int, Recorded]:
         """Return how many messages each connection has, and when; see `Bag`."""
@@ -149,7 +149,7 @@ class SqliteBag(Bag):
             self._db.execute("PRAGMA writable_schema = ON")
             self._is_cut = True
             found = list(self._read_connections())
-            self.remark("is damaged, or cut; what is whole of it is read")
+            self.remark("is damaged, or cut; the intact part is read")
             yield from found
 
     def _read_connections(self) -> Iterator[Connection]:

@@ -85,13 +85,13 @@ def _read_header(file: BinaryIO, path: Path) -> _Header:
             continue
         key, *words = line.split()
         if key in entries:
-            raise MalformedInputError("stands twice", source=path, place=f"line {number}", got=key)
+            raise MalformedInputError("appears twice", source=path, place=f"line {number}", got=key)
         entries[key] = words
         if key == "DATA":
             break
         if key not in ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT",
                        "VIEWPOINT", "POINTS"):  # fmt: skip
-            rule = "is no line of a PCD header"
+            rule = "invalid PCD header line"
             raise MalformedInputError(rule, source=path, place=f"line {number}", got=line)
     encoding = " ".join(entries["DATA"])
     if encoding not in ("ascii", "binary", "binary_compressed"):
@@ -185,5 +185,5 @@ def _warn_of_rest(file: BinaryIO, path: Path) -> None:
     """Warn if there is more than padding behind the data."""
     rest = file.read(1 << 16)
     if rest.strip(b"\0 \r\n\t"):
-        text = f"{path}: what stands behind the points is not read"
+        text = f"{path}: data after the points are ignored"
         emit_warning(text, stacklevel=2)

@@ -124,7 +124,7 @@ def _read_header(file: BinaryIO, path: Path) -> tuple[str, list[_Element], int]:
         elif words[0] == "property" and elements:
             _add_property(elements[-1], words, encoding, path, place)
         else:
-            rule = "is no line of a PLY header"
+            rule = "invalid PLY header line"
             raise MalformedInputError(rule, source=path, place=place, got=line)
     raise AssertionError  # header_lines ends with an error
 

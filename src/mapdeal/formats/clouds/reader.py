@@ -80,7 +80,7 @@ def read_cloud(path: Path | str, *, max_memory: int | None = None) -> Points:
         PCD (ascii, binary, binary_compressed), PLY (ascii, binary of either byte order), text
         (``.xyz``, ``.txt``, ``.csv``, ``.asc``), ``.npy``, or ``.npz``.
     max_memory : int, optional
-        Bytes of memory that may be taken; by default half of what is free.
+        Bytes of memory that may be used; by default half of what is free.
 
     Returns
     -------

@@ -213,14 +213,14 @@ def _check_place_of_pixels(data: bytes, path: Path) -> None:
     """Refuse pixels within the header: Pillow would read its bytes as such."""
     start, header = (int.from_bytes(data[at : at + 4], "little") for at in (10, 14))
     if 0 < start < 14 + header:
-        rule = f"the pixels must lie behind the header of {14 + header} bytes"
+        rule = f"the pixels must follow the header of {14 + header} bytes"
         raise MalformedInputError(rule, source=path, place="byte 10", got=start)
 
 
 def _check_runs(data: bytes, path: Path, width: int, height: int) -> None:
     """Refuse run lengths that leave pixels out, which Pillow makes up.
 
-    Rows that end early and jumps over pixels are known to the format, which does not say what
+    Rows that end early and jumps over pixels are known to the format, which does not state what
     the pixels are that they leave out.
     """
     pixels_per_byte = _RUN_LENGTHS[data[_COMPRESSION]]

@@ -88,7 +88,7 @@ def tile_bytes(image: Any, pixels: int, *, bits: int = 0) -> int:
 
 
 def claim_picture(image: Any, count: int, path: Path, *, tile: int = 0) -> None:
-    """Refuse an image that would take more memory than may be taken.
+    """Refuse an image that would take more memory than may be used.
 
     Parameters
     ----------

@@ -234,7 +234,7 @@ def damage_refused(path: Path) -> Iterator[None]:
             raise FileAccessError(rule, source=path) from None
         told = str(error) or type(error).__name__
         if isinstance(error, UnidentifiedImageError):  # it names an address in memory
-            told = "a part of it is no image"
+            told = "a part of it is not an image"
         raise MalformedInputError(f"the image is damaged: {told}", source=path) from None
 
 

@@ -163,7 +163,7 @@ def read_png_facts(file: OpenFile) -> PngFacts:
     for name, start, length, window in _chunks(file):
         shown_name = name.decode("latin-1")
         if name == b"IHDR" and before:
-            raise MalformedInputError("stands twice", source=source, place=f"chunk {shown_name}")
+            raise MalformedInputError("appears twice", source=source, place=f"chunk {shown_name}")
         if name in (b"PLTE", b"tRNS") and pixels:
             rule = "must stand before the pixels"
             raise MalformedInputError(rule, source=source, place=f"chunk {shown_name}")
@@ -245,13 +245,13 @@ def read_png_header(data: bytes, source: Path) -> PngHeader:
         ">IIBBBBB", body
     )
     if colour_type not in _DEPTHS:
-        rule = "is none of PNG's colour types"
+        rule = "is not a PNG colour type"
         raise MalformedInputError(rule, source=source, place="chunk IHDR", got=colour_type)
     if bit_depth not in _DEPTHS[colour_type]:
         rule = f"bits of a sample must be one of {_DEPTHS[colour_type]}"
         raise MalformedInputError(rule, source=source, place="chunk IHDR", got=bit_depth)
     if method or filters or interlace > 1:
-        rule = "is compressed, filtered or interlaced in a way that PNG does not know"
+        rule = "is compressed, filtered or interlaced by a method that PNG does not define"
         raise MalformedInputError(rule, source=source, place="chunk IHDR")
     return PngHeader(width, height, bit_depth, colour_type, interlace == 1)
 

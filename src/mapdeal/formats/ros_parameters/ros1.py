@@ -207,7 +207,7 @@ class _Reader:
     ) -> None:
         is_same = value_of(self.source, before) == value_of(self.source, value)
         which = ", with one value" if is_same else "; the later one counts"
-        text = f"stands twice, on lines {first} and {line}{which}"
+        text = f"appears twice, on lines {first} and {line}{which}"
         check, level = ("params.repeated", "note") if is_same else ("params.twice", "warning")
         self.fault(check, level, text, line, parameter="/".join(path))
 

@@ -147,7 +147,7 @@ def why_unsendable(value: Any) -> Unsendable | None:
     """Return why a value cannot be sent to the parameter server; None if it can."""
     if value is None:
         hint = "give it a value, or remove the line"
-        return Unsendable("params.empty", "has no value, and roslaunch ends there", hint)
+        return Unsendable("params.empty", "has no value, and roslaunch exits", hint)
     if isinstance(value, bool | str | bytes | float):
         return None
     if isinstance(value, int):

@@ -32,7 +32,7 @@ _PRECEDENCE = (
     "bool", "integer", "double", "string",
     "byte_array", "bool_array", "integer_array", "double_array", "string_array",
 )  # fmt: skip
-_LAUNCH = "launch files fill it in; give the file that the node gets, or write the name itself"
+_LAUNCH = "launch files replace it; pass the file that the node gets, or write the name itself"
 _NO_LISTS_OF_LISTS = 'ROS 2 has none; put a footprint in quotes: "[[x1, y1], [x2, y2], ...]"'
 
 

@@ -124,7 +124,9 @@ class BadLines:
         """Warn of the lines that were passed over, if there are any that no error has told of."""
         if self.count and not self.is_told:
             more = f" (and {self.count - len(self.first)} more)" if self.count > _NAMED else ""
-            text = f"{self.path}: {self.count} bad lines passed over: {'; '.join(self.first)}{more}"
+            text = (
+                f"{self.path}: {self.count} malformed lines ignored: {'; '.join(self.first)}{more}"
+            )
             emit_warning(text, stacklevel=2)
 
 

@@ -119,7 +119,7 @@ class BagClouds:
         if not self._has_poses:
             if self._base is None or not self._frames.leads(self._base, sensor):
                 self._base = None
-                text = f"no transform leads from {BASE_FRAMES[0]} to {sensor}: the robot's pose is "
+                text = f"no transforms lead from {BASE_FRAMES[0]} to {sensor}: the robot's pose is "
                 self.bag.remark(f"{text}that of {sensor}")
             return
         if self._is_raw or (self._base is not None and self._frames.leads(self._base, sensor)):
@@ -129,8 +129,8 @@ class BagClouds:
             rule = f"the points of {self.topic} are in frame {sensor}"
             raise ParameterError(rule, source="--frame", hint="--frame map takes them so")
         if sensor not in BASE_FRAMES:
-            text = f"no transform leads from {BASE_FRAMES[0]} to {sensor}: its points are taken for"
-            self.bag.remark(f"{text} the robot's own; --mount says where the sensor stands")
+            text = f"no transforms lead from {BASE_FRAMES[0]} to {sensor}: its points are taken for"
+            self.bag.remark(f"{text} the robot's own; --mount gives the pose of the sensor")
 
     def number(self, index: int | None) -> int:
         """Return the number of a message, counted from 0 on, or from the last, -1, back.

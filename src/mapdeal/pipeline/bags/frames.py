@@ -126,12 +126,12 @@ class SensorFrames:
             self._take_mount(sensors)
             self._fixed = self._fixed_for(sensors)
         if self._tree.bad:
-            self._bag.remark(f"{self._tree.bad} transforms mean nothing, and are left out")
+            self._bag.remark(f"{self._tree.bad} invalid transforms are ignored")
         for parent, child in self._tree.of_both_kinds[:_SEVERAL]:
-            text = f"{parent} -> {child} comes as static and as moving"
-            self._bag.remark(f"{text}: the kind that comes most often is taken")
+            text = f"{parent} -> {child} is both static and dynamic"
+            self._bag.remark(f"{text}: the more frequent kind is used")
         for child, (chosen, *others) in sorted(self._tree.several_parents.items())[:_SEVERAL]:
-            text = f"frame {child} has several parents: {chosen}, which comes most often, is taken"
+            text = f"frame {child} has several parents: {chosen}, the most frequent, is used"
             self._bag.remark(f"{text}, and not {', '.join(others)}")
 
     def read_alone(self, sensor: str, advance: Callable[[int], object]) -> None:
@@ -191,13 +191,13 @@ class SensorFrames:
         if self._options.mount is None:
             return
         if len(sensors) > 1:
-            rule = f"is for one sensor, and there are {', '.join(sensors)}"
+            rule = f"applies to one sensor, and there are {', '.join(sensors)}"
             raise ParameterError(rule, source="--mount", hint="--topic names one")
         x, y, yaw = self._options.mount
         base = self.base_frame() or self._options.base_frame or BASE_FRAMES[0]
         for sensor in sensors:
             if self._tree.leads(base, sensor):
-                rule = f"transforms tell already where {sensor} stands on {base}"
+                rule = f"transforms already give the pose of {sensor} on {base}"
                 raise MalformedInputError(rule, source=self._bag.path, place="--mount")
             self._tree.add(base, sensor, 0, (x, y, 0.0), from_yaw(yaw).tolist(), is_static=True)
 
@@ -212,11 +212,11 @@ class SensorFrames:
             rule = (
                 f"no transforms lead from {wanted} to {', '.join(sensors)}: whose poses are they?"
             )
-            hint = "--topic names one, and --mount says where it stands on the robot"
+            hint = "--topic names one; --mount gives its pose on the robot"
             raise MalformedInputError(rule, source=path, hint=hint)
         if base is None:
             text = f"{path} is taken for the poses of {sensors[0]}: no transform leads there from"
-            self._bag.remark(f"{text} {wanted}; --mount says where a sensor stands on the robot")
+            self._bag.remark(f"{text} {wanted}; --mount gives the pose of a sensor on the robot")
         trajectory = read_trajectory(path)
         rows = zip(*(part.tolist() for part in trajectory), strict=True)
         for time, translation, quaternion in rows:
@@ -264,7 +264,7 @@ class SensorFrames:
         error = self._tree.no_way(fixed, sensor).found_in(self._bag.path)
         hint = "--poses FILE gives the robot's poses, t x y z qx qy qz qw a line"
         if len(self._tree.frames) > 1:
-            hint = "--fixed-frame names another frame, --mount says where a sensor stands on the "
+            hint = "--fixed-frame names another frame, --mount gives the pose of a sensor on the "
             hint += "robot, --poses FILE gives its poses"
         error.hint = hint
         return error

@@ -120,7 +120,7 @@ class BagScans(ScanSource):
             text = f"{self._unstamped} scans have no time: that of their recording is taken"
             emit_warning(f"{self._bag.path}: {text}", stacklevel=2)
         if self._deskew and not self._has_steps:
-            text = "no scan tells the time between its beams: --deskew has no effect"
+            text = "no scan has a time between beams: --deskew has no effect"
             emit_warning(f"{self._bag.path}: {text}", stacklevel=2)
 
     def _sensors(self) -> set[str]:

@@ -32,7 +32,7 @@ def methods_in(folder: Path, grids: Grids) -> Draft:
     """
     answer = read_answer(folder / DOCUMENT)
     if not isinstance(answer, ComparisonAnswer):
-        raise MalformedInputError("is no comparison of methods", source=folder / DOCUMENT)
+        raise MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
     draft = Draft(folder.name or str(folder), folder)
     for method in answer.methods:
         _add_method(draft, method, grids)
@@ -67,7 +67,7 @@ def two_maps(path: Path, answer: DiffAnswer, grids: Grids, settings: Settings) -
     """
     if answer.first is None or answer.second is None:
         rule = "does not name its two maps"
-        hint = "mapdeal diff A B --json writes their names, too"
+        hint = "mapdeal diff A B --json also writes their names"
         raise MalformedInputError(rule, source=path, hint=hint)
     draft = Draft(f"{_stem(answer.first)} and {_stem(answer.second)}", path)
     found = [_found(draft, one, path, grids) for one in (answer.first, answer.second)]
@@ -97,7 +97,7 @@ def _found(draft: Draft, named: NamedMap, document: Path, grids: Grids) -> Path 
         draft.miss(f"{one_line(str(error))}, so this map is not shown", place)
         return None
     if named.sha256 and dict(opened.sums) != dict(named.sha256):
-        text = f"{place}: is not the map that {document.name} tells of, its checksum differs"
+        text = f"{place}: is not the map that {document.name} names: its checksum differs"
         draft.miss(text, place)
     return place
 

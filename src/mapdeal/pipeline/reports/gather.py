@@ -120,7 +120,7 @@ def _entries_of(path: Path, grids: Grids) -> list[Draft]:
         return [methods_in(folder, grids)]
     found = runs_in(folder)
     if found is None:
-        rule = f"holds no run: there is no {MANIFEST} in it, nor below"
+        rule = f"contains no run: no {MANIFEST} in it or below"
         hint = "mapdeal run MAP -o DIR makes one; maps in a folder are named one by one"
         raise FileAccessError(rule, source=folder, hint=hint)
     for draft in found:
@@ -263,5 +263,6 @@ class _Gathering:
                 lost.append(told.file)
         if lost:
             more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-            text = f"{path}: findings of {one_line(lost[0])}{more} are left out, it is no map here"
+            which = f"{one_line(lost[0])}{more}"
+            text = f"{path}: findings of {which} are left out: the map is not shown here"
             emit_warning(text, stacklevel=2)

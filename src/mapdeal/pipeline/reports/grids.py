@@ -24,7 +24,7 @@ from mapdeal.report.document import PageLayer
 from mapdeal.report.layers import kinds_of
 
 _SHARE = 4
-"""Of the memory that may be taken the part that grids may take which are kept."""
+"""Of the memory that may be used the part that grids may take which are kept."""
 _ROWS = 512
 _NO_LIMIT = 1 << 62
 

@@ -185,7 +185,7 @@ def _thinned(points_xy: NDArray[np.float64]) -> NDArray[np.float64]:
 def _told(route: Route) -> str:
     text = f"route by {route.method}"
     if not len(route.points_xy):
-        return f"{text}: there is no way"
+        return f"{text}: no way"
     text += f" of {_metres(route.length)}"
     if math.isfinite(route.min_clearance):
         text += f", at least {_metres(route.min_clearance)} from obstacles"
@@ -290,10 +290,10 @@ def diff_tables(answer: DiffAnswer) -> list[Table]:
         rows.append(("the second is much more like it", f"if it is {_text(answer.symmetry)}"))
     for what, shift in zip(("first to second", "second to first"), answer.walls, strict=True):
         told = "no obstacles" if shift is None else (
-            f"at most {_metres(shift['largest'])}, 95 % {_metres(shift['percentile_95'])}, "
+            f"{_metres(shift['largest'])}; 95 % within {_metres(shift['percentile_95'])}, "
             f"mean {_metres(shift['mean'])}"
         )  # fmt: skip
-        rows.append((f"walls, {what}", told))
+        rows.append((f"directed Hausdorff distance, {what}", told))
     for name, (allowed, found, holds) in answer.bounds.items():
         told = "nothing to compare" if found is None else f"found {found:.9g}"
         verdict = "holds" if holds else "missed"

@@ -23,5 +23,5 @@ def check_replaceable(page: Path) -> None:
         If it is anything else.
     """
     if exists(page) and _GENERATOR not in head_of(page, _HEAD):
-        rule = "exists, and is no page that mapdeal has made"
+        rule = "exists, and is not a page written by mapdeal"
         raise FileAccessError(rule, source=page, hint="move it: --report writes there")

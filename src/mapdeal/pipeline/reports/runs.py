@@ -107,7 +107,7 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     Raises
     ------
     MalformedInputError
-        If there is no manifest of a run.
+        If there is not the manifest of a run.
     """
     if draft.status and draft.status not in _DONE and not exists(draft.path / MANIFEST):
         return
@@ -156,7 +156,7 @@ def _wrong_outputs(folder: Path, outputs: Mapping[str, str]) -> Iterator[tuple[P
         if not exists(path):
             yield path, "is missing, though the manifest lists it"
         elif not holds(path, digest):
-            yield path, "is not what the run has written, its checksum differs"
+            yield path, "is not what the run wrote: its checksum differs"
 
 
 def _add_product(draft: Draft, stage: str, manifest: Mapping[str, Any], grids: Grids) -> None:
@@ -165,7 +165,7 @@ def _add_product(draft: Draft, stage: str, manifest: Mapping[str, Any], grids: G
     names = [f"{product}{ending}" for ending in _GRIDS]
     name = next((one for one in names if one in manifest["outputs"]), None)
     if name is None:
-        rule = f"the run has written no values of stage {stage}"
+        rule = f"the run wrote no values of stage {stage}"
         draft.miss(f"{draft.path / MANIFEST}: {rule}", draft.path / MANIFEST)
         return
     try:

@@ -74,8 +74,8 @@ def give_score(
         if named is not None and answer.sums:
             _check_unchanged(draft, named, answer, document, grids)
     if not owners:
-        name = "a map that is no file" if answer.file is None else _text(answer.file)
-        text = f"{document}: the score of {name} is left out, it is no map here"
+        name = "a map that is not a file" if answer.file is None else _text(answer.file)
+        text = f"{document}: the score of {name} is left out: the map is not shown here"
         emit_warning(text, stacklevel=2)
 
 
@@ -84,7 +84,7 @@ def _check_unchanged(
 ) -> None:
     for place in (one for one in draft.paths if is_same_file(named, one)):
         if dict(grids.open(place).sums) != dict(answer.sums):
-            text = f"{place}: is not the map that {document.name} scores, its checksum differs"
+            text = f"{place}: is not the map that {document.name} scores: its checksum differs"
             draft.miss(text, place)
 
 
