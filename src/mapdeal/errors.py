@@ -95,7 +95,7 @@ def kept_warnings() -> Iterator[list[KeptWarning]]:
     """Keep the warnings of the block, and of the threads that share its work, in a list.
 
     Python's own means change the filters of the whole process: of two threads that read maps at
-    once, one would hear what the other one is told, and both would leave wrong filters behind.
+    once, one would receive the warnings of the other, and both would leave wrong filters behind.
     """
     kept: list[KeptWarning] = []
     before = _KEPT.set(kept)

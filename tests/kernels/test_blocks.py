@@ -18,7 +18,7 @@ from mapdeal.kernels.blocks import (
     made_by_rows,
     made_by_windows,
     mapped,
-    passes_told,
+    rows_reported,
     swept,
 )
 from mapdeal.kernels.threads import use_threads
@@ -215,7 +215,7 @@ def test_several_looks_take_one_pass_and_are_remembered():
 
 def test_passes_through_lazy_layers_are_told_when_rows_are_done():
     told = []
-    with passes_told(lambda rows, height: told.append((rows, height))):
+    with rows_reported(lambda rows, height: told.append((rows, height))):
         for rows in swept(lazy()):
             assert sum(done for done, _ in told) == rows.start
         for _ in swept(WHOLE):

@@ -10,7 +10,7 @@ from mapdeal import FileAccessError, OccupancyGrid, write_map
 from mapdeal.formats.temporary import RowsWriter
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.framed import Framed
-from mapdeal.kernels.blocks import CacheBudget, LazyLayer, passes_told
+from mapdeal.kernels.blocks import CacheBudget, LazyLayer, rows_reported
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline import memory
 from mapdeal.pipeline.one_pass import one_pass
@@ -58,7 +58,7 @@ def test_all_files_are_whole_and_each_row_is_made_once(tmp_path, threads, count)
     grid = lazy_grid(asked)
     with (
         use_threads(threads),
-        passes_told(lambda rows, height: told.append((rows, height))),
+        rows_reported(lambda rows, height: told.append((rows, height))),
         Transaction(paths) as transaction,
         one_pass(transaction, grid) as given,
     ):

@@ -44,7 +44,7 @@ _ALL_AROUND = 100
 """Turns that are looked at on coarse cells, whatever the directions of the walls."""
 
 _COARSE, _FINE = 200, 500
-"""Cells of a side of what is correlated: at all turns, and at those that the walls tell."""
+"""Cells of a side of what is correlated: at all turns, and at those that the walls suggest."""
 
 _MOST_FACES, _MOST_CHECKED, _MOST_POLISHED = 400, 2000, 4000
 """Faces of walls that move a candidate, that judge it, and that move the best one at the end."""
@@ -145,7 +145,7 @@ def align(
     small maps less). It is sure if it is at least 3, the maps overlap by a tenth, and no place
     elsewhere scores 0.75 times as much, or 0.35 times where the walls agree as well.
 
-    A place is found where walls tell it: in a long corridor whose ends neither map shows, the
+    A place is found where walls determine it: in a long corridor whose ends neither map shows, the
     place along it is chance, and the runner-up says so.
 
     Examples

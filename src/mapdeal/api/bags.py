@@ -106,7 +106,7 @@ def build_map_from_bag(
     poses : path or str, optional
         The robot's poses in the place of transforms: ``t x y z qx qy qz qw`` a line.
     mount : tuple of float, optional
-        x, y (metres) and yaw (radians) of the sensor on the robot, where no transform tells.
+        x, y (metres) and yaw (radians) of the sensor on the robot, where no transform gives it.
     deskew : bool
         Whether each beam has the pose of its own time.
     max_memory : int, optional

@@ -97,7 +97,7 @@ class Check:
 
 
 def places_of(points_xy: Iterable[Sequence[float]]) -> tuple[Point, ...]:
-    """Return points of the map frame as findings tell them, without the rounding of floats."""
+    """Return points of the map frame as findings print them, without the rounding of floats."""
     return tuple((round(x, _DECIMALS) + 0.0, round(y, _DECIMALS) + 0.0) for x, y in points_xy)
 
 

@@ -31,7 +31,7 @@ _OF_THE_OTHER = "params.other-costmap"
 
 @dataclass(frozen=True)
 class _Costmap:
-    """One costmap of the files: the robot, if it resolves, and all that was found on the way."""
+    """One costmap of the files: the robot, if it resolves, and all that was found while reading."""
 
     name: CostmapName
     robot: RobotParameters | None
@@ -89,7 +89,7 @@ def robot_in(
     Parameters
     ----------
     paths, costmap, namespace
-        As of `lint_parameters`, which tells why there is none, if there is none.
+        As of `lint_parameters`, which explains why there is none, if there is none.
     """
     names: tuple[CostmapName, ...] = ("global", "local") if costmap is None else (costmap,)
     for name in names:

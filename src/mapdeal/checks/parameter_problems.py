@@ -74,7 +74,7 @@ def finding_of(problem: Problem, file: str) -> Finding:
     problem : Problem
         What was found.
     file : str
-        The file that it is told of if it does not name one.
+        The file that it is reported for if it does not name one.
     """
     message = f"{problem.parameter}: {problem.text}" if problem.parameter else problem.text
     if problem.got is not None:

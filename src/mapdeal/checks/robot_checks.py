@@ -140,7 +140,7 @@ def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
     "unknown space that is free to drive in, as track_unknown_space is not set",
 )
 def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
-    """Look for a static layer that is not told to keep unknown cells."""
+    """Look for a static layer that does not keep unknown cells."""
     layers = [one for one in facts.robot.static_layers if one.name != INJECTED]
     free = [one for one in layers if not one.track_unknown_space]
     own = facts.value("track_unknown_space")  # of Nav2 the costmap's alone

@@ -78,7 +78,7 @@ def _of_outputs(folder: Path, outputs: dict[str, Any]) -> Iterator[Finding]:
         if not exists(path):
             yield _finding("run.missing-file", folder, f"{path.name} is gone")
         elif not holds(path, str(digest)):
-            text = f"{path.name} is not the file that the manifest tells of"
+            text = f"{path.name} is not the file that the manifest lists"
             yield _finding("run.other-file", folder, text)
 
 

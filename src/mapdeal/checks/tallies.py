@@ -283,7 +283,7 @@ class PixelTallies:
     def _note_greys(
         self, pixels: Picture, readings: dict[Dialect, NDArray[np.int8]], counts: Counts
     ) -> None:
-        """Note the greys of which places are told: those of opaque pixels."""
+        """Note the greys whose places are reported: those of opaque pixels."""
         grey, others = pixels.greys_and_others()
         order = np.flatnonzero(~others[0])
         order = order[np.argsort(-counts[order], kind="stable")]

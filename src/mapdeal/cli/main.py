@@ -298,7 +298,7 @@ def _forget_odd_epoch() -> None:
 
 
 def _worse_than(error: MapdealError) -> MapdealError:
-    """Return the error to tell of: that results are lost is worse than what was found."""
+    """Return the error to report: that results are lost is worse than a finding."""
     if isinstance(error, FindingError):
         try:
             terminal.finish()

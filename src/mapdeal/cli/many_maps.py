@@ -14,7 +14,7 @@ _LEAST_CAP = 8
 
 
 def say_listing(listing: MapListing, done: str) -> None:
-    """Tell what was left out of the maps that names stand for, and what is done to each once."""
+    """Report what was left out of the maps that names stand for, and what is done to each once."""
     if listing.left_out:
         _say_some(
             listing.left_out,

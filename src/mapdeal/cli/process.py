@@ -63,7 +63,7 @@ def _code_of_main() -> int:
 def _version_is_printed() -> bool:
     """Print the version, if that is all that is asked for: scripts do so before each use.
 
-    Without typer that takes half as long. Whatever goes wrong is left to the command line to tell.
+    Without typer that takes half as long. Errors are left to the command line.
     """
     if sys.argv[1:] != ["--version"]:
         return False
@@ -79,7 +79,7 @@ def _version_is_printed() -> bool:
 def occupy_standard_streams() -> None:
     """Open what is closed of stdin, stdout and stderr onto nothing.
 
-    Otherwise the next file that is opened gets the number 2, be it an output, and what libraries
+    Otherwise the next file that is opened, perhaps an output, gets the number 2, and what libraries
     in C print goes into it.
     """
     try:

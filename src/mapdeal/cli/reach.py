@@ -122,8 +122,8 @@ def reach(
         parameters["start"] = tuple(opt.numbers(start, form.count(",") + 1, form, "--from"))
     if footprint is None and robot is None:
         terminal.warn(
-            "no robot is given, by --robot-radius, --footprint or --params-file: the answer is "
-            "that of a point; widest_radius_m tells how large a round robot may be"
+            "no robot is given, by --robot-radius, --footprint or --params-file: the result is "
+            "that of a point; widest_radius_m is the radius of the largest round robot"
         )
     asked = [_goal_of(text) for text in goals or []]
     if points is not None:

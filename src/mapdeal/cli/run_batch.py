@@ -53,7 +53,7 @@ def run_single(job: Job, run: MapRun, workers: Workers | None) -> None:
 def run_batch(
     jobs: Sequence[Job], output: Path, run: MapRun, workers: Workers | None
 ) -> None:  # fmt: skip
-    """Run all maps; tell of failures when they happen, and of all maps in the end.
+    """Run all maps; report failures when they happen, and all maps at the end.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def say_plans(
     output: Path,
     page: Path | None = None,
 ) -> None:
-    """Tell what a run would do, and end as it would as far as that is known.
+    """Print what a run would do, and end as it would as far as that is known.
 
     `size` is the number of jobs at the same time, None on a cluster.
 

@@ -24,7 +24,7 @@ _CLEAR = "\r\x1b[K"
 _BAR_WIDTH = 30
 _BAR_SECONDS = 0.1
 PROGRESS_SECONDS = 10.0
-"""Between two lines that tell how far a command is, where there is no bar."""
+"""Seconds between two lines of progress where there is no bar."""
 
 _stdout_problem: str | None = None
 _stdout_dropped = False
@@ -262,7 +262,7 @@ class Progress:
 
 
 def progress(length: int, what: str | None = None) -> Progress:
-    """Return what tells how far a command is, within a ``with`` block."""
+    """Return a callback that shows progress within a ``with`` block."""
     return Progress(length, what)
 
 
@@ -347,7 +347,7 @@ def _as_called(text: str) -> str:
 
 
 def _to_stdout(write: Callable[[], None]) -> None:
-    """Write, unless that has failed before; the work goes on, `finish` tells."""
+    """Write, unless that has failed before; the work goes on, and `finish` reports it."""
     global _stdout_problem
     try:
         write()

@@ -84,7 +84,7 @@ class MapCounts(OneLine):
     def is_contradicted(self) -> bool:
         """Whether it is hardly aligned with the others: many conflicts, and few walls met.
 
-        Conflicts alone do not tell: furniture that was moved makes some, and of a wall that two
+        Conflicts alone prove nothing: furniture that was moved makes some, and of a wall that two
         maps have seen a cell apart both are free where the other has it.
         """
         return self.conflict_share > _MANY and 2 * self.met < self.walls

@@ -40,7 +40,7 @@ class AlignmentAnswer:
 
 
 def alignment_answer(document: JsonValue) -> AlignmentAnswer:
-    """Return what a document of align tells.
+    """Return the content of a document of align.
 
     Raises
     ------

@@ -51,7 +51,7 @@ _WANTED = (
 
 @dataclass(frozen=True)
 class ToldFinding:
-    """A finding of lint, as its JSON tells it.
+    """A finding of lint, as in its JSON.
 
     Parameters
     ----------

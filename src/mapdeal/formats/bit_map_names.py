@@ -1,4 +1,4 @@
-"""The two files of a bit map: a ``.pbm``, and the YAML beside it that tells its place."""
+"""The two files of a bit map: a ``.pbm``, and the YAML beside it with its place."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ def settle(folder: Path, name: str | None = None) -> None:
     Raises
     ------
     FileAccessError
-        If something cannot be undone, be it in a folder that is closed to us, and it matters.
+        If something that matters cannot be undone, for example in a folder without permissions.
     """
     if not os.path.lexists(folder / JOURNAL):
         return
@@ -343,7 +343,7 @@ def _change_of(folder: Path, name: object, new: object, aside: object) -> _Chang
 
 
 def _what_stands_at(path: Path) -> FileState | None:
-    """Return the state of the file of a name, be it a link, and None if there is none."""
+    """Return the state of the file of a name, which may be a link, and None if there is none."""
     try:
         return FileState.of_status(path.lstat())
     except (FileNotFoundError, NotADirectoryError):

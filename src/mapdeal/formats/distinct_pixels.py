@@ -29,17 +29,17 @@ class DistinctPixels:
 
     Parameters
     ----------
-    tell : callable
-        ``tell(pixels, counts)`` is told of a row of different pixels, a picture of the same kind,
+    report : callable
+        ``report(pixels, counts)`` receives a row of different pixels, a picture of the same kind,
         and how often each occurs, shape (N,). It is called in the end, and before where there are
         more different pixels than should be kept; a pixel may come up again then.
     """
 
-    def __init__(self, tell: Callable[[Picture, Counts], None]) -> None:
+    def __init__(self, report: Callable[[Picture, Counts], None]) -> None:
         self.firsts: dict[int, int] = {}
         """The first pixel of each opaque 8-bit grey, or index of a palette, by its number."""
         self._seen = 0
-        self._tell = tell
+        self._report = report
         self._kind: Picture | None = None
         self._greys = np.zeros(0, dtype=np.int64)
         self._others: list[tuple[Codes, Counts]] = []
@@ -51,7 +51,7 @@ class DistinctPixels:
             self._add_band(band)
 
     def finish(self) -> None:
-        """Tell of what was counted and has not been told."""
+        """Report what was counted and not yet reported."""
         kind = self._kind
         if kind is None:
             return
@@ -60,7 +60,7 @@ class DistinctPixels:
             channels = [greys] * (3 if kind.samples.ndim == 3 else 1)
             if kind.alpha is not None:
                 channels.append(np.full_like(greys, kind.opaque))
-            self._tell(_row(channels, kind), self._greys[greys])
+            self._report(_row(channels, kind), self._greys[greys])
         self._greys = self._greys[:0]
         self._tell_of_others(kind)
 
@@ -113,7 +113,7 @@ class DistinctPixels:
         count = (3 if kind.samples.ndim == 3 else 1) + (kind.alpha is not None)
         shifts = [np.uint64(_BITS * k) for k in reversed(range(count))]
         channels = [(codes >> shift) & np.uint64(0xFFFF) for shift in shifts]
-        self._tell(_row(channels, kind), counts)
+        self._report(_row(channels, kind), counts)
 
 
 def _channels_of(row: Picture) -> list[Samples]:

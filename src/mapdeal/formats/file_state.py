@@ -1,4 +1,4 @@
-"""What tells whether a name still stands for the same bytes."""
+"""Whether a name still stands for the same bytes."""
 
 from __future__ import annotations
 

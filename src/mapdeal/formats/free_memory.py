@@ -13,7 +13,7 @@ _GROUPS = Path("/sys/fs/cgroup")
 def free_memory(
     meminfo: Path = _MEMINFO, own_group: Path = _OWN_GROUP, groups: Path = _GROUPS
 ) -> int | None:
-    """Return the bytes that can be had before anything is swapped out or killed.
+    """Return the bytes that are available before anything is swapped out or killed.
 
     The smaller of what the machine has and what is left of the limits of the control groups
     (version 2) that the process is in, as containers set them.

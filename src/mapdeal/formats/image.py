@@ -96,7 +96,7 @@ def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
 
 @contextmanager
 def open_pixel_rows(path: Path) -> Iterator[PixelRows | None]:
-    """Open an image file of which any rows can be had; give None for every other.
+    """Open an image file whose rows can be read in any order; return None for every other.
 
     `strips_of_rows` must be gone through before rows are asked for if the image is compressed.
 
@@ -127,7 +127,7 @@ def memory_to_read(path: Path) -> int:
     Raises
     ------
     FileAccessError, MalformedInputError
-        As `open_strips`, as far as the header tells.
+        As `open_strips`, as far as the header shows it.
     """
     with opened(path) as file:
         image_format, head = _format_of(file)
@@ -143,7 +143,7 @@ def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, i
     Raises
     ------
     FileAccessError, MalformedInputError
-        As `open_strips`, as far as the header tells.
+        As `open_strips`, as far as the header shows it.
     """
     head = head_of(path, HEAD)
     image_format = _recognised(head, path)

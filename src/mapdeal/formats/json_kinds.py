@@ -1,4 +1,4 @@
-"""Which of mapdeal's documents a JSON value is, told by its keys."""
+"""Which of mapdeal's documents a JSON value is, by its keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file is, told by its first bytes, and which command takes it.
+"""What a file is, by its first bytes, and which command takes it.
 
 Commands that are given another kind of file than they take say so with one line from here.
 """
@@ -91,7 +91,7 @@ class FileKind:
     use : str
         Which command takes it, as a hint.
     figures : callable
-        Reads what its header tells: words and numbers by name.
+        Reads its header: words and numbers by name.
     """
 
     name: str

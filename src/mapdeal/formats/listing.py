@@ -98,7 +98,7 @@ def files_matching(pattern: str) -> list[Path]:
     Warns
     -----
     MapdealWarning
-        If a folder on the way cannot be read. It is left out, as by a shell.
+        If a folder of the path cannot be read. It is left out, as by a shell.
 
     Notes
     -----

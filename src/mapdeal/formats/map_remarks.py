@@ -86,7 +86,7 @@ class FreedCells:
         self.count += count
 
     def are_possible(self, picture: Picture) -> bool:
-        """Return whether there can be any; of opaque bytes, one pixel tells of all."""
+        """Return whether there can be any; of opaque bytes, one pixel stands for all."""
         if picture.maxval != 255 or picture.alpha is not None or picture.palette is not None:
             return True
         if self._byte_is_free is None:
@@ -173,7 +173,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def percent(count: int, whole: int) -> str:
-    """Return a share as messages tell it, which is neither none nor all unless it is.
+    """Return a share for messages, which is neither none nor all unless it is exactly that.
 
     Examples
     --------

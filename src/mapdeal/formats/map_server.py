@@ -98,7 +98,7 @@ def check_rows(
 ) -> None:
     """Go through an image that is read by rows, as far as that must be done beforehand.
 
-    Compressed images are: after that, any of their rows can be had. Others are only as long as
+    Compressed images are: after that, any of their rows can be read. Others are only as long as
     there may be pixels that `read_cells` warns of.
 
     Raises

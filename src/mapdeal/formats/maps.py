@@ -131,36 +131,36 @@ class MapFile:
         return 0 if self._pixels is None else self._pixels.memory
 
     def memory_to_read(self) -> int:
-        """Return the bytes that `read` takes of memory at its peak, as far as headers tell.
+        """Return the bytes that `read` takes of memory at its peak, as far as headers show it.
 
         Raises
         ------
         FileAccessError, MalformedInputError
-            As `read`, as far as headers tell.
+            As `read`, as far as headers show it.
         """
         if self._image is None:
             return npz_memory(self.path)
         return memory_to_read(self._image)
 
     def shape(self) -> tuple[int, int]:
-        """Return rows and columns, as far as headers tell.
+        """Return rows and columns from headers.
 
         Raises
         ------
         FileAccessError, MalformedInputError
-            As `read`, as far as headers tell.
+            As `read`, as far as headers show it.
         """
         if self._image is None:
             return npz_frame(self.path).shape
         return read_image_size(self._image, max_cells=self._max_cells)
 
     def frame(self) -> Frame:
-        """Return where the grid lies, as far as headers tell.
+        """Return where the grid lies, from headers.
 
         Raises
         ------
         FileAccessError, MalformedInputError
-            As `read`, as far as headers tell.
+            As `read`, as far as headers show it.
         """
         if self.metadata is None:
             return npz_frame(self.path)

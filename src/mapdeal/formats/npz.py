@@ -205,7 +205,7 @@ def npz_frame(path: Path) -> Frame:
     Raises
     ------
     FileAccessError, MalformedInputError
-        As `read_npz`, as far as headers tell.
+        As `read_npz`, as far as headers show it.
     """
     with NpzReader(path, LARGEST_CELLS) as reader:
         _check_format(reader, path)
@@ -227,7 +227,7 @@ def npz_memory(path: Path) -> int:
     Raises
     ------
     FileAccessError, MalformedInputError
-        As `read_npz`, as far as headers tell.
+        As `read_npz`, as far as headers show it.
     """
     with NpzReader(path, LARGEST_CELLS) as reader:
         names = reader.names()

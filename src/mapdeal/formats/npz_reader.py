@@ -266,7 +266,7 @@ class NpzReader:
 
     @contextmanager
     def _opened(self, name: str) -> Iterator[_Entry]:
-        """Give an entry behind its header; damage that is met in the block is told as such."""
+        """Yield an entry after its header; damage that is met in the block is reported as such."""
         with self.damage_told(name), self._open(name) as file:
             yield self._entry(name, file)
 

@@ -18,7 +18,7 @@ from mapdeal.formats.source import LARGEST_FILE, access_to, check_readable
 from mapdeal.records import dataclass
 
 HEAD = 1 << 19
-"""Bytes at the start of a file that tell what it is: headers of images are not longer."""
+"""Bytes at the start of a file that identify it: headers of images are not longer."""
 
 _CHUNK = 1 << 20
 

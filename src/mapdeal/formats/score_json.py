@@ -13,7 +13,7 @@ _LARGEST = FARTHEST**2
 
 @dataclass(frozen=True)
 class ToldBound:
-    """A bound on a figure, as a document tells it.
+    """A bound on a figure, as in a document.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class ScoreAnswer:
 
 
 def score_answer(document: JsonValue) -> ScoreAnswer:
-    """Return what a document of score tells.
+    """Return the content of a document of score.
 
     Raises
     ------

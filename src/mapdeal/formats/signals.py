@@ -17,7 +17,7 @@ def signals_put_off() -> Iterator[None]:
     """Have signals that end the process wait for the end of the block.
 
     Python answers signals in the main thread alone: in any other there is nothing to put off.
-    What a signal would have done is done then, be it an exception or the end of the process.
+    What a signal would have done is done then, whether an exception or the end of the process.
     SIGKILL cannot be put off.
     """
     if threading.current_thread() is not threading.main_thread():

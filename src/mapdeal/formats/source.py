@@ -1,6 +1,6 @@
 """Names of files, and reading a whole input file: the place where the system's refusals end.
 
-What the system raises on a name, be it too long, in a private folder, in a circle of links, or
+What the system raises on a name that is too long, in a private folder, in a circle of links, or
 relative to a working folder that is gone, becomes one `FileAccessError` that names it. All other
 modules ask here, and not `pathlib`, whose answers to such names differ between versions of Python.
 """
@@ -104,7 +104,7 @@ def is_regular(path: Path) -> bool:
 
 
 def identity_of(path: Path) -> tuple[int, int] | None:
-    """Return what tells a file or folder from all others, by whatever name; None if not there."""
+    """Return the identity of a file or folder, whatever its name; None if there is none."""
     status = _status_or_none(path)
     return None if status is None else (status.st_dev, status.st_ino)
 
@@ -133,7 +133,7 @@ def absolute_path(path: Path) -> Path:
 
 
 def normal_path(path: Path) -> Path:
-    """Return the absolute path without ``..``, whatever links there are on the way."""
+    """Return the absolute path without ``..``, whatever links it contains."""
     return Path(os.path.normpath(absolute_path(path)))
 
 
@@ -321,7 +321,7 @@ def head_of(path: Path, length: int) -> bytes:
 def ignores_case(folder: Path) -> bool:
     """Return whether names that differ in case alone are one to the disk of a folder.
 
-    The nearest folder that there is tells for one that is yet to be made.
+    The nearest existing folder stands for one that is yet to be made.
     """
     whole = absolute_path(folder)
     for known in (whole, *whole.parents):

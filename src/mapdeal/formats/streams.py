@@ -55,7 +55,7 @@ def keep_npz(chunks: Iterable[bytes], folder: Path) -> Path:
     Raises
     ------
     MalformedInputError
-        If it is empty or no npz, which its first bytes tell, or longer than the memory that may be
+        If it is empty or not an npz by its first bytes, or longer than the memory that may be
         taken.
     FileAccessError
         If it cannot be kept.

@@ -67,7 +67,7 @@ class Strips:
 
 
 class PixelRows(Protocol):
-    """The pixels of an open image, of which any rows can be had."""
+    """The pixels of an open image, whose rows can be read in any order."""
 
     @property
     def image(self) -> Path:

@@ -42,8 +42,8 @@ def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreC
 
     Notes
     -----
-    A comment is told by its text: at the beginning of a line or behind white space. So it counts
-    in a file, too, that is no YAML.
+    A comment is recognised by its text: at the beginning of a line or behind white space. So it
+    counts in a file, too, that is no YAML.
     """
     try:
         data = read_file(path, limit=limit)

@@ -54,7 +54,7 @@ class Costmap(ValueGrid):
         Which of the two the costs are on.
     circumscribed_cost : int, optional
         The cost at the robot's circumscribed radius, where a robot shape is known: from there
-        on upwards a collision depends on the heading.
+        on a collision depends on the heading.
 
     Raises
     ------

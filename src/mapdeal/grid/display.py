@@ -22,7 +22,7 @@ def draw_with(drawer: Drawer) -> None:
 
 
 class OneLine:
-    """Something that is told in one line, whatever arrays it holds."""
+    """Something whose repr is one line, whatever arrays it holds."""
 
     __slots__ = ()
 

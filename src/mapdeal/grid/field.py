@@ -99,7 +99,7 @@ class DistanceField(FieldGrid):
     unknown : {'free', 'occupied'}
         What unknown cells count as.
     region : Region, optional
-        The box of cells that have a distance, None if all have one. Arrays tell themselves.
+        The box of cells that have a distance, None if all have one. For arrays it is found.
     """
 
     kind = "distance field"
@@ -207,7 +207,7 @@ class DistanceField(FieldGrid):
         per metre, turned into the map frame; it jumps where a line of cell centres is crossed.
         Between the outermost centres and the border the value at the centres goes on. Values
         are those of the field: clipped to its `max_distance`, scaled by its `strength`. A
-        point outside is told by `inside`, never by a distance that one could compute with.
+        point outside is marked by `inside`, never by a distance that one could compute with.
 
         References
         ----------

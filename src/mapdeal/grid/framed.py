@@ -19,7 +19,7 @@ from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
 from mapdeal.kernels.spans import Spans, paint
 
 Figures = dict[str, Any]
-"""What is told of a grid, as JSON can hold it."""
+"""The figures of a grid, as JSON can hold them."""
 
 
 class Framed(Drawn, ABC):
@@ -36,7 +36,7 @@ class Framed(Drawn, ABC):
     """The attributes that hold layers, the grid's own first."""
 
     parameter_names: ClassVar[tuple[str, ...]] = ()
-    """The attributes that tell what the grid was made with."""
+    """The attributes that the grid was made with."""
 
     resolution: float
     origin: Origin

@@ -176,7 +176,7 @@ def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
 
 
 def _first_edge(tree: ClearanceTree, rooted: RootedTree, basin: int, square: int) -> int | None:
-    """Return the first edge on the way to the root that is as narrow as a square."""
+    """Return the first edge towards the root that is as narrow as a square."""
     while (edge := int(rooted.parent_edges[basin])) >= 0:
         if tree.squares[edge] <= square:
             return edge

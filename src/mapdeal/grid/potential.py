@@ -48,7 +48,7 @@ class PotentialField(FieldGrid):
     repulsive_cap : float
         What `repulsive` was capped at.
     region : Region, optional
-        The box of cells that have a potential, None if all have one. Arrays tell themselves.
+        The box of cells that have a potential, None if all have one. For arrays it is found.
 
     Raises
     ------

@@ -68,7 +68,7 @@ class Bottleneck(OneLine):
         Twice the distance of its centre to the nearest obstacle cell's centre, metres: a round
         robot passes if it is narrower.
     at : {'passage', 'start', 'goal'}
-        Whether that is a place on the way, or the start or the goal itself.
+        Whether that is a place along the route, or the start or the goal itself.
     """
 
     x: float

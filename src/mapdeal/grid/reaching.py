@@ -48,7 +48,7 @@ def reach_on(
     headings : int
         How many headings a robot with corners can have.
     margin, min_area : float
-        Which passages are told, see `passages`.
+        Which passages are reported, see `passages`.
 
     Raises
     ------

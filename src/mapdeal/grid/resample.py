@@ -103,7 +103,7 @@ def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
     Parameters
     ----------
     frame : Frame
-        The cells to be told of.
+        The cells to be found.
     obstacles : numpy.ndarray of bool, shape (H, W)
         The obstacle cells of the other grid.
     source : Frame
@@ -134,7 +134,7 @@ def wholly_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
     Parameters
     ----------
     frame : Frame
-        The cells to be told of.
+        The cells to be found.
     cells : numpy.ndarray of bool, shape (H, W)
         The cells of the other grid.
     source : Frame

@@ -17,7 +17,7 @@ Method = Literal["astar", "descent"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Route(OneLine):
-    """What was found on the way from a start to a goal.
+    """The route from a start to a goal.
 
     Parameters
     ----------

@@ -26,10 +26,10 @@ Layer = NDArray[Any]
 
 MakeRows = Callable[[slice], NDArray[Any]]
 
-TellRows = Callable[[int, int], object]
+ReportRows = Callable[[int, int], object]
 """Called with how many rows of a layer have been gone through, and how many it has."""
 
-_tell: ContextVar[TellRows | None] = ContextVar("tell", default=None)
+_reported_to: ContextVar[ReportRows | None] = ContextVar("reported_to", default=None)
 
 _LOOKED_AT_TOGETHER = 1 << 20
 
@@ -221,33 +221,33 @@ def blocks_of(layer: Layer) -> Iterator[slice]:
 
 
 @contextmanager
-def passes_told(tell: TellRows) -> Iterator[None]:
-    """Have `swept` tell how far it is within a ``with`` block.
+def rows_reported(report: ReportRows) -> Iterator[None]:
+    """Have `swept` report its progress within a ``with`` block.
 
     Parameters
     ----------
-    tell : callable
+    report : callable
         Called from whichever thread goes through a lazy layer.
     """
-    token = _tell.set(tell)
+    token = _reported_to.set(report)
     try:
         yield
     finally:
-        _tell.reset(token)
+        _reported_to.reset(token)
 
 
-def tell_of(layer: Layer, rows: slice) -> None:
-    """Tell whoever listens to `passes_told` that rows of a lazy layer have been gone through."""
-    tell = _tell.get()
-    if tell is not None and is_lazy(layer):
-        tell(rows.stop - rows.start, layer.shape[0])
+def report_rows(layer: Layer, rows: slice) -> None:
+    """Report to `rows_reported` that rows of a lazy layer have been processed."""
+    report = _reported_to.get()
+    if report is not None and is_lazy(layer):
+        report(rows.stop - rows.start, layer.shape[0])
 
 
 def swept(layer: Layer) -> Iterator[slice]:
-    """Yield the rows of each block, as `blocks_of` does, and tell of those that are done."""
+    """Yield the rows of each block, as `blocks_of` does, and report those that are done."""
     for rows in blocks_of(layer):
         yield rows
-        tell_of(layer, rows)
+        report_rows(layer, rows)
 
 
 def gathered(layer: Layer, *looks: Callable[[NDArray[Any]], Any]) -> list[list[Any]]:

@@ -154,7 +154,7 @@ def widest_from(
     Returns
     -------
     numpy.ndarray of int32 or int64, shape (H, W)
-        The least square on the way, both ends included; 0 where there is no way.
+        The least square along the path, both ends included; 0 where there is no path.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """Values of one lattice of cells in the cells of another, which may be turned and finer or coarser.
 
-A `Lattice` tells where the other cells lie among those of an array, whose own cells have side 1
+A `Lattice` describes where the other cells lie among those of an array, whose own cells have side 1
 and whose coordinates are rows and columns with their fractions.
 """
 

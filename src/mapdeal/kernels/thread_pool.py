@@ -79,7 +79,7 @@ class ThreadPool(Executor):
 def _do(
     future: Future[Any], work: Callable[[], Any], told: type[BaseException]
 ) -> None:  # fmt: skip
-    """Work, and tell the future what came of it, be it an error of some kind."""
+    """Work, and set the result of the future, or its error."""
     if not future.set_running_or_notify_cancel():
         return
     try:

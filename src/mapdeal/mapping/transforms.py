@@ -34,7 +34,7 @@ class Posed:
     quaternions : numpy.ndarray of float64, shape (N, 4)
         x, y, z, w, of length 1.
     known : numpy.ndarray of bool, shape (N,)
-        Whether all transforms on the way are known at that time; where not, the rest is nan.
+        Whether all transforms of the chain are known at that time; where not, the rest is nan.
     """
 
     translations: Floats

@@ -38,7 +38,7 @@ def run_all(
     run_one : callable
         Does one job. If there are workers, it is sent to them.
     on_done : callable
-        Told of each outcome when a job is done, in whatever order that is.
+        Called with each outcome when a job is done, in any order.
     workers : Workers, optional
         Who does the jobs; one after the other in this process if not given.
     what : str
@@ -54,7 +54,7 @@ def run_all(
     KeyboardInterrupt
         If there was one; the summary is written then, too.
     MapdealError
-        If no more workers can be started; the summary tells what was done before.
+        If no more workers can be started; the summary shows what was done before.
     """
     marked: dict[int, Job] = {}
     outcomes: dict[int, Outcome] = {}

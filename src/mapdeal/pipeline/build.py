@@ -120,7 +120,7 @@ def build_file(
     layers : Path, optional
         An ``.npz`` for the map with its evidence.
     advance : callable
-        Told how many scans more were read, each time that they are.
+        Called with the number of scans that were read since the last call.
 
     Returns
     -------
@@ -269,7 +269,7 @@ def _gathered(
 
 
 def _parts(source: ScanSource, limits: BeamLimits, *, is_told: bool = False) -> Iterator[_Part]:
-    """Yield the beams of scans, some at a time; tell of odd angles, unless that was done."""
+    """Yield the beams of scans, some at a time; warn of odd angles, unless that was done."""
     for arrays in source.scans():
         if not is_told and np.abs(arrays.angles).max(initial=0.0) > 2 * math.pi:
             is_told = True

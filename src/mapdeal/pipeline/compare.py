@@ -114,7 +114,7 @@ def compare_methods(
     options : Settings
         How files are written.
     advance : callable
-        Told how many scans more were read, each time that they are.
+        Called with the number of scans that were read since the last call.
 
     Raises
     ------

@@ -52,7 +52,7 @@ def dispatch(
     workers : Workers
         Who does them.
     done : callable
-        Is told index and outcome of each, in the order in which they are done.
+        Called with index and outcome of each, in the order in which they are done.
 
     Notes
     -----

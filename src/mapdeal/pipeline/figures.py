@@ -10,7 +10,7 @@ from mapdeal.grid.framed import Figures
 
 _SHOWN_GOALS = 3
 _DEEPEST = 3
-"""Mappings in mappings whose entries are told one by one."""
+"""Mappings in mappings whose entries are listed one by one."""
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
 
@@ -75,7 +75,7 @@ def changes_between(old: Figures, new: Figures) -> list[str]:
     """Return what differs between the figures of two runs, a text each.
 
     Goals that are not reached any more come first. Of what differs within a mapping each entry is
-    told by its own name.
+    listed by its own name.
 
     Examples
     --------

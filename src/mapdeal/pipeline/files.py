@@ -42,7 +42,7 @@ def read_summed(path: Path, settings: Settings) -> Source:
 
 
 def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ...]]:
-    """Return where the grid in a file lies, and the files that tell, of which headers are read."""
+    """Return where the grid in a file lies, and the files whose headers were read for it."""
     with settings.memory(), open_map(path, max_cells=settings.max_cells) as file:
         return file.frame(), file.files
 

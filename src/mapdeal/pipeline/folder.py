@@ -1,4 +1,4 @@
-"""A folder with the products of some stages, and the manifest that tells what they are."""
+"""A folder with the products of some stages, and the manifest that describes them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Product:
     grid : OccupancyGrid, Costmap, DistanceField or PotentialField
         Its result.
     figures : mapping
-        What to tell of it beside the figures that every grid has.
+        Figures of it besides those that every grid has.
     """
 
     step: Step
@@ -260,7 +260,7 @@ class Filling:
     overlay : Overlay, optional
         What is drawn over each picture.
     by_blocks : bool
-        Whether the products are made block by block, so that progress can be told.
+        Whether the products are made block by block, so that progress can be shown.
     heard : sequence of str
         What reading the files has warned of.
     read : OccupancyGrid or other grid, optional

@@ -45,8 +45,8 @@ def describe_file(
     ``known_box`` is row, column, height and width of the known cells' bounding box, row 0 in
     the south; ``sha256`` is of the layer's bytes in that order. ``made_by`` has the stages that
     have made the file, with the parameters that took effect, where it lies in the folder of the
-    run that wrote it. A folder of a run, or its manifest, is told of as a whole. Of a file that
-    is no map there is what it ``is``, the ``figures`` that its header tells, and its ``use``; of a
+    run that wrote it. A folder of a run, or its manifest, is described as a whole. Of a file that
+    is no map there is what it ``is``, the ``figures`` of its header, and its ``use``; of a
     bag what `describe_bag` returns.
 
     Raises
@@ -99,7 +99,7 @@ def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> dict[s
 
 
 def _describe_reach(path: Path, max_cells: int | None) -> dict[str, Any]:
-    """Return what an npz tells of what a robot can reach; its answers are in another file."""
+    """Return what an npz contains of what a robot can reach; its results are in another file."""
     grid = read_reach(path, max_cells=max_cells)
     claim_work(path, grid, _OF_OTHERS)
     report: dict[str, Any] = {
@@ -117,7 +117,7 @@ def _describe_reach(path: Path, max_cells: int | None) -> dict[str, Any]:
 
 
 def _describe_run(path: Path) -> dict[str, Any]:
-    """Return what the manifest of a run tells of it, the sums of its outputs aside."""
+    """Return the content of the manifest of a run, except the checksums of its outputs."""
     folder = path if is_folder(path) else path.parent
     status_of(folder / MANIFEST)
     manifest = manifest_in(folder)

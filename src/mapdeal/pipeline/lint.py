@@ -359,7 +359,7 @@ def _are_worth_workers(paths: Sequence[Path], settings: Settings) -> bool:
 
 
 def _cells_of(path: Path, settings: Settings) -> int:
-    """Return how many cells the header of a map tells of; 0 if there is none."""
+    """Return the number of cells in the header of a map; 0 if there is none."""
     if is_folder(path):
         return 0
     with kept_warnings():  # reading itself warns

@@ -27,7 +27,7 @@ def manifest_in(folder: Path) -> dict[str, Any]:
 
 
 def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict[str, Any]] | None:
-    """Return the stages that have made a file, with their parameters, as its run tells.
+    """Return the stages that have made a file, with their parameters, from its manifest.
 
     Parameters
     ----------

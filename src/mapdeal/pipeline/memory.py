@@ -212,7 +212,7 @@ def _way_of(
     image_max: int | None,
     canvas: Canvas,
 ) -> _Blocks | None:
-    """Return how a map is to be processed, as headers tell; None if it fits the memory.
+    """Return how a map is to be processed, from its headers; None if it fits the memory.
 
     Cells of a compressed image are kept if there is room for them: it takes time to get at its
     rows once more. Of others they are read again.
@@ -327,7 +327,7 @@ def need_of(
     *,
     image_max: int | None,
 ) -> Need:
-    """Return the memory that `opened_map` and the stages will take, as headers tell.
+    """Return the memory that `opened_map` and the stages will take, from headers.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from mapdeal.errors import FileAccessError
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.temporary import PutRows, RowsWriter
 from mapdeal.formats.transaction import Begun, Transaction
-from mapdeal.kernels.blocks import blocks_of, made_by_rows, tell_of
+from mapdeal.kernels.blocks import blocks_of, made_by_rows, report_rows
 
 
 @contextmanager
@@ -86,7 +86,7 @@ class _Pass:
         for put in self._puts:
             put(rows)
         self._next = rows.stop
-        tell_of(self._layer, rows)
+        report_rows(self._layer, rows)
 
 
 def _named(path: Path, put: PutRows) -> PutRows:

@@ -1,4 +1,4 @@
-"""What a run would do, told without doing it."""
+"""What a run would do, without doing it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Plan:
 
 
 def plan_of(job: Job, run: MapRun) -> Plan:
-    """Return what a run would do with a map, as far as headers, sums and the manifest tell."""
+    """Return what a run would do with a map, from headers, checksums and the manifest."""
     settings, steps = run.settings, run.recipe.steps
     size = (0, 0)
     try:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock
 
-from mapdeal.kernels.blocks import passes_told
+from mapdeal.kernels.blocks import rows_reported
 from mapdeal.pipeline.settings import Advance, ProgressCallback
 
 _STEPS = 1000  # of one pass through a layer
@@ -55,7 +55,7 @@ def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[
         return
     with progress(passes * _STEPS) as advance:
         told = Told(advance, passes)
-        with passes_told(told.tell):
+        with rows_reported(told.tell):
             yield
         told.finish()
 

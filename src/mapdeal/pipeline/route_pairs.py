@@ -206,7 +206,7 @@ def _answer(
     terrain: Terrain,
     searches: Mapping[str, Mapping[str, Any]],
 ) -> tuple[dict[str, Route], list[str]]:
-    """Return the route of each method between two points, and the lines that tell of them."""
+    """Return the route of each method between two points, and the lines that describe them."""
     if asked.start is None or asked.goal is None:
         return {}, [failed_line(asked, pair=pair, error=str(asked.error))]
     try:

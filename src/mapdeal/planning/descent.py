@@ -121,7 +121,7 @@ def descend(
 
 
 def _followed(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], Ending]:
-    """Return the places on the way down, and how it ended."""
+    """Return the places of the descent, and how it ended."""
     places = [start]
     most = _STEPS_PER_CELL_OF_SIDE * sum(slope.shape)
     while len(places) <= most:

@@ -1,4 +1,4 @@
-"""What the picture of a cost curve tells: the zones of distances, and the marks between them."""
+"""What the picture of a cost curve shows: the zones of distances, and the marks between them."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def potential_image(
 
     Obstacles are black, unknown cells faded, those without a potential grey. Where cells share a
     pixel the highest potential shows, and an obstacle before all. The arrows stand on a coarse
-    lattice and tell the direction alone. An overlay is drawn over all.
+    lattice and show the direction only. An overlay is drawn over all.
     """
     part = shown_part(
         field.occupancy,

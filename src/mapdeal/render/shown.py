@@ -84,7 +84,7 @@ def shown_part(
     Parameters
     ----------
     layer : Layer, shape of `frame`
-        What tells which cells are known.
+        Finds which cells are known.
     frame : Frame
         The map's geometry.
     extent : {'known', 'all'}

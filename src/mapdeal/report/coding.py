@@ -20,7 +20,7 @@ from mapdeal.records import dataclass
 Numbers = NDArray[np.float32]
 
 SQUARE_ERROR = 1e-4
-"""Metres that a distance told by its square may be off; else it is told by steps."""
+"""Metres that a distance coded by its square may be off; otherwise it is coded by steps."""
 
 STEP = 1e-3
 """Metres of a step."""
@@ -156,7 +156,7 @@ class Bits:
 def ways_of(
     resolution: float, convention: Convention | None, strength: float, *, are_metres: bool
 ) -> tuple[Way, ...]:
-    """Return the ways in which a layer's numbers may be told, the best first, one that always fits.
+    """Return the codings of a layer's numbers, the best first, the last one always fitting.
 
     Parameters
     ----------
@@ -181,14 +181,14 @@ def ways_of(
 
 
 def packed(values: Numbers, ways: Sequence[Way]) -> bytes:
-    """Return the bytes of a tile, in the first way that tells all of its numbers.
+    """Return the bytes of a tile, in the first coding that holds all of its numbers.
 
     Parameters
     ----------
     values : numpy.ndarray of float32, shape (H, W)
         The numbers.
     ways : sequence of Way
-        Of which the last one can tell any finite number.
+        Of which the last one can hold any finite number.
 
     Returns
     -------
@@ -206,7 +206,7 @@ def packed(values: Numbers, ways: Sequence[Way]) -> bytes:
             planes = _planes(_folded(integers))
             header = struct.pack("<4i", index, len(planes), top, len(others))
             return b"".join([header, others.astype("<f4").tobytes(), *planes])
-    raise AssertionError("the last way tells any number")
+    raise AssertionError("the last coding holds any number")
 
 
 def _fit(values: Numbers, way: Way) -> tuple[NDArray[np.int32], int, Numbers] | None:

@@ -27,7 +27,7 @@ ItemKind = Literal["finding", "passage", "start", "goal", "route", "shape"]
 
 @dataclass(frozen=True, eq=False)
 class PageLayer:
-    """A layer that the page shows, and whose values it tells.
+    """A layer that the page shows, with its values.
 
     Parameters
     ----------

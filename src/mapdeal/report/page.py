@@ -32,7 +32,8 @@ SCRIPTS = (
 
 
 _HEADER = 0.02
-"""Of the room for tiles: what may go to the header, which tells where each of them begins."""
+"""Of the room for tiles: what may go to the header, which has the place where each of them
+begins."""
 
 
 def page_of(report: Report, *, size: int) -> Iterator[bytes]:

@@ -158,7 +158,7 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
 
 
 def finest_reduce(shape: tuple[int, int]) -> int:
-    """Return how many cells share a side of the finest cells, as far as the shape tells.
+    """Return how many cells share a side of the finest cells, as far as the shape shows.
 
     Examples
     --------

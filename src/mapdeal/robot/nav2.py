@@ -80,7 +80,7 @@ def nav2_robot(
     robot : RobotParameters or None
         None if a problem leaves nothing to go on with.
     problems : tuple of Problem
-        All that was found on the way; the first that is refused ends the real node.
+        All that was found; the first that is refused ends the real node.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def _resolved(
 
 
 def _check_sizes(values: Nav2Values, *, older: bool) -> None:
-    """Tell sizes with which the node does not configure; a map that is a file has its own."""
+    """Report sizes with which the node does not configure; a map that is a file has its own."""
     for name in ("width", "height"):
         if values.get(name, "integer", 5) <= 0:
             text = "must be above 0; Nav2 does not start"

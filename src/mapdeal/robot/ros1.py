@@ -68,7 +68,7 @@ def ros1_robot(
     robot : RobotParameters or None
         None if a problem leaves nothing to go on with.
     problems : tuple of Problem
-        All that was found on the way; the first that is refused ends the real node.
+        All that was found; the first that is refused ends the real node.
 
     Raises
     ------

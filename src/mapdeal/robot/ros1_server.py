@@ -227,7 +227,7 @@ def load_server(
 
 
 def costmap_of_name(path: Path) -> CostmapName | None:
-    """Return the costmap that a file is of by its name, where nothing else tells."""
+    """Return the costmap that a file is of by its name, where nothing else shows it."""
     names: tuple[CostmapName, CostmapName] = ("global", "local")
     found = [name for name in names if name in path.stem.lower()]
     return found[0] if len(found) == 1 else None

@@ -34,7 +34,7 @@ DISTANCES: dict[str, str] = {
     "dist_truth_to_est_m": "walls of the truth to those of the map",
     "dist_truth_to_est_where_est_known_m": "... where the map is known",
 }
-"""Groups of figures of distances, in the order in which they are told."""
+"""Groups of figures of distances, in the order in which they are printed."""
 
 CONFUSIONS: dict[str, str] = {
     "confusion_known_in_both": "cells that are known in both",

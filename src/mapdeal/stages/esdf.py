@@ -281,7 +281,7 @@ class FieldRule:
 
 
 def reach_is_kept(field: DistanceField, reach: float) -> bool:
-    """Return whether the field tells all distances up to `reach` metres apart.
+    """Return whether the field distinguishes all distances up to `reach` metres.
 
     A clipped field does not know its cells at exactly the clip from those beyond it.
     """

@@ -38,7 +38,7 @@ class Chunk:
     entries : list of tuple of int
         Its index records: connection, where their entries start, and how many there are.
     is_indexed : bool
-        Whether index records tell all that it holds.
+        Whether index records list all messages.
     is_cut : bool
         Whether the file ends within it.
     """

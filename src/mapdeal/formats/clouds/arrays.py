@@ -50,7 +50,7 @@ def npy_points(path: Path) -> Iterator[NDArray[np.float64]]:
 
 
 def npy_figures(path: Path) -> dict[str, Any]:
-    """Return what the header of an npy file tells: shape and type."""
+    """Return shape and type from the header of an npy file."""
     with access_to(path), path.open("rb") as file:
         shape, _, dtype = _header_of(file, path)
     return {"shape": " x ".join(map(str, shape)), "type": str(dtype)}

@@ -113,7 +113,7 @@ def binary_points(
 
 
 def header_lines(file: BinaryIO, path: Path) -> Iterator[tuple[int, str]]:
-    """Yield number and text of lines until told to stop, as long as they look like a header."""
+    """Yield number and text of lines as long as they look like a header."""
     read, number = 0, 0
     while True:
         line = file.readline(4096)

@@ -70,7 +70,7 @@ def pcd_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
 
 
 def pcd_figures(path: Path) -> dict[str, Any]:
-    """Return what the header of a PCD file tells: encoding, number of points, fields."""
+    """Return encoding, number of points and fields from the header of a PCD file."""
     with access_to(path), path.open("rb") as file:
         header = _read_header(file, path)
     fields = " ".join(header.record.names)

@@ -91,7 +91,7 @@ def _pass_over(file: BinaryIO, element: _Element, path: Path) -> None:
 
 
 def ply_figures(path: Path) -> dict[str, Any]:
-    """Return what the header of a PLY file tells: encoding, number of points, fields."""
+    """Return encoding, number of points and fields from the header of a PLY file."""
     with access_to(path), path.open("rb") as file:
         encoding, elements, _ = _read_header(file, path)
     vertices = [one for one in elements if one.name == "vertex"]

@@ -85,7 +85,7 @@ def reader_of(
     -------
     callable
         Takes a picture and returns the occupancy of its pixels, row 0 where the picture has it.
-        Of colours and opacities it takes wide numbers on the way; so give it some pixels at a time.
+        Colours and opacities take wide intermediate numbers; so pass some pixels at a time.
 
     Notes
     -----

@@ -43,11 +43,11 @@ class ImageFormat:
         raises OtherContentsError if the file is of another format.
     memory : callable
         ``memory(file, head)`` returns the bytes that reading takes at its peak, with a byte for
-        each cell that is made of a pixel, as far as the header tells; it raises as `size` does.
+        each cell that is made of a pixel, as far as the header shows; it raises as `size` does.
         This is what `read` claims.
     size : callable
         ``size(head, path, max_cells)`` returns height and width, and raises as `read` does, as
-        far as the header tells. It opens the file only if its first bytes do not tell.
+        far as the header shows. It opens the file only if its first bytes do not suffice.
     max_cells : int
         The default limit: the lower one for formats in which a small file may hold a large
         picture.
@@ -57,8 +57,8 @@ class ImageFormat:
     comments : callable
         ``comments(head)`` returns the comments in the header.
     rows : callable
-        ``rows(file, head)`` returns the pixels of an open file if any rows can be had, else
-        None. It looks at no more than the header, and raises as `read` does.
+        ``rows(file, head)`` returns the pixels of an open file if its rows can be read in any
+        order, else None. It looks at no more than the header, and raises as `read` does.
 
     Notes
     -----

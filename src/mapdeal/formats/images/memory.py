@@ -64,7 +64,7 @@ def check_pixels(image: Any, length: int, path: Path, *, bits: int = 0, tile: in
     path : Path
         The file's name, for messages.
     bits : int
-        Bits of a pixel in the file, 0 if Pillow's mode tells.
+        Bits of a pixel in the file, 0 if Pillow's mode gives them.
     tile : int
         Pixels of a tile, which may be larger than the picture.
 

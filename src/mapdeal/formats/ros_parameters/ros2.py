@@ -68,7 +68,7 @@ class Ros2Parameters:
         """Return the parameters that a node of a full name gets, by their names.
 
         As rclcpp's ``parameter_map_from`` since Humble: what comes later overrides, in the order
-        of the nodes in the files, be it ``/**`` or the very name.
+        of the nodes in the files, whether ``/**`` or the very name.
         """
         return {name: value for one in self.matching(node) for name, value in one.entries}
 

@@ -94,7 +94,7 @@ class CarmenLog(ScanSource):
     Notes
     -----
     FLASER lines have 180, 181, 360 or 361 readings over a half circle, and the laser's pose.
-    ROBOTLASER1 lines tell their angles and their maximum range, from which on a reading means
+    ROBOTLASER1 lines contain their angles and their maximum range, from which on a reading means
     that nothing was hit. RAWLASER1 lines do, too, but have no pose: that of the last ODOM line is
     taken. A log may have several kinds for the same scans; the one with a pose that has the most
     lines counts. All other lines are passed over.
@@ -342,12 +342,14 @@ def _laser(start: float, field: float, step: float, count: int) -> _Laser:
         raise _BadLineError("start angle and resolution must be angles in radians, and not 0")
     span = abs(step) * (count - 1)
     if field > 0 and count > 1 and abs(span - field) > 1.5 * abs(step):
-        raise _BadLineError(f"{count} readings span {span:.4g} rad, not the {field:.4g} told")
+        raise _BadLineError(
+            f"{count} readings span {span:.4g} rad, not the field of view of {field:.4g}"
+        )
     return _Laser(start, step, count)
 
 
 def _within(longest: float, ranges: Floats) -> Floats:
-    """Return ranges without those at the scanner's maximum, if it tells one: these hit nothing."""
+    """Return ranges without those at the scanner's maximum, if it has one: these hit nothing."""
     return np.where(ranges >= longest, math.inf, ranges) if longest > 0 else ranges
 
 

@@ -53,7 +53,7 @@ class ScanSource(ABC):
         return 0
 
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:  # noqa: B027
-        """Read what scans need, once, before any of them; `advance` is told of each step."""
+        """Read what scans need, once, before any of them; `advance` is called for each step."""
 
     @abstractmethod
     def scans(self) -> Iterator[ScanArrays]:
@@ -121,7 +121,7 @@ class BadLines:
         return MalformedInputError(f"{self.first[0]}{more}", source=self.path, hint=hint)
 
     def warn(self) -> None:
-        """Warn of the lines that were passed over, if there are any that no error has told of."""
+        """Warn of the lines that were ignored, if there are any that no error has named."""
         if self.count and not self.is_told:
             more = f" (and {self.count - len(self.first)} more)" if self.count > _NAMED else ""
             text = (

@@ -108,7 +108,7 @@ class BagClouds:
         Raises
         ------
         MalformedInputError
-            If a message is damaged, or poses are asked for and no transforms tell them.
+            If a message is damaged, or poses are asked for and no transforms give them.
         """
         _, sensor = self._decoder.header(self._index[0])
         if self._has_poses:

@@ -52,7 +52,7 @@ class FrameOptions:
     odometry : str, optional
         The topic of odometry to take, where transforms do not lead to the fixed frame.
     mount : tuple of float, optional
-        x, y (metres) and yaw (radians) of sensors on the robot, where no transform tells.
+        x, y (metres) and yaw (radians) of sensors on the robot, where no transform gives it.
     """
 
     fixed_frame: str | None = None
@@ -106,7 +106,7 @@ class SensorFrames:
         sensors : iterable of str
             Their frames.
         advance : callable
-            Told of each message that was read.
+            Called for each message that was read.
 
         Raises
         ------

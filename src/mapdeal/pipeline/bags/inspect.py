@@ -48,7 +48,7 @@ def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dic
 
     ``topics`` has a mapping for each topic: its type, the number of its messages, the times of the
     first and the last (when they were recorded, nanoseconds), the frame of the first, and the
-    commands that take it. ``transforms`` has those between frames that /tf tells of, with counts;
+    commands that take it. ``transforms`` has those between frames in /tf, with counts;
     ``use`` the command lines for what can be used.
 
     Raises

@@ -58,7 +58,7 @@ def _add_method(draft: Draft, method: str, grids: Grids) -> None:
 def two_maps(path: Path, answer: DiffAnswer, grids: Grids, settings: Settings) -> Draft:
     """Return the draft of a document of ``diff``: both maps, and what differs.
 
-    The maps are read again. Where one is missing, or is another by now, that is told.
+    The maps are read again. A map that is missing, or has changed since, is reported.
 
     Raises
     ------

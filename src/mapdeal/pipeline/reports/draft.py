@@ -100,7 +100,7 @@ def _shortened(table: Table) -> Table:
 
 
 def _first(found: Sequence[Kind], told: Callable[[str], Kind]) -> tuple[Kind, ...]:
-    """Return the first of very many, and one that tells of the rest."""
+    """Return the first of very many, and one that counts the rest."""
     if len(found) <= _MOST:
         return tuple(found)
     return (*found[:_MOST], told(f"{len(found) - _MOST} more are not listed"))

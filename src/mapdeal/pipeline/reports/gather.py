@@ -64,7 +64,8 @@ def gathered(
         Folders of runs, or of several; maps and other grids; JSON documents of lint, reach, route,
         diff and score; shapes. Runs and maps are entries of their own, but a map that a run was
         made of joins it, and a grid that is no map joins what was named before it, if it covers
-        the same cells. Documents belong to what was named before them, or by name if they tell one.
+        the same cells. Documents belong to what was named before them, or by name if they contain
+        one.
     grids : Grids
         Where the grids are read.
     title : str, optional
@@ -194,7 +195,7 @@ class _Gathering:
         draft.warn(opened.heard, opened.files)
 
     def add_document(self, path: Path) -> None:
-        """Read a document; what it tells goes where it belongs, at the end."""
+        """Read a document; its content goes where it belongs, at the end."""
         answer = read_answer(path)
         if isinstance(answer, DiffAnswer):
             draft = two_maps(path, answer, self._grids, self._grids.settings)
@@ -215,7 +216,7 @@ class _Gathering:
             self._documents.append((path, answer, self.drafts[-1] if self.drafts else None))
 
     def settle(self) -> None:
-        """Give what documents tell to the entries that they belong to.
+        """Add the content of documents to the entries that they belong to.
 
         Raises
         ------
@@ -240,7 +241,7 @@ class _Gathering:
             give_score(path, scored, self.drafts, self._grids)
 
     def _add_maps(self, paths: Iterable[Path]) -> None:
-        """Add the maps that documents tell of, where nothing else is named."""
+        """Add the maps that documents name, where nothing else is named."""
         for path in paths:
             try:
                 self.add_grid(path)

@@ -1,4 +1,4 @@
-"""Runs in folders: what a report shows of them, as their manifests tell."""
+"""Runs in folders: what a report shows of them, from their manifests."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ _MOST_WRONG = 20
 """Files of a run that are warned of one by one."""
 
 _LARGEST_FIGURE = 1e15
-"""Of what a manifest tells: up to here a float has all whole numbers."""
+"""Up to here a float has all whole numbers of a manifest."""
 
 _DONE = ("done", "unchanged")
 
 _OF_MAPS = ("occupied %", "free %", "unknown %")
-"""Columns that are told of the map that a run was made of."""
+"""Columns about the map that a run was made of."""
 _UNKNOWN_MAP = np.full((1, 1), -1, dtype=np.int8)
 
 
 def runs_in(folder: Path) -> list[Draft] | None:
     """Return a draft for each run in a folder: its own, those of a batch, or those below it.
 
-    Those that have failed have what its summary tells. None if there is none.
+    Those that have failed have what its summary contains. None if there is none.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def runs_in(folder: Path) -> list[Draft] | None:
 
 
 def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
-    """Yield what a summary tells of a map, and of the local map beside it."""
+    """Yield what a summary contains about a map, and about the local map beside it."""
     place, status = str(told.get("folder")), str(told.get("status"))
     if not _is_below(place):
         draft = Draft(place, folder, status="not shown")
@@ -221,7 +221,7 @@ def title_of(stage: str, manifest: Mapping[str, Any]) -> str:
 
 
 def _step_of(stage: str, parameters: Mapping[str, Any]) -> Step | None:
-    """Return the step that a manifest tells of, None if this version does not know it so."""
+    """Return a step of a manifest, None if this version does not know it so."""
     with suppress(ParameterError):
         return make_step(stage, parameters)
     return None

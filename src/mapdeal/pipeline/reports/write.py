@@ -116,7 +116,7 @@ def reported(
 ) -> Iterator[None]:
     """Write a page of the runs that are made within a ``with`` block, even if some have failed.
 
-    `on_made` is told of it.
+    `on_made` is called with it.
     """
     settings = replace(settings, force=True)
     try:

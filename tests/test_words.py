@@ -1,0 +1,74 @@
+"""Words that readers of ROS's documentation would stumble over, in all that people read."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [
+    ROOT / "README.md",
+    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if not page.name.endswith(".zh.md")),
+]
+MODULES = sorted((ROOT / "src").rglob("*.py"))
+
+WORDS = {
+    r"\b(?:tells?|told)\b(?! (?:\w+ ){0,3}(?:apart|from))": "report, print, show, explain",
+    r"\bis no (?:key|line|name|option|part) of\b": "unknown, invalid, not in",
+    r"\bdear(?:er)?\b": "high-cost, expensive",
+    r"\bbe it\b": "whether",
+    r"\bwhose like\b": "a matching",
+    r"\bcompiled on the way\b": "during installation",
+    r"\bon upwards\b": "at or above",
+    r"\b(?:is|are) not at hand\b": "is missing",
+    r"\b(?:free|occupied|unknown) any ?more\b": "now",
+    r"\bbrings? (?:\w+ )?to (?:its|their) end\b": "finish",
+    r"\bcan be had\b": "is available",
+    r"\brear heading\b": "direction of the robot's back",
+    r"\bdown; B\b": "rows, columns",
+    r"\bof its own accord\b": "automatically",
+}
+"""Patterns, and what to write instead."""
+
+
+def prose(page):
+    """The text of a page without blocks and spans of code."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    return re.sub(r"`[^`\n]*`", "", text)
+
+
+def texts(module):
+    """The strings and docstrings of a module, with the lines where they begin."""
+    for node in ast.walk(ast.parse(module.read_text())):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
+            yield node.lineno, re.sub(r"`[^`\n]*`", "", node.value)
+
+
+def found(text):
+    for pattern, instead in WORDS.items():
+        for match in re.finditer(pattern, text, re.IGNORECASE):
+            line = text.count("\n", 0, match.start())
+            yield line, f"{' '.join(match[0].split())!r}: {instead}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_pages_use_the_words_of_the_field(page):
+    assert [remark for _, remark in found(prose(page))] == []
+
+
+def test_messages_and_docstrings_use_the_words_of_the_field():
+    remarks = [
+        f"{module.relative_to(ROOT)}:{first + line}: {remark}"
+        for module in MODULES
+        for first, text in texts(module)
+        for line, remark in found(text)
+    ]
+    assert not remarks, "\n".join(remarks)
+
+
+@pytest.mark.parametrize(
+    "text", ["What a run tells", "less is only DEAR", "is no key of map_server"]
+)
+def test_a_word_is_found_in_any_case(text):
+    assert list(found(text))
