@@ -183,7 +183,7 @@ def test_the_workflows_of_the_page_are_as_their_schema_says(number, tmp_path):
     inputs = yaml.safe_load(ACTION.read_text())["inputs"]
     (job,) = yaml.safe_load(text)["jobs"].values()
     (step,) = [one for one in job["steps"] if "mapdeal-lint" in one.get("uses", "")]
-    place = step["uses"].removeprefix("OWNER/mapdeal/").rpartition("@")[0]
+    place = step["uses"].removeprefix("mapdeal/mapdeal/").rpartition("@")[0]
     assert ROOT / place == ACTION.parent
     assert set(step["with"]) <= set(inputs)
 
