@@ -1,6 +1,7 @@
 """Shared fixtures."""
 
 import os
+import signal
 import threading
 import warnings
 from pathlib import Path
@@ -29,7 +30,9 @@ NO_TEST_DATA = "needs files of public repositories in MAPDEAL_TEST_DATA: docs/te
 
 
 def pytest_configure(config):
-    """Try fewer examples where only quick tests are asked for."""
+    """Answer Ctrl-C, and try fewer examples where only quick tests are asked for."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in jobs that shells run behind
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if "not slow" in config.option.markexpr:
         settings.load_profile("quick")
 
