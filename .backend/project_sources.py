@@ -6,9 +6,11 @@ import subprocess
 from pathlib import Path
 
 MADE = {"__pycache__", "build", "dist", "out", "node_modules"}
-"""Folders whose contents are made from other files; so are hidden ones, save those below."""
+"""Folders whose contents are made from other files; so are hidden ones, except for these."""
 
-HIDDEN = {".backend", ".ci", ".github", ".gitignore", ".pre-commit-hooks.yaml"}
+HIDDEN = {".backend", ".ci", ".github"}
+
+MADE_FILES = {"PKG-INFO", ".git", ".coverage"}
 
 
 def absolute(text, source, version):
@@ -40,13 +42,12 @@ def _files_below(root):
         place = Path(folder).relative_to(root)
         folders[:] = [name for name in folders if not _is_made(place / name)]
         for name in files:
-            if not (_is_made(place / name) or name.endswith((".so", ".pyd"))):
+            is_made = place == Path() and name in MADE_FILES
+            if not (is_made or name.endswith((".so", ".pyd"))):
                 yield (place / name).as_posix()
 
 
-def _is_made(path):
-    if path.parent == Path() and path.name == "PKG-INFO":
-        return True
-    if path.name.startswith("."):
-        return path.as_posix() not in HIDDEN
-    return path.name in MADE or path.name.endswith(".egg-info")
+def _is_made(folder):
+    if folder.name.startswith("."):
+        return folder.as_posix() not in HIDDEN
+    return folder.name in MADE or folder.name.endswith(".egg-info")
