@@ -255,5 +255,5 @@ def _compare_with_golden(
     if lines:
         verb = "differs" if len(lines) == 1 else "differ"
         rule = f"{count_text(len(lines), 'stage')} {verb} from the golden run"
-        raise FindingError(rule, source=golden, hint="--update-golden takes them over")
+        raise FindingError(rule, source=golden, hint="--update-golden accepts them")
     terminal.summary([f"{golden}: all stages as stored"])
