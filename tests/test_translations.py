@@ -1,0 +1,209 @@
+"""The Chinese pages have the commands, code, pictures, links and tables of the English ones."""
+
+import itertools
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+CHINESE = sorted(DOCS.rglob("*.zh.md"))
+GLOSSARY = "术语对照"
+
+CJK = "[一-鿿]"
+HEADING = re.compile(r"^(#+) (.*)$")
+SPAN = re.compile(r"`([^`\n]+)`")
+LINK = re.compile(r"(!?)\[((?:[^][]|\[[^]]*\])*)\]\(([^)\s]+)\)")
+LANGUAGE_LINK = re.compile(r"^\[(?:中文|English)\]\([^)]+\)$")
+ENGLISH_WORDS = re.compile(
+    r"\b(?:a|an|and|are|by|for|in|is|it|of|that|the|to|with)\b", re.IGNORECASE
+)
+
+
+def english_of(page):
+    if page == DOCS / "README.zh.md":
+        return ROOT / "README.md"
+    return page.with_name(page.name.replace(".zh.md", ".md"))
+
+
+def chinese_of(page):
+    if page == ROOT / "README.md":
+        return DOCS / "README.zh.md"
+    return page.with_name(f"{page.stem}.zh.md")
+
+
+def parts(text):
+    """A page as its prose, line by line, and its blocks of code with their languages."""
+    block = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+    lines = block.sub("\n", text).splitlines()
+    return [line for line in lines if not LANGUAGE_LINK.match(line)], block.findall(text)
+
+
+def read(page):
+    """The parts of a page, without the glossary, which has no English counterpart."""
+    return parts(page.read_text("utf-8").split(f"## {GLOSSARY}\n")[0])
+
+
+def commands(block):
+    """A block of shell commands without comments, save those that state an exit code."""
+    lines = (re.sub(r"(?:^|\s+)#(?! exit code \d).*", "", line) for line in block.splitlines())
+    return [line for line in lines if line]
+
+
+def comparable(blocks):
+    return [(kind, commands(code) if kind == "sh" else code) for kind, code in blocks]
+
+
+def levels(lines):
+    return [len(match[1]) for line in lines if (match := HEADING.match(line))]
+
+
+def tables(lines):
+    """The rows of each table."""
+    grouped = itertools.groupby(lines, lambda line: line.startswith("|"))
+    return [list(rows) for is_table, rows in grouped if is_table]
+
+
+def spans(row):
+    """The code in the first column of a row, and all of its code, whatever their order."""
+    first = re.split(r"(?<!\\)\|", row)[1]
+    return sorted(SPAN.findall(first)), sorted(SPAN.findall(row))
+
+
+def resolved(page, target):
+    """A link target as (path or address, fragment)."""
+    address, _, fragment = target.partition("#")
+    if address.startswith("http"):
+        return address, fragment
+    return (page.parent / address).resolve() if address else page, fragment
+
+
+def targets(page, lines, pictures):
+    return [
+        resolved(page, target)
+        for picture, _, target in LINK.findall("\n".join(lines))
+        if bool(picture) == pictures
+    ]
+
+
+def anchors(page):
+    """The fragments that lead somewhere in a page, as GitHub makes them of its headings."""
+    lines, _ = parts(page.read_text("utf-8"))
+    headings = [match[2] for line in lines if (match := HEADING.match(line))]
+    named = re.findall(r'<a id="([^"]+)"></a>', "\n".join(lines))
+    made = [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings]
+    return {*named, *made}
+
+
+def untranslated(line):
+    """What is left of English in a line, or an empty text."""
+    text = LINK.sub(r"\2", SPAN.sub("", line))
+    if re.search(r"<a id=", text):
+        return ""
+    match = ENGLISH_WORDS.search(text)
+    is_names = text.startswith("|") or re.fullmatch(r"# \w+|## \d+：\w+", text)
+    if match is None and (re.search(CJK, text) or is_names):
+        return ""
+    return text if re.search(r"[A-Za-z]", text) else ""
+
+
+@pytest.fixture(params=CHINESE, ids=lambda page: page.name)
+def pair(request):
+    return english_of(request.param), request.param
+
+
+def test_headings_have_the_same_levels(pair):
+    english, chinese = (levels(read(page)[0]) for page in pair)
+    assert chinese == english
+
+
+def test_blocks_of_code_are_the_same(pair):
+    english, chinese = (comparable(read(page)[1]) for page in pair)
+    assert chinese == english
+
+
+def test_pictures_are_the_same(pair):
+    english, chinese = (targets(page, read(page)[0], pictures=True) for page in pair)
+    assert chinese == english
+
+
+def test_links_lead_to_the_same_pages_in_chinese_where_there_are_such(pair):
+    def in_chinese(target):
+        address, fragment = target
+        if isinstance(address, Path) and chinese_of(address).exists():
+            return chinese_of(address), fragment
+        return target
+
+    english, chinese = (targets(page, read(page)[0], pictures=False) for page in pair)
+    key = str
+    assert sorted(chinese, key=key) == sorted(map(in_chinese, english), key=key)
+
+
+def test_fragments_of_links_exist(pair):
+    for page in pair:
+        for address, fragment in targets(page, read(page)[0], pictures=False):
+            if fragment and isinstance(address, Path):
+                assert fragment in anchors(address), f"{page.name}: {address.name}#{fragment}"
+
+
+def test_tables_have_the_same_rows_and_the_same_code_in_them(pair):
+    english, chinese = (tables(read(page)[0]) for page in pair)
+    assert [len(rows) for rows in chinese] == [len(rows) for rows in english]
+    for theirs, ours in zip(itertools.chain(*english), itertools.chain(*chinese), strict=True):
+        assert spans(ours) == spans(theirs), ours
+
+
+def test_no_english_sentence_is_left(pair):
+    lines, _ = read(pair[1])
+    assert [line for line in lines if untranslated(line)] == []
+
+
+def test_a_paragraph_is_one_line(pair):
+    """A line break between Chinese characters would be shown as a space."""
+    lines, _ = parts(pair[1].read_text("utf-8"))
+    plain = [bool(re.match(r"[^#|\s!<]", line)) for line in lines]
+    items = [line.startswith("- ") for line in lines]
+    for number in range(1, len(lines)):
+        starts_anew = items[number] or not plain[number - 1]
+        assert starts_anew or not plain[number], lines[number]
+
+
+def test_each_page_links_to_its_other_language_at_its_top(pair):
+    english, chinese = pair
+    for page, other, label in ((chinese, english, "English"), (english, chinese, "中文")):
+        if page == ROOT / "README.md":
+            continue
+        label_and_target = re.match(r"# .*\n\n\[(.*?)\]\((.*?)\)\n\n", page.read_text("utf-8"))
+        assert label_and_target is not None, page.name
+        assert label_and_target[1] == label
+        assert resolved(page, label_and_target[2]) == (other, "")
+
+
+def test_chinese_readme_ends_with_a_glossary():
+    lines, _ = parts((DOCS / "README.zh.md").read_text("utf-8").split(f"## {GLOSSARY}\n")[1])
+    (rows,) = tables(lines)
+    assert len(rows) > 10
+    assert all(re.fullmatch(rf"\| [^|]*[a-z][^|]* \| [^|]*{CJK}[^|]* \|", row) for row in rows[2:])
+
+
+@pytest.mark.parametrize(
+    ("line", "left"),
+    [
+        ("Installation takes a minute.", True),
+        ("安装 takes a minute 时间", True),
+        ("| `a` | costs of the map |", True),
+        ("## Reports", True),
+        ("| TurtleBot 4 | 0.1814 |", False),
+        ("用 `the map of it` 安装", False),
+        ("[报告](the-report.md)", False),
+        ("", False),
+    ],
+)
+def test_english_is_found_in_prose_alone(line, left):
+    assert bool(untranslated(line)) == left
+
+
+def test_comments_of_shell_commands_may_be_translated_but_not_their_exit_codes():
+    assert commands("# one\nmapdeal a  # two\n") == commands("mapdeal a\n# 三\n")
+    assert commands("mapdeal a  # exit code 1\n") != commands("mapdeal a\n")
