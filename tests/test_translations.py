@@ -102,7 +102,7 @@ def untranslated(line):
     if re.search(r"<a id=", text):
         return ""
     match = ENGLISH_WORDS.search(text)
-    is_names = text.startswith("|") or re.fullmatch(r"# \w+|## \d+：\w+", text)
+    is_names = text.startswith("|") or re.fullmatch(r"# \w+|## \d+\uff1a\w+", text)
     if match is None and (re.search(CJK, text) or is_names):
         return ""
     return text if re.search(r"[A-Za-z]", text) else ""
