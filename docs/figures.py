@@ -1,20 +1,23 @@
 """Draw the pictures of the documentation.
 
 Run it as ``python docs/figures.py [intel-corrected.log] [tmcl]``.
-Reads examples and writes docs/images; the pictures of the Intel lab only if its log is given, those
-of an office floor only if the folder with PRBonn/tmcl's maps of it is.
+Most pictures are files that the commands of a page write: they are run, and the files copied into
+docs/images. The pictures of the Intel lab are drawn only if its log is given, those of an office
+floor only if the folder with PRBonn/tmcl's maps of it is.
 """
 
 from __future__ import annotations
 
 import io
+import re
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,32 +26,21 @@ from PIL import Image
 
 import mapdeal
 from mapdeal.alignment.align import align
-from mapdeal.checks.difference import changes_of, frame_around, states_of
+from mapdeal.checks.difference import frame_around
 from mapdeal.formats.png import write_indexed_png
-from mapdeal.formats.scans.reader import open_log
 from mapdeal.grid.resample import sampled
 from mapdeal.grid.transform import Transform
 from mapdeal.render.colours import Colour
 from mapdeal.render.difference import difference_image
-from mapdeal.render.keepout import KeepoutOverlay
-from mapdeal.render.layers import cost_image, field_image, occupancy_image
-from mapdeal.render.overlay import Brush, Overlay, place_of
-from mapdeal.render.pose import PoseOverlay
-from mapdeal.render.potential import potential_image
+from mapdeal.render.layers import occupancy_image
+from mapdeal.render.overlay import Brush, place_of
 from mapdeal.render.raster import Raster
-from mapdeal.render.reach import reach_image
-from mapdeal.render.route import RouteOverlay
 from mapdeal.render.style import LayerStyle, Swatch
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
 MAPS = DOCS.parent / "examples" / "maps"
-WARTHOG = [(0.76, 0.69), (0.76, -0.69), (-0.76, -0.69), (-0.76, 0.69)]
-ROBOT = DOCS.parent / "examples" / "robots" / "nav2_params.yaml"
 
-SHELF = [(0.975, -0.825), (1.5, -0.825)]
-LONG_ROBOT = [(0.45, 0.225), (0.45, -0.225), (-0.45, -0.225), (-0.45, 0.225)]
-FOOTPRINT = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
 LONG_SIDE = 900  # pixels of a picture of a map
 
 
@@ -91,14 +83,65 @@ class Routes:
         return swatches
 
 
+PICTURES = {
+    "quickstart.md": {
+        "office.png": "out/quickstart/office/input.png",
+        "office_esdf.png": "out/quickstart/office/esdf.png",
+        "office_cost.png": "out/quickstart/office/cost.png",
+        "office_cost_nav2.png": "out/quickstart/footprint/office/cost.png",
+        "arena_active.png": "out/quickstart/sim/arena/active.png",
+    },
+    "stages.md": {
+        "arena.png": "out/stages/canvas/arena/input.png",
+        "arena_cost.png": "out/stages/arena/arena/cost.png",
+        "office_inflated.png": "out/stages/inflated.png",
+        "office_inflated_square.png": "out/stages/square.png",
+        "cost_curve.png": "out/stages/curve.png",
+        "office_cost_threshold.png": "out/stages/threshold.png",
+        "office_cost_rings.png": "out/stages/rings.png",
+    },
+    "robots.md": {
+        "robot_cost.png": "out/robots/cost.png",
+        "robot_curve.png": "out/robots/curve.png",
+        "robot_short_curve.png": "out/robots/short.png",
+    },
+    "asking.md": {
+        "office_potential.png": "out/asking/potential.png",
+        "office_route.png": "out/asking/route.png",
+        "office_descent.png": "out/asking/descent.png",
+    },
+    "reach.md": {
+        "reach_before.png": "out/before.png",
+        "reach_after.png": "out/after.png",
+        "reach_long.png": "out/long.png",
+    },
+    "editing.md": {"office_mask.png": "out/editing/cost.png"},
+    "local_maps.md": {
+        "local_map.png": "out/local/local.png",
+        "local_cost.png": "out/local/cost.png",
+        "local_rolling.png": "out/rolling/0003/local.png",
+    },
+    "bags.md": {"bag_corridor.png": "out/bags/corridor.png"},
+}
+"""Files that the commands of a page write, by the picture of docs/images that they are."""
+
+INTEL = """\
+build {log} -o {out}/intel_{method}.yaml --method {method} --size 36.25,38.9 --origin -20,-23.35
+window {out}/intel_{method}.yaml -o {out}/intel_corner_{method}.yaml --corner -11,-1.5 \
+--size 9.5,8 --image {images}/intel_{method}.png"""
+INTEL_DIFFERENCE = """\
+diff {out}/intel_corner_counting.yaml {out}/intel_corner_tsdf.yaml \
+--image {images}/intel_counting_tsdf.png"""
+
+
 def main() -> None:
     """Draw every picture."""
     IMAGES.mkdir(exist_ok=True)
-    draw_cost_curve(IMAGES / "cost_curve.png")
-    draw_arena()
-    draw_corridor()
-    draw_office()
-    draw_reach()
+    for page, pictures in PICTURES.items():
+        with commands_run(page) as folder:
+            for name, file in pictures.items():
+                shutil.copy(folder / file, IMAGES / name)
+    draw_pairs()
     draw_report()
     for given in map(Path, sys.argv[1:]):
         if given.is_dir():
@@ -107,127 +150,76 @@ def main() -> None:
             draw_intel(given)
 
 
-def draw_cost_curve(path: Path) -> None:
-    """Draw what ``mapdeal cost --curve`` does for a robot on the office's cells."""
-    curve = mapdeal.cost_curve(
-        mapdeal.read_map(MAPS / "office.yaml"),
-        footprint=mapdeal.Footprint.parse(FOOTPRINT),
-        inflation_radius=0.55,
-        cost_scaling_factor=5.0,
-    )
-    title = "office: cost, inscribed 0.2 m, inflation 0.55 m, factor 5"
-    mapdeal.write_picture(path, curve, title=title, force=True)
+@contextmanager
+def commands_run(page: str) -> Iterator[Path]:
+    """Run the commands of a page; give the folder that they have run in."""
+    text = (DOCS / page).read_text()
+    blocks = re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    with tempfile.TemporaryDirectory() as name:
+        shutil.copytree(DOCS.parent / "examples", Path(name) / "examples")
+        for line in "".join(blocks).replace("\\\n", " ").splitlines():
+            words = shlex.split(line.strip().removeprefix(".venv/bin/"), comments=True)
+            if words[:1] == ["mapdeal"]:
+                _run(words[1:], Path(name))
+        yield Path(name)
 
 
-def draw_corridor() -> None:
-    """Draw the map of the example bag's scans."""
-    built = mapdeal.build_map_from_bag(
-        DOCS.parent / "examples" / "bags" / "office.mcap", method="counting"
-    )
-    title = "60 scans of a bag, counting"
-    mapdeal.write_picture(IMAGES / "bag_corridor.png", built.grid, title=title, force=True)
+def _run(words: list[str], folder: Path) -> None:
+    """Run mapdeal; a finding is no failure."""
+    target = words[-1] if words[-2:-1] == [">"] else None
+    command = [sys.executable, "-m", "mapdeal", *(words[:-2] if target else words)]
+    done = subprocess.run(command, capture_output=True, cwd=folder, check=False)  # noqa: S603 - ours
+    if done.returncode > 2:
+        raise SystemExit(done.stderr.decode())
+    if target is not None:
+        (folder / target).write_bytes(done.stdout)
 
 
-def draw_arena() -> None:
-    """Draw the simulated world before and after the stage ``active``, and its costs."""
-    arena = mapdeal.read_map(MAPS / "arena.yaml")
-    region = mapdeal.active_region(arena)
-    _picture("arena.png", arena, "arena: the whole canvas", side=500)
-    _picture("arena_active.png", region, "arena: active region")
-    field = mapdeal.esdf(mapdeal.inflate(region, kernel="square"), unknown="occupied")
-    cost = mapdeal.threshold_cost(
-        field, down_distance=1.0, up_distance=0.5, down_factor=0.5, up_factor=1.0
-    )
-    _picture("arena_cost.png", cost, "arena: cost, recipe arena")
-
-
-def draw_office() -> None:
-    """Draw what each stage makes of the office, cropped so that the pictures stay small."""
-    office = mapdeal.active_region(mapdeal.read_map(MAPS / "office.yaml"), margin=0.5)
-    inflated = mapdeal.inflate(office)
-    field = mapdeal.esdf(inflated)
-    robot = mapdeal.Footprint.parse(FOOTPRINT)
-    around_robot = mapdeal.apply_recipe(office, "nav2", footprint=robot)["cost"]
-    threshold = mapdeal.threshold_cost(mapdeal.esdf(office))
-    rings = mapdeal.ring_cost(office)
-    square = mapdeal.inflate(office, kernel="square")
-    _picture("office.png", office, "office: the map")
-    _picture("office_inflated.png", inflated, "office: inflated by 0.3 m, disc")
-    _picture("office_inflated_square.png", square, "office: inflated by 0.3 m, square")
-    _picture("office_esdf.png", field, "office: distance field of the inflated map")
-    _picture("office_cost.png", mapdeal.exponential_cost(field), "office: cost, recipe default")
-    _picture("office_cost_nav2.png", around_robot, "office: cost, recipe nav2, with a footprint")
-    robot = mapdeal.read_robot_parameters(ROBOT)
-    costs = mapdeal.apply_recipe(office, robot)["cost"]
-    _picture("robot_cost.png", costs, "office: cost of examples/robots/nav2_params.yaml")
-    curve = mapdeal.cost_curve(office, robot=robot)
-    title = "office: cost of examples/robots/nav2_params.yaml"
-    mapdeal.write_picture(IMAGES / "robot_curve.png", curve, title=title, force=True)
-    warthog = mapdeal.Footprint.polygon(WARTHOG).padded(0.01)
-    short = mapdeal.cost_curve(
-        0.05, footprint=warthog, inflation_radius=1.0, cost_scaling_factor=4.0, lookup="nav2"
-    )
-    mapdeal.write_picture(IMAGES / "robot_short_curve.png", short, title="Warthog", force=True)
-    _picture("office_cost_threshold.png", threshold, "office: cost, model threshold")
-    _picture("office_cost_rings.png", rings, "office: cost, model rings")
-    zones = mapdeal.read_shapes(MAPS.parent / "shapes" / "office_zones.yaml")
-    mask = mapdeal.draw(mapdeal.blank(office, -1), zones, overlay="max")
-    bare = mapdeal.exponential_cost(
-        office, inscribed_radius=0.22, inflation_radius=0.7, cost_scaling_factor=3.0
-    )
-    masked = mapdeal.apply_keepout_mask(bare, mask)
-    goal = (9.0, 5.0)
+def draw_pairs() -> None:
+    """Draw the routes of three methods on one map."""
+    office = mapdeal.read_map(MAPS / "office.yaml")
     costmap = mapdeal.apply_recipe(office, "nav2")["cost"]
-    route = mapdeal.shortest_route(costmap, (-7.5, 2.5), goal)
-    _picture("office_route.png", costmap, "office: route, astar", overlay=RouteOverlay(route))
     routes = {
         "plain": mapdeal.shortest_route(costmap, *COMPARED),
         "in the cost": mapdeal.shortest_route(costmap, *COMPARED, field_weight=1.0),
         "in the heuristic": mapdeal.shortest_route(costmap, *COMPARED, heuristic_weight=2.0),
     }
-    _picture("office_pairs.png", office, "office: where the field acts", overlay=Routes(routes))
-    attraction = mapdeal.potential(office, goal=goal, attractive_gain=50.0)
-    _picture("office_potential.png", attraction, "office: potential field")
-    trapped = mapdeal.descend(costmap, attraction, (-7.5, 2.5))
-    _picture("office_descent.png", costmap, "office: route, descent", overlay=RouteOverlay(trapped))
-    _local_pictures(office)
-    title = "office: cost, inscribed 0.22 m, with a keepout mask"
-    _picture("office_mask.png", masked, title, overlay=KeepoutOverlay.of(bare, masked))
-
-
-def draw_reach() -> None:
-    """Draw where robots get to in the office, before and after a shelf stands in a door."""
-    office = mapdeal.active_region(mapdeal.read_map(MAPS / "office.yaml"), margin=0.5)
-    shelf = mapdeal.draw(office, mapdeal.Line(SHELF), value=100)
-    asked = {"start": (-8.0, 0.0), "goals": {"kitchen": (3.0, -4.0), "lab": (9.0, 4.0)}}
-    before = mapdeal.reach(office, radius=0.28, **asked)
-    after = mapdeal.reach(shelf, radius=0.28, **asked)
-    robot = mapdeal.Footprint.polygon(LONG_ROBOT)
-    of_long = mapdeal.reach(shelf, start=(-8.0, 0.0, 0.0), footprint=robot)
-    _picture("reach_before.png", before, "office: reach of a robot of radius 0.28 m")
-    _picture("reach_after.png", after, "shelf: reach of a robot of radius 0.28 m")
-    _picture("reach_long.png", of_long, "shelf: reach of a robot of 0.9 x 0.45 m")
+    image = occupancy_image(
+        office, title="office: routes of three methods", overlay=Routes(routes),
+        image_max=LONG_SIDE, image_extent="known",
+    )  # fmt: skip
+    with (IMAGES / "office_pairs.png").open("wb") as file:
+        write_indexed_png(file, image.indices, image.palette)
 
 
 def draw_intel(log: Path) -> None:
-    """Draw a corner of the Intel Research Lab as each method sees it, and what differs."""
-    scans = [mapdeal.Scans(*arrays) for arrays in open_log(log).scans()]
-    corners = {}
-    for method in ("log-odds", "counting", "tsdf"):
-        builder = mapdeal.MapBuilder(mapdeal.Frame(725, 778, 0.05, (-20.0, -23.35, 0.0)), method)
-        for part in scans:
-            builder.add(part)
-        corner = mapdeal.window(builder.result().grid, corner_xy=(-11, -1.5), size_xy=(9.5, 8))
-        _picture(f"intel_{method}.png", corner, f"Intel Research Lab: {method}", side=600)
-        corners[method] = corner
-    states = [states_of(corners[method].occupancy) for method in ("counting", "tsdf")]
-    changes = changes_of(*states, np.ones(states[0].shape, dtype=bool))
-    image = difference_image(
-        changes, corners["tsdf"].frame, title="Intel Research Lab: counting and tsdf",
-        image_max=600, only_in=("counting", "tsdf"),
-    )  # fmt: skip
-    with (IMAGES / "intel_counting_tsdf.png").open("wb") as file:
-        write_indexed_png(file, image.indices, image.palette)
+    """Draw a corner of the Intel Research Lab as each method maps it, and what differs."""
+    with tempfile.TemporaryDirectory() as out:
+        places = {"log": log.absolute(), "out": out, "images": IMAGES.absolute()}
+        lines = [INTEL.format(method=name, **places) for name in ("log-odds", "counting", "tsdf")]
+        for line in "\n".join([*lines, INTEL_DIFFERENCE.format(**places)]).splitlines():
+            _run([*shlex.split(line), "--force"], Path(out))
+
+
+def draw_report() -> None:
+    """Draw the page of a report, if there is a browser; its values are those at a pinned point."""
+    browser = shutil.which("chromium")
+    if browser is None:
+        print("report.png is left as it is: there is no chromium")
+        return
+    from playwright.sync_api import sync_playwright
+
+    with commands_run("report.md") as folder, sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
+        page = chromium.new_page(viewport={"width": 1400, "height": 1100})
+        page.goto((folder / "out" / "report" / "office.html").as_uri())
+        page.wait_for_timeout(1000)
+        page.mouse.click(460, 560)
+        page.wait_for_timeout(1000)
+        picture = page.screenshot()
+        chromium.close()
+    with Image.open(io.BytesIO(picture)) as image:
+        image.convert("RGB").quantize(128).save(IMAGES / "report.png", optimize=True)
 
 
 FLOOR = ("Faro/FMap.yaml", "GMap/GMap.yaml", "2021_10_27/YouBotMap.yaml")
@@ -280,83 +272,6 @@ def _draw_walls(
     image = difference_image(
         kinds, frame, title=title, image_max=LONG_SIDE, image_extent="known", style=style
     )
-    with (IMAGES / name).open("wb") as file:
-        write_indexed_png(file, image.indices, image.palette)
-
-
-def draw_report() -> None:
-    """Draw the page of a report, if there is a browser; its values are those at a pinned point."""
-    browser = shutil.which("chromium")
-    if browser is None:
-        print("report.png is left as it is: there is no chromium")
-        return
-    from playwright.sync_api import sync_playwright
-
-    with tempfile.TemporaryDirectory() as name:
-        for words in REPORT.format(office=MAPS / "office.yaml", out=name).splitlines():
-            command = [sys.executable, "-m", "mapdeal", *shlex.split(words)]
-            done = subprocess.run(command, check=True, capture_output=True)  # noqa: S603 - ours
-            if "lint" in command:
-                (Path(name) / "lint.json").write_bytes(done.stdout)
-        with sync_playwright() as driver:
-            chromium = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
-            page = chromium.new_page(viewport={"width": 1400, "height": 1100})
-            page.goto((Path(name) / "office.html").as_uri())
-            page.wait_for_timeout(1000)
-            page.mouse.click(460, 560)
-            page.wait_for_timeout(1000)
-            picture = page.screenshot()
-            chromium.close()
-    with Image.open(io.BytesIO(picture)) as image:
-        image.convert("RGB").quantize(128).save(IMAGES / "report.png", optimize=True)
-
-
-ASKED = "--from -8,0 --to kitchen=3,-4 lab=9,4 --robot-radius 0.28 -q"
-REPORT = f"""\
-run {{office}} -o {{out}} -q
-reach {{office}} {ASKED} -o {{out}}/r.json --layers {{out}}/reach.npz
-route {{office}} --from -8,0 --to 9,4 --robot-radius 0.28 -o {{out}}/route.json -q
-lint {{office}} --robot-radius 0.28 --format json
-report {{out}}/office {{office}} {{out}}/reach.npz {{out}}/r.json {{out}}/route.json \
-{{out}}/lint.json -o {{out}}/office.html -q"""
-"""The commands of report.md."""
-
-
-def _local_pictures(office: mapdeal.OccupancyGrid) -> None:
-    pose = (-1.0, 0.35, 0.3)
-    points = mapdeal.read_cloud(MAPS.parent / "clouds" / "corridor2.pcd")
-    limits = {"min_height": 0.1, "max_height": 1.8}
-    local = mapdeal.local_map(points, pose, size=(12, 8), global_map=office, **limits)
-    inflated = mapdeal.inflate(local, radius=0.22)
-    robot = PoseOverlay(pose)
-    _picture("local_map.png", local, "corridor2: local map", overlay=robot)
-    costs = mapdeal.ring_cost(inflated)
-    _picture("local_cost.png", costs, "corridor2: cost, rings 90, 70, 50", overlay=robot)
-    poses = mapdeal.read_poses(MAPS.parent / "clouds" / "corridor_poses.txt")
-    mapper = mapdeal.RollingMapper(poses, mapdeal.LocalOptions(size=(12, 8), **limits))
-    for k in range(len(poses)):
-        mapper.add(mapdeal.read_cloud(MAPS.parent / "clouds" / f"corridor{k}.pcd"))
-    rolling = mapper.result()
-    robot = PoseOverlay(rolling.pose)
-    _picture("local_rolling.png", rolling.grid, "corridor0 to 3: rolling map", overlay=robot)
-
-
-def _picture(
-    name: str,
-    grid: mapdeal.Grid,
-    title: str,
-    *,
-    side: int = LONG_SIDE,
-    overlay: Overlay | None = None,
-) -> None:
-    draw = {
-        mapdeal.OccupancyGrid: partial(occupancy_image, overlay=overlay),
-        mapdeal.DistanceField: partial(field_image, overlay=overlay),
-        mapdeal.Costmap: partial(cost_image, overlay=overlay),
-        mapdeal.PotentialField: potential_image,
-        mapdeal.Reach: reach_image,
-    }[type(grid)]
-    image = draw(grid, title=title, image_max=side, image_extent="known")
     with (IMAGES / name).open("wb") as file:
         write_indexed_png(file, image.indices, image.palette)
 

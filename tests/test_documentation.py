@@ -4,9 +4,12 @@ import importlib.util
 import re
 import shlex
 import shutil
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 import mapdeal
 from mapdeal.cli.main import command_names
@@ -30,12 +33,19 @@ def _name(page):
     return page.relative_to(ROOT).as_posix()
 
 
+def _script(name):
+    """Return a script of docs as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    script = importlib.util.module_from_spec(spec)
+    sys.modules[name] = script  # where data classes look for their module
+    spec.loader.exec_module(script)
+    return script
+
+
 @pytest.fixture
 def tables(tmp_path, monkeypatch):
     """The script docs/tables.py, at work on a copy of the pages."""
-    spec = importlib.util.spec_from_file_location("tables", ROOT / "docs" / "tables.py")
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+    script = _script("tables")
     for page in script.PAGES:
         shutil.copy(ROOT / "docs" / page, tmp_path)
     monkeypatch.setattr(script, "DOCS", tmp_path)
@@ -82,6 +92,11 @@ def test_every_command_of_a_page_runs_and_prints_what_is_shown(page, project, co
                 stream = next((one for one in streams if line in one), None)
                 assert stream is not None, f"{line!r} is not printed there, but {streams}"
                 del stream[: stream.index(line) + 1]
+    pictures = _script("figures").PICTURES.get(page.name, {})
+    for name, file in pictures.items():
+        with Image.open(file) as drawn, Image.open(ROOT / "docs" / "images" / name) as shown:
+            same = np.array_equal(drawn.convert("RGB"), shown.convert("RGB"))
+        assert same, f"{name} is not what the commands of the page draw: run docs/figures.py"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=_name)
