@@ -168,6 +168,7 @@ def test_kernels_are_plain_c11_where_the_compiler_is_not_gcc(header, tmp_path):
 # What builds and publishes them
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
 def test_a_workflow_is_as_its_schema_says(path):
     holds_to("vendor.github-workflows", path)
@@ -211,6 +212,7 @@ def test_ci_runs_the_two_commands_of_readme_on_every_python():
     assert built == [f"cp{python.replace('.', '')}" for python in pythons]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("schema", "place"),
     [
