@@ -123,8 +123,10 @@ def test_every_link_leads_somewhere(page):
 
 
 def test_readme_leads_to_every_page():
-    linked = set(re.findall(r"\]\(docs/([a-z_]+\.md)\)", (ROOT / "README.md").read_text()))
-    assert linked == {page.name for page in PAGES[1:]}
+    text = (ROOT / "README.md").read_text()
+    linked = set(re.findall(r"\]\((docs/[a-z0-9_/]+\.md)\)", text))
+    assert linked == {_name(page) for page in PAGES[1:]}
+    assert "](docs/README.zh.md)" in text
 
 
 def test_every_module_that_architecture_names_is_there():

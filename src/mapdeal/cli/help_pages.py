@@ -73,8 +73,21 @@ def write_commands(group: Any, context: Any, formatter: Any) -> None:
             formatter.write_dl(rows, col_max=len(max(names, key=len)))
 
 
-def _write_options(command: Any, write_ungrouped: Any, context: Any, formatter: Any) -> None:
-    """Write arguments and options; those that have one stand below the title of their group."""
+def sections_of(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
+    """Return the arguments and options of a command by the title that they stand below.
+
+    Parameters
+    ----------
+    command : click.Command
+        A command.
+    context : click.Context
+        Its context.
+
+    Returns
+    -------
+    dict of str to list of tuple of str
+        Names and help texts, in the order of ``--help``.
+    """
     parameters = command.get_params(context)
     sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
     for parameter in parameters:
@@ -83,13 +96,18 @@ def _write_options(command: Any, write_ungrouped: Any, context: Any, formatter: 
             names, text = record
             title, text = _placed(parameter, text, parameters)
             sections.setdefault(title, []).append((names, text))
+    ordered = sorted(sections, key=lambda title: title in _LAST)  # others keep their order
+    return {title: sections[title] for title in ordered if sections[title]}
+
+
+def _write_options(command: Any, write_ungrouped: Any, context: Any, formatter: Any) -> None:
+    """Write arguments and options; those that have one stand below the title of their group."""
     if hasattr(command, "commands"):
         write_ungrouped(context, formatter)
         return
-    for title in sorted(sections, key=lambda title: title in _LAST):  # others keep their order
-        if sections[title]:
-            with formatter.section(title):
-                formatter.write_dl(sections[title])
+    for title, rows in sections_of(command, context).items():
+        with formatter.section(title):
+            formatter.write_dl(rows)
 
 
 def _placed(parameter: Any, text: str, others: Iterable[Any]) -> tuple[str, str]:
