@@ -32,7 +32,7 @@ LEAST_DISTANCE = 0.001
     details="Repulsion is the sum of 1 / distance to every obstacle cell. MAP may also be a "
     "distance field, whose obstacles then count.",
     title=lambda parameters: "potential field" if parameters["goal"] else "repulsive field",
-    memory=120.0,
+    memory=125.0,
     is_whole=lambda _: True,
     hands_on=False,
 )
