@@ -16,13 +16,13 @@ ROOT = Path(__file__).parents[1]
 
 # A first call imports and warms up; how long a case takes says nothing about it.
 settings.register_profile("mapdeal", deadline=None, max_examples=60)
-settings.register_profile("quick", deadline=None, max_examples=15)
+settings.register_profile("quick", deadline=None, max_examples=10)
 settings.register_profile("thorough", deadline=None, max_examples=500)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "mapdeal"))
 
 WHOLE = frozenset({"command", "project", "real_maps", "running"})
 """Fixtures that run whole commands, pages, real maps and browsers."""
-OF_COMMANDS = ROOT / "tests" / "cli"
+OF_WHOLES = {ROOT / "tests" / name for name in ("api", "cli", "pipeline", "report")}
 
 # Real maps, logs and bags of public repositories: docs/test_data.md describes them.
 TEST_DATA = Path(os.environ.get("MAPDEAL_TEST_DATA", ROOT.parent / "shared" / "data"))
@@ -41,7 +41,7 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     """Mark as slow what is thorough, and what runs more than a part of the program."""
     for item in items:
-        is_whole = OF_COMMANDS in item.path.parents or WHOLE & set(
+        is_whole = not OF_WHOLES.isdisjoint(item.path.parents) or WHOLE & set(
             getattr(item, "fixturenames", ())
         )
         if is_whole or item.get_closest_marker("thorough"):

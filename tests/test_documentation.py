@@ -16,6 +16,8 @@ from mapdeal.cli.main import command_names
 from mapdeal.cli.shared_options import SHARED_OPTIONS
 from mapdeal.stages.catalogue import STAGES
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 PAGES = [
     ROOT / "README.md",
