@@ -21,6 +21,8 @@ from mapdeal.pipeline.settings import Settings
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 
+_SHOWN = tuple("1..99" if state == "between" else state for state in STATES)
+
 
 @app.command()
 @shared_options("files")
@@ -128,11 +130,11 @@ def _matrix(found: Difference) -> list[str]:
     """Return the confusion matrix, without states that neither map has."""
     table = found.confusion
     used = [k for k in range(len(STATES)) if table[k].any() or table[:, k].any()]
-    head = "".join(f"{STATES[k]:>12}" for k in used)
+    head = "".join(f"{_SHOWN[k]:>12}" for k in used)
     lines = [f"            {'':>12}{head}"]
     for k in used:
         row = "".join(f"{table[k, other]:>12}" for other in used)
-        lines.append(f"            {STATES[k]:>12}{row}")
+        lines.append(f"            {_SHOWN[k]:>12}{row}")
     return lines
 
 

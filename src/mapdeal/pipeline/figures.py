@@ -13,6 +13,8 @@ _DEEPEST = 3
 """Mappings in mappings whose entries are listed one by one."""
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
+_SHOWN_AS = {"between": "values 1..99"}
+"""What people read for names of figures that say too little."""
 
 
 def summary_of(figures: Figures) -> str:
@@ -21,7 +23,7 @@ def summary_of(figures: Figures) -> str:
 
     def share(name: str) -> str:
         percent = 100 * figures[name] / cells
-        return f"{name} {percent:.2f} %"
+        return f"{_SHOWN_AS.get(name, name)} {percent:.2f} %"
 
     around = ""  # of fields on a larger canvas than they were computed on
     if "without_value" in figures:
