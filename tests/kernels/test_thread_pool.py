@@ -75,6 +75,33 @@ def test_what_is_not_begun_can_be_dropped():
             future.result()
 
 
+@pytest.mark.parametrize("starts_first", [True, False])
+def test_an_interrupt_while_a_thread_is_started_does_not_hang_the_end(monkeypatch, starts_first):
+    may_end, began = threading.Event(), threading.Event()
+
+    def work():
+        began.set()
+        return may_end.wait(60)
+
+    def interrupted(thread):
+        if starts_first:
+            thread.start()
+        raise KeyboardInterrupt
+
+    pool = ThreadPool(3)
+    first = pool.submit(work)
+    assert began.wait(60)
+    monkeypatch.setattr("mapdeal.kernels.thread_pool.is_started", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        pool.submit(int)
+    threading.Timer(0.1, may_end.set).start()
+    end = threading.Thread(target=pool.shutdown, kwargs={"cancel_futures": True}, daemon=True)
+    end.start()
+    end.join(20)
+    assert not end.is_alive()
+    assert first.result() is True
+
+
 @pytest.mark.parametrize("available", [0, 1, 2])
 def test_kernels_take_the_threads_that_there_are(scarce_threads, available):
     scarce_threads(available)

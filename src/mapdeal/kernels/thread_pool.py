@@ -45,9 +45,9 @@ class ThreadPool(Executor):
         work = partial(function, *args, **kwargs)
         if not self._idle.acquire(blocking=False) and len(self._threads) < self._size:
             thread = Thread(target=self._serve, daemon=True)
-            if is_started(thread):
-                self._threads.append(thread)
-            else:
+            self._threads.append(thread)  # first: Ctrl-C may come as soon as it runs
+            if not is_started(thread):
+                self._threads.remove(thread)
                 self._size = len(self._threads)
         if self._threads:
             self._waiting.put((future, work))
@@ -64,16 +64,17 @@ class ThreadPool(Executor):
                 break
             if task is not None:
                 task[0].cancel()
-        for _ in self._threads:
-            self._waiting.put(None)
+        self._waiting.put(None)
         for thread in self._threads if wait else ():
-            thread.join()
+            if thread.ident is not None:  # else it had not begun when Ctrl-C came
+                thread.join()
 
     def _serve(self) -> None:
         while (task := self._waiting.get()) is not None:
             _do(*task, BaseException)
             del task  # what it has made is not to be kept until there is another
             self._idle.release()
+        self._waiting.put(None)  # for the other threads
 
 
 def _do(
