@@ -4,6 +4,7 @@ Each compiler gets its own flags, the source distribution contains everything th
 the documentation need, and README's links work on PyPI.
 """
 
+from Cython.Build import cythonize
 from project_sources import absolute, project_files
 from setuptools.build_meta import *  # noqa: F403 - the hooks of a build backend
 from setuptools.command.build_ext import build_ext
@@ -18,7 +19,15 @@ FLAGS = {
 
 
 class BuildKernels(build_ext):
-    """Compile the kernels with the flags of the compiler at hand."""
+    """Compile the kernels with the flags of the compiler at hand, several at a time."""
+
+    def build_extensions(self):
+        """Write the C code into the temporary folder, and compile all modules."""
+        for ext in self.extensions:
+            ext.sources = cythonize([ext], build_dir=self.build_temp, quiet=True)[0].sources
+        if self.parallel is None:
+            self.parallel = True  # as many as there are processors
+        super().build_extensions()
 
     def build_extension(self, ext):
         """Compile one module; one that is optional may fail."""

@@ -43,7 +43,7 @@ def _files_below(root):
         folders[:] = [name for name in folders if not _is_made(place / name)]
         for name in files:
             is_made = place == Path() and name in MADE_FILES
-            if not (is_made or name.endswith((".so", ".pyd"))):
+            if not (is_made or name.endswith((".so", ".pyd", ".c"))):
                 yield (place / name).as_posix()
 
 
