@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, TypeVar
 
 from mapdeal.errors import MalformedInputError, ParameterError
@@ -49,7 +50,6 @@ class Decoder:
         self._bag = bag
         self._connections = {one.id: one for one in bag.connections}
         self._readers: dict[int, Callable[[bytes], Any]] = {}
-        self._stores: dict[tuple[str, str], Any] = {}
 
     def message(self, place: Place) -> Any:
         """Return the message at a place, an object with the fields of its type.
@@ -136,30 +136,33 @@ class Decoder:
         return lambda data: store.deserialize_cdr(data, name)
 
     def _store_of(self, connection: Connection) -> Any:
-        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-
-        key = connection.type, connection.definition
-        if key in self._stores:
-            return self._stores[key]
         try:
-            if not connection.definition:
-                store = get_typestore(Stores.LATEST)
-                store.register(costmap_types())
-            else:
-                store = get_typestore(Stores.EMPTY)
-                if connection.is_idl:
-                    for text in _idl_parts(connection.definition):
-                        store.register(get_types_from_idl(text))
-                else:
-                    store.register(get_types_from_msg(connection.definition, connection.type))
+            store = _store(connection.type, connection.definition, connection.is_idl)
             if connection.type not in store.fielddefs:
                 rule = f"its type {connection.type} has no definition"
                 raise self._bag.malformed(rule, connection.topic)
         except Exception as error:  # noqa: BLE001 - parsers of damaged texts fail in many ways
             rule = f"its type {connection.type} cannot be parsed: {error}"
             raise self._bag.malformed(rule, connection.topic) from None
-        self._stores[key] = store
         return store
+
+
+@lru_cache(maxsize=32)  # of all bags: the readers that a store makes take longer than most messages
+def _store(name: str, definition: str, is_idl: bool) -> Any:
+    """Return the types of a definition, or those of the latest ROS 2 if there is none."""
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    if not definition:
+        store = get_typestore(Stores.LATEST)
+        store.register(costmap_types())
+        return store
+    store = get_typestore(Stores.EMPTY)
+    if is_idl:
+        for text in _idl_parts(definition):
+            store.register(get_types_from_idl(text))
+    else:
+        store.register(get_types_from_msg(definition, name))
+    return store
 
 
 def costmap_types() -> Any:
