@@ -15,7 +15,7 @@ from mapdeal.cli.main import main
 ROOT = Path(__file__).parents[1]
 
 # A first call imports and warms up; how long a case takes says nothing about it.
-settings.register_profile("mapdeal", deadline=None, max_examples=60)
+settings.register_profile("mapdeal", deadline=None, max_examples=40)
 settings.register_profile("quick", deadline=None, max_examples=10)
 settings.register_profile("thorough", deadline=None, max_examples=500)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "mapdeal"))
@@ -37,6 +37,15 @@ def pytest_configure(config):
         settings.load_profile("quick")
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Import none of the modules all of whose tests are slow, where only quick ones are wanted."""
+    if "not slow" not in config.option.markexpr:
+        return None
+    is_module = collection_path.suffix == ".py"
+    all_slow = is_module and "\npytestmark = pytest.mark.slow\n" in collection_path.read_text()
+    return True if all_slow or collection_path in OF_WHOLES else None
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """Mark as slow what is thorough, and what runs more than a part of the program."""
@@ -46,6 +55,14 @@ def pytest_collection_modifyitems(items):
         )
         if is_whole or item.get_closest_marker("thorough"):
             item.add_marker("slow")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_waiting_for_the_disk():
+    """Leave it to processes of their own to have the disk keep what they write."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", os.fstat)  # which refuses what is not open, too
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -1,15 +1,12 @@
 """Where the project asks the system about names, and why each of its walks ends."""
 
 import ast
-from pathlib import Path
 
 import pytest
 
-import mapdeal
+from sources import MODULES, place_of, tree_of
 
 pytestmark = pytest.mark.slow
-
-PACKAGE = Path(mapdeal.__file__).parent
 
 WALKS = {
     "formats/source.py:contents_of": "lists one folder, each entry once",
@@ -45,9 +42,9 @@ LISTING = {
 
 def functions():
     """Yield module and name of each function, with its nodes, and the package's own modules."""
-    for path in sorted(PACKAGE.rglob("*.py")):
-        module = path.relative_to(PACKAGE).as_posix()
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for path in MODULES:
+        module = place_of(path)
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.FunctionDef):
                 yield f"{module}:{node.name}", list(ast.walk(node))
 
@@ -103,9 +100,9 @@ OF_OS = {
 def test_the_system_is_asked_about_names_in_one_place():
     """What it raises depends on the name, on who asks, and on the version of Python."""
     raw = set()
-    for path in sorted(PACKAGE.rglob("*.py")):
-        module = path.relative_to(PACKAGE).as_posix()
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for path in MODULES:
+        module = place_of(path)
+        for node in ast.walk(tree_of(path)):
             owner, _, method = called(node).rpartition(".")
             is_of_os = owner != "" and ast.unparse(node.func).startswith(("os.", "path."))
             if owner and method in (OF_OS if is_of_os else OF_PATHS):

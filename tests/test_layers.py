@@ -1,16 +1,14 @@
 """The order of the layers, read off the imports."""
 
 import ast
-import functools
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-import mapdeal
+from sources import MODULES, place_of, tree_of
 
-PACKAGE = Path(mapdeal.__file__).parent
+pytestmark = pytest.mark.slow
 
 MIDDLE = {"stages", "editing", "planning", "mapping", "alignment", "scoring", "formats", "render"}
 UPPER = {"robot", "checks", "report"}
@@ -40,52 +38,53 @@ ALLOWED = {
 
 
 def _layer(path):
-    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    return place_of(path).partition("/")[0].removesuffix(".py")
 
 
-@functools.cache
 def _imports(path):
-    return tuple(_found_imports(path))
-
-
-def _found_imports(path):
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.ImportFrom) and node.module:
             yield node.module
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: p.stem)
-def test_no_layer_imports_from_above(path):
-    layer = _layer(path)
-    if layer in ("__init__", "__main__"):
-        return
-    for module in _imports(path):
-        parts = module.split(".")
-        if parts[0] == "mapdeal" and len(parts) > 1:
-            assert parts[1] in ALLOWED[layer] | {layer, "records", "resources"}, (
-                f"{path.name} imports {module}"
-            )
+def test_no_layer_imports_from_above():
+    above = []
+    for path in MODULES:
+        layer = _layer(path)
+        if layer in ("__init__", "__main__"):
+            continue
+        allowed = ALLOWED[layer] | {layer, "records", "resources"}
+        for module in _imports(path):
+            package, _, inside = module.partition(".")
+            if package == "mapdeal" and inside and inside.split(".")[0] not in allowed:
+                above.append(f"{place_of(path)} imports {module}")
+    assert not above
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: p.stem)
-def test_files_terminal_and_other_processes_are_each_one_layers_business(path):
-    modules = set(_imports(path))
-    if _layer(path) != "cli":
-        assert "typer" not in modules
-    if _layer(path) not in ("formats", "render"):
-        assert not {m for m in modules if m.split(".")[0] in ("PIL", "zipfile", "tempfile")}
-    if _layer(path) != "pipeline":
-        assert not {m for m in modules if m.split(".")[0] in ("multiprocessing", "distributed")}
+BUSINESS = [
+    ({"typer"}, {"cli"}),
+    ({"PIL", "zipfile", "tempfile"}, {"formats", "render"}),
+    ({"multiprocessing", "distributed"}, {"pipeline"}),
+]
+"""Packages, and the layers that alone may import them."""
+
+
+def test_files_terminal_and_other_processes_are_each_one_layers_business():
+    strangers = [
+        f"{place_of(path)} imports {module}"
+        for path in MODULES
+        for module in _imports(path)
+        for packages, layers in BUSINESS
+        if module.split(".")[0] in packages and _layer(path) not in layers
+    ]
+    assert not strangers
 
 
 def test_modules_stay_short():
-    too_long = {
-        p.name: n for p in PACKAGE.rglob("*.py") if (n := len(p.read_text().splitlines())) > 600
-    }
-    assert not too_long
+    lengths = {place_of(path): len(path.read_text().splitlines()) for path in MODULES}
+    assert {name: length for name, length in lengths.items() if length > 600} == {}
 
 
 def test_starting_up_loads_no_numerical_library():

@@ -5,15 +5,13 @@ import re
 import subprocess
 import sys
 from itertools import product, takewhile
-from pathlib import Path
 
 import pytest
 
-import mapdeal
+from sources import MODULES, place_of, tree_of
 
 pytestmark = pytest.mark.slow
 
-SOURCE = Path(mapdeal.__file__).parent
 FUNCTIONS = {
     "compile",
     "match",
@@ -125,7 +123,7 @@ REASONS = {
 MADE = {"pipeline/batch.py": r"(?<![\w./-])/some/folder/"}
 """What a pattern that is put together looks like, by file."""
 
-LENGTH = 200_000
+LENGTH = 100_000
 LIMIT = 60  # seconds for all tries of a pattern, which take far less, or far more if quadratic
 
 
@@ -138,9 +136,9 @@ def text_of(pattern):
 def patterns_in_the_source():
     """Return the functions that each regular expression is used with, by file and pattern."""
     found = {}
-    for path in SOURCE.rglob("*.py"):
-        name = path.relative_to(SOURCE).as_posix()
-        tree = ast.parse(path.read_text())
+    for path in MODULES:
+        name = place_of(path)
+        tree = tree_of(path)
         compiled = {}
         for node in ast.walk(tree):
             if isinstance(node, ast.ImportFrom):

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from sources import MODULES, tree_of
+
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
@@ -13,7 +15,6 @@ PAGES = [
     ROOT / "README.md",
     *(page for page in sorted((ROOT / "docs").rglob("*.md")) if not page.name.endswith(".zh.md")),
 ]
-MODULES = sorted((ROOT / "src").rglob("*.py"))
 
 WORDS = {
     r"\b(?:tells?|told)\b(?! (?:\w+ ){0,3}(?:apart|from))": "report, print, show, explain",
@@ -42,7 +43,7 @@ def prose(page):
 
 def texts(module):
     """The strings and docstrings of a module, with the lines where they begin."""
-    for node in ast.walk(ast.parse(module.read_text())):
+    for node in ast.walk(tree_of(module)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
             yield node.lineno, re.sub(r"`[^`\n]*`", "", node.value)
 

@@ -176,7 +176,7 @@ def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(shape, see
     assert told(from_the_north) == by_hand(cells)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["grey", "rgba"])
 def test_nothing_is_kept_of_the_cells_however_many_rows_come(kind, tmp_path, monkeypatch):
     """Were they kept, they would be 15 MB, or 3, but then nearly all would differ."""

@@ -290,7 +290,9 @@ def test_ctrl_c_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(la
 
 
 @needs_proc
-@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "sent", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)]
+)
 def test_workers_whose_parent_is_gone_clean_up_and_end(large_maps, sent):
     process = start(large_maps)
     process.send_signal(sent)

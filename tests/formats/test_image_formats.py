@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import mapdeal
 from drawn import cells
 from mapdeal import FileAccessError, MalformedInputError, read_map
 from mapdeal.formats.image import read_image, read_image_size
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS, IMAGE_SUFFIXES
 from mapdeal.formats.map_server import costs_of
+from sources import MODULES, tree_of
 
 ROOT = Path(__file__).parents[2]
 PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)
@@ -197,9 +197,9 @@ def test_two_formats_of_one_name_are_refused():
 
 def test_formats_that_the_code_names_are_listed():
     named = set()
-    for path in Path(mapdeal.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Compare) and ast.unparse(node.left).endswith(".file_format"):
+    for path in MODULES:
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.Compare) and getattr(node.left, "attr", "") == "file_format":
                 named |= {n.value for n in ast.walk(node) if isinstance(n, ast.Constant)}
     assert named
     assert named <= set(IMAGE_FORMATS)

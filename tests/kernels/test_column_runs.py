@@ -69,7 +69,9 @@ def test_an_obstacle_is_seen_through_many_blocks_of_one_row():
     assert np.array_equal(distance, expected.astype(np.float32))
 
 
-@pytest.mark.parametrize("shape", [(3, 120_000), (120_000, 3)])
+@pytest.mark.parametrize(
+    "shape", [(120_000, 3), pytest.param((3, 120_000), marks=pytest.mark.thorough)]
+)
 def test_squares_beyond_32_bits_are_exact(shape):
     marked = np.zeros(shape, dtype=bool)
     marked[0, 0] = True

@@ -139,6 +139,7 @@ def test_poses_outside_are_refused(pose):
             space.open_headings(*pose[1:])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [5, 40])
 def test_it_takes_the_memory_that_it_says(count):
     shape = (400, 500)

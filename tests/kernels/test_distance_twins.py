@@ -55,7 +55,10 @@ def test_on_random_cells(height, width, density, seed, scale, limit):
     check(marked, scale, limit, table)
 
 
-@pytest.mark.parametrize("density", [0.0, 1e-6, 1e-4, 0.1, 0.9, 0.9999])
+MORE_DENSITIES = [pytest.param(d, marks=pytest.mark.thorough) for d in (0.0, 1e-6, 0.1, 0.9999)]
+
+
+@pytest.mark.parametrize("density", [1e-4, 0.9, *MORE_DENSITIES])
 def test_on_2000_x_500_cells(density):
     """Many bands of rows, and rows that are longer than what is tried at a time."""
     rng = np.random.default_rng(7)

@@ -172,7 +172,7 @@ def test_samples_may_come_in_any_order_and_after_a_look_at_those_before(before, 
     )  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("is_mixed", [False, True])
 def test_samples_are_kept_once(is_mixed):
     """72 bytes each and some slack, while they are read, sorted and asked for."""

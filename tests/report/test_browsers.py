@@ -18,6 +18,7 @@ from report.test_page import ATTACKS, nasty_report
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 MAPS = Path(__file__).parents[2] / "examples" / "maps"
+PHONE = {"width": 360, "height": 780, "phone": True}
 
 
 def scattered(shape, seed, origin=(-3.1, 2.2, 0.6), resolution=0.07):
@@ -70,7 +71,9 @@ def running(tmp_path_factory):
         started.close()
 
 
-@pytest.fixture(params=browsers.NAMES)
+@pytest.fixture(
+    params=["chromium", pytest.param("firefox", marks=pytest.mark.thorough)],
+)
 def browser(request, running):
     return running(request.param)
 
@@ -511,8 +514,17 @@ def test_the_list_can_hide_kinds(chromium, pages):
     assert chromium.evaluate(PIXEL, CENTRE) != goal
 
 
-@pytest.mark.parametrize("look", [{}, {"dark": True}, {"width": 360, "height": 780, "phone": True}])
-@pytest.mark.parametrize("make", [one, several])
+@pytest.mark.parametrize(
+    ("make", "look"),
+    [
+        (one, {}),
+        (several, {"dark": True}),
+        (several, PHONE),
+        pytest.param(one, {"dark": True}, marks=pytest.mark.thorough),
+        pytest.param(one, PHONE, marks=pytest.mark.thorough),
+        pytest.param(several, {}, marks=pytest.mark.thorough),
+    ],
+)
 def test_axe_finds_nothing_serious(chromium, pages, make, look):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     chromium.open(pages(make()), **look)

@@ -1,4 +1,4 @@
-"""Every reader, fed some thousand damaged files; fuzz_readers.py feeds as many as one likes."""
+"""Every reader, fed hundreds of damaged files; fuzz_readers.py feeds as many as one likes."""
 
 import cProfile
 import importlib
@@ -26,7 +26,7 @@ from robustness.readers import READERS, Reader, Seed
 
 pytestmark = pytest.mark.slow
 
-FEW, MUTANTS = 300, 2000
+FEW, MUTANTS = 200, 2000
 LONGEST = 60.0
 """Seconds: a thousand times what a mutant takes, on however slow a machine."""
 

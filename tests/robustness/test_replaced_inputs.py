@@ -171,8 +171,13 @@ def small_blocks(monkeypatch):
     return lambda: monkeypatch.setattr(memory, "_read", by_rows)
 
 
-@pytest.mark.parametrize("count", [FEW, pytest.param(MOMENTS, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        *((name, FEW) for name in ("run", "esdf by rows", "build", "cluster")),
+        *(pytest.param(name, MOMENTS, marks=pytest.mark.thorough) for name in COMMANDS),
+    ],
+)
 def test_a_result_is_of_the_old_inputs_or_of_the_new_ones(
     pairs, command, monkeypatch, small_blocks, name, count
 ):

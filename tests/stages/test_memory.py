@@ -40,6 +40,7 @@ def site(tmp_path_factory):
     return path
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(engine_name() != "compiled", reason="the records are of the compiled kernels")
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: f"{stage.name} {stage.model or ''}")
 def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stage):
@@ -59,6 +60,7 @@ def test_a_command_takes_no_more_memory_than_its_stage_says(site, tmp_path, stag
     assert over < 0, f"{stage.name}: memory= must be at least {needed:.1f} bytes a cell"
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(engine_name() != "compiled", reason="the records are of the compiled kernels")
 def test_many_headings_take_no_more_memory_than_is_said(site, tmp_path):
     corners = [[0.45, 0.2], [0.45, -0.2], [-0.45, -0.2], [-0.45, 0.2]]
