@@ -143,7 +143,7 @@ def test_a_value_of_a_public_type_is_shown_in_one_line(name):
         (
             "Costmap",
             # all cells within two cells: two on the left, one on the right, and three below
-            f"{PLACE}, scale costmap2d, 2 lethal, 0 inscribed, 9 graded, 3 free, 1 unknown",
+            f"{PLACE}, scale costmap2d, 2 lethal, 0 inscribed, 9 intermediate, 3 free, 1 unknown",
         ),
         (
             "FieldView",

@@ -97,7 +97,8 @@ class Costmap(ValueGrid):
     def _told_of_values(self) -> Iterator[str]:
         figures = self._own_figures()
         names = ("lethal", "inscribed", "graded", "free", "unknown")
-        yield from (f"{figures[name]} {name}" for name in names if name in figures)
+        shown = {"graded": "intermediate"}
+        yield from (f"{figures[name]} {shown.get(name, name)}" for name in names if name in figures)
 
     def entries(self) -> dict[str, Any]:
         """Return the costs, their scale, and the circumscribed cost if it is known."""

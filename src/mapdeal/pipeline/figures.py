@@ -13,7 +13,7 @@ _DEEPEST = 3
 """Mappings in mappings whose entries are listed one by one."""
 _COST_SHARES = ["lethal", "inscribed", "graded", "free", "unknown"]
 _OCCUPANCY_SHARES = ["occupied", "between", "free", "unknown"]
-_SHOWN_AS = {"between": "values 1..99"}
+_SHOWN_AS = {"between": "values 1..99", "graded": "intermediate"}
 """What people read for names of figures that say too little."""
 
 
