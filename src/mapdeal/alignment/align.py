@@ -64,25 +64,27 @@ Poses = NDArray[np.float64]
 
 @dataclass(frozen=True, repr=False)
 class Alignment(OneLine):
-    """Where a first map lies in the frame of a second.
+    """Placement of a first map in the frame of a second.
 
     Parameters
     ----------
     transform : Transform
         From the first map's frame to the second's: p_second = R(yaw) p_first + (x, y).
     reason : str or None
-        Why it is not sure that both maps show the same place so; None if it is.
+        Why the placement is uncertain; None if it is certain.
     score : float
-        How much more the walls agree than those of different places happen to; 0 if no more.
+        How much better the walls agree than those of different places do by chance; 0 if they
+        do not.
     runner_up : float
-        The score of the best place elsewhere.
+        Score of the best placement elsewhere; 0 if there is none.
     runner_up_transform : Transform or None
-        That place; None if there is no other.
+        That placement; None if there is none.
     overlap : float
-        Free space that both maps know, as a share of the free space of the map that has less.
+        Free space of one map that the other knows (the mean of both), as a share of the free
+        space of the map that has less.
     agreement : float
-        Share of the walls that lie within 0.25 m of one of the other map, of all that lie there
-        or in the other map's free space.
+        Share of the walls that lie within 0.25 m of a wall of the other map, among those that
+        lie there or in its free space.
     """
 
     transform: Transform
@@ -95,7 +97,7 @@ class Alignment(OneLine):
 
     @property
     def same_place(self) -> bool:
-        """Whether it is sure that both maps show one place, and how they lie."""
+        """Whether the maps certainly show the same place, placed as in `transform`."""
         return self.reason is None
 
     def _told(self) -> Iterator[str]:
@@ -112,41 +114,42 @@ def align(
     prior: Transform | None = None,
     rotations: Sequence[float] | None = None,
 ) -> Alignment:
-    """Return where a map lies in the frame of another of the same place.
+    """Find where one map lies in the frame of another map of the same place.
 
     Parameters
     ----------
     first, second : OccupancyGrid
-        The maps. Size, resolution, origin and yaw may differ, and what they show of the place.
+        The maps. Size, resolution, origin, yaw and the part of the place shown may differ.
     prior : Transform, optional
-        About where it lies: places are looked for within 30 degrees, and 5 m (of large maps a
-        tenth of the diagonal), of it.
+        Approximate placement. The search is limited to 30 degrees and 5 m around it, or a tenth
+        of the smaller map's diagonal if that is more.
     rotations : sequence of float, optional
-        The only turns to look for, radians; 3 degrees are left for what the maps are off.
+        The only rotations to consider, each with a tolerance of 3 degrees, radians.
 
     Returns
     -------
     Alignment
-        The best place, whether or not it is sure; its `reason` says why it is not.
+        The best placement, certain or not; `reason` explains why it is uncertain.
 
     Raises
     ------
     ParameterError
-        If `rotations` is empty or not finite.
+        If `rotations` is empty or contains a value that is not finite.
 
     Notes
     -----
-    Candidates are the peaks of correlations (by FFT) over all shifts: at the turns where walls
-    run in the same directions (Carpin 2008), and, on coarser cells, all around. Each is moved to
-    where the walls lie nearest to each other, and then all are judged by the faces of walls: one
-    agrees if it lies on a wall of the other map with free space on the same side, and contradicts
-    if it lies in the other map's free space. A score is the divergence of the share that agrees
-    from the share that agrees at wrong places, times the length of the walls in pieces of 2 m (of
-    small maps less). It is sure if it is at least 3, the maps overlap by a tenth, and no place
-    elsewhere scores 0.75 times as much, or 0.35 times where the walls agree as well.
+    Candidates are the peaks of FFT correlations over all shifts: at the rotations for which the
+    walls run in the same directions (Carpin 2008) and, on coarser cells, at rotations all around.
+    Each candidate is refined until the walls lie as close to each other as possible. All are then
+    judged by the faces of walls: a face agrees if it lies on a wall of the other map with free
+    space on the same side, and contradicts if it lies in the other map's free space. The score is
+    the divergence of the share that agrees from the share that agrees at wrong places, times the
+    length of the walls in pieces of 2 m (less for small maps). A placement is certain if its score
+    is at least 3, the maps overlap by a tenth, and every placement elsewhere scores at least 2 less
+    and at most 0.75 times as much, or 0.35 times if the walls agree about as well there.
 
-    A place is found where walls determine it: in a long corridor whose ends neither map shows, the
-    place along it is chance, and the runner-up says so.
+    A placement is only found where the walls determine it. In a long corridor of which neither map
+    shows the ends, the position along the corridor is arbitrary, and the runner-up reveals this.
 
     Examples
     --------

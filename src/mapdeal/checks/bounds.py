@@ -18,19 +18,19 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Bound:
-    """One bound, and what was found.
+    """Bound on the difference between two maps, and the value found.
 
     Parameters
     ----------
     name : str
-        The option that sets it, without dashes.
+        Option that sets the bound, without the leading dashes.
     unit : str
-        Of both figures.
+        Unit of both values.
     allowed : float
-        The most that may be found.
+        Largest value allowed.
     found : float
-        What was found; infinite if obstacles of one map have none in the other to be compared
-        with, nan if the maps have no common cell.
+        Value found; infinite if one map has obstacles to compare and the other has none, nan if
+        the maps have no common cell.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Bound:
 
     @property
     def holds(self) -> bool:
-        """Whether no more was found than is allowed, but for the rounding of floats."""
+        """Whether the value found is within the bound, allowing for floating-point rounding."""
         return self.found <= self.allowed * (1 + _ROUNDING)  # never true of nan
 
 

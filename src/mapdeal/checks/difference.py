@@ -40,7 +40,7 @@ _MOST_TOLERANCE = 1000.0
 
 @dataclass(frozen=True)
 class WallShift:
-    """How far the obstacles of one map are from those of the other, metres."""
+    """Distances from the obstacles of one map to the nearest of the other, metres."""
 
     largest: float
     percentile_95: float
@@ -49,32 +49,33 @@ class WallShift:
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """What differs between two maps.
+    """Differences between two maps.
 
     Parameters
     ----------
     geometry : dict
-        Those of width, height, resolution and origin that differ: both values.
+        Both values of each of width, height, resolution and origin that differ.
     common : int
-        Cells that both maps have.
+        Number of cells that both maps have.
     confusion : numpy.ndarray of int64, shape (4, 4)
-        How many of them are each of `STATES` in the first map (rows) and the second.
+        Number of common cells by their state in the first map (rows) and in the second
+        (columns), in the order of `STATES`.
     differing : int
-        Common cells with different values.
+        Number of common cells with different values.
     beyond : int
-        Those of them that the tolerance does not explain.
+        Number of differing cells that the tolerance does not explain.
     not_compared : int
-        Known cells of the first map where the second has none.
+        Number of known cells of the first map that the second map does not cover.
     walls : tuple of WallShift or None
-        Obstacles of the first map in the common area to the nearest of the second, and those
-        of the second to the first; None if one of the two has none.
+        Distances from the obstacles of the first map in the common area to the nearest of the
+        second, and from those of the second to the first; None if either map has none.
     symmetry : str, optional
-        How the second map is to be turned or mirrored to be much more like the first: one of
-        `SYMMETRIES`; None if it is best as it is.
+        How to rotate or mirror the second map to make it much more like the first: one of
+        `SYMMETRIES`; None if it fits best as it is.
     frame : Frame
-        Cells of the first map's lattice around both.
+        Cells of the first map's lattice that cover both maps.
     changes : numpy.ndarray of uint8, shape of `frame`
-        What each cell shows: `OUTSIDE` of one map, ..., `ADDED`.
+        Kind of change in each cell, from `OUTSIDE` to `ADDED`.
     """
 
     geometry: dict[str, tuple[Any, Any]]
@@ -90,31 +91,31 @@ class Difference:
 
     @property
     def is_equal(self) -> bool:
-        """Whether both maps are the same, within the tolerance."""
+        """Whether the maps have the same geometry and cells, within the tolerance."""
         return not self.geometry and self.beyond == 0
 
 
 def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0.0) -> Difference:
-    """Return what differs between two maps.
+    """Compare two maps cell by cell.
 
     Parameters
     ----------
     first, second : OccupancyGrid
         The maps; size, origin, yaw and resolution may differ.
     tolerance : float
-        Cells of the first map. A cell that is something else in the other map does not count
-        if that map has a cell of its state so near, and the other way round.
+        Distance within which a cell of the same state in the other map makes up for a different
+        one, in both directions, cells of the first map.
 
     Returns
     -------
     Difference
-        Cells are those of the first map's lattice; of the second the value at their centre is
-        taken.
+        The differences in cells of the first map's lattice; the second map is sampled at their
+        centres.
 
     Raises
     ------
     ParameterError
-        If the tolerance is not 0..1000, or the maps lie so far apart that no grid holds both.
+        If the tolerance is not in 0..1000, or the maps are too far apart for one grid.
 
     Examples
     --------

@@ -17,23 +17,23 @@ SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that a check has found in a file.
+    """Finding reported by a check.
 
     Parameters
     ----------
     check : str
-        The check's name, ``area.name``.
+        Name of the check, ``area.name``.
     severity : {'error', 'warning', 'note'}
-        An error makes a map wrong or unsafe for some reader; a warning is a trap; a note is
-        good to know.
+        An error makes the map wrong or unsafe for some reader, a warning points out a trap, and
+        a note is worth knowing.
     file : str
-        Where it is.
+        File in which it was found.
     message : str
-        What it is, one line.
+        Description, one line.
     line : int, optional
-        The line of the file, from 1 on.
+        Line number in the file, starting at 1.
     places : tuple of (x, y)
-        Where it is, in the map frame, metres: some of the places, the most important first.
+        Positions in the map frame, metres: a selection, the most important first.
     """
 
     check: str

@@ -32,7 +32,7 @@ _ANY_SIZE = 1 << 62
 
 
 class Patches(NamedTuple):
-    """Connected components, and the cells that they have together."""
+    """Number of connected components, and their total number of cells."""
 
     components: int
     cells: int
@@ -43,7 +43,7 @@ _NONE = Patches(0, 0)
 
 @dataclass(frozen=True)
 class CleanCounts:
-    """What each step of `clean` has changed, in the order of the steps.
+    """Changes made by each step of `clean`, in the order of the steps.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ class CleanCounts:
     specks : Patches
         Occupied cells that are now free.
     changed : int
-        Cells with another value than before. It can be less than the steps have changed
-        together: a cell inside a ring of obstacles may pass through several.
+        Cells whose value differs from the original. This can be less than the sum of all steps,
+        because a cell inside a ring of obstacles may change more than once.
     """
 
     free_holes: Patches
@@ -67,12 +67,12 @@ class CleanCounts:
     changed: int
 
     def steps(self) -> dict[str, Patches]:
-        """Return what each step has changed, by its name."""
+        """Return the changes of each step, by the name of the step."""
         steps = [field.name for field in fields(self)][:-1]
         return {name: getattr(self, name) for name in steps}
 
     def document(self) -> dict[str, object]:
-        """Return the counts as JSON can hold them."""
+        """Return the counts as values that JSON can represent."""
         return {
             **{name: patches._asdict() for name, patches in self.steps().items()},
             "changed": self.changed,
@@ -81,14 +81,14 @@ class CleanCounts:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cleaned(OneLine):
-    """A map without its small components, and what has been removed.
+    """Result of `clean`: a map without its small components, and the changes made.
 
     Parameters
     ----------
     grid : OccupancyGrid
-        The cleaned map, with the cells and the place of the one before.
+        Cleaned map, with the geometry of the original.
     counts : CleanCounts
-        What each step has changed.
+        Changes made by each step.
     """
 
     grid: OccupancyGrid
@@ -112,44 +112,44 @@ def clean(
     Parameters
     ----------
     grid : OccupancyGrid
-        The map. Values 1..99 are neither free nor occupied: they stay, and an obstacle or a hole
-        that touches one stays too.
+        Map to clean. Values 1..99 are neither free nor occupied: they stay, and so does any
+        obstacle or hole that touches one.
     min_obstacle : int
         Obstacles with fewer cells (8-connected) become free if all cells around them are free.
     min_hole : int
         Unknown areas with fewer cells (8-connected) become free if all cells around them are
         free, occupied if all are occupied.
     min_free : int
-        Free areas with fewer cells (4-connected, as no robot passes between two obstacles that
-        share a corner) become unknown, except those that share an edge with a value 1..99, beyond
-        which they may go on, and the largest of the others.
+        Free areas with fewer cells (4-connected, because no robot passes between two obstacles
+        that share a corner) become unknown, except those that share an edge with a value 1..99,
+        beyond which they may continue, and the largest of the others.
 
     Returns
     -------
     Cleaned
-        The map and what has changed. 0 or 1 for an option switches its step off.
+        Cleaned map and counts of the changes. A value of 0 or 1 disables the step of an option.
 
     Raises
     ------
     ParameterError
-        If the grid is no occupancy grid, or a number of cells is not a whole number from 0 on.
+        If `grid` is not an occupancy grid, or a number of cells is negative or not an integer.
 
     Warns
     -----
     MapdealWarning
-        If nothing has changed.
+        If nothing changes.
 
     Notes
     -----
-    Nothing is known beyond the edges of the map: a component at an edge touches unknown cells.
-    Holes in free space come first, since filling them joins what beams have left apart; then
-    islands, holes in walls, and obstacles. In this order a second pass changes nothing: what is
-    filled touches no other unknown area, a speck that is removed no other obstacle, an area that
-    has become unknown touches obstacles or unknown areas that stay, and free areas that have been
+    Cells beyond the edges of the map count as unknown: a component at an edge touches them. Holes
+    in free space are filled first, because this joins areas separated by gaps between beams;
+    islands, holes in walls, and obstacles follow. In this order a second pass changes nothing: a
+    filled hole touches no other unknown area, a removed speck touches no other obstacle, an area
+    that has become unknown touches obstacles or unknown areas that stay, and free areas that were
     kept only grow.
 
     No wall is opened. Free and unknown cells share an edge only where they did before, and
-    obstacles of at least `min_obstacle` cells keep all of them.
+    obstacles of at least `min_obstacle` cells keep all of their cells.
 
     Examples
     --------

@@ -33,25 +33,25 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, repr=False)
 class MapCounts(OneLine):
-    """What one of several maps has to do with the others, in cells of the merged map.
+    """Comparison of one map with the others in a merge, in cells of the merged map.
 
     Parameters
     ----------
     known : int
-        Cells that it knows.
+        Number of cells known in this map.
     common : int
-        Those of them that another map knows, too.
+        Known cells that are known in another map as well.
     added : int
-        Cells that it knows and no map before it, and cells that are occupied in it and in no map
+        Cells known in this map but in none before it, or occupied in this map but in none
         before it.
     occupied_here : int
-        Cells that are occupied in it and free in another map.
+        Cells occupied in this map and free in another.
     free_here : int
-        Cells that are free in it and occupied in another map.
+        Cells free in this map and occupied in another.
     walls : int
-        Cells that are occupied in it and known in another map.
+        Cells occupied in this map and known in another.
     met : int
-        Those of them that have an obstacle of another map within two cells: most of them, if the
+        Cells of `walls` with an obstacle of another map within two cells; most of them, if the
         maps are aligned.
     """
 
@@ -72,20 +72,20 @@ class MapCounts(OneLine):
 
     @property
     def conflicts(self) -> int:
-        """Cells on which it and another map contradict each other."""
+        """Number of cells in which this map and another contradict each other."""
         return self.occupied_here + self.free_here
 
     @property
     def conflict_share(self) -> float:
-        """Share of `conflicts` in `common`; 0 if nothing is."""
+        """Conflicts as a share of `common`; 0 if no cell is common."""
         return self.conflicts / self.common if self.common else 0.0
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether it is hardly aligned with the others: many conflicts, and few walls met.
+        """Whether the map is probably misaligned: many conflicts, and few walls met.
 
-        Conflicts alone prove nothing: furniture that was moved makes some, and of a wall that two
-        maps have seen a cell apart both are free where the other has it.
+        Conflicts alone prove nothing: moved furniture causes some, and if two maps have the same
+        wall one cell apart, each is free where the other has the wall.
         """
         return self.conflict_share > _MANY and 2 * self.met < self.walls
 

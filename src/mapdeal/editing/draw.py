@@ -41,48 +41,48 @@ def draw(
     overlay: OverlayType = "seq",
     strict: bool = False,
 ) -> G:
-    """Return a grid with shapes drawn into it, one after the other.
+    """Return a grid with shapes drawn into it, in order.
 
     Parameters
     ----------
     grid : OccupancyGrid, Costmap or BitMap
-        What to draw on; its yaw is honoured.
+        Grid to draw on; its yaw is taken into account.
     shapes : Polygon, Line or Circle, or a sequence of them
-        In metres in the map frame.
+        Shapes to draw, in the map frame, metres.
     value : int, optional
-        For shapes that bring none of their own, on the grid's own scale: -1..100 for a map,
+        Value of shapes that have none of their own, on the grid's scale: -1..100 for a map,
         0..255 for costs on scale ``costmap2d``, 0 or 1 for a bit map.
     overlay : {'seq', 'max', 'min'}
-        What wins where a shape meets a cell that has a value already, of another shape or of
-        the grid: the later one, the larger, or the smaller, as in Nav2's vector object server.
-        Unknown cells take any value, and an unknown one wins only with ``seq``.
+        Which value wins where a cell already has one, from the grid or from another shape: the
+        later, the larger or the smaller one, as in Nav2's vector object server. Any value
+        replaces unknown, but unknown replaces other values only with ``seq``.
     strict : bool
-        Whether a shape that does not lie in the grid as a whole, or a polygon without area, is
-        an error; nothing is drawn then.
+        Whether a shape that is not entirely inside the grid, or a polygon without area, is an
+        error; nothing is drawn then.
 
     Returns
     -------
     OccupancyGrid, Costmap or BitMap
-        Of the kind and geometry of `grid`.
+        Grid of the same kind and geometry.
 
     Raises
     ------
     ParameterError
         If a shape has no value, or one that is not on the grid's scale.
     MalformedInputError
-        If that is so of a shape that was read from a file.
+        If this applies to a shape that was read from a file.
     FindingError
-        If `strict` finds something.
+        If `strict` is set and a shape is not entirely inside the grid or has no area.
 
     Warns
     -----
     MapdealWarning
-        For each of these shapes otherwise: it is drawn as far as the grid goes, or as a line.
+        For each such shape if `strict` is not set: it is clipped to the grid, or drawn as a line.
 
     References
     ----------
-    ``setConvexPolygonCost`` of costmap_2d draws nothing if one vertex is outside; that is
-    `strict`.
+    ``setConvexPolygonCost`` of costmap_2d draws nothing if any vertex is outside the map, which
+    corresponds to `strict`.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def _value_of(grid: Paintable, shape: Shape, value: int | None) -> int:
 
 @contextmanager
 def _about(shape: Shape, name: str) -> Iterator[None]:
-    """Have errors say which shape they are about; one from a file is the file's fault."""
+    """Add the shape's name to errors; for a shape from a file, blame the file."""
     try:
         yield
     except ParameterError as error:

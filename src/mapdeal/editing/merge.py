@@ -42,22 +42,22 @@ Values = NDArray[np.int8]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Merged(Drawn):
-    """Several maps in one, see `merge`.
+    """Result of `merge`: several maps combined into one.
 
     Parameters
     ----------
     grid : OccupancyGrid
-        The map.
+        Merged map.
     conflicts : numpy.ndarray of uint8, shape of the grid
         1 where the first map is occupied and another free, 2 where the first is free and another
-        occupied, 3 where others contradict each other and the first does not; 0 elsewhere.
+        occupied, 3 where only other maps contradict each other; 0 elsewhere.
     maps : tuple of MapCounts
-        Of each map, in their order.
+        Counts for each map, in the order given.
     common : int
-        Cells that two or more of the maps know.
+        Number of cells known in two or more maps.
     log_odds : numpy.ndarray of float64, shape of the grid, optional
-        Under rule ``evidence`` the sum that decided, as `build_map` has it: 50 is even, nan where
-        nothing is known. None under other rules.
+        Sum that decided each cell under rule ``evidence``, on the scale of `build_map`: 50 is
+        even, nan where nothing is known. None under other rules.
     """
 
     grid: OccupancyGrid
@@ -74,7 +74,7 @@ class Merged(Drawn):
 
     @property
     def conflict_count(self) -> int:
-        """Cells that are occupied in one map and free in another."""
+        """Number of cells that are occupied in one map and free in another."""
         return int(np.count_nonzero(self.conflicts))
 
 
@@ -85,62 +85,62 @@ def merge(
     rule: Rule = "occupied",
     evidence: Sequence[Layers | None] | None = None,
 ) -> Merged:
-    """Return one map of several.
+    """Merge several maps into one.
 
-    The result has the lattice of the first map, whose cells all stay where they are, extended by
-    whole cells to what the others know.
+    The result lies on the lattice of the first map, whose cells keep their places, extended by
+    whole cells to cover what the other maps know.
 
     Parameters
     ----------
     maps : sequence of OccupancyGrid
-        Two or more; size, origin, yaw and resolution may differ.
+        Two or more maps; size, origin, yaw and resolution may differ.
     transforms : sequence of Transform, optional
-        One for each map but the first, from the first map's frame to that of the map, as `align`
-        finds it: p_map = T p_first. None, in the sequence or for all, is the same map frame.
+        One for each map but the first, from the first map's frame to the frame of that map, as
+        `align` finds it: p_map = T p_first. None, for one map or for all, means the same frame.
     rule : {'occupied', 'newest', 'evidence'}
-        What a cell is on which maps differ. ``occupied``: the largest value, so that occupied
-        wins over free, and free over unknown; every obstacle of every map is kept. ``newest``: the
-        last map of the sequence that knows the cell. ``evidence``: the sign of the sum of what
-        speaks for and against an obstacle; if that is even, as ``occupied``.
+        How to combine the values of a cell. ``occupied``: the largest value wins, so that
+        occupied wins over free, and free over unknown; every obstacle of every map is kept.
+        ``newest``: the last map in the sequence that knows the cell wins. ``evidence``: the sign
+        of the summed evidence for and against an obstacle decides; ties go by ``occupied``.
     evidence : sequence of mapping, optional
-        For rule ``evidence``, of each map the layers that `build_map` gives: ``log_odds``, or
-        ``hits`` and ``misses``; None or an empty mapping for a map that has none. Each cell of such
-        a map has one vote.
+        Layers of each map for rule ``evidence``, as returned by `build_map`: ``log_odds``, or
+        ``hits`` and ``misses``. None or an empty mapping stands for a map without layers; each of
+        its cells has one vote.
 
     Returns
     -------
     Merged
-        The map, its conflicts, and the counts of each map.
+        The merged map, the conflicts, and the counts for each map.
 
     Raises
     ------
     ParameterError
-        If there are fewer than two maps, one of them is no map, transforms or evidence are not of
-        the maps, or the maps lie so far apart that no grid holds them all.
+        If there are fewer than two maps, one of them is not a map, `transforms` or `evidence` do
+        not fit the maps or the rule, or the maps are too far apart for one grid.
 
     Warns
     -----
     MapdealWarning
-        If a map adds nothing, knows no cell that another knows, or contradicts the others so much
-        that it is hardly aligned; if under rule ``evidence`` a map has no layers.
+        If a map adds nothing, has no known cell in common with another, or contradicts the others
+        so strongly that it is probably misaligned; if a map has no layers under rule ``evidence``.
 
     Notes
     -----
-    Of a map on another lattice, ``occupied`` and ``newest`` take all cells that overlap one of its
-    obstacles, however little, and else the value at the centre of the cell. What conflicts and
-    votes are counted on is the value at the centre, or the obstacle if the map is finer than the
-    result, which would else be missed. Layers of evidence are taken at the centre.
+    For a map on another lattice, ``occupied`` and ``newest`` mark every cell that overlaps one of
+    its obstacles, however little, and use the value at the centre of all other cells. Conflicts
+    and votes use the value at the centre, or, if the map is finer than the result, any obstacle in
+    the cell, which could be missed otherwise. Layers of evidence are sampled at the centre.
 
-    In conflicts and votes a cell is occupied at 65 and above, and free up to 25, as map_saver of
-    Nav2 has it by default.
+    For conflicts and votes, a cell is occupied at 65 and above and free at 25 and below, the
+    defaults of Nav2's map_saver.
 
-    The unit of evidence is a beam that passes. ``log_odds`` count from 50, a hit in ``hits``
-    weighs 7/3 (so that a sum is positive above the share of 0.3 that is the default of method
-    ``counting``), a vote weighs 1.
+    The unit of evidence is one passing beam. ``log_odds`` count from 50, a hit in ``hits`` weighs
+    7/3 (so that the sum is positive above a share of hits of 0.3, the default of method
+    ``counting``), and a vote weighs 1.
 
     References
     ----------
-    The largest value wins as in costmap_2d's ``updateWithMax``. The sum is that of H. Moravec and
+    ``updateWithMax`` of costmap_2d also lets the largest value win. The sum follows H. Moravec and
     A. Elfes, "High Resolution Maps from Wide Angle Sonar", 1985.
 
     Examples

@@ -15,31 +15,31 @@ V = TypeVar("V", bound=ValueGrid)
 
 
 def rescale(grid: V, resolution: float, *, rule: ResamplingRule = "area") -> V:
-    """Return a map or costmap with cells of another size.
+    """Resample a map or costmap to another resolution.
 
     Parameters
     ----------
     grid : OccupancyGrid or Costmap
-        What to rescale.
+        Grid to rescale.
     resolution : float
         Side of the new cells, metres.
     rule : {'area', 'nearest'}
-        ``area``: a cell gets the largest value that it shares an area with, so that no obstacle
-        is lost; free and unknown cells are as the map is at their centre. ``nearest``: all cells
-        are, and in a coarser map thin walls may get gaps or vanish.
+        ``area``: a cell gets the largest value above 0 that it overlaps, so that no obstacle is
+        lost; otherwise it is free or unknown, as the grid is at its centre. ``nearest``: a cell
+        gets the value at its centre; in a coarser map, thin walls may get gaps or vanish.
 
     Returns
     -------
     OccupancyGrid or Costmap
-        Of the kind of `grid`, with its origin and yaw. The cells cover all of it; where the last
-        ones reach beyond it, they are unknown unless they overlap an obstacle or have their
-        centre in the map. Where each old cell is a whole number of new ones these are copies.
+        Grid of the same kind, origin and yaw. Its cells cover all of `grid`; cells that extend
+        beyond it are unknown unless they overlap an obstacle or have their centre in `grid`. If
+        an old cell is a whole number of new ones, these are copies of it.
 
     Raises
     ------
     ParameterError
-        If the resolution is not allowed, there is no such rule, or the result would have too
-        many cells.
+        If the resolution is not allowed, the rule is unknown, or the result would have too many
+        cells.
 
     Examples
     --------

@@ -30,38 +30,37 @@ V = TypeVar("V", bound=ValueGrid)
 
 
 def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
-    """Return a map or costmap turned about the origin of the map frame, on a lattice without yaw.
+    """Rotate a map or costmap about the origin of the map frame, onto a lattice without yaw.
 
     Parameters
     ----------
     grid : OccupancyGrid or Costmap
-        What to turn. The yaw of its origin is baked into the cells, so that with `yaw` 0 every
-        wall stays where it is in the map frame.
+        Grid to rotate. The yaw of its origin is baked into the cells, so that every wall stays
+        in place in the map frame if `yaw` is 0.
     yaw : float
-        Radians, anticlockwise. Points turn with the map by ``Transform(0, 0, yaw)``.
+        Angle, anticlockwise, radians. Points move with the map by ``Transform(0, 0, yaw)``.
     rule : {'area', 'nearest'}
-        What a cell gets where cells do not coincide; see Notes.
+        Value of a cell where old and new cells do not coincide; see Notes.
 
     Returns
     -------
     OccupancyGrid or Costmap
-        Of the kind and resolution of `grid`, with yaw 0, around all of its cells; unknown where
-        it has none. The edges of its cells lie at multiples of the resolution, but quarter
-        turns copy every cell as it is. Angles within 2e-5 rad of a quarter turn, as 1.5708, are
-        taken for one.
+        Grid of the same kind and resolution, with yaw 0, that covers all cells of `grid` and is
+        unknown elsewhere. The edges of its cells lie at multiples of the resolution, except after
+        quarter turns, which copy every cell. Angles within 2e-5 rad of a quarter turn, such as
+        1.5708, count as one.
 
     Raises
     ------
     ParameterError
-        If the angle is not finite, there is no such rule, or the result would have too many
-        cells.
+        If the angle is not finite, the rule is unknown, or the result would have too many cells.
 
     Notes
     -----
-    ``area``: a cell gets the largest value that it shares an area with, so that no obstacle is
-    lost and no wall opens, and walls get thicker on each side, by less than the diagonal of a
-    cell. Free and unknown cells are as the map is at their centre. ``nearest``: all cells are,
-    and thin walls may get gaps.
+    With ``area``, a cell gets the largest value above 0 that it overlaps. No obstacle is lost and
+    no wall opens, but walls get thicker on each side, by less than the diagonal of a cell. A cell
+    that overlaps no such value is free or unknown, as the grid is at its centre. With ``nearest``,
+    a cell gets the value at its centre, and thin walls may get gaps.
 
     Examples
     --------
@@ -84,24 +83,24 @@ def rotate(grid: V, yaw: float = 0.0, *, rule: ResamplingRule = "area") -> V:
 
 
 def straighten(grid: V, *, rule: ResamplingRule = "area") -> V:
-    """Return a map or costmap turned so that its walls run along the axes, as `rotate` turns it.
+    """Rotate a map or costmap so that its walls run along the axes; see `rotate`.
 
     Parameters
     ----------
     grid : OccupancyGrid or Costmap
-        What to turn.
+        Grid to rotate.
     rule : {'area', 'nearest'}
-        As of `rotate`.
+        As in `rotate`.
 
     Returns
     -------
     OccupancyGrid or Costmap
-        Turned by what `yaw_to_straighten` returns.
+        Grid rotated by the result of `yaw_to_straighten`.
 
     Warns
     -----
     MapdealWarning
-        If no direction of walls stands out; the grid is returned as it is.
+        If the walls have no main direction; the grid is returned unchanged.
 
     Examples
     --------
@@ -119,19 +118,19 @@ def straighten(grid: V, *, rule: ResamplingRule = "area") -> V:
 
 
 def yaw_to_straighten(grid: ValueGrid) -> float | None:
-    """Return by which angle `rotate` brings a map's walls along the axes of the map frame.
+    """Return the angle by which `rotate` aligns a map's walls with the axes of the map frame.
 
     Parameters
     ----------
     grid : OccupancyGrid or Costmap
-        Where the walls are: occupied cells, or lethal ones.
+        Grid whose occupied or lethal cells are the walls.
 
     Returns
     -------
     float or None
-        Radians, anticlockwise, the smallest such angle, within -pi/4..pi/4. None if there are
-        no walls, or no direction stands out. A map that lies straight to within a cell is turned
-        by no more than its origin's yaw.
+        Smallest such angle, -pi/4..pi/4, anticlockwise, radians. None if there are no walls, or
+        they have no main direction. For a map that is straight to within a cell, the angle only
+        undoes the yaw of its origin.
 
     Examples
     --------

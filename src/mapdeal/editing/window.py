@@ -33,36 +33,38 @@ def window(
     frame: Frame | None = None,
     default: int | None = None,
 ) -> G:
-    """Return a part of a grid, which may reach beyond it.
+    """Return a rectangular part of a grid, which may extend beyond it.
 
     Parameters
     ----------
     grid : OccupancyGrid, Costmap or DistanceField
-        Where the part is copied from.
+        Grid to copy from.
     size_xy : tuple of float
-        Extent along the columns and along the rows of the grid, metres; covered by whole cells.
+        Width and height along the grid's own axes, rounded up to whole cells, metres.
     corner_xy : tuple of float, optional
-        Lower left corner in the map frame, metres. The window begins with the cell that holds
+        Lower left corner in the map frame, metres. The window begins at the cell that contains
         it, so that cells keep their places whatever the yaw.
     center_xy : tuple of float, optional
-        The middle instead of the corner: the corner is half the size from it.
+        Centre in the map frame, metres, from which the corner is half the size away; instead of
+        `corner_xy`.
     frame : Frame, optional
-        The window itself, of another grid with the same cells, instead of size and corner.
+        Frame of another grid whose cells coincide with those of `grid`; instead of size and
+        corner.
     default : int, optional
-        Value of cells outside of `grid`, on its scale; unknown if not given. A distance field
-        takes none: there is no distance outside of it, which is nan.
+        Value of cells outside `grid`, on its scale; unknown if not given. Not allowed for a
+        distance field, which is nan there.
 
     Returns
     -------
     OccupancyGrid, Costmap or DistanceField
-        Of the kind of `grid`.
+        Grid of the same kind.
 
     Raises
     ------
     ParameterError
-        If not exactly one of corner, center and frame is given, a number is not finite, the
-        size is not above 0, the frame has other cells, or a window of a field has none of its
-        distances.
+        If not exactly one of `corner_xy`, `center_xy` and `frame` is given, a number is not
+        finite, the size is not positive, the cells of `frame` do not coincide with those of
+        `grid`, or a window of a distance field contains none of its distances.
 
     Warns
     -----
@@ -71,9 +73,9 @@ def window(
 
     References
     ----------
-    ``copyCostmapWindow`` of costmap_2d, which fails where the window touches an upper edge,
-    has then lost the destination's cells, and moves the cells by up to one to where the corner
-    was asked for.
+    ``copyCostmapWindow`` of costmap_2d, which fails if the window touches an upper edge, after
+    discarding the destination's cells, and moves the cells by up to one cell to the requested
+    corner.
 
     Examples
     --------
@@ -98,17 +100,17 @@ def window(
 
 
 def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
-    """Return a grid of the same size at another origin, as a rolling window moves.
+    """Move a grid to another origin at the same size, like a rolling window.
 
     Parameters
     ----------
     grid : OccupancyGrid or Costmap
-        Where the cells come from; those that both places have in common are kept.
+        Grid to move; cells inside both the old and the new extent are kept.
     origin_xy : tuple of float
-        A point in the map frame, metres. The new origin is the corner of the cell of the
-        grid's lattice that holds it: grids are shifted by whole cells.
+        Point in the map frame, metres. The new origin is the corner of the cell of the grid's
+        lattice that contains it: grids are shifted by whole cells.
     default : int, optional
-        Value of the other cells, on the grid's scale; unknown if not given.
+        Value of all other cells, on the grid's scale; unknown if not given.
 
     Raises
     ------
@@ -122,8 +124,8 @@ def shift_origin(grid: V, origin_xy: Point, *, default: int | None = None) -> V:
 
     References
     ----------
-    ``updateOrigin`` of costmap_2d, which truncates toward zero instead and so takes 0.3 / 0.1
-    for two cells.
+    ``updateOrigin`` of costmap_2d, which truncates toward zero instead, so that 0.3 / 0.1 becomes
+    two cells.
 
     Examples
     --------
@@ -148,30 +150,31 @@ def reset_region(
     value: int | None = None,
     strict: bool = False,
 ) -> D:
-    """Return a grid in which a region has one value.
+    """Return a grid in which one region is set to a single value.
 
     Parameters
     ----------
     grid : OccupancyGrid, Costmap or BitMap
-        What to change.
+        Grid to change.
     size_xy, corner_xy, center_xy : tuple of float
-        The region, as in `window`.
+        Region, as in `window`.
     value : int, optional
-        On the grid's scale; unknown if not given, which a bit map cannot be.
+        Value on the grid's scale; unknown if not given. Required for a bit map, which has no
+        unknown cells.
     strict : bool
-        Whether a region that reaches beyond the grid is an error; nothing is changed then.
+        Whether a region that extends beyond the grid is an error; nothing is changed then.
 
     Raises
     ------
     ParameterError
-        As `window`, or if `value` is not on the scale.
+        As in `window`, or if `value` is not on the grid's scale or is missing for a bit map.
     FindingError
-        If `strict` is set and the region reaches beyond the grid.
+        If `strict` is set and the region extends beyond the grid.
 
     Warns
     -----
     MapdealWarning
-        If the region reaches beyond the grid.
+        If `strict` is not set and the region extends beyond the grid.
 
     References
     ----------
@@ -210,9 +213,9 @@ def reset_region(
 
 
 def blank(grid: D, value: int = 0) -> D:
-    """Return a grid of the same kind and geometry in which every cell has one value.
+    """Return a grid of the same kind and geometry with the same value in every cell.
 
-    To draw a mask on: one that is unknown outside of its shapes changes nothing there.
+    Useful for drawing a mask: a mask that is unknown outside its shapes changes nothing there.
     """
     if isinstance(grid, BitMap):
         return grid.fill(bool(grid.accept_value(value, "background")))

@@ -20,28 +20,28 @@ from mapdeal.grid.bit_map import BitMap
 def read_bit_map(
     path: Path | str, *, max_cells: int | None = None, max_memory: int | None = None
 ) -> BitMap:
-    """Read a bit map, without an intermediate array of whole bytes.
+    """Read a bit map, without expanding bits to bytes on the way.
 
     Parameters
     ----------
     path : path or str
-        A ``.pbm`` with its ``.yaml`` beside it.
+        A ``.pbm`` file with its ``.yaml`` next to it.
     max_cells : int, optional
-        Cells up to which it is read, 1e9 by default.
+        Largest number of cells to read, 1e9 by default.
     max_memory : int, optional
-        Bytes of memory that may be used; by default half of what is free.
+        Memory limit, bytes; by default half of the free memory.
 
     Returns
     -------
     BitMap
-        Black is 1, an obstacle; the other way round if the YAML says ``negate: 1``.
+        Black pixels are obstacles, 1; with ``negate: 1`` in the YAML file, white ones are.
 
     Raises
     ------
     FileAccessError
         If one of the files cannot be read.
     MalformedInputError
-        If one of them is malformed, or they do not belong together.
+        If one of the files is malformed, or they do not belong together.
     """
     with use_memory(max_memory):
         return read_bit_map_pair(Path(path), max_cells=max_cells)[0]
@@ -110,16 +110,17 @@ def write_bit_map(path: Path | str, bits: BitMap, *, force: bool = False) -> Non
     Parameters
     ----------
     path : path or str
-        A ``.pbm``; its ``.yaml`` is written beside it. Folders that are missing are made.
+        A ``.pbm`` file; its ``.yaml`` is written next to it. Missing folders are created.
     bits : BitMap
-        The cells.
+        Bit map to write.
     force : bool
-        Whether to replace files that exist.
+        Whether to replace existing files.
 
     Raises
     ------
     FileAccessError
-        If a file exists already or cannot be written; nothing is changed then.
+        If a file exists and `force` is not set, or a file cannot be written; nothing is changed
+        then.
     """
     output = Path(path)
     with Transaction(bit_map_paths(output), force=force) as transaction:

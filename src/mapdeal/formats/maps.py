@@ -382,20 +382,20 @@ def read_map(
     Parameters
     ----------
     path : path or str
-        A map_server ``.yaml``, a ``.pbm`` with its ``.yaml`` beside it, or an ``.npz`` that
-        mapdeal wrote.
+        A map_server ``.yaml`` file, a ``.pbm`` file with its ``.yaml`` next to it, or an ``.npz``
+        file written by mapdeal.
     dialect : {'nav2', 'humble', 'ros1'}
-        Whose reading of the image to follow: Nav2 from jazzy on, Nav2 humble, or ROS 1.
+        map_server whose reading of the image to follow: Nav2 since Jazzy, Nav2 Humble, or ROS 1.
     max_cells : int, optional
-        Cells up to which a file is read; by default 2e8 for compressed images, 1e9 for others.
+        Largest number of cells to read; by default 2e8 for compressed images, 1e9 for others.
     max_memory : int, optional
-        Bytes of memory that may be used; by default half of what is free.
+        Memory limit, bytes; by default half of the free memory.
 
     Returns
     -------
     OccupancyGrid, Costmap, DistanceField or PotentialField
-        An occupancy grid for every ordinary map; what the file holds for an npz, or for a YAML
-        with ``cost_scale``.
+        An occupancy grid for every ordinary map; the type of the saved grid for an npz file, or a
+        costmap for a YAML file with ``cost_scale``.
 
     Raises
     ------
@@ -404,12 +404,12 @@ def read_map(
     MalformedInputError
         If a file is malformed.
     ParameterError
-        If there is no such dialect.
+        If the dialect is unknown.
 
     Warns
     -----
     MapdealWarning
-        For each choice that had to be made, such as a missing key.
+        For each assumption that had to be made, such as a default for a missing key.
     """
     check_choice(dialect, Dialect, "dialect")
     with use_memory(max_memory):
@@ -467,23 +467,24 @@ def write_map(
     Parameters
     ----------
     path : path or str
-        ``.yaml`` or ``.pgm`` for a pgm pair, ``.png`` for a png pair, ``.npz`` for every layer
-        exactly. Folders that are missing are made.
+        ``.yaml`` or ``.pgm`` for a PGM pair, ``.png`` for a PNG pair, or ``.npz`` for all layers
+        without loss. Missing folders are created.
     grid : OccupancyGrid, Costmap, DistanceField, PotentialField or Reach
-        The cells; a field, or what can be reached, only fits an npz.
+        Grid to write; fields and results of reach can only be written to an npz file.
     mode : {'trinary', 'scale', 'raw'}, optional
-        How values become pixels; raw if any lies in 1..99, else trinary.
+        How values become pixels; by default ``raw`` if any value lies in 1..99, else ``trinary``.
     encoding : {'occupancy', 'costmap2d'}
-        What pixels of costs hold.
+        Scale of the costs in the pixels of a costmap.
     force : bool
-        Whether to replace files that exist.
+        Whether to replace existing files.
 
     Raises
     ------
     FileAccessError
-        If a file exists already or cannot be written; nothing is changed then.
+        If a file exists and `force` is not set, or a file cannot be written; nothing is changed
+        then.
     ParameterError
-        If the ending, mode or encoding is none, or does not fit the grid.
+        If the suffix, mode or encoding is unknown or does not fit the grid.
     """
     if mode is not None:
         check_choice(mode, Mode, "mode")

@@ -44,32 +44,33 @@ Poses = NDArray[np.float64]
 
 
 def read_poses(path: Path | str) -> Poses:
-    """Return the poses in a file.
+    """Read the poses in a text file.
 
     Parameters
     ----------
     path : path or str
-        Text with a pose a line: ``x y yaw`` in metres and radians, or, as the benchmark tools
-        of TUM have it, ``t x y z qx qy qz qw``. Numbers are separated by white space, commas or
-        semicolons; lines that begin with # are skipped, and a first line of names.
+        Text file with one pose per line: ``x y yaw`` in metres and radians, or, in the format of
+        the TUM benchmark tools, ``t x y z qx qy qz qw``. Numbers are separated by white space,
+        commas or semicolons; lines that begin with # and a line of column names are skipped.
 
     Returns
     -------
     numpy.ndarray of float64, shape (N, 3)
-        x, y and yaw; of a quaternion the heading of its x axis in the plane. Times are not used.
+        x, y (metres) and yaw (radians); the yaw of a quaternion is the heading of its x axis in
+        the plane. Times are not used.
 
     Raises
     ------
     FileAccessError
-        If it cannot be read.
+        If the file cannot be read.
     MalformedInputError
-        If a line has another number of numbers, one is not finite, or a quaternion is zero.
+        If a line has the wrong number of values, a value is not finite, or a quaternion is zero.
 
     Warns
     -----
     MapdealWarning
-        If a quaternion is not of length 1, a pose leans by more than 10 degrees, a yaw is more
-        than a turn, or times do not increase.
+        If a quaternion is not of length 1, a pose is tilted by more than 10 degrees, a yaw
+        exceeds a full turn, or times do not increase.
     """
     path = Path(path)
     with recognised(path, "a file of poses", POSES, NUMBERS):

@@ -23,26 +23,27 @@ _FORM = "a file of shapes has a list: shapes: [{type: polygon, points: [[x, y], 
 
 
 def read_shapes(path: Path | str) -> list[Shape]:
-    """Return the shapes in a file, in its order.
+    """Read the shapes in a file, in order.
 
     Parameters
     ----------
     path : path or str
-        A ``.json`` or ``.geojson`` file (GeoJSON), or YAML with a list ``shapes``, each with
-        ``type: polygon`` and ``points``, perhaps ``holes``; ``type: line`` and ``points``,
-        perhaps ``thickness``; or ``type: circle`` with ``center`` and ``radius``. All may have a
-        ``value``. Lengths are in metres, points [x, y] in the map frame.
+        A GeoJSON file (``.json`` or ``.geojson``), or a YAML file with a list ``shapes``. Each
+        item has ``type: polygon``, ``points`` and optionally ``holes``; ``type: line``,
+        ``points`` and optionally ``thickness``; or ``type: circle``, ``center`` and ``radius``.
+        Each may have a ``value``. Lengths are in metres, points are [x, y] in the map frame.
 
     Returns
     -------
     list of Polygon, Line or Circle
+        The shapes, with their values.
 
     Raises
     ------
     FileAccessError
         If the file cannot be read.
     MalformedInputError
-        If it is malformed, or has no shape; the error names shape and line.
+        If the file is malformed or contains no shape; the error names the shape and the line.
     """
     path = Path(path)
     with recognised(path, "a file of shapes", SHAPES):

@@ -1,4 +1,4 @@
-"""Beams of laser scans: which hit something, which return nothing, which mean nothing."""
+"""Beams of laser scans: hits, beams without return, and invalid beams."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ _BEAMS_TOGETHER = 1 << 18
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scans(OneLine):
-    """Some scans with the same angles.
+    """Laser scans that share the same beam angles.
 
     Parameters
     ----------
     poses : array_like of float, shape (N, 3)
-        x, y (metres) and yaw (radians) of the sensor in the map frame, one for each scan.
+        x, y (metres) and yaw (radians) of the sensor in the map frame, one pose per scan.
     angles : array_like of float, shape (M,)
-        Of the beams, radians from the sensor's heading, anticlockwise; in any order.
+        Angles of the beams from the sensor's heading, in any order, anticlockwise, radians.
     ranges : array_like of float, shape (N, M)
-        Metres; inf for a beam that returns nothing, nan for one that means nothing.
+        Measured ranges, metres; inf for a beam without return, nan for an invalid beam.
     sweeps : int, optional
-        How many scans they count as, where beams have poses of their own; one each by default.
+        Number of scans to count if every beam has its own pose; one per pose by default.
 
     Raises
     ------
     ParameterError
-        If the shapes do not fit, or poses or angles are not finite.
+        If the shapes do not match, or poses or angles are not finite.
     """
 
     poses: Floats
@@ -70,11 +70,11 @@ class Scans(OneLine):
 
     @property
     def count(self) -> int:
-        """How many scans they count as."""
+        """Number of scans."""
         return len(self.poses) if self.sweeps is None else self.sweeps
 
     def parts(self) -> Iterator[Scans]:
-        """Yield the scans some at a time, so that what is made of them stays small."""
+        """Yield the scans in parts, so that arrays made from them stay small."""
         together = max(1, _BEAMS_TOGETHER // max(1, len(self.angles)))
         for first in range(0, len(self.poses), together):
             some = slice(first, first + together)
@@ -84,26 +84,26 @@ class Scans(OneLine):
 
 @dataclass(frozen=True)
 class BeamLimits:
-    """Which ranges are hits.
+    """Limits that decide which ranges are hits.
 
     Parameters
     ----------
     range_min, range_max : float
-        A beam hits something if range_min <= range < range_max, metres. Beyond, or at inf, it
-        returns nothing; all others mean nothing.
+        A beam is a hit if its range is positive and range_min <= range < range_max, metres. A
+        beam of range_max or more, or inf, has no return; all others are invalid.
     clear_max : float
-        Metres up to which a beam that returns nothing clears its way, but not beyond range_max;
-        0 to leave it out.
+        Distance up to which a beam without return clears cells, at most range_max, metres; 0 to
+        ignore such beams.
 
     Raises
     ------
     ParameterError
-        If a number is not finite or negative, or range_max not above range_min.
+        If a number is negative or not finite, or range_max is not above range_min.
 
     References
     ----------
-    gmapping's ``maxRange`` (range_max) and ``maxUrange`` (clear_max), where readings at the
-    sensor's limit are no obstacles.
+    gmapping's ``maxRange`` (range_max) and ``maxUrange`` (clear_max); there, too, readings at the
+    sensor's limit are not obstacles.
     """
 
     range_min: float = 0.0
@@ -123,18 +123,18 @@ class BeamLimits:
 
 @dataclass(frozen=True)
 class BeamCounts:
-    """How many beams there were of each kind.
+    """Number of beams of each kind.
 
     Parameters
     ----------
     scans, beams : int
-        All of them.
+        All scans and beams.
     hits : int
-        Those that end at something.
+        Beams that hit something.
     no_return : int
-        Those that return nothing within range_max.
+        Beams without return below range_max.
     bad : int
-        Those that mean nothing: nan, 0, negative, or nearer than range_min.
+        Invalid beams: nan, 0, negative, or below range_min.
     """
 
     scans: int = 0
@@ -144,7 +144,7 @@ class BeamCounts:
     bad: int = 0
 
     def __add__(self, other: BeamCounts) -> BeamCounts:
-        """Return the counts of both together."""
+        """Return the sum of both counts."""
         return BeamCounts(
             self.scans + other.scans,
             self.beams + other.beams,
@@ -156,20 +156,20 @@ class BeamCounts:
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """Beams that say something, in the order of their scans.
+    """Beams that hit something or clear cells, in the order of their scans.
 
     Parameters
     ----------
     sensors_xy : numpy.ndarray of float64, shape (K, 2)
-        Where each begins, metres in the map frame.
+        Start of each beam in the map frame, metres.
     directions_xy : numpy.ndarray of float64, shape (K, 2)
-        Unit vectors.
+        Directions as unit vectors.
     ranges : numpy.ndarray of float64, shape (K,)
-        Metres to what it hits, or as far as it clears.
+        Distance to the hit, or up to which the beam clears cells, metres.
     is_hit : numpy.ndarray of bool, shape (K,)
-        Whether there is something at its end.
+        Whether the beam ends at an obstacle.
     counts : BeamCounts
-        Of these and of those that were left out.
+        Counts of these beams and of those left out.
     """
 
     sensors_xy: Floats
@@ -180,7 +180,7 @@ class Beams:
 
     @property
     def nbytes(self) -> int:
-        """How much memory they take."""
+        """Memory of the arrays, bytes."""
         arrays = self.sensors_xy, self.directions_xy, self.ranges, self.is_hit
         return sum(array.nbytes for array in arrays)
 
@@ -195,7 +195,7 @@ class Beams:
         )
 
     def ends_xy(self, beyond: float = 0.0) -> Floats:
-        """Return where they end, shape (K, 2), hits by some metres farther."""
+        """Return the ends of the beams, shape (K, 2); hits end `beyond` metres farther."""
         reach = self.ranges + np.where(self.is_hit, beyond, 0.0)
         return self.sensors_xy + self.directions_xy * reach[:, np.newaxis]
 
@@ -216,7 +216,7 @@ def _floats(array: object, name: str) -> Floats:
 
 
 def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
-    """Return the beams of scans that say something.
+    """Return the beams of scans that hit something or clear cells.
 
     Examples
     --------

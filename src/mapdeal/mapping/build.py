@@ -115,19 +115,19 @@ def frame_of(size: Point, origin: Point, resolution: float) -> Frame:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BuiltMap(Drawn):
-    """A map made of scans.
+    """Map built from laser scans, with its evidence.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     layers : dict of str to numpy.ndarray
-        The evidence: ``log_odds``; or ``hits`` and ``misses``; or ``tsdf``, ``weight`` and
+        Layers of evidence: ``log_odds``; or ``hits`` and ``misses``; or ``tsdf``, ``weight`` and
         ``surface``.
     counts : BeamCounts
-        How many beams there were of each kind.
+        Number of beams of each kind.
     vanished : HitGroups
-        Groups of cells that were hit three times and more, and that the map has nothing of.
+        Groups of cells that were hit three or more times but are missing from the map.
     """
 
     grid: OccupancyGrid
@@ -143,23 +143,23 @@ class BuiltMap(Drawn):
 
 
 class MapBuilder:
-    """Makes a map of scans that come some at a time, in their order.
+    """Builder of a map from laser scans that are added in order.
 
     Parameters
     ----------
     frame : Frame
-        The cells.
+        Geometry of the map.
     method : {'log-odds', 'counting', 'tsdf'}
         How evidence becomes a map.
     limits : BeamLimits
-        Which ranges are hits.
+        Limits that decide which ranges are hits.
     **parameters
-        Those of the method: of `LogOdds`, `Counting` or `Tsdf`.
+        Parameters of the method: those of `LogOdds`, `Counting` or `Tsdf`.
 
     Raises
     ------
     ParameterError
-        If there is no such method, or a parameter is not the method's or not allowed.
+        If the method is unknown, or a parameter does not belong to it or is out of range.
     """
 
     def __init__(
@@ -174,17 +174,17 @@ class MapBuilder:
         self.counts = BeamCounts()
 
     def add(self, scans: Scans) -> None:
-        """Add what scans have seen."""
+        """Add the beams of scans."""
         for part in scans.parts():
             self.add_beams(beams_of(part, self._limits))
 
     def add_beams(self, beams: Beams) -> None:
-        """Add what beams say, which were made with the same limits."""
+        """Add beams that were made with the same limits."""
         self._evidence.add(beams)
         self.counts += beams.counts
 
     def result(self, *, with_layers: bool = True) -> BuiltMap:
-        """Return the map of all scans so far; without layers `BuiltMap.layers` is empty."""
+        """Return the map of all scans so far; `BuiltMap.layers` is empty without `with_layers`."""
         grid = self._evidence.grid()
         vanished = self._evidence.vanished_from(grid)
         layers = self._evidence.layers() if with_layers else {}
@@ -192,16 +192,16 @@ class MapBuilder:
 
     @property
     def bytes_per_cell(self) -> int:
-        """How much memory the evidence of a cell takes."""
+        """Memory that the evidence takes per cell, bytes."""
         return self._evidence.bytes_per_cell
 
     def hit_groups(self) -> tuple[int, HitGroups]:
-        """Return how many cells were hit three times and more, and the groups that they make."""
+        """Return the number of cells that were hit three or more times, and their groups."""
         often_hit = self._evidence.often_hit()
         return int(np.count_nonzero(often_hit)), hit_groups(often_hit)
 
     def advice(self, vanished: HitGroups) -> str:
-        """Return what a person can do for groups of hits to stay on the map."""
+        """Return advice on how to keep the vanished groups of hits on the map."""
         return self._evidence.advice(vanished)
 
 
@@ -247,45 +247,45 @@ def build_map(
     clear_max: float = 0.0,
     **parameters: Any,
 ) -> BuiltMap:
-    """Make a map of laser scans with known poses.
+    """Build a map from laser scans with known poses.
 
     Parameters
     ----------
     poses : array_like of float, shape (N, 3)
         x, y (metres) and yaw (radians) of the sensor in the map frame.
     angles : array_like of float, shape (M,)
-        Of the beams, radians from the sensor's heading, anticlockwise.
+        Angles of the beams from the sensor's heading, anticlockwise, radians.
     ranges : array_like of float, shape (N, M)
-        Metres; inf for a beam that returns nothing, nan for one that means nothing.
+        Measured ranges, metres; inf for a beam without return, nan for an invalid beam.
     method : {'log-odds', 'counting', 'tsdf'}
         How evidence becomes a map: `LogOdds`, `Counting` or `Tsdf`.
     resolution : float
         Side of a cell, metres.
     size, origin : tuple of float, optional
-        Width and height, and the corner of cell (0, 0), metres; both or none. Without them the
-        grid holds all that beams reach.
+        Width and height of the map, and the corner of cell (0, 0), metres; both or neither. By
+        default, the map covers everything that the beams reach.
     range_min, range_max, clear_max : float
-        As of `BeamLimits`.
+        As in `BeamLimits`, metres.
     **parameters
-        Those of the method.
+        Parameters of the method.
 
     Returns
     -------
     BuiltMap
-        The map, the evidence, and the counts of the beams.
+        The map, its evidence, and the counts of the beams.
 
     Raises
     ------
     ParameterError
         If a parameter or an array is not allowed.
     MalformedInputError
-        If the grid is to size itself, and no beam hits anything.
+        If `size` is not given and no beam hits anything, or the beams reach too far for a map.
 
     Notes
     -----
-    A beam passes the cells of costmap_2d's line from the sensor's cell, which is one of them, to
-    that of its end, which is not: a cell is never hit and passed by the same beam. Beams that leave
-    the grid count inside of it.
+    A beam passes the cells on costmap_2d's line from the sensor's cell, inclusive, to the cell of
+    its end, exclusive: a cell is never hit and passed by the same beam. Beams that leave the grid
+    count inside it.
 
     Examples
     --------

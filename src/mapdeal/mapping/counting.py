@@ -17,15 +17,15 @@ _UNIT = 1_000_000
 
 
 class Counting(Evidence):
-    """Counts of the beams that hit each cell, and of those that pass it.
+    """Evidence as counts of the beams that hit each cell and of those that pass it.
 
     Parameters
     ----------
     frame : Frame
-        The cells.
+        Geometry of the map.
     ratio : float
         Share of hits above which a cell is occupied, 0 <= ratio < 1, rounded to 6 decimals;
-        gmapping's is 0.25.
+        gmapping uses 0.25.
 
     Raises
     ------
@@ -54,7 +54,7 @@ class Counting(Evidence):
         self._hits, self._misses = np.zeros((2, *frame.shape), dtype=np.int32)
 
     def add(self, beams: Beams) -> None:
-        """Add what beams say; see `Evidence.add`."""
+        """Add the evidence of beams; see `Evidence.add`."""
         beams, starts, ends = self.cells_of(beams)
         count_rays(starts, ends, beams.is_hit, self._hits, self._misses)
 

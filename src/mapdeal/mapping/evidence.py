@@ -25,23 +25,23 @@ class Evidence(ABC):
     Parameters
     ----------
     frame : Frame
-        The cells.
+        Geometry of the map.
     """
 
     reach_behind = 0.0
-    """How far behind hits beams have an effect, cells."""
+    """Distance behind hits up to which beams have an effect, cells."""
 
     def __init__(self, frame: Frame) -> None:
         self.frame = frame
 
     @property
     def bytes_per_cell(self) -> int:
-        """How much memory the evidence of a cell takes."""
+        """Memory that the evidence takes per cell, bytes."""
         return sum(v.itemsize for v in vars(self).values() if isinstance(v, np.ndarray))
 
     @abstractmethod
     def add(self, beams: Beams) -> None:
-        """Add what beams say, one after the other; those that leave the grid count inside of it."""
+        """Add the evidence of beams, in order; beams that leave the grid count inside it."""
 
     @abstractmethod
     def occupancy(self) -> NDArray[np.int8]:
@@ -53,14 +53,14 @@ class Evidence(ABC):
 
     @abstractmethod
     def layers(self) -> Layers:
-        """Return the evidence itself, by the names of an npz's keys."""
+        """Return the layers of evidence by their keys in an npz."""
 
     @abstractmethod
     def advice(self, vanished: HitGroups) -> str:
-        """Return what a person can do for groups of hits to stay on the map."""
+        """Return advice on how to keep the vanished groups of hits on the map."""
 
     def vanished_from(self, grid: OccupancyGrid) -> HitGroups:
-        """Return the groups of hits that the map of the evidence has nothing of."""
+        """Return the groups of hits that are missing from the map of the evidence."""
         return vanished_groups(self.often_hit(), grid.occupancy == OCCUPIED)
 
     def grid(self) -> OccupancyGrid:

@@ -33,9 +33,9 @@ class HitGroups(OneLine):
     Parameters
     ----------
     cells : numpy.ndarray of int64, shape (N, 2)
-        Row and column of all their cells, group by group.
+        Row and column of each cell, group by group.
     sizes : numpy.ndarray of int64, shape (M,)
-        The cells of each group.
+        Number of cells in each group.
     """
 
     cells: Cells
@@ -43,7 +43,7 @@ class HitGroups(OneLine):
 
     @classmethod
     def none(cls) -> HitGroups:
-        """Return no groups."""
+        """Return an empty set of groups."""
         return cls(np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64))
 
     def _told(self) -> Iterator[str]:
@@ -51,16 +51,16 @@ class HitGroups(OneLine):
         yield count_text(len(self.cells), "cell")
 
     def __len__(self) -> int:
-        """Return how many groups there are."""
+        """Return the number of groups."""
         return len(self.sizes)
 
     @property
     def starts(self) -> Cells:
-        """Where each group begins in `cells`, shape (M,)."""
+        """Index in `cells` at which each group begins, shape (M,)."""
         return np.cumsum(self.sizes) - self.sizes
 
     def middles_xy(self, frame: Frame) -> NDArray[np.float64]:
-        """Return the mean of each group's centres of cells, shape (M, 2), in the map frame."""
+        """Return the mean cell centre of each group in the map frame, shape (M, 2), metres."""
         if not len(self):
             return np.empty((0, 2))
         means = np.add.reduceat(self.cells, self.starts, axis=0) / self.sizes[:, np.newaxis]

@@ -1,4 +1,4 @@
-"""A map of a robot's surroundings, from a point cloud and what a global map knows."""
+"""Local maps: a robot's surroundings from a point cloud and a global map."""
 
 from __future__ import annotations
 
@@ -24,28 +24,27 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LocalMap(Drawn):
-    """A local map, and what is to be said of it.
+    """Map of a robot's surroundings, with figures about its points.
 
     Parameters
     ----------
     grid : OccupancyGrid
-        100 where a point or an obstacle of the global map is; 0, or -1 where unknown cells are
-        kept and nothing has seen it; axes along x and y.
+        100 where there is a point or an obstacle of the global map; elsewhere 0, or -1 where
+        unknown cells are kept and nothing has been seen; axes along x and y of the map frame.
     pose : tuple of float
-        The robot's x, y (metres) and yaw, -pi < yaw <= pi.
+        x, y (metres) and yaw (radians) of the robot in the map frame, -pi < yaw <= pi.
     counts : CloudCounts
-        What became of the points.
+        Number of points used, and of points left out by reason.
     from_map : int
-        Cells that the global map's obstacles take.
+        Number of cells covered by obstacles of the global map.
     angles : tuple of float, optional
-        First and last direction in which there are points within the limits, radians from the
-        robot's heading, anticlockwise: -pi < first <= pi, first <= last < first + 2 pi. All
-        points lie between them, and the rest of the circle is the largest gap. None without
-        points.
+        First and last direction of the points within the limits, from the robot's heading,
+        anticlockwise, radians: -pi < first <= pi, first <= last < first + 2 pi. All points lie
+        between them, and the rest of the circle is the largest gap. None if there are no points.
     clouds : int
-        How many clouds the map is made of; the counts and angles are the last one's.
+        Number of clouds in the map; `counts` and `angles` are those of the last one.
     from_earlier : int
-        Cells that are obstacles by an earlier cloud than the last.
+        Number of obstacle cells that come from a cloud before the last one.
     """
 
     grid: OccupancyGrid
@@ -65,27 +64,27 @@ class LocalMap(Drawn):
 
     @property
     def rear_heading(self) -> float:
-        """The direction that the robot's back faces, -pi < rear_heading <= pi."""
+        """Direction of the robot's back in the map frame, -pi < rear_heading <= pi, radians."""
         return wrapped(self.pose[2] - math.pi)
 
 
 @dataclass(frozen=True, eq=False)
 class KnownMap:
-    """What a global map knows: its obstacles, and what is free.
+    """Obstacles and free space of a global map.
 
     Parameters
     ----------
     grid : OccupancyGrid
-        The map, whole or lazy.
+        The map, in memory or lazy.
     lethal_threshold : int
-        Occupancy from which a cell of it is an obstacle, 1..100.
+        Occupancy at or above which a cell is an obstacle, 1..100.
     """
 
     grid: OccupancyGrid
     lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD
 
     def seen_in(self, frame: Frame) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which cells of a frame overlap an obstacle, and which are known all over."""
+        """Return which cells of a frame overlap an obstacle, and which are known entirely."""
         source = self.grid.frame
         rows, cols = rows_and_cols_under(frame, source)
         if rows.start >= rows.stop or cols.start >= cols.stop:
@@ -106,12 +105,12 @@ def lattice_of(options: LocalOptions, global_map: OccupancyGrid | None) -> Frame
 
 
 def window_around(pose: Pose, options: LocalOptions, lattice: Frame) -> Region:
-    """Return the cells of the local map of a pose.
+    """Return the cells of the local map around a pose.
 
     Raises
     ------
     ParameterError
-        If there would be too many.
+        If there are too many cells.
     """
     region = region_of(lattice, options.size, center_xy=pose[:2])
     region.frame_in(lattice)
@@ -121,10 +120,10 @@ def window_around(pose: Pose, options: LocalOptions, lattice: Frame) -> Region:
 def joined(
     evidence: NDArray[np.int8], frame: Frame, known: KnownMap | None, *, keeps_unknown: bool
 ) -> tuple[OccupancyGrid, int]:
-    """Return what clouds have seen, joined with what a map knows, and the map's obstacle cells.
+    """Combine the evidence of clouds with a known map; also return its number of obstacle cells.
 
-    The larger of the two counts, as where costmap_2d lays its layers over each other: an obstacle
-    before what is free, and that before what is unknown.
+    The larger value wins, as when costmap_2d combines its layers: obstacles win over free space,
+    and free space over unknown.
     """
     values, from_map = evidence.copy(), 0
     if known is not None:
@@ -150,37 +149,35 @@ def local_map(
     Parameters
     ----------
     points : array_like of float, shape (N, 2) or (N, 3 or more)
-        x, y and z of each point, metres; points with a coordinate that is not finite are left
-        out.
+        x, y and z of each point, metres; points with a coordinate that is not finite are ignored.
     pose : sequence of float
-        x, y (metres) and yaw (radians) of the robot in the map frame: the middle of the map.
+        x, y (metres) and yaw (radians) of the robot in the map frame; the centre of the map.
     global_map : OccupancyGrid, optional
-        A map whose obstacles are taken over where they overlap a cell, and whose free cells where
-        they cover it.
+        Map to take obstacles and free space from: a cell that overlaps one of its obstacles is
+        occupied, and any other cell that lies entirely in its known cells is free.
     lethal_threshold : int
-        Occupancy from which a cell of it is an obstacle, 1..100.
+        Occupancy at or above which a cell of `global_map` is an obstacle, 1..100.
     **options
-        The fields of `LocalOptions`.
+        Fields of `LocalOptions`.
 
     Returns
     -------
     OccupancyGrid
-        100 in cells with a point, or with an obstacle of `global_map`. Others are free, 0, without
-        `global_map`; with it, those that it knows to be free, or through which a beam passes,
-        while the rest is unknown, -1, or free if `unknown` is so. Its axes are those of the map
-        frame. Its corner is that of the cell in which pose - size / 2 lies, on
-        the lattice of the resolution through the map frame's origin, or through the corner of
-        `global_map` if that is not turned.
+        100 in cells with a point or an obstacle of `global_map`. Without `global_map`, all other
+        cells are free, 0. With it, cells that it knows to be free or that a beam passes are 0,
+        and the rest is unknown, -1, or 0 if `unknown` is ``free``. The axes are those of the map
+        frame. The corner is that of the cell that contains pose - size / 2, on the lattice through
+        the origin of the map frame, or through the corner of `global_map` if that has no yaw.
 
     Raises
     ------
     ParameterError
-        If a number is not allowed, or heights are asked of points without z.
+        If a number is not allowed, or heights are limited but the points have no z.
 
     Notes
     -----
-    A point belongs to the cell that holds it, also below zero, so that points just outside of the
-    window do not fall into its first cells.
+    Each point belongs to the cell that contains it. Coordinates are not truncated toward zero, so
+    points just outside the window do not end up in its first cells.
 
     Examples
     --------
@@ -196,18 +193,18 @@ def local_map(
 
 
 class LocalMapper:
-    """Makes a local map of points that come some at a time.
+    """Builder of a local map from points that are added in parts.
 
     Parameters
     ----------
     pose : sequence of float
-        x, y (metres) and yaw (radians) of the robot in the map frame.
+        x, y (metres) and yaw (radians) of the robot in the map frame; the centre of the map.
     options : LocalOptions
-        The rest.
+        Size of the map, and how points become cells.
     global_map : OccupancyGrid, optional
-        A map whose obstacles are taken over, and what it knows to be free.
+        Map to take obstacles and free space from.
     lethal_threshold : int
-        Occupancy from which a cell of it is an obstacle, 1..100.
+        Occupancy at or above which a cell of `global_map` is an obstacle, 1..100.
 
     Raises
     ------
@@ -235,16 +232,16 @@ class LocalMapper:
 
     @property
     def pose(self) -> Pose:
-        """The robot's x, y (metres) and yaw, -pi < yaw <= pi."""
+        """x, y (metres) and yaw (radians) of the robot, -pi < yaw <= pi."""
         return self._pose
 
     def add(self, points: ArrayLike) -> None:
-        """Mark the cells of points, shape (N, 2) or (N, 3 or more).
+        """Add points, shape (N, 2) or (N, 3 or more), metres.
 
         Raises
         ------
         ParameterError
-            If they have another shape, or no z although heights are limited.
+            If the points have another shape, or no z although heights are limited.
         """
         self._cloud.add(points)
 

@@ -1,4 +1,4 @@
-"""How local maps are made of clouds."""
+"""Options for local maps from point clouds."""
 
 from __future__ import annotations
 
@@ -15,34 +15,32 @@ Unknown = Literal["keep", "free"]
 
 @dataclass(frozen=True)
 class LocalOptions:
-    """How a local map is made of a cloud.
+    """Options for making a local map from point clouds.
 
     Parameters
     ----------
     frame : {'robot', 'map'}
-        What the cloud's coordinates are: ahead and to the left of the robot, or those of the
-        map already.
+        Frame of the cloud's coordinates: ``robot``, with x ahead and y to the left, or ``map``.
     offset : tuple of float
-        x and y that are taken off the points' coordinates in the map frame, metres.
+        x and y to subtract from the points' coordinates in the map frame, metres.
     size : tuple of float
-        Extent of the map along x and y, metres; covered by whole cells.
+        Extent of the map along x and y, rounded up to whole cells, metres.
     resolution : float
         Side of a cell, metres.
     min_height, max_height : float, optional
-        Least and greatest z of the points that count, metres, in the cloud's own coordinates.
+        Lowest and highest z of the points to use, in the cloud's own coordinates, metres.
     min_range, max_range : float, optional
-        Least and greatest distance from the robot, in the plane, of the points that count.
+        Smallest and largest horizontal distance from the robot of the points to use, metres.
     raytrace_range : float, optional
-        How far from the robot beams have seen that cells are free, metres; as far as
-        `max_range` if not given.
+        Distance from the robot up to which beams clear cells, metres; `max_range` if not given.
     unknown : {'keep', 'free'}
-        Whether cells that nothing has seen stay unknown or are free. In a map of one cloud and
-        no global map they are free in any case.
+        Whether cells that nothing has seen stay unknown or become free. Without a global map,
+        `local_map` and `LocalMapper` always make them free.
 
     Raises
     ------
     ParameterError
-        If a number is not finite or of the wrong sign, or a limit below its counterpart.
+        If a number is not finite or has the wrong sign, or a minimum exceeds its maximum.
     """
 
     frame: CloudFrame = "robot"
@@ -86,10 +84,10 @@ class LocalOptions:
 
     @property
     def asks_for_heights(self) -> bool:
-        """Whether points without z cannot be judged."""
+        """Whether heights are limited, so that points need a z coordinate."""
         return self.min_height is not None or self.max_height is not None
 
     @property
     def reach(self) -> float | None:
-        """How far from the robot beams clear, metres; None if that has no limit."""
+        """Distance from the robot up to which beams clear cells, metres; None if unlimited."""
         return self.max_range if self.raytrace_range is None else self.raytrace_range

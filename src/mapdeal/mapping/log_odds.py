@@ -23,23 +23,23 @@ _EVEN = 50
 
 
 class LogOdds(Evidence):
-    """Evidence as a number of each cell that starts at 50, half way.
+    """Evidence as one number per cell, which starts at 50.
 
     Parameters
     ----------
     frame : Frame
-        The cells.
+        Geometry of the map.
     log_free : float
-        What each beam that passes a cell adds, below 0. As all numbers here rounded to
-        multiples of 2^-16.
+        Change for each beam that passes a cell, below 0. Like all numbers here, it is rounded to
+        a multiple of 2^-16.
     log_occ : float
-        What each beam that hits it adds, above 0.
+        Change for each beam that hits a cell, above 0.
     log_min, log_max : float
-        Bounds, kept after each addition: 0 <= log_min < 50 < log_max <= 100.
+        Bounds that are applied after each change: 0 <= log_min < 50 < log_max <= 100.
     values : bool
-        Whether the map has the rounded numbers; else 0 below 50, 100 above, and unknown at
-        exactly 50, where there is as much for as against an obstacle. Cells that no beam has
-        reached are unknown.
+        Whether the map contains the rounded numbers; otherwise it is 0 below 50, 100 above, and
+        unknown at exactly 50, where the evidence is balanced. Cells that no beam has reached are
+        unknown.
 
     Raises
     ------
@@ -48,8 +48,8 @@ class LogOdds(Evidence):
 
     References
     ----------
-    H. Moravec and A. Elfes, "High Resolution Maps from Wide Angle Sonar", 1985, whose logarithms
-    of odds are sums. Here the cell of a hit is not among those passed.
+    H. Moravec and A. Elfes, "High Resolution Maps from Wide Angle Sonar", 1985, which sums
+    logarithms of odds. Here, a beam does not pass the cell that it hits.
 
     Examples
     --------
@@ -84,7 +84,7 @@ class LogOdds(Evidence):
         self._seen = np.zeros(frame.shape, dtype=np.uint8)
 
     def add(self, beams: Beams) -> None:
-        """Add what beams say; see `Evidence.add`."""
+        """Add the evidence of beams; see `Evidence.add`."""
         beams, starts, ends = self.cells_of(beams)
         weigh_rays(starts, ends, beams.is_hit, self._odds, self._values, self._seen)
 
@@ -104,7 +104,7 @@ class LogOdds(Evidence):
         return self._seen >= SEEN + OFTEN * A_HIT
 
     def vanished_from(self, grid: OccupancyGrid) -> HitGroups:
-        """Return the groups that have vanished; where values are written none has."""
+        """Return the groups that have vanished; none if the map contains values."""
         return HitGroups.none() if self._publish_values else super().vanished_from(grid)
 
     def advice(self, vanished: HitGroups) -> str:
@@ -114,7 +114,7 @@ class LogOdds(Evidence):
         return f"--log-occ above {now:g} {more}, --values keeps {all_} evidence"
 
     def layers(self) -> Layers:
-        """Return ``log_odds``: the numbers, float64, nan where no beam has been."""
+        """Return ``log_odds``: the numbers, float64, nan where no beam has passed or hit."""
         return {"log_odds": np.where(self._seen > 0, self._values / _UNIT, np.nan)}
 
 

@@ -1,4 +1,4 @@
-"""Local maps of a sequence of clouds, each with what the clouds before it have seen."""
+"""Local maps of a sequence of clouds, each combined with the clouds before it."""
 
 from __future__ import annotations
 
@@ -19,24 +19,23 @@ from mapdeal.mapping.sightings import Sightings
 
 
 class RollingMapper:
-    """Makes a local map after each cloud of a sequence, of the last clouds together.
+    """Builder of a local map from the most recent clouds of a sequence, after each cloud.
 
-    A cloud marks the cells of its points, and clears those that its beams pass, from the robot
-    to each point. What the last clouds have marked stays until a later beam clears it.
+    A cloud marks the cells of its points, and clears the cells that its beams pass, from the robot
+    to each point. Cells marked by recent clouds stay marked until a later beam clears them.
 
     Parameters
     ----------
     poses : array_like of float, shape (K, 3)
-        x, y (metres) and yaw (radians) of the robot in the map frame, for each cloud.
+        x, y (metres) and yaw (radians) of the robot in the map frame, one pose per cloud.
     options : LocalOptions
-        How points become cells.
+        Size of the maps, and how points become cells.
     keep : int, optional
-        How many clouds a map is made of, the newest included; all so far if not given.
+        Number of clouds in a map, including the newest; all clouds so far if not given.
     global_map : OccupancyGrid, optional
-        A map whose obstacles are taken over, and what it knows to be free. Beams do not clear
-        its obstacles.
+        Map to take obstacles and free space from. Beams do not clear its obstacles.
     lethal_threshold : int
-        Occupancy from which a cell of it is an obstacle, 1..100.
+        Occupancy at or above which a cell of `global_map` is an obstacle, 1..100.
 
     Raises
     ------
@@ -45,10 +44,10 @@ class RollingMapper:
 
     Notes
     -----
-    Every map lies on one lattice, so that cells never blur, and is a function of its clouds and
+    All maps lie on one lattice, so that cells never blur, and each map depends on its clouds and
     poses alone. In costmap_2d's rolling obstacle layer, a cell that leaves the window for a moment
-    is forgotten, and beams have no effect outside of it; here the cells of the windows that are
-    to come are remembered, too.
+    is forgotten, and beams have no effect outside the window; here, the cells of later windows are
+    remembered as well.
 
     Examples
     --------
@@ -74,7 +73,7 @@ class RollingMapper:
         if keep is not None and keep < 1:
             raise ParameterError("must be at least 1", place="keep", got=keep)
         self.poses: list[Pose] = [check_pose(pose) for pose in poses]
-        """Where the robot stood for each cloud, -pi < yaw <= pi."""
+        """x, y (metres) and yaw (radians) of the robot for each cloud, -pi < yaw <= pi."""
         self._options = options
         self._keep = keep
         self._known = None if global_map is None else KnownMap(global_map, lethal_threshold)
@@ -83,20 +82,20 @@ class RollingMapper:
         self._corners = np.array([window[:2] for window in self._windows]).reshape(-1, 2)
         self._sightings = Sightings(Region(0, 0, 0, 0), keep)
         self.turn = 0
-        """How many clouds have had their turn."""
+        """Number of clouds added or skipped so far."""
         self._said = np.zeros(len(self.poses), dtype=np.bool_)
         self._newest: SeenCloud | None = None
 
     @property
     def remembered(self) -> Region:
-        """The most cells of the lattice that are remembered at a time."""
+        """Largest region of the lattice that is remembered at any time."""
         all_of_them = map(self._canvas, range(len(self.poses)))
         return max(all_of_them, key=lambda region: region.cells, default=Region(0, 0, 0, 0))
 
     def _canvas(self, turn: int) -> Region:
-        """Return the cells that are remembered at a cloud's turn: all that are still to be shown.
+        """Return the cells to remember at a cloud's turn: all that maps may still show.
 
-        These are the cells of the windows of which the cloud can be a part, and between them.
+        These are the cells of, and between, all windows to which the cloud can contribute.
         """
         last = None if self._keep is None else turn + self._keep
         corners = self._corners[turn:last]
@@ -105,18 +104,18 @@ class RollingMapper:
         return Region(row, col, top - row, right - col)
 
     def add(self, points: ArrayLike) -> None:
-        """Add the next cloud, points of shape (N, 2) or (N, 3 or more).
+        """Add the next cloud, shape (N, 2) or (N, 3 or more), metres.
 
         Raises
         ------
         ParameterError
-            If there is no pose for it, the points have another shape, or no z although heights
+            If the cloud has no pose, or the points have another shape or no z although heights
             are limited; nothing is added then.
         """
         self.add_in_parts([points])
 
     def add_in_parts(self, parts: Iterable[ArrayLike]) -> None:
-        """Add the next cloud, whose points come some at a time; see `add`."""
+        """Add the next cloud from several arrays of points; see `add`."""
         turn = self._next()
         cloud = SeenCloud(
             self.poses[turn], self._options, self._lattice, self._windows[turn], with_beams=True
@@ -128,19 +127,19 @@ class RollingMapper:
         self._newest, self.turn, self._said[turn] = cloud, turn + 1, True
 
     def skip(self) -> None:
-        """Let the next cloud say nothing: it counts as one of the last all the same."""
+        """Skip the next cloud, which adds nothing but still counts towards `keep`."""
         turn = self._next()
         self._sightings.move(self._canvas(turn))
         self._sightings.skip()
         self._newest, self.turn = None, turn + 1
 
     def result(self) -> LocalMap:
-        """Return the local map of the cloud that was added last.
+        """Return the local map at the cloud that was added last.
 
         Raises
         ------
         ParameterError
-            If none was added, or it was skipped.
+            If no cloud has been added, or the last one was skipped.
         """
         if self._newest is None:
             raise ParameterError("no cloud has been added", place="result")

@@ -25,20 +25,20 @@ _FARTHEST_KEY = 1 << 31
 
 @dataclass(frozen=True)
 class CloudCounts:
-    """What became of the points of a cloud: each is counted once, at the first that applies.
+    """Number of points of a cloud by outcome; a point counts only for the first that applies.
 
     Parameters
     ----------
     points : int
         All points.
     not_finite : int
-        Those with a coordinate that is nan or infinite.
+        Points with a coordinate that is nan or infinite.
     beyond_height, beyond_range : int
-        Those outside of the limits.
+        Points outside the limits.
     outside : int
-        Those outside of the window.
+        Points outside the window.
     marking : int
-        Those that make their cell an obstacle.
+        Points that make their cell an obstacle.
     """
 
     points: int = 0

@@ -28,11 +28,11 @@ class Tsdf(Evidence):
     Parameters
     ----------
     frame : Frame
-        The cells.
+        Geometry of the map.
     truncation : float
-        In cells, 1 to 1000: distances beyond count as it.
+        Truncation distance, at which larger distances are cut off, 1 to 1000 cells.
     truncation_behind : float
-        How far beams are followed behind what they hit, in truncations; 1 to 1000 cells.
+        Distance to which beams are followed behind their hits, in truncations; 1 to 1000 cells.
 
     Raises
     ------
@@ -41,18 +41,18 @@ class Tsdf(Evidence):
 
     Notes
     -----
-    The distance is the beam's range less that from the sensor to the cell's centre: positive
-    in front of what is hit. All beams weigh the same. Cells more than a truncation behind it, which
-    only a `truncation_behind` above 1 reaches, count as -1: what lies behind a wall thinner than
-    that becomes solid, unless beams from there outweigh it. A cell is occupied where the field
-    changes sign between it and a neighbour in its row or column, both reached by beams, and it
-    is the one nearer to zero; such walls are thinned to one cell. Of the other cells those
-    with a positive field are free, all else is unknown.
+    The distance is the range of the beam minus the distance from the sensor to the cell's centre:
+    positive in front of a hit. All beams weigh the same. Cells more than a truncation behind a hit,
+    which are only reached with a `truncation_behind` above 1, count as -1: the space behind a
+    thinner wall becomes solid, unless beams from there outweigh it. A cell is occupied if the field
+    changes sign between it and a neighbour in its row or column, beams have reached both, and it
+    is the one nearer to zero; such walls are thinned to one cell. Of the other cells, those with a
+    positive field are free, and the rest is unknown.
 
-    Of an obstacle thinner than a cell or so, seen from several sides, the field is positive
-    everywhere: each side pushes its free space through it. So cells that would be free, but
-    that more than three in ten of the beams that came to them have hit, are occupied, too, if
-    no cell of the surface is beside them.
+    Around an obstacle thinner than about a cell that is seen from several sides, the field is
+    positive everywhere, because each side pushes its free space through it. Therefore, free cells
+    that were hit by more than three in ten of the beams that reached them are occupied as well,
+    unless a neighbouring cell belongs to the surface.
 
     References
     ----------
@@ -88,7 +88,7 @@ class Tsdf(Evidence):
         self._weights, self._hits, self._misses = np.zeros((3, *frame.shape), dtype=np.int32)
 
     def add(self, beams: Beams) -> None:
-        """Add what beams say; see `Evidence.add`."""
+        """Add the evidence of beams; see `Evidence.add`."""
         near, starts, ends = self.cells_of(beams)
         count_rays(starts, ends, near.is_hit, self._hits, self._misses)
         near, starts, ends = self.cells_of(beams, self.reach_behind * self.frame.resolution)

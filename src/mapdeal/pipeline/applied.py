@@ -1,4 +1,4 @@
-"""A recipe applied to a grid: what comes of each step, and the report."""
+"""A recipe applied to a grid: the product of each step, and the report."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ def around_in(folder: Path) -> Path:
 
 @dataclass(frozen=True, repr=False)
 class RunReport(OneLine):
-    """What a run did.
+    """Report of a run.
 
     Parameters
     ----------
     folder : Path
-        Where its outputs are.
+        Folder of the outputs.
     status : {'done', 'unchanged'}
-        ``unchanged``: the manifest shows that everything was there already.
+        ``unchanged`` if the manifest shows that all outputs existed already.
     figures : dict
-        The figures of each stage by its name.
+        Figures of each stage, by the name of the stage.
     local : RunReport, optional
-        The same of the local map that was asked for besides.
+        Report of the local map, if one was requested.
     """
 
     folder: Path
@@ -56,9 +56,9 @@ class RunReport(OneLine):
 def products_of(
     recipe: Recipe, grid: Grid, path: Path | None, *, canvas: Frame | None = None
 ) -> Iterator[Product]:
-    """Yield what each step of a recipe makes of a grid; errors name the file it came from, if any.
+    """Yield the product of each step of a recipe; errors name the file of the grid, if any.
 
-    With a canvas, each product is put onto it. That changes nothing of what steps compute.
+    With a canvas, each product is extended to it, which does not change what the steps compute.
     """
     for step in recipe.steps:
         made = step.apply(grid, path)

@@ -30,14 +30,14 @@ BUILT_IN = (DEFAULT, "nav2", "local", "arena", "design-real", "design-sim", "des
 
 @dataclass(frozen=True, repr=False)
 class Recipe(OneLine):
-    """A checked sequence of steps: which stages run, in which order, with which parameters.
+    """Checked sequence of stages with their parameters.
 
     Parameters
     ----------
     steps : tuple of Step
-        What the pipeline goes through; `described` says what they are.
+        Steps of the pipeline, in order; see `described`.
     robot : RobotParameters, optional
-        The robot whose parameter files it follows.
+        Robot whose parameter files the recipe follows.
     """
 
     steps: tuple[Step, ...]
@@ -45,25 +45,25 @@ class Recipe(OneLine):
 
     @property
     def is_smaller(self) -> bool:
-        """Whether a product may cover a part of the map alone."""
+        """Whether a product may cover only a part of the map."""
         return any(step.is_smaller for step in self.steps)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What loading its parameters has warned of, which manifests keep."""
+        """Warnings from loading the parameters, which manifests record."""
         of_robot = () if self.robot is None else self.robot.remarks
         return (*of_robot, *_remarks_on(self.steps))
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The files that a robot's parameters were read from."""
+        """Files that the robot's parameters were read from."""
         return () if self.robot is None else self.robot.paths
 
     def _told(self) -> Iterator[str]:
         yield " -> ".join(" ".join(filter(None, (s.name, s.stage.model))) for s in self.steps)
 
     def described(self) -> list[dict[str, Any]]:
-        """Return the recipe with all parameters, as JSON or YAML can hold it."""
+        """Return the steps with all their parameters, as values that JSON or YAML can represent."""
         return [one.described() for one in self.steps]
 
 
@@ -82,27 +82,27 @@ def load_recipe(
     Parameters
     ----------
     name : str, optional
-        One of `BUILT_IN`, or the path of a YAML file; if not given, the costmap of the robot,
-        without one ``default``.
+        One of `BUILT_IN`, or the path of a YAML file; by default the costmap of the robot, or
+        ``default`` without a robot.
     sim : bool
-        Whether the map is of a simulated world: puts ``active`` in front if the recipe has
-        none, and has the field count unknown cells as occupied.
+        Whether the map is of a simulated world: inserts ``active`` at the start if the recipe has
+        none, and makes the field count unknown cells as occupied.
     footprint : Footprint, optional
-        The robot's shape: inflate's radius, or the radii of cost if nothing is inflated.
+        The robot's shape: sets the radius of inflate, or the radii of cost if nothing is inflated.
     robot : RobotParameters, optional
-        A robot's own parameters. A recipe that is named takes its shape alone, but for stages that
-        only look: they take the map as the robot's static layer does.
+        The robot's own parameters. A named recipe takes only the shape from them; its stages that
+        pass nothing on to later ones also read the map as the robot's static layer does.
     settings : sequence of str
-        ``stage.parameter=value``, stronger than all else.
+        Settings ``stage.parameter=value``, which override everything else.
     changes : mapping of str to object, optional
-        The same as values by ``stage.parameter``.
+        Settings as values by ``stage.parameter``.
     prefix : str
-        How the options begin, ``recipe`` and ``set``, that an error names.
+        Prefix of the options ``recipe`` and ``set`` in error messages.
 
     Raises
     ------
     ParameterError
-        If the recipe is malformed or a parameter not allowed.
+        If the recipe is malformed or a parameter is not allowed.
     FileAccessError
         If the recipe's file cannot be read.
 

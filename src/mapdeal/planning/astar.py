@@ -24,7 +24,7 @@ def shortest_route(
     heuristic_weight: float = 0.0,
     through_unknown: bool = False,
 ) -> Route:
-    """Return the route of the lowest cost over the eight neighbours of cells, by A*.
+    """Find the route of lowest cost through a costmap by A*, over eight neighbours per cell.
 
     Parameters
     ----------
@@ -32,39 +32,39 @@ def shortest_route(
         The costs. Lethal and inscribed cells are closed: 254 and 253, or 100 and 99 on scale
         ``occupancy``.
     start_xy, goal_xy : tuple of float
-        Points in the map frame, metres.
+        Start and goal in the map frame, metres.
     cost_travel_multiplier : float
-        How much costs count against length, at least 0: the weight of a cell of cost c is
+        Weight of costs relative to length, at least 0: a cell of cost c has the weight
         1 + multiplier * c / 252, or c / 98 on scale ``occupancy``.
     field_weight : float
-        How much nearness to obstacles counts on top, at least 0: the weight grows by
-        field_weight * (1 - d / 2) where an obstacle is d < 2 m away.
+        Additional weight near obstacles, at least 0: the weight of a cell grows by
+        field_weight * (1 - d / 2) if its distance d to an obstacle is below 2 m.
     heuristic_weight : float
-        How much nearness to obstacles counts in the heuristic, metres, at least 0: the estimate of
-        what remains to the goal grows by heuristic_weight * (1 - d / 2) where an obstacle is
-        d < 2 m away. Above 0 the route need not have the lowest cost.
+        Additional estimate near obstacles, at least 0, metres: the heuristic of a cell grows by
+        heuristic_weight * (1 - d / 2) if its distance d to an obstacle is below 2 m. Above 0, the
+        route need not have the lowest cost.
     through_unknown : bool
-        Whether unknown cells are open; they then have the highest cost.
+        Whether unknown cells are open; they then have the highest cost of an open cell.
 
     Returns
     -------
     Route
-        Its points are the start, centres of cells, and the goal. If there is no way it is not
-        `reached` and has no points.
+        The points are the start, the centres of cells, and the goal. If there is no route,
+        `reached` is False and there are no points.
 
     Raises
     ------
     ParameterError
-        If start or goal is outside of the map or in a closed cell, or a number not allowed.
+        If start or goal is outside the map or in a closed cell, or a number is not allowed.
 
     Notes
     -----
-    A step is as long as it is, 1 or the root of 2 cells, times the weight of the cell that it
-    enters. Without a `heuristic_weight` no sum of these is lower: the route is `optimal`.
+    A step costs its length, 1 or sqrt(2) cells, times the weight of the cell that it enters. If
+    `heuristic_weight` is 0, no other route has a lower sum: the route is `optimal`.
 
-    A weight in the heuristic puts cells off that are near to obstacles: they are looked at after
-    cells in the open through which the way costs up to heuristic_weight metres more. No cell is
-    opened again once its neighbours were looked at, so the way that came first stays.
+    A weight in the heuristic postpones cells near obstacles: they are expanded after cells in the
+    open whose routes cost up to heuristic_weight metres more. A cell is never reopened after its
+    expansion, so the first route to it stays.
 
     Diagonal steps between two closed cells are not allowed.
 
@@ -89,9 +89,9 @@ def shortest_route(
 def surcharges_near_obstacles(
     terrain: Terrain, heuristic_weight: float
 ) -> NDArray[np.float64] | None:  # fmt: skip
-    """Return what the heuristic adds for nearness to obstacles, shape (H, W), or None.
+    """Return the heuristic's addition near obstacles, shape (H, W), or None.
 
-    In the unit that a search sums in: cells of length and weight 1.
+    The unit is that of the search: cells of length and weight 1.
 
     Raises
     ------
@@ -113,23 +113,23 @@ def route_over(
     weights: NDArray[np.float64] | None = None,
     surcharges: NDArray[np.float64] | None = None,
 ) -> Route:
-    """Return the route that a search finds on a terrain, and its measures on that terrain.
+    """Search a terrain for the cheapest route, and measure the route on it.
 
     Parameters
     ----------
     terrain : Terrain
-        Which cells are closed, and what the route costs.
+        Closed cells, and the weights that the cost of the route is measured with.
     start_xy, goal_xy : tuple of float
-        Points in the map frame, metres.
+        Start and goal in the map frame, metres.
     weights : numpy.ndarray of float64, shape (H, W), optional
-        What the search goes by, if not by the terrain's own weights; 0 in the same cells.
+        Weights for the search instead of the terrain's own; 0 in the same cells.
     surcharges : numpy.ndarray of float64, shape (H, W), optional
-        What the heuristic adds, see `surcharges_near_obstacles`.
+        Additions to the heuristic, see `surcharges_near_obstacles`.
 
     Raises
     ------
     ParameterError
-        If start or goal is outside of the map or in a closed cell.
+        If start or goal is outside the map or in a closed cell.
     """
     first = terrain.open_cell_of(start_xy, "start")
     last = terrain.open_cell_of(goal_xy, "goal")

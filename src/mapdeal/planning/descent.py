@@ -36,45 +36,45 @@ def descend(
     cost_travel_multiplier: float = 2.0,
     through_unknown: bool = False,
 ) -> Route:
-    """Return the route that follows the negative gradient of a potential.
+    """Follow the negative gradient of a potential from a start to its goal.
 
     Parameters
     ----------
     costmap : Costmap
-        Says which cells are closed: lethal and inscribed ones, 254 and 253, or 100 and 99 on
-        scale ``occupancy``; and what the way costs, see `shortest_route`.
+        Costs on the same cells. Lethal and inscribed cells are closed: 254 and 253, or 100 and 99
+        on scale ``occupancy``. Costs also determine the `cost` of the route; see `shortest_route`.
     potential : PotentialField
-        The potential, with a goal, on the same cells.
+        Potential with a goal.
     start_xy : tuple of float
-        A point in the map frame, metres.
+        Start in the map frame, metres.
     cost_travel_multiplier : float
-        How much costs count against length in the route's `cost`; the way does not depend on
-        it.
+        Weight of costs relative to length in the route's `cost`; it does not affect the path.
     through_unknown : bool
         Whether unknown cells are open.
 
     Returns
     -------
     Route
-        If it has not `reached` the goal, it ends in its `local_minimum`; if it has none, it was
-        longer than ten times both sides of the map, and was given up.
+        If `reached` is False, the route ends in its `local_minimum`. If that is None, the route
+        was abandoned after as many steps as would make it ten times as long as both sides of the
+        map together.
 
     Raises
     ------
     ParameterError
-        If the potential has no goal or lies elsewhere, or start or goal is outside of the map
-        or in a closed cell.
+        If the potential has no goal or another geometry, or start or goal is outside the map or
+        in a closed cell.
 
     Notes
     -----
     Steps are half a cell long, or shorter where the potential, interpolated between the centres
-    of cells, would not fall; so it falls with every step. Before closed cells it slides: the step
-    goes along rows or along columns alone. Where no such step is left, the steepest way down to
-    the centre of a cell, this one or one beside it, is taken. A local minimum is a place from
-    which there is none either. Every piece of the way lies in open cells. The goal is reached at
-    a cell's length from it, or in its cell, if nothing closed lies between.
+    of cells, would not fall; it falls with every step. The route slides along closed cells, with
+    steps along the rows or the columns alone. If no such step exists, the route takes the steepest
+    way down to the centre of its cell or of a neighbour; a local minimum is a place from which
+    there is none either. Every segment lies in open cells. The goal is reached from within a
+    cell's length of it, or from within its cell, if nothing closed lies in between.
 
-    The surface is `PotentialField.downhill_surface`.
+    The potential is interpolated from `PotentialField.downhill_surface`.
 
     Examples
     --------
@@ -135,7 +135,7 @@ def _followed(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], En
 
 
 class _Slope:
-    """A surface over the centres of cells, in cells, and where one may go on it."""
+    """Surface over the centres of cells, in cells, and the steps allowed on it."""
 
     def __init__(self, surface: NDArray[np.float64], terrain: Terrain) -> None:
         self.shape = surface.shape

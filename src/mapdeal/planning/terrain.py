@@ -39,7 +39,7 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True)
 class Measures:
-    """How long, costly and clear of obstacles a way is; see `Route`."""
+    """Length, cost and clearance of a route; see `Route`."""
 
     length: float
     cost: float
@@ -59,9 +59,9 @@ class Terrain:
     costmap : Costmap
         The costs.
     weights : numpy.ndarray of float64, shape (H, W)
-        What a metre costs that ends in a cell, at least 1; 0 for closed cells.
+        Cost per metre of a segment that ends in the cell, at least 1; 0 for closed cells.
     field : DistanceField
-        Distances between cell centres to the lethal cells.
+        Distances from the centres of cells to those of lethal cells.
     """
 
     costmap: Costmap
@@ -84,9 +84,9 @@ class Terrain:
         costmap : Costmap
             Lethal and inscribed cells are closed: 254 and 253, or 100 and 99.
         cost_travel_multiplier : float
-            What the highest cost of an open cell, 252 or 98, adds to the weight of 1.
+            Addition to the weight of 1 at the highest cost of an open cell, 252 or 98.
         field_weight : float
-            What distance 0 to an obstacle adds; it falls evenly to nothing at 2 m.
+            Addition at distance 0 from an obstacle, which falls linearly to 0 at 2 m.
         through_unknown : bool
             Whether unknown cells are open, at the highest cost.
 

@@ -27,22 +27,23 @@ INJECTED = "injected_static"
 
 @dataclass(frozen=True)
 class ListedLayer:
-    """A layer or filter in a robot's list, and what it does to a map that is a file.
+    """Layer or filter in a robot's list, and its effect on a map file.
 
     Parameters
     ----------
     name : str
-        Its name in the list.
+        Name in the list.
     plugin : str
-        Its class, as the file has it.
+        Class of the plugin, as written in the file.
     layer : StaticLayer or InflationLayer, optional
-        What is set; None if it does nothing to a file, or mapdeal does not know it.
+        Settings of the layer; None if it has no effect on a map file, or mapdeal does not
+        support it.
     is_enabled : bool
-        Whether it is switched on.
+        Whether the layer is enabled.
     is_filter : bool
         Whether it is one of the costmap's filters, which come after all layers.
     why_ignored : str
-        Why it has no effect on a file, in a few words; empty if it has one.
+        Short reason why it has no effect on a map file; empty if it has one.
     """
 
     name: str
@@ -55,7 +56,7 @@ class ListedLayer:
 
 @dataclass(frozen=True)
 class ParameterFile:
-    """A parameter file that was read, and the sha256 of its bytes."""
+    """Parameter file that was read, with the SHA-256 of its bytes."""
 
     path: Path
     sha256: str
@@ -63,34 +64,35 @@ class ParameterFile:
 
 @dataclass(frozen=True, repr=False)
 class RobotParameters(OneLine):
-    """A robot's shape and the layers of one of its costmaps, as ROS resolves them.
+    """Shape of a robot and the layers of one of its costmaps, as ROS resolves them.
 
     Parameters
     ----------
     flavour : {'nav2', 'ros1'}
-        Whose parameters they are.
+        Kind of parameter files.
     costmap : {'global', 'local'}
-        Which of its costmaps this is.
+        Which of the robot's costmaps this is.
     node : str
-        The node's full name, ``/global_costmap/global_costmap``; of ROS 1 the costmap's namespace.
+        Full name of the node, such as ``/global_costmap/global_costmap``; for ROS 1, the
+        namespace of the costmap.
     footprint : Footprint
-        The padded polygon, metres; a round robot is a polygon of 16 corners, as ROS has it.
+        Padded polygon, metres; for a round robot a polygon of 16 vertices, as in ROS.
     footprint_padding : float
-        How far its corners were moved outwards, metres.
+        Distance by which the vertices were moved outwards, metres.
     robot_radius : float, optional
-        The radius that it was made of; None if the file gives the corners.
+        Radius from which the polygon was made, metres; None if the file lists the vertices.
     track_unknown_space : bool
-        Whether the costmap starts out unknown, rather than free.
+        Whether the costmap is initially unknown rather than free.
     rolling_window : bool
-        Whether it moves with the robot.
+        Whether the costmap moves with the robot.
     layers : tuple of ListedLayer
-        All layers in the file's order, then the filters.
+        All layers in the order of the file, followed by the filters.
     files : tuple of ParameterFile
-        What was read.
+        Files that were read.
     inscribed_radius, circumscribed_radius : float
-        Of the padded footprint, as ``calculateMinAndMaxDistances`` has them, metres.
+        Radii of the padded footprint, as computed by ``calculateMinAndMaxDistances``, metres.
     remarks : tuple of str
-        What reading has warned of.
+        Warnings from reading the files.
     """
 
     flavour: Flavour
@@ -109,39 +111,39 @@ class RobotParameters(OneLine):
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The files that were read."""
+        """Paths of the files that were read."""
         return tuple(file.path for file in self.files)
 
     @property
     def effective_layers(self) -> tuple[CostmapLayer, ...]:
-        """The layers that change the costs of a map that is a file, in their order."""
+        """Enabled layers that affect the costs of a map file, in order."""
         return tuple(one.layer for one in self.layers if one.layer is not None and one.is_enabled)
 
     @property
     def costmap_layers(self) -> CostmapLayers:
-        """The layers that change the costs, and what they start from."""
+        """Effective layers, with the cost that the costmap starts from."""
         cost = NO_INFORMATION if self.track_unknown_space else FREE_SPACE
         return CostmapLayers(self.effective_layers, cost, self.circumscribed_radius)
 
     @property
     def ignored(self) -> tuple[ListedLayer, ...]:
-        """The layers and filters that have no effect on a file."""
+        """Layers and filters that have no effect on a map file."""
         return tuple(one for one in self.layers if one.layer is None)
 
     @property
     def static_layers(self) -> tuple[StaticLayer, ...]:
-        """The static layers that are switched on."""
+        """Enabled static layers."""
         return tuple(one for one in self.effective_layers if isinstance(one, StaticLayer))
 
     @property
     def inflation_layers(self) -> tuple[InflationLayer, ...]:
-        """The inflation layers that are switched on."""
+        """Enabled inflation layers."""
         return tuple(one for one in self.effective_layers if isinstance(one, InflationLayer))
 
     def with_shape(self, footprint: Footprint) -> RobotParameters:
-        """Return the robot with another shape, taken as it is, without padding.
+        """Return the robot with another footprint, used as it is, without padding.
 
-        Inflation layers get its inscribed radius, unless the file gives them one of their own.
+        Inflation layers get its inscribed radius, unless the file sets one for them.
         """
         own = self.inscribed_radius
         layers = tuple(
@@ -161,7 +163,7 @@ class RobotParameters(OneLine):
         )
 
     def described(self) -> dict[str, Any]:
-        """Return all that was resolved, as JSON can hold it."""
+        """Return everything that was resolved, as values that JSON can represent."""
         shape = [list(corner) for corner in self.footprint.vertices]
         return {
             "flavour": self.flavour,
@@ -187,7 +189,7 @@ class RobotParameters(OneLine):
 
 
 def _described(one: ListedLayer) -> dict[str, Any]:
-    """Return a layer of the list as JSON can hold it: what is set, or why it has no effect."""
+    """Return a layer as values for JSON: its settings, or the reason why it has no effect."""
     entry: dict[str, Any] = {"name": one.name, "plugin": one.plugin}
     if one.is_filter:
         entry["filter"] = True

@@ -20,18 +20,18 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class ScoreBound:
-    """A bound on a figure of a score, and what was found.
+    """Bound on a figure of a score, and the value found.
 
     Parameters
     ----------
     name : str
-        The figure, with dots into groups: ``dist_est_to_truth_m.mean``.
+        Name of the figure; a dot leads into a group, as in ``dist_est_to_truth_m.mean``.
     side : {'min', 'max'}
-        Whether it must be at least or at most what is allowed.
+        Whether the figure must be at least or at most `allowed`.
     allowed : float
         The bound, in the unit of the figure: metres, or a share of 1.
     found : float or None
-        The figure; None if there was nothing to measure.
+        Value of the figure; None if there was nothing to measure.
     """
 
     name: str
@@ -41,7 +41,7 @@ class ScoreBound:
 
     @property
     def holds(self) -> bool:
-        """Whether the figure is within the bound, but for the rounding of floats.
+        """Whether the figure is within the bound, allowing for floating-point rounding.
 
         Examples
         --------
@@ -59,7 +59,7 @@ class ScoreBound:
 def checked_bounds(
     minimum: Mapping[str, float], maximum: Mapping[str, float], *, with_truth: bool
 ) -> list[tuple[str, Side, float]]:
-    """Return bounds with the names as they are known.
+    """Return the bounds under the official names of their figures.
 
     Raises
     ------
@@ -89,14 +89,14 @@ def checked_bounds(
 
 
 def judged(bounds: list[tuple[str, Side, float]], values: Mapping[str, Any]) -> list[ScoreBound]:
-    """Return bounds with what was found."""
+    """Return the bounds with the values found."""
     return [
         ScoreBound(name, side, allowed, figure_in(values, name)) for name, side, allowed in bounds
     ]
 
 
 def why_missing(name: str) -> str:
-    """Return in a few words why there is no such figure.
+    """Return a short reason why a figure is missing.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def why_missing(name: str) -> str:
 
 
 def unit_of(name: str, *, with_truth: bool) -> str:
-    """Return the unit of a figure as it stands behind a number; nothing of shares and counts."""
+    """Return the unit to print after a figure; empty for shares and counts."""
     unit, _ = figures_named(with_truth=with_truth)[name]
     return "" if unit in (SHARE, COUNT, NUMBER) else f" {unit}"
 

@@ -1,4 +1,4 @@
-"""What lint has found in some maps."""
+"""Findings of lint in one or more maps."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True, repr=False)
 class MapReport(OneLine):
-    """What was found in a map, in the folder of a run, or in a robot's parameter file.
+    """Findings in one map, in the folder of a run, or in a robot's parameter file.
 
     Parameters
     ----------
     file : str
-        Its name.
+        Name of the file or folder.
     findings : tuple of Finding
-        Those that count, the worst first.
+        Findings that are not suppressed, most severe first.
     suppressed : int
-        How many more a comment or the project's configuration suppresses.
+        Number of findings suppressed by a comment or by the project's configuration.
     strict : bool
-        Whether warnings, too, are failures.
+        Whether warnings count as failures.
     is_folder : bool
-        Whether it is a folder.
+        Whether `file` is the folder of a run.
     repairs : tuple of str
-        What was changed in its files, a line each.
+        Changes made to its files, one line each.
     is_parameters : bool
-        Whether it is a file of a robot's parameters, and no map.
+        Whether `file` is a robot's parameter file rather than a map.
     """
 
     file: str
@@ -47,23 +47,24 @@ class MapReport(OneLine):
 
     @property
     def failures(self) -> tuple[Finding, ...]:
-        """The findings that make the exit code 1."""
+        """Findings that set the exit code to 1."""
         failing = ("error", "warning") if self.strict else ("error",)
         return tuple(found for found in self.findings if found.severity in failing)
 
 
 @dataclass(frozen=True, repr=False)
 class LintReport(OneLine, Sequence[Finding]):
-    """What was found in some maps: as a sequence, the findings, map by map.
+    """Findings in one or more maps, as a sequence, map by map.
 
-    Empty, and so false, if there are none.
+    A report without findings is empty and therefore false.
 
     Parameters
     ----------
     maps : tuple of MapReport
-        In the order of the names that were given; files of a robot's parameters come first.
+        One report per map, in the order in which the maps were given; a robot's parameter files
+        come first.
     version : str
-        That of mapdeal.
+        Version of mapdeal.
     """
 
     maps: tuple[MapReport, ...]
@@ -83,17 +84,17 @@ class LintReport(OneLine, Sequence[Finding]):
 
     @property
     def errors(self) -> list[Finding]:
-        """What makes a map wrong or unsafe for some reader."""
+        """Findings of severity ``error``: wrong or unsafe for some reader."""
         return self._of("error")
 
     @property
     def warnings(self) -> list[Finding]:
-        """Traps."""
+        """Findings of severity ``warning``: traps."""
         return self._of("warning")
 
     @property
     def notes(self) -> list[Finding]:
-        """What is good to know."""
+        """Findings of severity ``note``: worth knowing."""
         return self._of("note")
 
     def _of(self, severity: Severity) -> list[Finding]:
@@ -103,7 +104,7 @@ class LintReport(OneLine, Sequence[Finding]):
         yield self.summary()
 
     def summary(self) -> str:
-        """Return how many maps there were, and how much was found, in one line."""
+        """Return the number of maps and of findings, in one line."""
         folders = sum(one.is_folder for one in self.maps)
         files = sum(one.is_parameters for one in self.maps)
         maps = len(self.maps) - folders - files
@@ -118,32 +119,32 @@ class LintReport(OneLine, Sequence[Finding]):
 
     @property
     def findings(self) -> list[Finding]:
-        """Those of all maps."""
+        """Findings of all maps."""
         return [found for one in self.maps for found in one.findings]
 
     @cached_property
     def counts(self) -> dict[str, int]:
-        """How many findings there are of each severity."""
+        """Number of findings of each severity."""
         return counts_of(self.findings)
 
     @property
     def suppressed(self) -> int:
-        """How many findings comments and configuration suppress."""
+        """Number of findings suppressed by comments or configuration."""
         return sum(one.suppressed for one in self.maps)
 
     @property
     def passes(self) -> bool:
-        """Whether no map has a finding that makes the exit code 1."""
+        """Whether no finding sets the exit code to 1."""
         return not any(one.failures for one in self.maps)
 
 
 def counts_of(findings: Iterable[Finding]) -> dict[str, int]:
-    """Return how many findings there are of each severity."""
+    """Return the number of findings of each severity."""
     found = Counter(finding.severity for finding in findings)
     return {severity: found[severity] for severity in SEVERITIES}
 
 
 def counts_text(counts: Mapping[str, int], suppressed: int) -> str:
-    """Return the counts of findings in words, and how many were suppressed."""
+    """Return the counts of findings, and of suppressed ones, in words."""
     parts = [count_text(count, severity) for severity, count in counts.items()]
     return ", ".join([*parts, *([f"{suppressed} suppressed"] if suppressed else [])])

@@ -35,7 +35,7 @@ CLOUD_SUFFIXES = (*_IN_A_FILE, *_BY_NAME)
 
 
 def cloud_chunks(path: Path) -> Iterator[Points]:
-    """Yield the points of a cloud, some at a time.
+    """Yield the points of a cloud in parts.
 
     Parameters
     ----------
@@ -45,14 +45,14 @@ def cloud_chunks(path: Path) -> Iterator[Points]:
     Yields
     ------
     numpy.ndarray of float64, shape (N, 2) or (N, 3)
-        x, y and, if the file has it, z; numbers that are not finite as they are.
+        x, y and, if the file has it, z of each point; values that are not finite are kept.
 
     Raises
     ------
     FileAccessError
-        If it cannot be read.
+        If the file cannot be read.
     MalformedInputError
-        If it is malformed, or of another kind.
+        If the file is malformed or of another type.
     """
     with recognised(path, "a point cloud", CLOUD, NUMBERS):
         check_readable(path)
@@ -80,19 +80,19 @@ def read_cloud(path: Path | str, *, max_memory: int | None = None) -> Points:
         PCD (ascii, binary, binary_compressed), PLY (ascii, binary of either byte order), text
         (``.xyz``, ``.txt``, ``.csv``, ``.asc``), ``.npy``, or ``.npz``.
     max_memory : int, optional
-        Bytes of memory that may be used; by default half of what is free.
+        Memory limit, bytes; by default half of the free memory.
 
     Returns
     -------
     numpy.ndarray of float64, shape (N, 2) or (N, 3)
-        x, y and, if the file has it, z, metres; numbers that are not finite as they are.
+        x, y and, if the file has it, z of each point, metres; values that are not finite are kept.
 
     Raises
     ------
     FileAccessError
-        If it cannot be read.
+        If the file cannot be read.
     MalformedInputError
-        If it is malformed, or of another kind.
+        If the file is malformed or of another type.
     """
     path, chunks, taken = Path(path), [], 0
     with use_memory(max_memory):
