@@ -1,4 +1,4 @@
-"""How far two maps agree at places of one in the other."""
+"""Agreement of two maps at places of one in the other."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Moves = tuple[WallMap, WallMap, Any]
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """How far two maps agree at K places.
+    """Agreement of two maps at K places.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class Agreement:
         return chance
 
     def evidence(self, chance: Floats) -> Floats:
-        """Return how much more agrees than by chance would, shape (K,).
+        """Return how much more of the walls agrees than by chance, shape (K,).
 
         The divergence of the share that agrees from the share by chance, times the pieces of
         wall; the mean over the tolerances. Where maps hardly overlap, it is less in proportion:
@@ -105,7 +105,7 @@ class Agreement:
 
 
 def agreement_at(first: WallMap, second: WallMap, poses: Poses, most: int) -> Agreement:
-    """Return how far two maps agree.
+    """Return the agreement of two maps at some places.
 
     Parameters
     ----------

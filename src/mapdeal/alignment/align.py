@@ -1,4 +1,4 @@
-"""Where a map lies in the frame of another of the same place, and whether it is the same place."""
+"""Placement of one map in the frame of another, and whether both show the same place."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _SHOWN = TOLERANCES.index(0.25)
 _PRIOR_TURN = math.radians(30)
 _PRIOR_SHIFT = 5.0
 _ROTATION_OFF = math.radians(3)
-"""How far a turn may be from one that was given: maps are rarely turned exactly."""
+"""Tolerance of a given rotation: maps are rarely turned exactly."""
 
 _ALL_AROUND = 100
 """Turns that are looked at on coarse cells, whatever the directions of the walls."""

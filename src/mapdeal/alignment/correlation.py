@@ -29,14 +29,14 @@ Poses = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Near:
-    """Which places are looked at: those not far from one.
+    """Limits of the search to places near a given one.
 
     Parameters
     ----------
     pose : numpy.ndarray of float64, shape (3,)
         yaw, x, y, as in `Places`.
     shift : float
-        How far from there the middle of the first map may come to lie, metres.
+        Largest distance of the first map's middle from where `pose` puts it, metres.
     """
 
     pose: Poses
@@ -119,7 +119,7 @@ def moved(poses: Poses, points_xy: Floats) -> Floats:
 
 
 class _Plan:
-    """What all turns have in common: the size of the arrays, and the second map's transforms."""
+    """Shared data of all turns: the size of the arrays, and the second map's transforms."""
 
     def __init__(self, first: WallMap, second: WallMap, side: int) -> None:
         self._diagonal = math.hypot(*first.frame.size_xy)

@@ -1,4 +1,4 @@
-"""What aligning two maps takes of memory."""
+"""Memory that aligning two maps takes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a map is aligned: the faces of its walls, and how far it is to them."""
+"""Features of a map for alignment: the faces of its walls, and the distances to them."""
 
 from __future__ import annotations
 

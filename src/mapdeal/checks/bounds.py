@@ -1,4 +1,4 @@
-"""Bounds on what may differ between two maps, for a gate that lets small changes pass."""
+"""Bounds on the difference between two maps, for a gate that lets small changes pass."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ class Bound:
 
 @dataclass(frozen=True)
 class Bounds:
-    """What may differ between two maps.
+    """Bounds on the difference between two maps.
 
     Parameters
     ----------
     max_shift : float, optional
-        Metres by which the obstacle that is farthest from those of the other map may be away.
+        Largest distance of an obstacle from the nearest one of the other map, metres.
     max_differing : float, optional
-        Percent of the common cells that may differ, beyond the tolerance if there is one.
+        Largest share of common cells that differ, beyond the tolerance if there is one, percent.
 
     Raises
     ------
     ParameterError
-        If one is negative or not finite, or the percentage is more than 100.
+        If a bound is negative or not finite, or the percentage is more than 100.
     """
 
     max_shift: float | None = None
@@ -76,7 +76,7 @@ class Bounds:
         return self.max_shift is not None or self.max_differing is not None
 
     def judged(self, found: Difference) -> tuple[Bound, ...]:
-        """Return each bound that is set with what was found.
+        """Return each bound that is set, with the value found.
 
         Notes
         -----
@@ -92,7 +92,7 @@ class Bounds:
 
 
 def largest_shift(found: Difference) -> float:
-    """Return how far the farthest obstacle of either map is from those of the other, metres.
+    """Return the largest distance of an obstacle of either map from those of the other, metres.
 
     Infinite if only one of the maps has obstacles, nan if they have no common cell.
     """

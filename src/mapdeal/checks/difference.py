@@ -1,4 +1,4 @@
-"""What differs between two maps."""
+"""Differences between two maps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mapdeal.kernels.dilation import within_distance
 from mapdeal.records import dataclass
 
 STATES = ("occupied", "free", "unknown", "between")
-"""What a cell can be; between are the values 1..99."""
+"""States of a cell; ``between`` stands for the values 1..99."""
 
 SYMMETRIES: dict[str, Callable[[NDArray[np.int8]], NDArray[np.int8]]] = {
     "mirrored upside down": np.flipud,
@@ -155,7 +155,7 @@ def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0
 
 
 def states_of(values: NDArray[np.int8]) -> NDArray[np.uint8]:
-    """Return what cells are, as indices of `STATES`."""
+    """Return the states of cells, as indices into `STATES`."""
     table = np.full(256, STATES.index("between"), dtype=np.uint8)
     table[OCCUPIED] = STATES.index("occupied")
     table[0] = STATES.index("free")
@@ -164,7 +164,7 @@ def states_of(values: NDArray[np.int8]) -> NDArray[np.uint8]:
 
 
 def confusion_of(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Return how many cells are each of `STATES` in one map (rows) and in the other, (4, 4)."""
+    """Return the number of cells by state in one map (rows) and in the other, shape (4, 4)."""
     pairs = first.ravel().astype(np.int64) * len(STATES) + second.ravel()
     return np.bincount(pairs, minlength=len(STATES) ** 2).reshape(len(STATES), -1)
 
@@ -211,7 +211,7 @@ def _geometry(first: OccupancyGrid, second: OccupancyGrid) -> dict[str, tuple[An
 
 
 def _better_symmetry(first: NDArray[np.int8], second: NDArray[np.int8]) -> str | None:
-    """Return what makes the second map like the first, in half of the cells that differ or more."""
+    """Return the symmetry that makes at least half of the differing cells agree, if any."""
     if first.shape not in (second.shape, second.shape[::-1]):
         return None
     as_it_is = int((first == second).sum()) if first.shape == second.shape else 0

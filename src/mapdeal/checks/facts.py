@@ -1,4 +1,4 @@
-"""What checks look at: a map's files, gone through once, for all readers."""
+"""Facts about a map's files for the checks, gathered in one pass for all readers."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class GridFacts:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many cells there are of each kind."""
+        """Number of cells in each state."""
         return self.cells.counts
 
     def places(self, cells_rowcol: Sequence[tuple[float, float]]) -> tuple[Point, ...]:

@@ -51,7 +51,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Remark:
-    """What a check has to say about a map.
+    """Remark of a check about a map.
 
     Parameters
     ----------

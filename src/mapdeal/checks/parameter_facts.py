@@ -1,4 +1,4 @@
-"""What checks look at in a robot's parameter files: its values, and what they come to."""
+"""Facts about a robot's parameter files for the checks: the values, and their effect."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ class ParameterFacts:
 
 @dataclass(frozen=True, eq=False)
 class RobotFacts:
-    """What the values of one costmap come to.
+    """Effective parameters of one costmap.
 
     Parameters
     ----------
     robot : RobotParameters
         The robot and its costmap.
     parameters : ParameterFacts
-        Where that comes from.
+        The values that they come from.
     other : RobotParameters, optional
         Its other costmap, once: of the two, the first one has it.
     map_resolutions : tuple of (str, float)

@@ -1,4 +1,4 @@
-"""Which findings count: checks that are selected, and maps that are spared some."""
+"""Selection of findings: the selected checks, and maps exempt from some of them."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ EVERYTHING = "all"
 
 @dataclass(frozen=True)
 class Selection:
-    """Which findings count, and how much.
+    """Selection of the findings that count, and their severities.
 
     Parameters
     ----------
     checks : frozenset of str
-        Names of the checks that are wanted.
+        Names of the selected checks.
     strict : bool
-        Whether warnings, too, are failures.
+        Whether warnings count as failures.
     folder : Path, optional
-        Where the patterns of `per_file` begin.
+        Folder that the patterns of `per_file` are relative to.
     per_file : tuple of (str, frozenset of str)
-        Patterns of names, and checks of which such maps are spared.
+        Patterns of names, each with the checks that do not apply to such maps.
     severity : mapping of str to str
-        Severities that are not those of the checks.
+        Severities that replace those of the checks.
     """
 
     checks: frozenset[str]

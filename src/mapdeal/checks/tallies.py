@@ -1,4 +1,4 @@
-"""What checks want to know of a map's pixels and cells, counted while rows go by."""
+"""Counts of a map's pixels and cells for the checks, taken row by row."""
 
 from __future__ import annotations
 
@@ -81,12 +81,12 @@ class CellTallies:
 
     @cached_property
     def counts(self) -> dict[str, int]:
-        """How many cells are occupied, free, unknown and between, when all have come."""
+        """Number of occupied, free, unknown and other cells, once all rows have been counted."""
         return states_of(self._of_values)
 
     @property
     def border(self) -> int:
-        """How many cells lie on the border of the map."""
+        """Number of cells on the border of the map."""
         height, width = self.shape
         return self.size - max(height - 2, 0) * max(width - 2, 0)
 
@@ -214,7 +214,7 @@ class PixelTallies:
         """Map_saver's unknown cells that are free, for each reader; none in mode raw."""
         self._metadata = metadata
         self.of_greys = np.zeros(256, dtype=np.int64)
-        """How many pixels there are of each grey, of 8-bit grey images."""
+        """Number of pixels of each grey, for 8-bit grey images."""
         self._of_values = {name: np.zeros(256, dtype=np.int64) for name in readers}
         self._differing = dict.fromkeys(readers, 0)
         self.differing_greys: dict[Dialect, list[int]] = {name: [] for name in readers}
@@ -243,7 +243,7 @@ class PixelTallies:
 
     @cached_property
     def counts(self) -> dict[Dialect, dict[str, int]]:
-        """How many cells are occupied, free, unknown and between, for each reader."""
+        """Number of occupied, free, unknown and other cells for each reader."""
         return {name: states_of(values) for name, values in self._of_values.items()}
 
     def of_values(self, reader: Dialect) -> NDArray[np.int64]:
@@ -252,7 +252,7 @@ class PixelTallies:
 
     @property
     def differing(self) -> dict[Dialect, int]:
-        """How many cells nav2 and each of the other readers have differently."""
+        """Number of cells in which each other reader differs from nav2."""
         return {name: count for name, count in self._differing.items() if name != "nav2"}
 
     def _tally(self, pixels: Picture, counts: Counts) -> None:

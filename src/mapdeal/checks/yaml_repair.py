@@ -18,16 +18,16 @@ _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 
 @dataclass(frozen=True)
 class YamlRepair:
-    """What is to be changed in a YAML file.
+    """Changes to make in a YAML file.
 
     Parameters
     ----------
     values : mapping
         New values by key.
     done : tuple of str
-        What was changed, a line each.
+        Descriptions of the changes, one line each.
     needs_cells : bool
-        Whether the map is turned, so that cells are to be made anew.
+        Whether the map is turned, so that its cells must be computed again.
     """
 
     values: Mapping[str, Any]

@@ -195,21 +195,21 @@ def _forget_islands(values: Values, least: int) -> Patches:
 
 
 def _fill_holes(values: Values, least: int, value: int) -> Patches:
-    """Give small unknown areas a value that all cells around them have, in place."""
+    """Fill small unknown areas whose surrounding cells all have one value, in place."""
     if least <= 1:
         return _NONE
     return _replace(values, values == UNKNOWN, least, around=value, value=value)
 
 
 def _remove_specks(values: Values, least: int) -> Patches:
-    """Make small obstacles that stand in free space free, in place."""
+    """Remove small obstacles that are surrounded by free space, in place."""
     if least <= 1:
         return _NONE
     return _replace(values, values == OCCUPIED, least, around=FREE, value=FREE)
 
 
 def _replace(values: Values, marked: Mask, least: int, *, around: int, value: int) -> Patches:
-    """Give small groups of marked cells a value, if all cells around them have another."""
+    """Set small groups of marked cells to a value if all cells around them equal `around`."""
     groups = labelled(marked, corners=True)
     is_small = groups.sizes < least
     is_small[0] = False

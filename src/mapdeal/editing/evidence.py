@@ -1,4 +1,4 @@
-"""What speaks for and against obstacles, summed over maps on one lattice."""
+"""Evidence for and against obstacles, summed over maps on one lattice."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Layers = Mapping[str, ArrayLike]
 """By the names that `build_map` gives them."""
 
 ChosenLayers = Mapping[str, NDArray[Any]]
-"""Those of them that say what beams have hit, checked."""
+"""Layers with evidence about hits, checked."""
 
 EVEN = 50.0
 """Of ``log_odds``: as much for as against an obstacle."""
@@ -79,7 +79,7 @@ def evidence_of(
     frames: Sequence[Frame],
     layers: Sequence[ChosenLayers],
 ) -> NDArray[np.int64]:
-    """Return the sum of what maps say, in cells of a lattice.
+    """Return the summed evidence of maps, in cells of a lattice.
 
     Parameters
     ----------

@@ -10,20 +10,20 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True)
 class AlignmentAnswer:
-    """What ``mapdeal align`` has written.
+    """Content of a document written by ``mapdeal align``.
 
     Parameters
     ----------
     first, second : NamedMap, optional
-        The maps; None of what was no file.
+        The maps; None for a map that was not a file.
     transform : Transform
         From the first map's frame to the second's.
     same_place : bool
-        Whether it was sure.
+        Whether the placement is certain.
     reason : str, optional
-        Why it was not.
+        Why it is uncertain.
     score, runner_up : float
-        Of the place, and of the best one elsewhere.
+        Scores of the placement, and of the best one elsewhere.
     overlap, agreement : float
         Shares, 0..1.
     """

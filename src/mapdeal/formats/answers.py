@@ -56,15 +56,15 @@ class ToldFinding:
     Parameters
     ----------
     check : str
-        The check's name, ``area.name``.
+        Name of the check, ``area.name``.
     severity : {'error', 'warning', 'note'}
-        How serious it is.
+        Severity of the finding.
     message : str
-        What it is; any characters may be in it.
+        Description, with any characters.
     line : int, optional
-        The line of the file, from 1 on.
+        Line number in the file, starting at 1.
     places : tuple of (x, y)
-        Where it is, in the map frame, metres.
+        Positions in the map frame, metres.
     """
 
     check: str
@@ -76,7 +76,7 @@ class ToldFinding:
 
 @dataclass(frozen=True)
 class LintedFile:
-    """A map, a folder of a run or a parameter file, and what lint has found in it."""
+    """A map, a folder of a run or a parameter file, with the findings of lint."""
 
     file: str
     findings: tuple[ToldFinding, ...]
@@ -87,7 +87,7 @@ class LintedFile:
 
 @dataclass(frozen=True)
 class LintAnswer:
-    """What ``mapdeal lint --format json`` has printed."""
+    """Content of a document printed by ``mapdeal lint --format json``."""
 
     files: tuple[LintedFile, ...]
     errors: int
@@ -98,7 +98,7 @@ class LintAnswer:
 
 @dataclass(frozen=True)
 class ReachAnswer:
-    """What ``mapdeal reach`` has written: `Reach` without its layers; areas in square metres."""
+    """Content of a document written by ``mapdeal reach``; areas in square metres."""
 
     robot: Footprint | None
     heading_count: int
@@ -114,33 +114,33 @@ class ReachAnswer:
 
 @dataclass(frozen=True, eq=False)
 class RouteAnswer:
-    """What ``mapdeal route`` has written."""
+    """Content of a document written by ``mapdeal route``."""
 
     route: Route
 
 
 @dataclass(frozen=True)
 class DiffAnswer:
-    """What ``mapdeal diff --json`` has printed.
+    """Content of a document printed by ``mapdeal diff --json``.
 
     Parameters
     ----------
     first, second : NamedMap, optional
-        The maps; older documents name none.
+        The maps; older documents do not name them.
     is_equal, passes : bool
-        What was judged.
+        Verdicts of the comparison.
     common_cells, differing, beyond_tolerance, known_only_in_first : int
-        Cells.
+        Numbers of cells.
     geometry, metadata : mapping of str to two texts
-        What differs of them, as JSON has it.
+        Both values of each key that differs, as JSON.
     confusion : mapping of str to mapping of str to int
-        Cells by their state in the first map, and in the second.
+        Number of cells by their state in the first map, and in the second.
     symmetry : str, optional
-        How the second map is to be turned.
+        How to rotate or mirror the second map.
     walls : tuple of mapping of str to float, or None
-        Of first to second, and of second to first: metres by ``largest`` and so on.
+        Distances from first to second, and from second to first, by ``largest`` and so on, metres.
     bounds : mapping of str to (float, float or None, bool)
-        What was allowed, what was found, and whether that holds.
+        Value allowed, value found, and whether the bound holds.
     """
 
     first: NamedMap | None
@@ -161,14 +161,14 @@ class DiffAnswer:
 
 @dataclass(frozen=True)
 class ComparedMethod:
-    """What a method of mapping has made of the scans.
+    """Result of one mapping method.
 
     Parameters
     ----------
     figures : mapping of str to float or None
-        Its figures, by their names in the document.
+        Figures by their names in the document.
     vanished : tuple of (x, y, cells)
-        Where groups of hits are that it has nothing of, metres, the largest first.
+        Positions (metres) and sizes of groups of hits missing from the map, largest first.
     """
 
     figures: Mapping[str, float | None]
@@ -177,7 +177,7 @@ class ComparedMethod:
 
 @dataclass(frozen=True)
 class ComparisonAnswer:
-    """What ``mapdeal build --compare`` has written as ``comparison.json``."""
+    """Content of ``comparison.json``, written by ``mapdeal build --compare``."""
 
     inputs: tuple[str, ...]
     width: int

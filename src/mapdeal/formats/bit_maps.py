@@ -20,7 +20,7 @@ from mapdeal.grid.bit_map import BitMap
 def read_bit_map(
     path: Path | str, *, max_cells: int | None = None, max_memory: int | None = None
 ) -> BitMap:
-    """Read a bit map, without expanding bits to bytes on the way.
+    """Read a bit map without expanding it to one byte per cell.
 
     Parameters
     ----------

@@ -44,16 +44,16 @@ _SMALL = 256_000_000
 
 @dataclass(frozen=True)
 class _Budget:
-    """What may be used.
+    """Memory that may be used.
 
     Parameters
     ----------
     limit : int, optional
-        Bytes; None if there is no limit, since it is not known what is free.
+        Limit, bytes; None if there is none, because the free memory is unknown.
     origin : str
-        Where the limit comes from, as a message says it; nothing if somebody chose it.
+        Origin of the limit, for messages; empty if the user chose it.
     held : int
-        Bytes of it that are taken, and stay so.
+        Part of it that is permanently taken, bytes.
     """
 
     limit: int | None
@@ -62,7 +62,7 @@ class _Budget:
 
 
 SHARE_OF_JOB = " (by default this job's share of the memory)"
-"""What the refusal of a job says that may have more memory when it is alone."""
+"""Note in the refusal of a job that could have more memory if it ran alone."""
 
 _current: ContextVar[_Budget | None] = ContextVar("budget", default=None)
 
@@ -84,7 +84,7 @@ def default_limit(jobs: int = 1) -> int | None:
 def use_memory(
     limit: int | None, *, is_chosen: bool = True, anew: bool = False
 ) -> Iterator[None]:  # fmt: skip
-    """Have readers take at most so many bytes within a ``with`` block.
+    """Limit the memory of readers within a ``with`` block.
 
     Parameters
     ----------

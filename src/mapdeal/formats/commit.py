@@ -31,7 +31,7 @@ _LARGEST_JOURNAL = 1 << 24
 
 @dataclass(frozen=True)
 class _Change:
-    """What is done with one name in a folder.
+    """Change to one name in a folder.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class _Change:
         return self.folder / self.name
 
     def keep_aside(self) -> None:
-        """Give the old file its second name, unless the disk knows no such thing.
+        """Link the old file to its second name, unless the file system has no links.
 
         Nor if nobody but its owner could take that name away again.
         """
@@ -66,7 +66,7 @@ class _Change:
                 os.link(self.path, self.folder / self.aside, follow_symlinks=False)
 
     def make(self, source: Path | None) -> None:
-        """Give the name to the file `source`, or to none.
+        """Replace the file of this name by `source`, or remove it.
 
         Raises
         ------
@@ -86,7 +86,7 @@ class _Change:
             raise FileAccessError(rule, source=self.path) from None
 
     def undo(self) -> None:
-        """Give the name back to its old file, unless somebody else has given it away since."""
+        """Restore the old file under the name, unless somebody else has changed it since."""
         now = _what_stands_at(self.path)
         is_ours = now is None or now == self.new
         if self.aside is None:
@@ -103,7 +103,7 @@ class _Change:
 def put_in_place(
     temporaries: Sequence[Temporary], *, removed: Iterable[Path] = (), replaces: bool = True
 ) -> None:
-    """Give temporary files their own names, in their order, and take away those of others.
+    """Rename temporary files to their own names, in order, and remove other files.
 
     Parameters
     ----------

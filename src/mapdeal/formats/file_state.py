@@ -6,11 +6,11 @@ import os
 from typing import NamedTuple
 
 CHANGED = "changed while it was read"
-"""What an error says of a file that is not the one any more that it was."""
+"""Error text for a file that was replaced or modified while it was read."""
 
 
 class FileState(NamedTuple):
-    """What becomes another when a file is replaced or written to.
+    """Properties that change when a file is replaced or written to.
 
     The device is not part of it: machines that share a folder number devices by themselves.
     """

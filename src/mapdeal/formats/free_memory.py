@@ -1,4 +1,4 @@
-"""How much memory is free, as the system's own files say."""
+"""Amount of free memory, from the system's own files."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def geojson_shapes(document: JsonValue) -> list[Shape]:
 
 
 class _Reader:
-    """What the nested parts of a file become; errors name the file and the feature."""
+    """Shapes from the nested parts of a file; errors name the file and the feature."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

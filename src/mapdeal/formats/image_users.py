@@ -1,4 +1,4 @@
-"""Which maps share an image."""
+"""Maps that share an image."""
 
 from __future__ import annotations
 

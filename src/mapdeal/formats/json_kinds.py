@@ -1,4 +1,4 @@
-"""Which of mapdeal's documents a JSON value is, by its keys."""
+"""Recognition of mapdeal's JSON documents by their keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file is, by its first bytes, and which command takes it.
+"""Kind of a file, by its first bytes, and the command that accepts it.
 
 Commands that are given another kind of file than they take say so with one line from here.
 """
@@ -80,16 +80,16 @@ _DOCUMENTS = {
 
 @dataclass(frozen=True)
 class FileKind:
-    """What a file is.
+    """Kind of a file.
 
     Parameters
     ----------
     name : str
         The kind, in a word or two.
     what : str
-        The same with an article and the format, as a sentence has it.
+        The kind with an article and the format, for use in a sentence.
     use : str
-        Which command takes it, as a hint.
+        Hint that names the command that accepts it.
     figures : callable
         Reads its header: words and numbers by name.
     """
@@ -133,7 +133,7 @@ def is_bag(path: Path) -> bool:
 
 @contextmanager
 def recognised(path: Path, wanted: str, *kinds: str) -> Iterator[None]:
-    """Have an error about a file of another kind than is wanted say what it is.
+    """Name the kind of a file in errors if it is not the one expected.
 
     Parameters
     ----------

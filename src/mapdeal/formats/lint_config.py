@@ -1,4 +1,4 @@
-"""What a project says of lint, in its ``pyproject.toml`` or ``mapdeal.toml``."""
+"""Configuration of lint in a project's ``pyproject.toml`` or ``mapdeal.toml``."""
 
 from __future__ import annotations
 
@@ -177,4 +177,4 @@ _KEYS: dict[str, Callable[[Any, Path, str], Any]] = {
     "per-file-ignores": _per_file,
     "severity": _severity,
 }
-"""What reads the value of each key."""
+"""Reader of the value of each key."""

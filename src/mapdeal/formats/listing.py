@@ -1,4 +1,4 @@
-"""Which files are meant by names of files, folders and patterns."""
+"""Files selected by names of files, folders and patterns."""
 
 from __future__ import annotations
 

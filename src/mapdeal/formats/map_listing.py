@@ -1,4 +1,4 @@
-"""Which maps are meant by names of files, folders, patterns and lists, and what to call each."""
+"""Maps selected by names of files, folders, patterns and lists, and a name for each."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class _Found:
 
 @dataclass(frozen=True)
 class _Rules:
-    """What is left out of folders, and what is not looked into; see `list_maps`."""
+    """Files to leave out of folders, and folders not to look into; see `list_maps`."""
 
     output: Path | None
     whole: WholeFolders | None

@@ -1,4 +1,4 @@
-"""What there is to warn of in the cells of a map: the same words for all who read it."""
+"""Warnings about the cells of a map, in the same words for all readers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAP_SAVER_UNKNOWN = 205
 """The grey that map_saver writes for unknown cells."""
 
 USUAL_FREE_THRESH = 0.196
-"""What ROS has for free_thresh by default: just below the shade of that grey."""
+"""Default of free_thresh in ROS: just below the shade of that grey."""
 
 FREED_SHARE = 0.001
 """Share of the cells from which on this grey is map_saver's, and not the blur of some edges.
@@ -189,7 +189,7 @@ def percent(count: int, whole: int) -> str:
 
 
 class PixelRemarks:
-    """What there is to warn of in the pixels of a map, found strip by strip.
+    """Warnings about the pixels of a map, found strip by strip.
 
     Parameters
     ----------

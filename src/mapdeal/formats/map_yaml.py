@@ -27,7 +27,7 @@ _VIEW_KEYS = ("layer", "view", "view_range", "farthest", "deepest")
 
 @dataclass(frozen=True)
 class MapMetadata:
-    """What the YAML file of a map says.
+    """Content of a map's YAML file.
 
     Parameters
     ----------

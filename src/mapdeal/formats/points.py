@@ -244,16 +244,16 @@ def _text_of(line: bytes) -> str:
 
 
 class _Form(NamedTuple):
-    """What a line holds.
+    """Columns of a line.
 
     Parameters
     ----------
     names : tuple of str
-        Of its numbers.
+        Names of the numbers.
     how_many : str
-        Their number in words.
+        Count of the numbers, in words.
     more : str
-        What else the line may be, in words, if it has the forms that files of poses have.
+        Other forms of the line, in words, if it may be one of a file of poses.
     """
 
     names: tuple[str, ...]

@@ -20,17 +20,17 @@ from mapdeal.formats.text_rows import delimiter_of, first_line, is_number, read_
 from mapdeal.grid.coordinates import FARTHEST
 
 TUM = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
-"""What stands in a line of TUM's benchmark tools."""
+"""Columns in files of the TUM benchmark tools."""
 
 _PLANAR, _TUM = 3, len(TUM)
 _UNIT = 1e-3
-"""How far from 1 the length of a quaternion may be: files hold rounded numbers."""
+"""Tolerance of the length of a quaternion: files contain rounded numbers."""
 
 _ROUNDED = 1e-2
 """The same where a longer or shorter one is refused: two decimals are enough."""
 
 _LEVEL = math.radians(10)
-"""How far a robot may lean before its heading says too little."""
+"""Largest tilt of a robot at which its heading is still meaningful."""
 
 _LATEST = 9e9
 """Seconds: what is later is in other units."""

@@ -1,4 +1,4 @@
-"""What a robot can reach as JSON."""
+"""Result of reach as JSON."""
 
 from __future__ import annotations
 

@@ -38,28 +38,28 @@ class ToldBound:
 
 @dataclass(frozen=True)
 class ScoreAnswer:
-    """What ``mapdeal score --json`` has printed.
+    """Content of a document printed by ``mapdeal score --json``.
 
     Parameters
     ----------
     file, truth : str or None
-        The map, and the true one, as they were named; None of what was no file, or not there.
+        The map and the ground truth, as named; None for one that was not a file or not given.
     sums : mapping of str to str
-        The files that the map was read from, without folders, and their checksums.
+        Checksums of the files that the map was read from, by file name without folders.
     width, height : int
-        Cells that were counted.
+        Number of cells along each axis.
     resolution : float
-        Their side, metres.
+        Side of a cell, metres.
     transform : tuple of float or None
         x, y (metres) and yaw (radians) from the map's frame to that of the truth.
     has_truth : bool
-        Whether there was one.
+        Whether there was a ground truth.
     figures : mapping of str to float or None
-        By name, with dots into groups; None of what could not be measured.
+        Figures by name, with dots into groups; None if one could not be measured.
     bounds : tuple of ToldBound
-        What was asked of them.
+        Bounds on the figures.
     passes : bool
-        Whether all hold.
+        Whether all bounds hold.
     """
 
     file: str | None

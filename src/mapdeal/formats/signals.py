@@ -14,11 +14,11 @@ _ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 
 @contextmanager
 def signals_put_off() -> Iterator[None]:
-    """Have signals that end the process wait for the end of the block.
+    """Delay signals that end the process until the end of the block.
 
-    Python answers signals in the main thread alone: in any other there is nothing to put off.
-    What a signal would have done is done then, whether an exception or the end of the process.
-    SIGKILL cannot be put off.
+    Python handles signals in the main thread only: in other threads there is nothing to delay.
+    The effect of a signal, an exception or the end of the process, then follows the block.
+    SIGKILL cannot be delayed.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -176,10 +176,10 @@ _sums: ContextVar[dict[Path, str] | None] = ContextVar("sums", default=None)
 
 @contextmanager
 def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
-    """Give a mapping that gets the sha256 of each file that `read_file` reads meanwhile.
+    """Yield a mapping that collects the SHA-256 of each file that `read_file` reads.
 
-    It is of the very bytes that were read, whatever becomes of the file after that. Empty if it
-    is not wanted, since it takes time.
+    It is that of the bytes that were read, even if the file changes later. The mapping stays empty
+    if it is not wanted, because it takes time.
     """
     sums: dict[Path, str] = {}
     token = _sums.set(sums if is_wanted else None)

@@ -26,7 +26,7 @@ _HINT = "a map comes by a pipe as an npz: mapdeal convert MAP -o - makes one of 
 
 @contextmanager
 def stream_folder() -> Iterator[Path]:
-    """Give a private folder for what comes and goes by pipes, removed in the end.
+    """Yield a private folder for data from and to pipes, removed at the end.
 
     Raises
     ------

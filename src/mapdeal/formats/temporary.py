@@ -73,7 +73,7 @@ class Temporary:
 
     @property
     def file(self) -> io.BufferedRandom:
-        """What is written to.
+        """File object to write to.
 
         Raises
         ------
@@ -124,7 +124,7 @@ class Temporary:
             raise FileAccessError(rule, source=self.destination) from None
 
     def sync(self) -> None:
-        """Have the contents written through to the disk."""
+        """Flush the contents to the disk."""
         if self._file is not None:
             os.fsync(self._file.fileno())
 
@@ -137,7 +137,7 @@ class Temporary:
             self._close()
 
     def rename(self) -> None:
-        """Give the file its own name, in the place of an old one."""
+        """Rename the file to its own name, replacing an old one."""
         self.close_to_move()
         try:
             self.path.replace(self.destination)
@@ -212,7 +212,7 @@ def locked(folders: Iterable[Path]) -> Iterator[bool]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Have the names in a folder written through to the disk."""
+    """Flush the names in a folder to the disk."""
     # A file system that cannot do that makes renames durable by its own rules.
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)

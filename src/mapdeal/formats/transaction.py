@@ -107,7 +107,7 @@ class Transaction:
         return self
 
     def write(self, path: Path, writer: Writer) -> None:
-        """Have `writer` write the file that becomes `path`, in a thread."""
+        """Write the file that becomes `path` by calling `writer` in a thread."""
         temporary = self._opened(path)
         if self._together is not None:
             self._together.append((temporary, writer))
@@ -116,13 +116,13 @@ class Transaction:
 
     @contextmanager
     def together(self, write_all: Callable[[Sequence[Begun]], None]) -> Iterator[None]:
-        """Have one call write all files that `write` is called for within a ``with`` block.
+        """Write all files passed to `write` within a ``with`` block by a single call.
 
         Parameters
         ----------
         write_all : callable
-            Writes them, in a thread, once the block has ended. What fails for want of disk it must
-            raise as a `FileAccessError`: nobody else knows which file that was.
+            Writes the files, in a thread, once the block has ended. It must raise a
+            `FileAccessError` if the disk is full, because only it knows which file failed.
         """
         self._together = []
         try:
@@ -136,9 +136,9 @@ class Transaction:
             self._finish(temporary, lambda _: done.result())
 
     def fill_in_place(self, path: Path, filler: Callable[[Path], None]) -> None:
-        """Have `filler` write the file that becomes `path`, in this thread, given its name now.
+        """Write the file that becomes `path` by calling `filler` with its name, in this thread.
 
-        It may be opened under that name by any number of processes at the same time.
+        Any number of processes may open the file under that temporary name at the same time.
         """
         temporary = self._opened(path)
         filler(temporary.path)
@@ -166,7 +166,7 @@ class Transaction:
         self._pending.append((temporary.destination, temporary, future))
 
     def write_bytes(self, path: Path, data: bytes) -> None:
-        """Have a file with these contents become `path`."""
+        """Write these bytes to the file that becomes `path`."""
 
         def write(file: BinaryIO) -> None:
             file.write(data)
@@ -178,7 +178,7 @@ class Transaction:
         self._finished()
 
     def remove_if_unchanged(self, path: Path, sha256: str) -> None:
-        """Have a file go with the old ones, if it has just these contents and is no input.
+        """Remove a file with the old ones, if it has exactly these contents and is not an input.
 
         Raises
         ------

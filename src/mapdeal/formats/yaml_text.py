@@ -32,7 +32,7 @@ _NULL, _MERGE = "tag:yaml.org,2002:null", "tag:yaml.org,2002:merge"
 
 @dataclass(frozen=True)
 class YamlLimits:
-    """What a file may hold: PyYAML takes 70 microseconds and a kilobyte for each value.
+    """Limits of a file: PyYAML takes 70 microseconds and a kilobyte for each value.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the methods of making maps from beams have in common."""
+"""Common base of the methods that make maps from beams."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ MOST_LEANING = math.radians(10)
 
 @dataclass(frozen=True, eq=False)
 class Stances:
-    """How sensors stand.
+    """Poses and orientations of sensors.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Stances:
 
 
 def stances(translations: Floats, quaternions: Floats) -> Stances:
-    """Return how sensors stand, given where they are.
+    """Return the stances of sensors, given their poses in space.
 
     Parameters
     ----------

@@ -125,7 +125,7 @@ class SeenCloud:
 
     @property
     def counts(self) -> CloudCounts:
-        """What became of the points."""
+        """Number of points by outcome."""
         return CloudCounts(*self._counts.tolist())
 
     @property

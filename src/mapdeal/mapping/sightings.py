@@ -1,4 +1,4 @@
-"""What clouds, one after the other, have seen in cells: the last word on each."""
+"""Latest evidence for each cell from a sequence of clouds."""
 
 from __future__ import annotations
 

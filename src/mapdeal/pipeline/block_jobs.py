@@ -114,7 +114,7 @@ class BlockWork:
 def apply_by_workers(
     path: Path, output: Path, step: Step, settings: Settings, scheduler: str
 ) -> Figures:
-    """Have workers compute a distance field into an ``.npy``; return its figures.
+    """Compute a distance field on workers into an ``.npy`` file; return its figures.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class ClusterWorkers:
 
     @contextmanager
     def started(self, size: int, work: Work) -> Iterator[Submit]:  # noqa: ARG002 - they are there
-        """Give what sends jobs within a ``with`` block; those not begun are dropped after it."""
+        """Yield a function that sends jobs; jobs not begun are dropped after the ``with`` block."""
         # the same job may be sent twice, in two batches: its result is never an old one
         executor = self._client.get_executor(pure=False)
         on_worker = _OnWorker(work, __version__)
@@ -224,7 +224,7 @@ _one_at_a_time = threading.Lock()
 
 @dataclass(frozen=True)
 class _OnWorker:
-    """What a worker does with a job.
+    """Function that does a job on a worker.
 
     Parameters
     ----------

@@ -43,23 +43,23 @@ _PER_CELL = 60
 
 _MOST_PLACES = 100
 _STATES = STATES[:3]
-"""What a cell can be: none is in between, since values are not compared."""
+"""States of a cell; there is none for values 1..99, since values are not compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class MethodResult:
-    """What a method has made of the scans.
+    """Result of one mapping method.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     vanished : HitGroups
-        Groups of hits that it has nothing of.
+        Groups of hits missing from the map.
     bytes_per_cell : int
-        What its evidence takes.
+        Memory of the evidence per cell, bytes.
     seconds : float
-        How long it took, reading and writing left out.
+        Time taken without reading and writing, seconds.
     """
 
     grid: OccupancyGrid
@@ -70,14 +70,14 @@ class MethodResult:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What the methods make of the same scans.
+    """Comparison of several mapping methods on the same scans.
 
     Parameters
     ----------
     document : dict
-        All figures that the scans and the parameters determine, as JSON can hold them.
+        All figures that the scans and the parameters determine, as values for JSON.
     seconds : dict
-        How long each method took, which they do not.
+        Time that each method took, which varies from run to run.
     """
 
     document: dict[str, Any]

@@ -1,4 +1,4 @@
-"""What differs between the maps in two files."""
+"""Differences between the maps in two files."""
 
 from __future__ import annotations
 
@@ -50,18 +50,18 @@ class ComparedMap:
 
 @dataclass(frozen=True)
 class DiffReport:
-    """What differs, and what their YAML files say differently.
+    """Differences between two maps and between their YAML files.
 
     Parameters
     ----------
     found : Difference
-        What differs between the cells.
+        Differences between the cells.
     metadata : dict
-        What the YAML files say differently: both values.
+        Both values of each key that differs between the YAML files.
     bounds : tuple of Bound
-        What was allowed to differ; empty if nothing was.
+        Bounds on the difference; empty if none were set.
     maps : tuple of ComparedMap
-        The first map and the second; empty if they were no files.
+        The first map and the second; empty if they were not files.
     """
 
     found: Difference
@@ -75,7 +75,7 @@ class DiffReport:
         return all(bound.holds for bound in self.bounds) if self.bounds else self.found.is_equal
 
     def document(self) -> dict[str, Any]:
-        """Return the report as JSON can hold it."""
+        """Return the report as values that JSON can represent."""
         found = self.found
         first, second = map(asdict, self.maps) if self.maps else (None, None)
         return {

@@ -28,7 +28,7 @@ class Workers(Protocol):
     """Jobs that are done at the same time."""
 
     def started(self, size: int, work: Work) -> AbstractContextManager[Submit]:
-        """Have that many workers within a ``with`` block; give what sends them a job.
+        """Run `size` workers within a ``with`` block; yield a function that sends them a job.
 
         An exception that leaves the block stops what they do. A future raises `BrokenExecutor`
         if it is not known which worker died, and of what.
@@ -39,7 +39,7 @@ def dispatch(
     count: int, job_of: Callable[[int], Job], work: Work, workers: Workers,
     done: Callable[[int, Outcome], None],
 ) -> None:  # fmt: skip
-    """Have workers do jobs.
+    """Distribute jobs among workers.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ def outputs_of(
     *,
     curve: Path | None = None,
 ) -> Iterator[Transaction]:
-    """Have `outputs`, the picture, and that of a cost curve written together, or not at all."""
+    """Write `outputs`, the picture, and that of a cost curve together, or not at all."""
     all_outputs = list(outputs)
     for option, picture in (("--image", settings.image), ("--curve", curve)):
         if picture is None:
@@ -110,7 +110,7 @@ def warn_of_published_costs(source: Source, path: Path) -> None:
 
 @contextmanager
 def errors_named(path: Path) -> Iterator[None]:
-    """Have errors name the file that the grid came from, unless they name one already."""
+    """Add the file of the grid to errors that do not name a file already."""
     try:
         yield
     except MapdealError as error:

@@ -1,4 +1,4 @@
-"""What a robot's parameter files say, as figures."""
+"""Figures of a robot's parameter files."""
 
 from __future__ import annotations
 

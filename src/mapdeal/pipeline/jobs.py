@@ -61,14 +61,15 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job.
+    """Outcome of a job.
 
     Parameters
     ----------
     result : MapdealError or other, optional
-        Why it failed, or what it has made, of a run its `RunReport`; None if it was interrupted.
+        Error if the job failed; otherwise its result, such as the `RunReport` of a run; None if
+        it was interrupted.
     warnings : tuple of str
-        The texts of its warnings.
+        Texts of the warnings.
     """
 
     result: Any

@@ -50,18 +50,18 @@ _CELLS_WORTH_WORKERS = 500_000_000
 
 @dataclass(frozen=True)
 class LintRules:
-    """Which findings count.
+    """Rules that decide which findings count.
 
     Parameters
     ----------
     select, ignore : tuple of str
-        Names of checks or areas, see `selection_of`; nothing is chosen by an empty tuple.
+        Names of checks or areas, see `selection_of`; an empty tuple chooses nothing.
     strict : bool
-        Whether warnings, too, are failures.
+        Whether warnings count as failures.
     config : Path, optional
-        The file that holds for all maps; the nearest of each map if not given.
+        Configuration file for all maps; if not given, the nearest one of each map.
     is_isolated : bool
-        Whether no file holds.
+        Whether to ignore all configuration files.
     """
 
     select: tuple[str, ...] = ()
@@ -132,7 +132,7 @@ class ParameterFiles:
 
 @dataclass(frozen=True)
 class _Found:
-    """What there is about a map before rules are applied."""
+    """Findings and comments of a map before rules are applied."""
 
     findings: tuple[Finding, ...]
     comments: tuple[IgnoreComment, ...] = ()

@@ -1,4 +1,4 @@
-"""How costs of exact distances differ from those of the queue of older inflation layers."""
+"""Differences of exact costs from those of the queue in older inflation layers."""
 
 from __future__ import annotations
 

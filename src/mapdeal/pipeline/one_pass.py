@@ -18,7 +18,7 @@ from mapdeal.kernels.blocks import blocks_of, made_by_rows, report_rows
 
 @contextmanager
 def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
-    """Have the files that are made of a grid within a ``with`` block written in one pass.
+    """Write all files of a grid within a ``with`` block in one pass.
 
     Its rows are then made once for all of them, where layers have no room to be kept. Files of a
     grid in memory are written as ever, at the same time.
@@ -99,7 +99,7 @@ def _named(path: Path, put: PutRows) -> PutRows:
 
 @contextmanager
 def _failing_at(path: Path) -> Iterator[None]:
-    """Have a full disk named by the file that it is too full for."""
+    """Name the file that cannot be written, for instance on a full disk."""
     try:
         yield
     except OSError as error:

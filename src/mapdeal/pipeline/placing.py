@@ -1,4 +1,4 @@
-"""How the frames of several maps lie to each other, as files say, or as their walls do."""
+"""Transforms between the frames of several maps, from files or by aligning their walls."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a map that was read.
+    """Source files of a map that was read.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class ProcessWorkers:
 
     @contextmanager
     def started(self, size: int, work: Work) -> Iterator[Submit]:
-        """Have processes within a ``with`` block, stopped early if an exception leaves it.
+        """Run processes within a ``with`` block, stopped early if an exception leaves it.
 
         Raises
         ------
@@ -200,7 +200,7 @@ def _context_of_server() -> BaseContext:
 
 @contextmanager
 def _own_folders_are_open() -> Iterator[None]:
-    """Let this process into the folders that it makes within the block, whatever the umask."""
+    """Keep folders made within the block open to this process, whatever the umask."""
     before = os.umask(0o077)
     try:
         yield

@@ -1,4 +1,4 @@
-"""Which files a grid becomes, and how they are written: one row a type of grid.
+"""Output files of each type of grid, and how they are written.
 
 What draws pictures that few runs have is imported when one is drawn.
 """
@@ -55,7 +55,7 @@ _FARTHEST = 100.0
 
 @dataclass(frozen=True)
 class GridFiles:
-    """How grids of a type are written.
+    """Output files for one type of grid.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How far the work on maps is that are processed block by block."""
+"""Progress of maps that are processed block by block."""
 
 from __future__ import annotations
 
@@ -62,5 +62,5 @@ def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[
 
 @contextmanager
 def report_nothing(_: int) -> Iterator[Advance]:
-    """Give a callback that reports nothing."""
+    """Return a callback that reports nothing."""
     yield lambda _: None

@@ -56,14 +56,14 @@ _FORMS = list(_forms())
 
 @dataclass(frozen=True)
 class Answers:
-    """What a field says of some points, or costs of some poses.
+    """Values of a field at some points, or of costs at some poses.
 
     Parameters
     ----------
     text : str
-        A line for each with a JSON object.
+        One line with a JSON object for each.
     count, outside : int
-        How many they are, and how many of them no cell holds.
+        Number of points or poses, and of those outside the grid.
     """
 
     text: str

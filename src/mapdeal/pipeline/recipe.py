@@ -148,7 +148,7 @@ def _made(stage: str, given: Given) -> Step:
 
 @contextmanager
 def _recipes() -> Iterator[Path]:
-    """Give the folder of the built-in recipes."""
+    """Yield the folder of the built-in recipes."""
     folder = Path(__file__).with_name("recipes")
     if is_folder(folder):
         yield folder
@@ -195,7 +195,7 @@ def _adapt_to_sim(draft: Draft) -> None:
 
 
 def _adapt_to_footprint(draft: Draft, footprint: Footprint, seen: Footprint, name: str) -> None:
-    """Give the robot's shape to the first stage that it matters to, and to those that only look.
+    """Apply the robot's shape to the first stage that needs it, and to those that only look.
 
     These are the ones that hand nothing on. In what a stage has made with the shape they would
     count it twice; only costs tell obstacles from what is around them. What they are given, `seen`,
@@ -242,7 +242,7 @@ def _value_of(target: str, text: str, option: str) -> object:
 def _apply_change(
     draft: Draft, target: str, value: object, name: str, option: str, setting: str | None = None
 ) -> None:
-    """Give a parameter its value, ``stage.parameter``; errors show the setting that asks for it."""
+    """Set ``stage.parameter`` to a value; errors show the setting that asks for it."""
     setting = setting or target
     stage, dot, parameter = str(target).partition(".")
     if not (dot and stage and parameter):

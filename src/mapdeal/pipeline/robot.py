@@ -92,10 +92,10 @@ def _own_of(name: str, robot: RobotParameters, model: object) -> Given | None:
 
 
 def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
-    """Have stages that look at a map for a robot take it as the robot's static layer does.
+    """Make stages that look at a map for a robot read it as the robot's static layer does.
 
-    That is from which occupancy on a cell is lethal, and whether unknown cells are free. What the
-    draft says itself stays, and what is made of a field or of costs knows it already.
+    This sets the occupancy at which a cell is lethal, and whether unknown cells are free. Values
+    set in the draft stay, and stages on a field or on costs do not need the first.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
 def put_value(
     name: str, own: Given, key: str, value: object, source: str | None = None
 ) -> None:  # fmt: skip
-    """Give a stage another value of a parameter; one of its layers gets what only layers have.
+    """Set a parameter of a stage, or of one of its layers if only layers have it.
 
     Parameters
     ----------

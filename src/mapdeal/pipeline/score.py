@@ -38,14 +38,14 @@ from mapdeal.scoring.memory import bytes_alone, bytes_to_compare
 from mapdeal.scoring.states import UNKNOWN, States, states_of
 
 Way = Literal["frames", "transform", "align"]
-"""How the maps were brought together: as their files say, by a transform, or by aligning them."""
+"""How the maps were placed: by their files, by a transform, or by aligning them."""
 
 _HINT = "--align finds how the maps lie, --transform takes it from a file"
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of a score.
+    """Bounds and placement requested for a score.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ class Asked:
     transform : Transform, optional
         From the map's frame to that of the truth.
     transform_file : Path, optional
-        A file that holds it.
+        File that contains the transform.
     align : bool
-        Whether to find it.
+        Whether to find the transform by aligning the maps.
     """
 
     minimum: Mapping[str, float]

@@ -53,7 +53,7 @@ class Step:
 
     @property
     def title(self) -> str:
-        """What the step has done, for a picture's title."""
+        """Description of the step, for a picture's title."""
         return self.stage.title(self.parameters)
 
     @property
@@ -144,7 +144,7 @@ def make_step(name: str, given: Mapping[str, object]) -> Step:
 
 
 def _settle(parameters: dict[str, Any], stage: Stage, given: Mapping[str, object]) -> None:
-    """Give parameters whose place others take the value that takes effect."""
+    """Set parameters that others replace to the values that take effect."""
     for by, rule in stage.in_place_of.items():
         if parameters[by] is None:
             continue

@@ -1,4 +1,4 @@
-"""What it takes to cross each cell of a costmap."""
+"""Weights for crossing each cell of a costmap."""
 
 from __future__ import annotations
 

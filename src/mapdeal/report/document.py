@@ -1,4 +1,4 @@
-"""What a report is of: maps with their layers, and what was found out about them."""
+"""Content of a report: maps with their layers, and results about them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mapdeal.render.style import LayerStyle
 Points = NDArray[np.float64]
 
 Tone = Literal["error", "warning", "note", "good", "plain"]
-"""How serious what an item says is: its colour on the page, never the only sign of it."""
+"""Severity of an item: its colour on the page, never the only sign of it."""
 
 ItemKind = Literal["finding", "passage", "start", "goal", "route", "shape"]
 
@@ -163,16 +163,16 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What a page is made of.
+    """Content of a page.
 
     Parameters
     ----------
     title : str
-        What stands above all.
+        Title at the top of the page.
     entries : tuple of Entry
-        At least one. Of several the page has a table.
+        Entries, at least one; the page has a table if there are several.
     version : str
-        Of mapdeal.
+        Version of mapdeal.
     """
 
     title: str

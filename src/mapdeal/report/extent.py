@@ -1,4 +1,4 @@
-"""Which part of the map frame a page shows at first."""
+"""Part of the map frame that a page shows initially."""
 
 from __future__ import annotations
 

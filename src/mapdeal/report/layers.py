@@ -1,4 +1,4 @@
-"""Which layers of a page a grid becomes: some rows for each type of grid."""
+"""Layers of a page for each type of grid."""
 
 from __future__ import annotations
 

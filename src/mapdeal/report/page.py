@@ -28,7 +28,7 @@ SCRIPTS = (
     "start.js", "decode.js", "geometry.js", "tiles.js", "draw.js", "readout.js", "overlay.js",
     "viewer.js", "main.js",
 )  # fmt: skip
-"""What the script of a page is made of, in this order."""
+"""Parts of a page's script, in order."""
 
 
 _HEADER = 0.02

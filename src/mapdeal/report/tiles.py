@@ -78,13 +78,13 @@ class EncodedLayer:
 
     @property
     def reduce(self) -> int:
-        """How many of the layer's cells lie along a side of the finest cells: 1 if all are kept."""
+        """Cells of the layer along a side of the finest cells; 1 if all are kept."""
         return self.levels[-1].reduce
 
 
 @dataclass(frozen=True)
 class Encoded:
-    """Layers as a page holds them.
+    """Layers in the encoding of a page.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class Encoded:
 
     @property
     def layers(self) -> list[dict[str, Any]]:
-        """What the page's header says of each layer: ``coding`` and ``levels``."""
+        """Entries for the page's header, one per layer: ``coding`` and ``levels``."""
         headers, offset = [], 0
         for layer in self.encoded:
             levels = []
@@ -229,7 +229,7 @@ class _Compressor:
         self._waiting: deque[Future[bytes]] = deque()
 
     def submit(self, cells: Cells, ways: Sequence[Way], compression: int) -> Future[bytes]:
-        """Have a tile compressed."""
+        """Submit a tile for compression."""
         if self._pool is None:
             done: Future[bytes] = Future()
             done.set_result(_tile(cells, ways, compression))
@@ -277,14 +277,14 @@ def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
 
 @dataclass(frozen=True)
 class _Pooling:
-    """Which value stands for several cells.
+    """Rule for the value that represents several cells.
 
     Parameters
     ----------
     choose : numpy.ufunc
-        What two of them become.
+        Function that chooses one of two values.
     order : numpy.ndarray of uint8, shape (256,), optional
-        Bytes in the order in which they are compared, if not in their own.
+        Bytes in the order of comparison, if it is not their own.
     """
 
     choose: np.ufunc

@@ -1,1 +1,1 @@
-"""What a robot's parameter files mean: its shape, and the layers of its costmap."""
+"""A robot's parameter files: its shape, and the layers of its costmap."""

@@ -1,4 +1,4 @@
-"""What a robot's layers do to a map that is a file, in words and in numbers."""
+"""Effects of a robot's layers on a map file, in words and in numbers."""
 
 from __future__ import annotations
 

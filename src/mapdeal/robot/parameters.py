@@ -1,4 +1,4 @@
-"""A robot as its own parameter files describe it."""
+"""A robot as described by its own parameter files."""
 
 from __future__ import annotations
 

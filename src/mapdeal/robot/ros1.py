@@ -33,7 +33,7 @@ _PARENTS = {
     _STATIC: ("map_topic", "unknown_cost_value", "lethal_cost_threshold", "track_unknown_space"),
     _INFLATION: ("cost_scaling_factor", "inflation_radius"),
 }
-"""What a costmap hands down to its layers, in place of what they say themselves."""
+"""Parameters of a costmap that override those of its layers."""
 _MISSPELT = 0.95
 """As alike as this, a type is misspelt; below it is a plugin of somebody's own."""
 _OF_COSTMAPS = frozenset(
@@ -216,7 +216,7 @@ def _is_enabled(server: Ros1Server, name: str) -> bool:
 
 
 def _hand_down(server: Ros1Server, name: str, kind: str) -> None:
-    """Say where the costmap's own value takes the place of the layer's."""
+    """Report where the costmap's own value overrides that of a layer."""
     for parameter in _PARENTS[kind]:
         own, above = server.find(name, parameter), server.find(parameter)
         if own is not None and above is not None and own.value != above.value:

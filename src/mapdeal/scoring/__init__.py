@@ -1,1 +1,1 @@
-"""How good a map is: on its own, and against a map that is true."""
+"""Quality of a map: on its own, and against the ground truth."""

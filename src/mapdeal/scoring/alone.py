@@ -22,7 +22,7 @@ LEAST_PIECE = 5
 
 @dataclass(frozen=True)
 class Thickness:
-    """How thick walls are at their cells, metres; None without walls."""
+    """Thickness of the walls at each of their cells, metres; None if there are no walls."""
 
     mean: float | None = None
     median: float | None = None

@@ -1,4 +1,4 @@
-"""How far the walls of one map are from those of another."""
+"""Distances from the walls of one map to those of another."""
 
 from __future__ import annotations
 

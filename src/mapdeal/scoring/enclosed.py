@@ -17,16 +17,16 @@ _TOGETHER = 1 << 20
 
 
 class Enclosed(NamedTuple):
-    """What walls enclose.
+    """Areas enclosed by walls.
 
     Parameters
     ----------
     areas : int
         Enclosed areas with at least `LEAST_AREA` of free cells.
     pockets : int
-        Those with less, but with a free cell.
+        Enclosed areas with fewer free cells, but at least one.
     square_metres : float
-        Of the free cells of the areas.
+        Total area of the free cells in `areas`, square metres.
     """
 
     areas: int
@@ -35,7 +35,7 @@ class Enclosed(NamedTuple):
 
 
 def enclosed_areas(states: States, resolution: float) -> Enclosed:
-    """Return what the walls of a map enclose.
+    """Return the areas that the walls of a map enclose.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What scores take of memory, so that it can be refused before it is taken."""
+"""Memory that scores take, so that too large a job is refused at the start."""
 
 from __future__ import annotations
 

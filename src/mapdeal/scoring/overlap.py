@@ -1,4 +1,4 @@
-"""How the cells of two maps agree, counted."""
+"""Counts of cells in which two maps agree or differ."""
 
 from __future__ import annotations
 

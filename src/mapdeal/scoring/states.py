@@ -1,4 +1,4 @@
-"""What a score takes the cells of a map for: unknown, free or occupied."""
+"""States of cells in a score: unknown, free or occupied."""
 
 from __future__ import annotations
 

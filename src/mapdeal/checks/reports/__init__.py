@@ -1,1 +1,1 @@
-"""What lint has found, in the forms that people and machines read."""
+"""Findings of lint, in the formats that people and machines read."""

@@ -21,4 +21,4 @@ REPORTS: dict[ReportForm, Callable[[LintReport], list[str]]] = {
     "sarif": sarif_lines,
     "junit": junit_lines,
 }
-"""What makes the lines of a report, by its name on the command line."""
+"""Functions that make the lines of a report, by format name on the command line."""

@@ -1,4 +1,4 @@
-"""What every bag is: connections, and messages that are found by an index and read one by one."""
+"""Common base of bags: connections, and messages found by an index and read one by one."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Recorded:
-    """How many messages there are, and when the first and the last were recorded, nanoseconds."""
+    """Number of messages, and times of the first and the last, nanoseconds."""
 
     count: int = 0
     first: int = 0
@@ -167,7 +167,7 @@ class Bag(ABC):
 
     path: Path
     form: str
-    """What it is, with an article: ``a ROS 1 bag``."""
+    """Type of the bag, with an article: ``a ROS 1 bag``."""
 
     def __init__(self, path: Path, form: str) -> None:
         self.path = path

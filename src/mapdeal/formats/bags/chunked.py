@@ -1,4 +1,4 @@
-"""What ROS 1 bags and MCAP files have in common: records, most of them in chunks."""
+"""Common base of ROS 1 bags and MCAP files: records, most of them in chunks."""
 
 from __future__ import annotations
 

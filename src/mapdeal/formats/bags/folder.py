@@ -47,14 +47,14 @@ _TOPICS = "topics_with_message_count"
 
 @dataclass(frozen=True)
 class _Metadata:
-    """What ``metadata.yaml`` says that matters here."""
+    """Relevant content of ``metadata.yaml``."""
 
     storage: str
     files: tuple[str, ...]
     compression: str
     """Of files, of messages, or of nothing: ``file``, ``message``, ``none``."""
     serializations: Mapping[str, str]
-    """How the messages of each topic are serialized: files need not say so."""
+    """Serialization of the messages of each topic, which files need not record."""
 
 
 class FolderBag(Bag):
@@ -207,7 +207,7 @@ class FolderBag(Bag):
 
 @contextmanager
 def plain_file(path: Path) -> Iterator[Path]:
-    """Give a file that is not compressed as a whole: itself, or a temporary one.
+    """Yield a file that is not compressed as a whole: the file itself, or a temporary one.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the files of a bag that is written are called, and its topic and frame."""
+"""Names of the files, topic and frame of a bag to write."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mapdeal.formats.source import contents_of, is_folder
 from mapdeal.formats.temporary import PREFIX
 
 BAG_OUTPUTS = (".bag", ".mcap", ".db3")
-"""What the names of bags end in."""
+"""Suffixes of bags."""
 
 _PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LONGEST_TOPIC = 247

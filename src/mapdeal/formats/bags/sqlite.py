@@ -193,7 +193,7 @@ class SqliteBag(Bag):
 
 @contextmanager
 def _whole_pages(path: Path) -> Iterator[Path]:
-    """Give a file without the last page if that is not whole: SQLite would fill it with zeros."""
+    """Yield a file without an incomplete last page, which SQLite would fill with zeros."""
     rest = _rest_of_pages(path)
     if not rest:
         yield path

@@ -142,7 +142,7 @@ def _write_ros2(
 
 @contextmanager
 def _scratch(output: Path) -> Iterator[Path]:
-    """Give a folder for what rosbags writes, which takes names, and no open files."""
+    """Yield a folder for rosbags to write to, which accepts names but no open files."""
     with access_to(output, "written"), tempfile.TemporaryDirectory(prefix="mapdeal-") as folder:
         try:
             yield Path(folder)

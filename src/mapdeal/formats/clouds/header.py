@@ -1,4 +1,4 @@
-"""What the headers of clouds have in common."""
+"""Common parts of the headers of point clouds."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ LONGEST_RECORD = 1 << 16
 
 @dataclass(frozen=True)
 class Record:
-    """How the numbers of a point lie in a file.
+    """Layout of a point's numbers in a file.
 
     Parameters
     ----------
     names : tuple of str
-        Of the columns, in the order of the file.
+        Names of the columns, in the order of the file.
     types : tuple of numpy.dtype
-        Of the columns.
+        Types of the columns.
     counts : tuple of int
-        How many numbers each column has.
+        Number of values in each column.
     """
 
     names: tuple[str, ...]

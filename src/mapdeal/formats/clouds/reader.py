@@ -31,7 +31,7 @@ _IN_A_FILE: dict[str, Callable[[BinaryIO, Path], Iterator[Points]]] = {
 _BY_NAME: dict[str, Callable[[Path], Iterator[Points]]] = {".npy": npy_points, ".npz": npz_points}
 
 CLOUD_SUFFIXES = (*_IN_A_FILE, *_BY_NAME)
-"""What the names of clouds end in."""
+"""Suffixes of point clouds."""
 
 
 def cloud_chunks(path: Path) -> Iterator[Points]:

@@ -1,4 +1,4 @@
-"""How the three map_server readers in use turn pixels into occupancy, one module each.
+"""Conversion of pixels to occupancy by the three map_server readers in use, one module each.
 
 Every rule depends on a small integer only, a grey level or a sum of samples, and each module works
 it out in exactly the precision of its reader: in a table where there are few of them.

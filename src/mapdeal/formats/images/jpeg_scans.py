@@ -25,7 +25,7 @@ _FILLERS = [bytes((at * step + step) % 255 for at in range(64)) for step in (83,
 
 
 class _Frame:
-    """What the header of a JPEG stream and those of its scans say."""
+    """Content of the headers of a JPEG stream and its scans."""
 
     def __init__(self, marker: int, body: bytes) -> None:
         self.height, self.width = (int.from_bytes(body[at : at + 2], "big") for at in (1, 3))

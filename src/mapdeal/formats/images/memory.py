@@ -1,4 +1,4 @@
-"""What decoding by Pillow takes of memory, asked for before it is taken."""
+"""Memory that decoding by Pillow takes, claimed before it is used."""
 
 from __future__ import annotations
 

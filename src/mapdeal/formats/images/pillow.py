@@ -1,4 +1,4 @@
-"""What the formats that are decoded by Pillow share.
+"""Common code of the formats that Pillow decodes.
 
 Pillow is imported by the functions that need it: most maps are PNM.
 """

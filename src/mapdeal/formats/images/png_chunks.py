@@ -96,7 +96,7 @@ class PngHeader:
 
 @dataclass(frozen=True)
 class PngFacts(PngHeader):
-    """What the chunks of a PNG file say, besides the header's numbers.
+    """Content of a PNG file's chunks, besides the numbers in the header.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What there is to say of a robot's parameters."""
+"""Problems in a robot's parameters."""
 
 from __future__ import annotations
 

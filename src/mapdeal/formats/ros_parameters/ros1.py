@@ -78,7 +78,7 @@ class Ros1Namespace:
 
 @dataclass(frozen=True)
 class Ros1File:
-    """What a file of ROS 1 parameters holds.
+    """Content of a ROS 1 parameter file.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def _descend(into: Ros1Namespace, path: Path1, source: Path | None, line: int) -
 
 
 class _Reader:
-    """What turns the nodes of a file into parameters, and keeps its faults."""
+    """Converter from the nodes of a file to parameters, which collects faults."""
 
     def __init__(self, source: Path) -> None:
         self.source = source

@@ -114,7 +114,7 @@ def value_of(source: Path, node: yaml.Node) -> Any:
 
 
 def _resolve_angles(node: yaml.Node, done: set[int]) -> None:
-    """Give bare ``deg(...)`` and ``rad(...)`` the tags that rosparam's resolvers give them."""
+    """Tag bare ``deg(...)`` and ``rad(...)`` as rosparam's resolvers do."""
     if id(node) in done:
         return
     done.add(id(node))

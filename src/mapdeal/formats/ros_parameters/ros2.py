@@ -47,14 +47,14 @@ class Ros2Node:
 
 @dataclass(frozen=True)
 class Ros2Parameters:
-    """What files of ROS 2 parameters hold, together.
+    """Combined content of ROS 2 parameter files.
 
     Parameters
     ----------
     nodes : tuple of Ros2Node
-        In the order of their first appearance.
+        Nodes in the order of their first appearance.
     files : tuple of (Path, str)
-        What was read, and the sha256 of its bytes.
+        Files that were read, with the SHA-256 of their bytes.
     """
 
     nodes: tuple[Ros2Node, ...]

@@ -77,7 +77,7 @@ class NodeSlots:
         return places[0]
 
     def rename(self, index: int, name: str) -> None:
-        """Give a parameter another name, whether or not there is one of that name."""
+        """Rename a parameter, whether or not the name exists already."""
         slot = self.slots[index]
         self._places[slot.name].remove(index)
         slot.name = name

@@ -48,7 +48,7 @@ class ScanNpz(ScanSource):
 
     @property
     def count(self) -> int:
-        """How many scans there are."""
+        """Number of scans."""
         return len(self._poses)
 
     def scans(self) -> Iterator[ScanArrays]:

@@ -32,7 +32,7 @@ _TAGS = (*_POSED, "RAWLASER1")
 _LONGEST_TAG = max(map(len, _TAGS)) + 1
 _GZIP = b"\x1f\x8b"
 _EXPANSION = 200
-"""How many times as long a log may be as its gzip file; 4 to 10 times is usual."""
+"""Largest ratio of a log's length to that of its gzip file; 4 to 10 is usual."""
 
 _BEFORE_TAG = b"\xef\xbb\xbf \t"
 _LARGEST_ANGLE = 100.0
@@ -116,7 +116,7 @@ class CarmenLog(ScanSource):
 
     @property
     def count(self) -> int:
-        """How many scans there are."""
+        """Number of scans."""
         return self._tags[self._tag]
 
     def scans(self) -> Iterator[ScanArrays]:
@@ -358,7 +358,7 @@ _PARSERS = {
     "ROBOTLASER1": (_parse_robotlaser, _robotlaser_at_once),
     "RAWLASER1": (_parse_rawlaser, _rawlaser_at_once),
 }
-"""What reads the words of a line, and what reads plain lines much faster."""
+"""Parsers of the words of a line, and of plain lines, which are read much faster."""
 
 
 def _check_length(words: list[bytes], count: int) -> None:

@@ -1,4 +1,4 @@
-"""What every source of scans is, and the lines of it that are wrong."""
+"""Common base of sources of scans, and their malformed lines."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ScanSource(ABC):
 
     @property
     def preparation(self) -> int:
-        """How many steps there are before the scans can be read: for a bar."""
+        """Number of steps before the scans can be read, for a progress bar."""
         return 0
 
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:  # noqa: B027
@@ -70,7 +70,7 @@ class ScanSource(ABC):
     @property
     @abstractmethod
     def count(self) -> int:
-        """How many scans there are, about: for a bar."""
+        """Approximate number of scans, for a progress bar."""
 
     @property
     def named(self) -> Path:

@@ -59,7 +59,7 @@ class ScanTexts(ScanSource):
 
     @property
     def count(self) -> int:
-        """How many scans there are."""
+        """Number of scans."""
         return len(self._poses)
 
     def scans(self) -> Iterator[ScanArrays]:
@@ -114,7 +114,7 @@ def _read_angles(path: Path) -> NDArray[np.float64]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[BinaryIO, int, str | None, int]]:
-    """Give a file at its first line of numbers, that line's number, delimiter and length."""
+    """Yield a file at its first line of numbers, with that line's number, delimiter and length."""
     try:
         with path.open("rb") as file:
             number, start, line = first_line(file)

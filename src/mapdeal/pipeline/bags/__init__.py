@@ -1,1 +1,1 @@
-"""What commands do with bags: grids, scans and clouds out of them, and where sensors were."""
+"""Commands on bags: reading grids, scans and clouds, and the poses of sensors."""

@@ -29,7 +29,7 @@ FIXED_FRAMES = ("map", "odom")
 """Frames that maps are made in, the best first."""
 
 BASE_FRAMES = ("base_link", "base_footprint")
-"""What robots are called, the usual name first."""
+"""Usual names of the robot's frame, the most common first."""
 
 _TF, _STATIC = "/tf", "/tf_static"
 _SEVERAL = 3
@@ -39,7 +39,7 @@ Pose = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """How it is known where sensors were.
+    """Sources of the sensors' poses.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class SensorFrames:
 
     @property
     def count(self) -> int:
-        """How many messages with transforms there are."""
+        """Number of messages with transforms."""
         return len(self._index)
 
     @property
@@ -187,7 +187,7 @@ class SensorFrames:
         )
 
     def _take_mount(self, sensors: list[str]) -> None:
-        """Have sensors stand where the user says, on a robot whose frame is known or not yet."""
+        """Place sensors where the user says, on a robot whose frame is known or not yet."""
         if self._options.mount is None:
             return
         if len(sensors) > 1:

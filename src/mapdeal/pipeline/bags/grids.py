@@ -19,7 +19,7 @@ from mapdeal.records import dataclass
 ReadAs = Literal["map", "costs"]
 
 _OF_COSTS = "costmap"
-"""What the names of topics hold on which Nav2 and move_base publish costs."""
+"""Word in the names of topics on which Nav2 and move_base publish costs."""
 
 
 @dataclass(frozen=True)

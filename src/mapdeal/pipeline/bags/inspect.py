@@ -1,4 +1,4 @@
-"""What a bag holds, and which commands take it."""
+"""Contents of a bag, and the commands that accept it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _COMMANDS: dict[str, tuple[str, ...]] = {
     ODOMETRY: ("build",),
     **dict.fromkeys(TF_TYPES, ("build", "local")),
 }
-"""Which commands take the messages of a type."""
+"""Commands that accept the messages of a type."""
 
 
 def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dict[str, Any]:

@@ -74,7 +74,7 @@ class BagScans(ScanSource):
 
     @property
     def count(self) -> int:
-        """How many scans there are."""
+        """Number of scans."""
         return len(self._index)
 
     @property

@@ -58,7 +58,7 @@ def map_of(answer: ScoreAnswer, document: Path) -> Path | None:
 def give_score(
     document: Path, answer: ScoreAnswer, drafts: list[Draft], grids: Grids
 ) -> None:  # fmt: skip
-    """Give the table of a score to the entries that it is about.
+    """Add the table of a score to the entries that it is about.
 
     Warns
     -----
