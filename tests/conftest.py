@@ -1,5 +1,6 @@
 """Shared fixtures."""
 
+import gc
 import os
 import signal
 import threading
@@ -15,7 +16,7 @@ from mapdeal.cli.main import main
 ROOT = Path(__file__).parents[1]
 
 # A first call imports and warms up; how long a case takes says nothing about it.
-settings.register_profile("mapdeal", deadline=None, max_examples=40)
+settings.register_profile("mapdeal", deadline=None, max_examples=30)
 settings.register_profile("quick", deadline=None, max_examples=10)
 settings.register_profile("thorough", deadline=None, max_examples=500)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "mapdeal"))
@@ -55,6 +56,12 @@ def pytest_collection_modifyitems(items):
         )
         if is_whole or item.get_closest_marker("thorough"):
             item.add_marker("slow")
+
+
+def pytest_collection_finish():
+    """Leave the tests themselves out of every search for garbage."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

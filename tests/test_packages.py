@@ -170,7 +170,7 @@ def test_kernels_are_plain_c11_where_the_compiler_is_not_gcc(header, tmp_path):
 # What builds and publishes them
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_workflows_are_as_their_schema_says():
     assert len(WORKFLOWS) >= 4
     holds_to("vendor.github-workflows", WORKFLOWS)
@@ -214,7 +214,7 @@ def test_ci_runs_the_two_commands_of_readme_on_every_python():
     assert built == [f"cp{python.replace('.', '')}" for python in pythons]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("schema", "places"),
     [
@@ -226,7 +226,7 @@ def test_issue_forms_are_as_their_schema_says(schema, places):
     holds_to(schema, [GITHUB / "ISSUE_TEMPLATE" / place for place in places])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("schema", "place"),
     [("vendor.dependabot", "dependabot.yml"), ("vendor.citation-file-format", "CITATION.cff")],

@@ -112,6 +112,7 @@ def test_a_commit_is_refused_by_the_hook_if_a_map_is_bad(repository):
     assert "resolution" in told
 
 
+@pytest.mark.thorough
 @needs_git
 def test_arguments_of_a_users_configuration_are_taken(repository):
     path = Path(".pre-commit-config.yaml")
@@ -127,6 +128,7 @@ def test_arguments_of_a_users_configuration_are_taken(repository):
     assert "maps/turned map.yaml:4: warning: yaml.origin-yaw" in done.stdout + done.stderr
 
 
+@pytest.mark.thorough
 def test_pre_commit_takes_our_manifest():
     pytest.importorskip("pre_commit")
     done = run(sys.executable, "-m", "pre_commit", "validate-manifest", str(HOOKS))
@@ -163,6 +165,7 @@ def holds_to(schema, path):
     return done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.thorough
 def test_the_action_is_as_its_schema_says(tmp_path):
     assert holds_to("vendor.github-actions", ACTION)[0]
     action = yaml.safe_load(ACTION.read_text())
@@ -171,6 +174,7 @@ def test_the_action_is_as_its_schema_says(tmp_path):
     assert not holds_to("vendor.github-actions", tmp_path / "action.yml")[0]  # it does look
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_workflows_of_the_page_are_as_their_schema_says(number, tmp_path):
     text = blocks("# .github/workflows/")[number]
@@ -236,6 +240,7 @@ def test_paths_of_the_action_are_lines_and_never_commands(maps):
     assert not Path("oops").exists()
 
 
+@pytest.mark.thorough
 @needs_bash
 def test_the_action_writes_sarif_beside_the_annotations(maps):
     done = lint_step(maps, paths="maps", strict="true", **{"sarif-file": "maps.sarif"})

@@ -143,6 +143,7 @@ def test_values_are_those_of_the_library(browser, pages):
     assert_quiet(browser, path)
 
 
+@pytest.mark.thorough
 def test_values_are_what_query_prints(chromium, pages, tmp_path, capsys):
     path = MAPS / "office.yaml"
     grid = mapdeal.read_map(path)
@@ -164,6 +165,7 @@ def test_values_are_what_query_prints(chromium, pages, tmp_path, capsys):
             assert states["cell"] == [answer["row"], answer["col"]]
 
 
+@pytest.mark.thorough
 def test_distances_without_obstacles_are_infinite_and_have_no_gradient(browser, pages):
     grid = mapdeal.OccupancyGrid(np.zeros((3, 4), np.int8), 0.25, (1.0, 2.0, 0.3))
     browser.open(pages(Report("empty", (entry_of(grid),), "1.0")))
@@ -175,6 +177,7 @@ def test_distances_without_obstacles_are_infinite_and_have_no_gradient(browser, 
     assert found["text"] == "\u221e m"
 
 
+@pytest.mark.thorough
 def test_a_page_from_which_the_finest_level_is_left_out_says_so(browser, tmp_path):
     path = tmp_path / "small.html"
     path.write_bytes(b"".join(page_of(one(), size=20_000)))
@@ -213,6 +216,7 @@ def test_pixels_have_the_colour_of_their_cell(browser, pages):
             assert browser.evaluate(PIXEL, centre) == [*expected, 255], (row, col)
 
 
+@pytest.mark.thorough
 def test_layers_of_different_frames_lie_where_they_belong(chromium, pages):
     lower = scattered((20, 30), 4, (1.0, -2.0, 0.3), 0.5)
     upper = scattered((9, 13), 5, (5.0, 2.0, -0.5), 0.2)
@@ -232,6 +236,7 @@ def test_layers_of_different_frames_lie_where_they_belong(chromium, pages):
     assert seen == {"occupancy", "cost"}
 
 
+@pytest.mark.thorough
 def test_the_rim_of_a_wall_is_red_where_a_tile_ends(chromium, pages):
     cells = np.zeros((9, 700), np.int8)
     cells[:, 505:512] = 100  # its free neighbours are in the next tile, and its field is 0 there
@@ -249,6 +254,7 @@ def test_the_rim_of_a_wall_is_red_where_a_tile_ends(chromium, pages):
     assert red > blue + 20
 
 
+@pytest.mark.thorough
 def test_an_opacity_of_a_half_mixes_two_layers(chromium, pages):
     chromium.open(pages(one()))
     browsers.settle(chromium)
@@ -329,6 +335,7 @@ def test_a_click_in_the_list_goes_there(browser, pages):
     assert (state["view"]["x"], state["view"]["y"]) == pytest.approx(middle.tolist(), abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_the_address_keeps_the_place(browser, pages):
     browser.open(pages(one()), hash_="#entry-0/1.5,9.25,40")
     browsers.settle(browser)
@@ -336,6 +343,7 @@ def test_the_address_keeps_the_place(browser, pages):
     assert (view["x"], view["y"], view["scale"]) == (1.5, 9.25, 40)
 
 
+@pytest.mark.thorough
 def test_two_layers_are_compared_by_a_slider_and_by_blinking(browser, pages):
     entry = Entry("both", LAYERS, compared=("occupancy", "cost"))
     browser.open(pages(Report("compare", (entry,), "1.0")))
@@ -482,6 +490,7 @@ def test_a_mouse_drags_zooms_at_the_pointer_pins_and_measures(chromium, pages):
     assert status.startswith(f"Measured {60 / state()['scale']:.3f} m")
 
 
+@pytest.mark.thorough
 def test_two_fingers_zoom_between_them(chromium, pages):
     chromium.open(pages(one()), width=390, height=844, phone=True)
     browsers.settle(chromium)
@@ -546,6 +555,7 @@ def test_without_a_script_all_words_are_there(chromium, pages):
         assert name in text
 
 
+@pytest.mark.thorough
 def test_a_screen_of_two_pixels_a_point_is_sharp(chromium, pages):
     chromium.open(pages(one()), width=390, height=844, phone=True)
     browsers.settle(chromium)
