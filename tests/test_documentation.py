@@ -94,7 +94,7 @@ def test_every_command_of_a_page_runs_and_prints_what_is_shown(page, project, co
                 stream = next((one for one in streams if line in one), None)
                 assert stream is not None, f"{line!r} is not printed there, but {streams}"
                 del stream[: stream.index(line) + 1]
-    pictures = _script("figures").PICTURES.get(page.name, {})
+    pictures = _script("figures").PICTURES.get(_name(page).removeprefix("docs/"), {})
     for name, file in pictures.items():
         with Image.open(file) as drawn, Image.open(ROOT / "docs" / "images" / name) as shown:
             same = np.array_equal(drawn.convert("RGB"), shown.convert("RGB"))

@@ -92,6 +92,7 @@ def test_a_goal_that_is_cut_off_ends_with_1(command, rooms, tmp_path):
         (["--from", "1,2,x"], "--from: must be three numbers X,Y,YAW, got '1,2,x'"),
         (["--from", "1,2,3,4"], "--from: must be three numbers X,Y,YAW, got '1,2,3,4'"),
         (["--to", "kitchen=1"], "--to"),
+        (["--to", "kitchen=1,2,lab=3,4"], "--to: must be [NAME=]X,Y"),  # one goal of an odd name
         (["-o", "out.txt"], "must end in .json"),
         (["--layers", "out.json"], "must end in .npz"),
         (["--robot-radius", "-1"], "radius"),

@@ -47,6 +47,20 @@ def test_a_mistyped_word_gets_what_was_meant(command, here, words, error, meant)
     assert not (here / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        ("reach m.yaml --recipe nav2", "run mapdeal reach --help for usage"),  # no --force
+        ("run m.yaml -o out --resolution 0.1", "run mapdeal run --help for usage"),
+        ("run m.yaml -o out --inflation-radius 0.3", "--set cost.inflation_radius=VALUE sets it"),
+        ("cost m.yaml -o o.npz --margin 0.3", "run mapdeal cost --help for usage"),
+    ],
+)
+def test_an_option_of_something_else_gets_no_other_option(command, here, words, hint):
+    code, _, err = command(*words.split())
+    assert (code, err.splitlines()[1]) == (2, f"hint: {hint}")
+
+
 def test_every_command_is_found_with_two_letters_swapped(command):
     for name in command_names():
         mistyped = name[:-2] + name[-1] + name[-2]

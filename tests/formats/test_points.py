@@ -141,6 +141,7 @@ def test_points_may_have_names_wherever_the_text_is_cut(sizes):
         ("kitchen=1", "must be x,y or NAME=x,y"),
         ("=1,2", "must be x,y or NAME=x,y"),
         ("kitchen,1,2", "must be x,y or NAME=x,y"),
+        ("kitchen=1,2,lab=3,4", "must be x,y or NAME=x,y"),
         ("kitchen=1,inf", "must be finite"),
         ('{"name": 5, "x": 1, "y": 2}', 'with a "name" if it has one'),
         ('{"name": " ", "x": 1, "y": 2}', 'with a "name" if it has one'),

@@ -213,6 +213,9 @@ def test_the_line_below_the_title_tells_the_figures_once_with_their_units():
     page = parsed(Report("two", entries, "1.0"))
     assert "2 maps, 1 error, 2 warnings, 1 without layers" in page.text
     assert "Status" not in page.text
+    failed = Entry("c", status="failed", warnings=("c.yaml: the image does not exist",))
+    page = parsed(Report("three", (*entries, failed), "1.0"))
+    assert "3 maps, 2 errors, 2 warnings, 1 failed, 1 without layers" in page.text
 
 
 @pytest.mark.parametrize("size", [150_000, 400_000])

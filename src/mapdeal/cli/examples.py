@@ -78,7 +78,7 @@ mapdeal convert examples/maps/office.yaml -o out/office.mcap --topic /map
 mapdeal convert examples/bags/office.mcap -o out/from_bag.yaml""",
     "lint": """\
 mapdeal lint examples/maps --strict
-mapdeal lint examples/maps --format sarif > out.sarif
+mapdeal lint examples/maps --format sarif > lint.sarif
 mapdeal lint --params-file examples/robots/nav2_params.yaml""",
     "report": """\
 mapdeal run examples/maps/office.yaml -o out

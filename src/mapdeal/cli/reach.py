@@ -11,7 +11,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
-from mapdeal.errors import MalformedInputError
+from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.points import read_named_points
 from mapdeal.formats.source import chunks_of
 from mapdeal.grid.footprint import Footprint
@@ -153,6 +153,10 @@ def reach(
 def _goal_of(text: str) -> Goal:
     name, equals, place = text.rpartition("=")
     x, y = opt.pair(place, "--to")
+    if "," in name:  # several goals that are joined by commas would be one with an odd name
+        rule = "must be [NAME=]X,Y, and a name has no comma"
+        hint = "several goals are separated by blanks: --to kitchen=3,-4 lab=9,4"
+        raise ParameterError(rule, source="--to", got=text, hint=hint)
     return Goal(x, y, name if equals else None)
 
 

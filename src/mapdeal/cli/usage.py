@@ -10,7 +10,7 @@ from typing import Any
 import typer
 
 from mapdeal.errors import ParameterError
-from mapdeal.spelling import as_known, meant
+from mapdeal.spelling import as_known, meant, nearest
 
 _NUMBER = re.compile(r"-?\d+(\.\d*)?\)?")
 _NO_OPTION = re.compile(r"no such option:? '?(?P<name>-[^ ']*)'?")
@@ -110,7 +110,22 @@ def _meant_by(
     if mistyped is not None:
         parameters = getattr(getattr(context, "command", None), "params", ())
         names = [name for one in parameters for name in (*one.opts, *one.secondary_opts)]
-        return meant(mistyped["name"], (name for name in names if name.startswith("--")))
+        words = (name[2:] for name in names if name.startswith("--"))
+        near = nearest(mistyped["name"].lstrip("-"), words)
+        if near is not None:
+            return f"did you mean --{near}?"
+        return _parameter_of_a_stage(mistyped["name"], getattr(context, "command_path", ""))
     choices = getattr(getattr(getattr(error, "param", None), "type", None), "choices", None)
     found = re.search(r": '(?P<word>[^']*)' is not one of ", error.format_message())
     return meant(found["word"], map(str, choices)) if choices and found else None
+
+
+def _parameter_of_a_stage(option: str, path: str) -> str | None:
+    """Return how `run` sets a parameter of a stage that was given as an option of its own."""
+    if not path.endswith(" run"):
+        return None
+    from mapdeal.stages.catalogue import STAGES
+
+    name = option.lstrip("-").replace("-", "_")
+    stage = next((stage.name for stage in STAGES if name in stage.parameters), None)
+    return None if stage is None else f"--set {stage}.{name}=VALUE sets it"

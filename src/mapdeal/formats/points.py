@@ -418,7 +418,7 @@ def _named_point_of(text: str) -> tuple[str | None, Point]:
             raise ValueError
         return name, _point_of_json(value)
     name, equals, place = text.rpartition("=")
-    if equals and not name.strip():
+    if equals and (not name.strip() or "," in name):
         raise ValueError
     x, y = _numbers_of(place)
     return name.strip() or None, (x, y)

@@ -191,7 +191,10 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
             raise ParameterError(f"would write into the place of {SUMMARY}", source=one.path)
         if place in jobs:
             rule = f"would write into {output / place}, as {jobs[place].path} does"
-            raise ParameterError(rule, source=one.path)
+            hint = (
+                "maps of a folder, a quoted pattern or @LIST.txt keep their path below the output"
+            )
+            raise ParameterError(rule, source=one.path, hint=hint)
         jobs[place] = Job(one.path, output / place, one.name, place.as_posix())
     for place, job in jobs.items():
         # the folder of one run may lie in that of another, but not in the place of its files

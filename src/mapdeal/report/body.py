@@ -18,6 +18,7 @@ _KINDS = {
     "shape": "Shapes",
 }
 
+_FAILED = "failed"
 _TOLD_BY_SIZE = ("cells", "m per cell")
 
 
@@ -37,8 +38,10 @@ def subtitle_of(report: Report) -> str:
             _counted(sum(count[k] for count in counts), name)
             for k, name in enumerate(("error", "warning"))
         ]
-        failed = sum(not entry.layers for entry in report.entries)
-        told += [f"{failed} without layers"] if failed else []
+        failed = sum(entry.status == _FAILED for entry in report.entries)
+        bare = sum(not entry.layers for entry in report.entries if entry.status != _FAILED)
+        told += [f"{failed} failed"] if failed else []
+        told += [f"{bare} without layers"] if bare else []
         return ", ".join([f"{len(report.entries)} maps", *told])
     entry = report.entries[0]
     figures = [_figure(k, v) for k, v in entry.figures.items() if k not in _TOLD_BY_SIZE]
@@ -83,7 +86,10 @@ def _text(value: str | float) -> str:
 def _counts(entry: Entry) -> tuple[int, int]:
     """Return how many errors and how many warnings an entry has."""
     errors = sum(item.tone == "error" for item in entry.items)
-    return errors, len(entry.warnings) + sum(item.tone == "warning" for item in entry.items)
+    warnings = sum(item.tone == "warning" for item in entry.items)
+    if entry.status == _FAILED:  # what is listed as a warning is why
+        return errors + max(1, len(entry.warnings)), warnings
+    return errors, warnings + len(entry.warnings)
 
 
 def _maps(entries: tuple[Entry, ...]) -> Markup:
