@@ -20,6 +20,7 @@ WALKS = {
     "formats/map_listing.py:_below_folder": "each real folder once, however many links lead to it",
     "formats/map_listing.py:look_into": "lists one folder",
     "formats/map_server.py:_nearest_name": "lists one folder",
+    "formats/nearby.py:file_meant": "lists one folder",
     "formats/commit.py:_inside": "lists one folder",
     "formats/bags/folder.py:_guessed": "lists one folder",
     "formats/bags/names.py:bag_paths": "lists one folder",

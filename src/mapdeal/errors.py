@@ -198,6 +198,8 @@ class FileAccessError(MapdealError):
     """A file that cannot be read or written, or an output that exists already."""
 
     exit_code = 4
+    is_missing = False
+    """Whether there is no such file."""
 
 
 class BatchError(MapdealError):

@@ -1,5 +1,7 @@
 """What the command line says of words that it does not know."""
 
+import shutil
+
 import pytest
 
 from drawn import grid_from_text
@@ -59,6 +61,30 @@ def test_a_mistyped_word_gets_what_was_meant(command, here, words, error, meant)
 def test_an_option_of_something_else_gets_no_other_option(command, here, words, hint):
     code, _, err = command(*words.split())
     assert (code, err.splitlines()[1]) == (2, f"hint: {hint}")
+
+
+@pytest.mark.parametrize(
+    ("words", "near"),
+    [
+        ("info mm.yaml", "m.yaml"),
+        ("run m -o out", "m.yaml"),
+        ("run M.yaml -o out", "m.yaml"),
+        ("esdf sub/mapp.yaml -o out.npz", "sub/map.yaml"),
+        ("run m.yaml -o out --recipe recpe.yaml", "recipe.yaml"),
+        ("run other.yaml -o out", None),
+        ("run nowhere/m.yaml -o out", None),
+    ],
+)
+def test_a_mistyped_file_gets_the_one_that_was_meant(command, here, words, near):
+    (here / "sub").mkdir()
+    for name in ("sub/map.yaml", "recipe.yaml"):
+        shutil.copy(here / "m.yaml", here / name)
+    code, out, err = command(*words.split())
+    error, *hints = err.splitlines()
+    assert (code, out) == (4, "")
+    assert error.endswith("cannot be read: No such file or directory")
+    assert hints == ([f"hint: did you mean {near}?"] if near else [])
+    assert not (here / "out").exists()
 
 
 def test_every_command_is_found_with_two_letters_swapped(command):

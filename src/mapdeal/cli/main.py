@@ -234,6 +234,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         terminal.finish()
     except MapdealError as error:
         problem = _worse_than(error)
+        if isinstance(problem, FileAccessError) and problem.is_missing and problem.hint is None:
+            from mapdeal.formats.nearby import file_meant
+
+            problem.hint = file_meant(str(problem.source))
         terminal.error(problem)
         return problem.exit_code
     except _ClickError as error:

@@ -50,7 +50,9 @@ def access_to(path: Path, action: str = "read") -> Iterator[None]:
         yield
     except OSError as error:
         rule = f"cannot be {action}: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
+        problem = FileAccessError(rule, source=path)
+        problem.is_missing = isinstance(error, FileNotFoundError)
+        raise problem from None
 
 
 def _can_be_name(path: Path) -> bool:
