@@ -27,44 +27,44 @@ def align(
     Parameters
     ----------
     first, second : path, str or grid
-        A and B: ``.yaml``, ``.pbm`` or ``.npz`` files as of `read_map`, or grids. Size,
-        resolution, origin and yaw may differ, and what they show of the place.
+        Maps A and B: ``.yaml``, ``.pbm`` or ``.npz`` files, as for `read_map`, or grids. They may
+        differ in size, resolution, origin, yaw and the part of the place that they cover.
     prior : Transform or sequence of float, optional
-        About what the transform is, or its x, y (metres) and yaw (radians): places within 30
-        degrees and 5 m (of large maps a tenth of the diagonal) of it are looked at.
+        Approximate transform, or its x, y (metres) and yaw (radians). The search covers 30
+        degrees and 5 m (for large maps a tenth of the diagonal) around it.
     rotations : sequence of float, optional
-        The only turns to look at, radians; 3 degrees either way are left for what the maps are
-        off.
+        Rotations to search, radians; each with a tolerance of 3 degrees. By default all are
+        searched.
     dialect, max_cells, max_memory
-        As of `read_map`, for files.
+        As for `read_map`; they apply to files.
 
     Returns
     -------
     Alignment
-        The best place, sure or not: `Alignment.same_place` says which.
+        Best alignment found, whether or not it is certain; see `Alignment.same_place`.
 
     Raises
     ------
     FileAccessError, MalformedInputError
         If a file cannot be read.
     ParameterError
-        If a number is not finite, or there are no rotations in the list.
+        If a number is not finite, or `rotations` is empty.
 
     Notes
     -----
-    Candidates are the peaks of correlations (by FFT) over all shifts: at the turns where the
-    walls run in the same directions, and, on coarser cells, all around. Each is moved to where
-    walls lie nearest to walls. All are then judged by the faces of walls: one agrees if it lies
-    on a wall of the other map with free space on the same side, and contradicts if it lies in
-    the other map's free space. The score says how much more agrees than at wrong places: it is
-    the divergence (Kullback and Leibler) of the two shares, for each 2 m of wall, in small maps
-    for less. A place is sure if its score is at least 3, the maps overlap by a tenth, and no
-    place elsewhere has 0.75 of its score, or 0.35 where walls agree as well as there.
+    Candidates are the peaks of correlations (by FFT) over all shifts: at the rotations that make
+    the walls parallel and, on coarser cells, at rotations all around. Each candidate is refined by
+    minimising the distances between walls. All are then judged by their wall faces: a face agrees
+    if it lies on a wall of the other map with free space on the same side, and contradicts if it
+    lies in the other map's free space. The score measures how much more agrees than at wrong
+    alignments: it is the Kullback-Leibler divergence of the two shares for each 2 m of wall (less
+    in small maps). An alignment is certain if its score is at least 3, the maps overlap by a
+    tenth, and no other alignment reaches 0.75 of its score, or 0.35 where walls agree as well.
 
     References
     ----------
     S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
-    2008, for turns by the directions of walls.
+    2008, for rotations from wall directions.
 
     Examples
     --------

@@ -26,31 +26,32 @@ def read_map_from_bag(
     read_as: Literal["map", "costs"] | None = None,
     max_memory: int | None = None,
 ) -> OccupancyGrid | Costmap:
-    """Read a map or costmap of a bag, as ``mapdeal convert BAG`` does.
+    """Read a map or costmap from a bag, like ``mapdeal convert BAG``.
 
     Parameters
     ----------
     path : path or str
         A ROS 1 ``.bag``, a folder with a ROS 2 bag, or a ``.db3`` or ``.mcap`` file.
     topic : str, optional
-        Of nav_msgs/OccupancyGrid or nav2_msgs/Costmap; not needed where only one fits.
+        Topic of type nav_msgs/OccupancyGrid or nav2_msgs/Costmap. It can be omitted if the bag
+        has only one.
     index : int
-        Which message, in the order of their recording: from 0 on, or from the last back.
+        Index of the message in recording order; negative values count from the last.
     read_as : {'map', 'costs'}, optional
-        What the values of an OccupancyGrid are; by default costs if the topic's name holds
-        ``costmap``, else a map.
+        Meaning of the values of an OccupancyGrid. By default they are costs if the topic name
+        contains ``costmap``, otherwise a map.
     max_memory : int, optional
-        Bytes of memory that may be used; half of what is free if not given.
+        Memory limit, bytes; by default half of the free memory.
 
     Returns
     -------
     OccupancyGrid or Costmap
-        Costs on the scale of the message.
+        The map, or the costs on the scale of the message.
 
     Raises
     ------
     ParameterError
-        If the extra ``bags`` is not installed, or there are not so many messages.
+        If the extra ``bags`` is not installed, or `index` is out of range.
     FileAccessError, MalformedInputError
         If the bag cannot be read, or has no such topic.
 
@@ -87,49 +88,49 @@ def build_map_from_bag(
     threads: int | None = None,
     **parameters: Any,
 ) -> BuiltMap:
-    """Make a map of the laser scans in a bag, as ``mapdeal build BAG`` does.
+    """Build a map from the laser scans in a bag, like ``mapdeal build BAG``.
 
     Parameters
     ----------
     path : path or str
         A ROS 1 ``.bag``, a folder with a ROS 2 bag, or a ``.db3`` or ``.mcap`` file.
     topics : sequence of str
-        Of sensor_msgs/LaserScan; not needed where there is only one.
+        Topics of type sensor_msgs/LaserScan. They can be omitted if the bag has only one.
     method, resolution, size, origin, range_min, range_max, clear_max, **parameters
-        As of `build_map`.
+        As for `build_map`.
     fixed_frame : str, optional
-        The frame of the map; map if transforms lead there, else odom.
+        Frame of the map. By default ``map`` if the transforms include it, otherwise ``odom``.
     base_frame : str, optional
-        The frame of the robot; base_link, or else base_footprint.
+        Frame of the robot. By default ``base_link``, or else ``base_footprint``.
     odometry : str, optional
-        The topic of odometry to take where no transforms lead to the robot.
+        Odometry topic to use if no transforms lead to the robot.
     poses : path or str, optional
-        The robot's poses in the place of transforms: ``t x y z qx qy qz qw`` a line.
+        File of robot poses that replaces the transforms: ``t x y z qx qy qz qw`` on each line.
     mount : tuple of float, optional
-        x, y (metres) and yaw (radians) of the sensor on the robot, where no transform gives it.
+        x, y (metres) and yaw (radians) of the sensor on the robot, if no transform defines it.
     deskew : bool
-        Whether each beam has the pose of its own time.
+        Whether to use the pose at the time of each beam rather than of each scan.
     max_memory : int, optional
-        Bytes of memory that may be used; half of what is free if not given.
+        Memory limit, bytes; by default half of the free memory.
     threads : int, optional
-        Threads to compute with; all processors if not given.
+        Number of threads; by default one per core.
 
     Returns
     -------
     BuiltMap
-        The map, the evidence, and the counts of the beams.
+        The map, its evidence and the beam counts.
 
     Raises
     ------
     ParameterError
-        If the extra ``bags`` is not installed, or a parameter is not allowed.
+        If the extra ``bags`` is not installed, or a parameter is invalid.
     FileAccessError, MalformedInputError
-        If the bag cannot be read, has no scans, or no transforms lead to their sensor.
+        If the bag cannot be read or has no scans, or no transforms lead to the sensor.
 
     Warns
     -----
     MapdealWarning
-        Of scans that were left out, of what had to be chosen, and as `build_map_from_log`.
+        If scans were skipped or a choice had to be made, and as for `build_map_from_log`.
     """
     from mapdeal.pipeline.bags.frames import FrameOptions
     from mapdeal.pipeline.bags.scans import scans_of_bag

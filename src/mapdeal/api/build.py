@@ -31,39 +31,39 @@ def build_map_from_log(
     threads: int | None = None,
     **parameters: Any,
 ) -> BuiltMap:
-    """Make a map of the laser scans in a log, as ``mapdeal build LOG`` does.
+    """Build a map from the laser scans in a log, like ``mapdeal build LOG``.
 
     Parameters
     ----------
     path : path or str
-        A CARMEN log, also ``.gz``, or an ``.npz`` of ``poses``, ``angles`` and ``ranges``. It is
-        read some scans at a time, and twice if the grid is to size itself.
+        A CARMEN log, optionally ``.gz``, or an ``.npz`` with ``poses``, ``angles`` and
+        ``ranges``. It is read in batches of scans, and twice if `size` is not given.
     method, resolution, size, origin, range_min, range_max, clear_max, **parameters
-        As of `build_map`.
+        As for `build_map`.
     max_bad : int
-        Lines of a log that may be wrong.
+        Maximum number of malformed lines in a log.
     max_memory : int, optional
-        Bytes of memory that may be used; half of what is free if not given.
+        Memory limit, bytes; by default half of the free memory.
     threads : int, optional
-        Threads to compute with; all processors if not given.
+        Number of threads; by default one per core.
 
     Returns
     -------
     BuiltMap
-        The map, the evidence, and the counts of the beams.
+        The map, its evidence and the beam counts.
 
     Raises
     ------
     FileAccessError, MalformedInputError
-        If the log cannot be read, has no scans, or makes no map.
+        If the log cannot be read, has no scans, or no map can be built from it.
     ParameterError
-        If a parameter is not allowed.
+        If a parameter is invalid.
 
     Warns
     -----
     MapdealWarning
-        If the map is unknown everywhere, or lacks groups of cells that were hit often, and of
-        what reading the log had to choose.
+        If the map is unknown everywhere or lacks groups of cells that were hit often, or a
+        choice had to be made while reading the log.
     """
     settings = Settings(max_memory=max_memory, threads=threads)
     limits = BeamLimits(range_min, range_max, clear_max)

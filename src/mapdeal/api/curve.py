@@ -30,32 +30,32 @@ def cost_curve(
     robot: RobotParameters | None = None,
     **parameters: Any,
 ) -> CostCurve:
-    """Return the costs over the distance from the nearest obstacle, as a cost model has them.
+    """Return the costs of a cost model by distance from the nearest obstacle.
 
     Parameters
     ----------
     cells : OccupancyGrid, DistanceField, FieldView or float
-        The map that the costs are for, or just the side of its cells, metres.
-    model : str, optional
-        The model of costs: ``exponential``, ``layers``, ``threshold`` or ``rings``; if not given
-        the robot's, without one ``exponential``.
+        Map that the costs are for, or only the side of its cells, metres.
+    model : {'exponential', 'layers', 'threshold', 'rings'}, optional
+        Cost model. By default that of `robot`, or ``exponential`` without a robot.
     footprint : Footprint, optional
-        The robot's shape, in the place of ``inscribed_radius``; model ``exponential`` alone.
+        Robot shape, instead of ``inscribed_radius``; only for model ``exponential``.
     robot : RobotParameters, optional
-        A robot's own parameters, from `read_robot_parameters`; what is given besides wins.
+        Robot's own parameters, from `read_robot_parameters`. Other arguments override them.
     **parameters
-        Those of the model: of `exponential_cost`, `layered_cost`, `threshold_cost` or `ring_cost`.
+        Parameters of the model: those of `exponential_cost`, `layered_cost`, `threshold_cost` or
+        `ring_cost`.
 
     Returns
     -------
     CostCurve
-        Each distance between cells, with the cost that the model gives to a free cell there.
+        Each distance that occurs between cells, with the cost of a free cell there.
 
     Raises
     ------
     ParameterError
-        If a parameter is not known, not allowed or missing, or view ``per-map`` is given without a
-        map, on whose extremes it depends, or layers without a static layer.
+        If a parameter is unknown, invalid or missing; if view ``per-map``, which depends on the
+        extremes of a map, is given without a map; or if layers lack a static layer.
 
     Examples
     --------

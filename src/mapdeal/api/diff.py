@@ -25,43 +25,45 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiffReport(Drawn):
-    """What differs between two maps, A and B.
+    """Differences between two maps, A and B.
 
     Parameters
     ----------
     is_equal : bool
-        Whether they are the same, within the tolerance.
+        Whether the maps are the same, within the tolerance.
     passes : bool
-        Whether all bounds hold; without any, `is_equal`.
+        Whether all bounds hold; the same as `is_equal` if there are no bounds.
     bounds : tuple of Bound
-        Each bound that was given, what was found, and whether it holds.
+        Result for each bound that was given.
     geometry : dict
-        Those of width, height, resolution and origin that differ: both values.
+        Pairs of values for each of width, height, resolution and origin that differs.
     metadata : dict
-        The same of mode, negate, thresholds and cost_scale in the YAML files; empty of grids.
+        Pairs of values for each of mode, negate, thresholds and cost_scale that differs between
+        the YAML files; empty for grids.
     common_cells : int
-        Cells that both maps have.
+        Number of cells that both maps cover.
     differing : int
-        Common cells with different values.
+        Number of common cells with different values.
     beyond_tolerance : int
-        Those of them that the tolerance does not explain.
+        Number of differing cells that the tolerance does not explain.
     confusion : dict of dict of int
-        How many common cells are each of occupied, free, unknown and between (1..99) in A, and
-        of those, how many in B: ``confusion["free"]["occupied"]`` are new obstacles.
+        Number of common cells by state in A, then by state in B; the states are occupied, free,
+        unknown and between (1..99). ``confusion["free"]["occupied"]`` counts new obstacles.
     first_to_second, second_to_first : WallShift or None
-        How far the obstacles of A in the common area are from the nearest of B, and those of B
-        from A, metres; None if one of the two has none.
+        Distances, metres, from the obstacles of A in the common area to the nearest obstacle of
+        B, and from those of B to A; None if either map has no obstacles to compare.
     symmetry : str, optional
-        How B is to be turned or mirrored to be much more like A; None if it is best as it is.
+        Rotation or reflection of B that makes it much more similar to A; None if there is none.
     tolerance : float
-        Cells of A, as it was given.
+        Tolerance that was given, cells of A.
     frame : Frame
-        Cells of A's lattice around both maps.
+        Geometry of the part of A's lattice that covers both maps.
     changes : numpy.ndarray of uint8, shape of `frame`
-        What each cell of it is: 0 outside of one map, 1 unknown and 2 free in both, 3 free or
-        unknown in one of them, 4 a wall in both, 5 a wall that is gone, 6 a new one.
+        State of each cell: 0 outside one of the maps, 1 unknown in both, 2 free or 1..99 in both,
+        3 different but occupied in neither, 4 occupied in both, 5 occupied only in A, 6 occupied
+        only in B.
     title : str
-        What stands above its picture.
+        Title of its picture.
     """
 
     is_equal: bool
@@ -83,9 +85,10 @@ class DiffReport(Drawn):
     _document: dict[str, Any] = field(default_factory=dict)
 
     def document(self) -> dict[str, Any]:
-        """Return the report as JSON can hold it, as ``mapdeal diff --json`` prints it.
+        """Return the report as the JSON-serialisable dict that ``mapdeal diff --json`` prints.
 
-        Its `first` and `second`, the files and their checksums, are None unless both are files.
+        The entries ``first`` and ``second``, paths with checksums, are None unless both maps were
+        given as files.
         """
         return dict(self._document)
 
@@ -116,42 +119,43 @@ def diff(
     max_cells: int | None = None,
     max_memory: int | None = None,
 ) -> DiffReport:
-    """Compare two maps, whatever their size, origin, yaw and resolution.
+    """Compare two maps, which may differ in size, origin, yaw and resolution.
 
     Parameters
     ----------
     first, second : path, str or grid
-        A and B: ``.yaml``, ``.pbm`` or ``.npz`` files as of `read_map`, or grids. Of fields and
-        costs the map that ROS would have is compared.
+        Maps A and B: ``.yaml``, ``.pbm`` or ``.npz`` files, as for `read_map`, or grids. Fields
+        and costs are compared as the maps that ROS would publish.
     tolerance : float
-        Cells of A. A cell that is something else in the other map does not count if that map
-        has a cell of its state so near, and the other way round.
+        Distance within which differences are ignored, cells of A. A cell whose states differ is
+        ignored if each map has a cell with the other map's state within this distance.
     max_shift : float, optional
-        Metres: `DiffReport.passes` if no obstacle of either map is farther than this from those
-        of the other in the common area.
+        Maximum distance from an obstacle of either map in the common area to the nearest obstacle
+        of the other map, metres. It decides `DiffReport.passes`.
     max_differing : float, optional
-        Percent of the common cells that may differ, beyond the tolerance, for it to pass.
+        Maximum share of the common cells that differ beyond the tolerance, percent. It decides
+        `DiffReport.passes`.
     dialect, max_cells, max_memory
-        As of `read_map`, for files.
+        As for `read_map`; they apply to files.
 
     Returns
     -------
     DiffReport
-        Cells are those of A's lattice; of B the value at their centre is taken. Notebooks show
-        its picture, and `draw_picture` draws it.
+        Differences on A's lattice; B is sampled at the centres of the cells. Notebooks show the
+        report as a picture; `draw_picture` draws it.
 
     Raises
     ------
     FileAccessError, MalformedInputError
         If a file cannot be read.
     ParameterError
-        If the tolerance is not 0..1000, a bound is not allowed, or the maps lie so far apart that
-        no grid holds both.
+        If the tolerance is not in 0..1000, a bound is invalid, or the maps are too far apart for
+        one grid to cover both.
 
     Warns
     -----
     MapdealWarning
-        Of what reading a file had to choose, and if costs are compared.
+        If a choice had to be made while reading a file, or costs are compared.
 
     Examples
     --------

@@ -18,25 +18,25 @@ def info(
     max_cells: int | None = None,
     max_memory: int | None = None,
 ) -> dict[str, Any]:
-    """Return what there is to know of a map, a field, costs, or the folder of a run.
+    """Describe a map, distance field, costmap or run folder.
 
     Parameters
     ----------
     path : path or str
-        A ``.yaml``, ``.pbm`` or ``.npz``, or a folder with a manifest.
+        A ``.yaml``, ``.pbm`` or ``.npz`` file, or a folder with a manifest.
     dialect, max_cells, max_memory
-        As of `read_map`.
+        As for `read_map`.
 
     Returns
     -------
     dict of str to object
-        As ``mapdeal info --json`` prints it: size, origin, counts of cells, checksum, and of
-        files of a run the stages that made them.
+        The description that ``mapdeal info --json`` prints: size, origin, cell counts, checksum
+        and, for the outputs of a run, the stages that made them.
 
     Raises
     ------
     FileAccessError, MalformedInputError
-        If it cannot be read.
+        If the file or folder cannot be read.
     """
     settings = Settings(dialect=dialect, max_cells=max_cells, max_memory=max_memory)
     with settings.memory():

@@ -30,50 +30,51 @@ def lint(
     max_cells: int | None = None,
     max_memory: int | None = None,
 ) -> LintReport:
-    """Report what is wrong with maps and robots' parameters, by named checks, as the command does.
+    """Check maps and robot parameter files for problems, like ``mapdeal lint``.
 
     Parameters
     ----------
     paths : path or str, or several
-        Files: map_server ``.yaml``, ``.pbm`` with its YAML beside it, ``.npz``; folders of maps
-        or of runs; patterns such as ``maps/**/*.yaml``; ``@LIST.txt``.
+        Files: map_server ``.yaml``, ``.pbm`` with its YAML next to it, ``.npz``; folders of maps
+        or runs; patterns such as ``maps/**/*.yaml``; ``@LIST.txt``.
     params_file : path or str, or several
-        A robot's own parameter files, in the order in which ROS loads them: a Nav2 file, or
-        ROS 1's costmap files.
+        Robot parameter files, in the order in which ROS loads them: a Nav2 file, or ROS 1
+        costmap files.
     costmap : {'global', 'local'}, optional
-        Which of its costmaps to look at; both, as far as the files have them, if not given.
+        Costmap to check. By default both, as far as the files define them.
     namespace : str, optional
-        Which robot, if the files hold several.
+        Namespace of the robot, if the files describe several.
     footprint : Footprint, optional
-        The shape of a robot that is to get through the maps, by its inscribed radius: areas that
-        only passages too narrow for it join are a finding. That of the parameter files, if any, if
-        not given.
+        Shape of a robot that should be able to pass through the maps. Areas connected only by
+        passages too narrow for its inscribed radius are reported. By default the shape in the
+        parameter files, if any.
     select, ignore : str or several
-        Names of checks, or of their areas such as ``image``: those that count, all if not given,
-        and those that do not.
+        Names of checks, or of their areas such as ``image``, to run (by default all) and to skip.
     strict : bool
-        Whether warnings, too, make `LintReport.passes` false.
+        Whether warnings also make `LintReport.passes` false.
     config : path, str or bool
-        The file of configuration of all maps; True for the nearest ``mapdeal.toml`` or
-        ``pyproject.toml`` of each, False for none.
+        Configuration file for all maps; True for the nearest ``mapdeal.toml`` or
+        ``pyproject.toml`` of each map, False for none.
     max_cells : int, optional
-        Cells up to which a file is read; by default 2e8 for compressed images, 1e9 for others.
+        Maximum size of a file to read, cells; by default 2e8 for compressed images, 1e9 for
+        others.
     max_memory : int, optional
-        Bytes of memory that may be used; by default half of what is free.
+        Memory limit, bytes; by default half of the free memory.
 
     Returns
     -------
     LintReport
-        A sequence of `Finding`; ``print`` shows each as the command does. A file that cannot be
-        read is a finding, and no error.
+        Sequence of `Finding`; ``print`` shows each one as the command does. A file that cannot be
+        read is a finding, not an error.
 
     Raises
     ------
     ParameterError
-        If there are neither maps nor parameter files, a check is not known, a pattern matches no
-        map, the shape is none or without a map, or a configuration says what cannot be.
+        If there are neither maps nor parameter files, a check is unknown, a pattern matches no
+        map, `footprint` is not a footprint or is given without maps, or a configuration is
+        invalid.
     FileAccessError, MalformedInputError
-        If a list or a file of configuration cannot be read.
+        If a list or configuration file cannot be read.
 
     Examples
     --------

@@ -17,23 +17,23 @@ Map = str | PathLike[str] | Grid
 
 
 def occupancy_of(map_: Map, settings: Settings, *, place: str, name: str) -> OccupancyGrid:
-    """Return a map, read if it is a file; of fields and costs the map that ROS would have.
+    """Return a map given as a file or a grid; fields and costs as the map that ROS would publish.
 
     Parameters
     ----------
     map_ : path, str or grid
         The map.
     settings : Settings
-        How files are read.
+        Settings for reading files.
     place : str
-        The function that was called.
+        Function that was called, for errors.
     name : str
-        What warnings call a map that is not a file.
+        Name of a map that is not a file, for warnings.
 
     Raises
     ------
     ParameterError
-        If it is neither.
+        If it is neither a path nor a grid.
     """
     if isinstance(map_, str | PathLike):
         map_ = read_map(

@@ -61,14 +61,14 @@ _MOST_CELLS_OF_POTENTIAL = 4_000_000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Picture(OneLine):
-    r"""A picture, which notebooks show, and which can be written or taken as an array.
+    r"""A picture that notebooks display, and that can be written or converted to an array.
 
     Parameters
     ----------
     indices : numpy.ndarray of uint8, shape (H, W)
-        The palette entry of each pixel, row 0 at the top: the north of a map.
+        Palette index of each pixel. Row 0 is the top, the north of a map.
     palette : numpy.ndarray of uint8, shape (256, 3)
-        Red, green, blue of each entry.
+        Red, green and blue of each palette entry.
 
     Examples
     --------
@@ -85,17 +85,17 @@ class Picture(OneLine):
     palette: NDArray[np.uint8]
 
     def png(self) -> bytes:
-        """Return the picture as a PNG, the bytes that a command writes."""
+        """Return the picture as PNG bytes, as a command writes them."""
         file = io.BytesIO()
         write_indexed_png(file, self.indices, self.palette)
         return file.getvalue()
 
     def rgb(self) -> NDArray[np.uint8]:
-        """Return red, green, blue of each pixel, shape (H, W, 3)."""
+        """Return red, green and blue of each pixel, shape (H, W, 3)."""
         return self.palette[self.indices]
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
-        """Return `rgb`, so that matplotlib takes the picture as it is."""
+        """Return `rgb`, so that matplotlib accepts the picture directly."""
         return self.rgb().astype(dtype or np.uint8, copy=bool(copy))
 
     def _repr_png_(self) -> bytes:
@@ -116,39 +116,38 @@ def draw_picture(
     image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = DEFAULT_EXTENT,
 ) -> Picture:
-    """Draw a grid, what differs between two, or a cost curve, as the commands do.
+    """Draw a grid, a result or a cost curve, as the commands do.
 
     Parameters
     ----------
-    shown : grid, BitMap, LocalMap, BuiltMap, DiffReport, Merged or CostCurve
-    shown : grid, BitMap, LocalMap, BuiltMap, DiffReport, Score or CostCurve
-        What to draw. Of a local map also the robot; of a map of scans the map alone.
+    shown : grid, BitMap, LocalMap, BuiltMap, DiffReport, Merged, Score or CostCurve
+        Object to draw. A local map includes the robot; a map built from scans is drawn without
+        its evidence.
     title : str, optional
-        The first line above the map; what it is, if not given. The commands write the name of
-        the map and what was done: ``office: signed distance field``.
+        Title above the map; by default the kind of object. The commands write the name of the
+        map and what was done: ``office: signed distance field``.
     route : Route, optional
-        A route, drawn over it.
+        Route to draw over the map.
     pose : sequence of float, optional
-        x, y (metres) and yaw (radians) of a robot, drawn over it.
+        Robot pose to draw over the map: x, y (metres) and yaw (radians).
     robot : Footprint, optional
-        A robot's shape, drawn in a corner, true to scale: the commands do it where a picture is
-        about a robot.
+        Robot shape to draw to scale in a corner, as the commands do where it matters.
     image_max : int
-        Longest side of the map in pixels; larger maps are reduced by a whole factor, so that
-        obstacles stay. 0 for one pixel per cell. Curves have a size of their own.
+        Longest side of the map, pixels; 0 for one pixel per cell. Larger maps are reduced by a
+        whole factor that preserves obstacles. Cost curves have a fixed size.
     image_extent : {'known', 'all'}
-        Whether the known cells and a margin are drawn, or all of the map.
+        Area to draw: the known cells with a margin, or the whole map.
 
     Returns
     -------
     Picture
-        With a legend, a scale, and the map's coordinates along its edges.
+        Picture with a legend, a scale bar and the map coordinates along its edges.
 
     Raises
     ------
     ParameterError
-        If there is no picture of it, a number is not allowed, or something is to be drawn over
-        a comparison or a curve.
+        If the object cannot be drawn, a number is invalid, or a route, pose or robot is given
+        with a comparison, merged maps, a score or a cost curve.
 
     Examples
     --------
@@ -213,26 +212,25 @@ def write_picture(
     image_extent: ImageExtent = DEFAULT_EXTENT,
     force: bool = False,
 ) -> None:
-    """Write a picture of a grid, of what differs between two, or of a cost curve, as a PNG.
+    """Write a picture of a grid, a result or a cost curve as a PNG.
 
     Parameters
     ----------
     path : path or str
-        Where it goes: a ``.png``. Folders that are missing are made.
-    shown : Picture, grid, BitMap, LocalMap, BuiltMap, DiffReport, Merged or CostCurve
-    shown : Picture, grid, BitMap, LocalMap, BuiltMap, DiffReport, Score or CostCurve
-        The picture, or what to draw.
+        Output path, ``.png``. Missing folders are created.
+    shown : Picture, grid, BitMap, LocalMap, BuiltMap, DiffReport, Merged, Score or CostCurve
+        Picture to write, or object to draw.
     title, route, pose, robot, image_max, image_extent
-        As of `draw_picture`; not for a `Picture`.
+        As for `draw_picture`; not for a `Picture`.
     force : bool
-        Whether a file that exists is replaced.
+        Whether to replace an existing file.
 
     Raises
     ------
     ParameterError
-        As of `draw_picture`, and if the path does not end in ``.png``.
+        As for `draw_picture`, and if the path does not end in ``.png``.
     FileAccessError
-        If the file exists, or cannot be written.
+        If the file exists and `force` is false, or it cannot be written.
     """
     output = Path(path)
     if output.suffix != PICTURE:
@@ -258,7 +256,7 @@ def write_picture(
 
 
 def png_of(shown: object) -> bytes | None:
-    """Return what notebooks show of something, None of what would take them long."""
+    """Return the PNG that notebooks display, None if drawing it would take long."""
     if isinstance(shown, Score) and not shown.is_drawn:
         return None
     if isinstance(shown, (DiffReport, Score, CostCurve)):

@@ -25,40 +25,41 @@ def load_recipe(
     footprint: Footprint | None = None,
     sim: bool = False,
 ) -> Recipe:
-    """Load a recipe, adapt it, and check all its parameters.
+    """Load a recipe, apply changes to it, and check all its parameters.
 
     Parameters
     ----------
     recipe : str, path, Recipe or RobotParameters
-        ``default``, ``nav2``, another one of `mapdeal run --help`, or a YAML file. A recipe that
-        was loaded is returned as it is. A robot's own parameters, from `read_robot_parameters`,
-        become the costmap that they describe.
+        Name of a built-in recipe, such as ``default`` or ``nav2`` (see ``mapdeal run --help``),
+        or a YAML file. A loaded recipe is returned unchanged. Robot parameters, from
+        `read_robot_parameters`, become a recipe for the costmap that they describe.
     changes : mapping of str to object, optional
-        Parameters by ``stage.parameter``, such as ``{"inflate.radius": 0.3}``, as ``--set``;
-        stronger than all else.
+        Parameters by ``stage.parameter``, such as ``{"inflate.radius": 0.3}``, like ``--set``.
+        They override everything else.
     footprint : Footprint, optional
-        The robot's shape: the radius of `inflate`, or those of costs if nothing is inflated.
+        Robot shape. It sets the radius of `inflate`, or the radii of the costs if the recipe
+        does not inflate.
     sim : bool
-        Whether the map is of a simulated world: its active region is cut out first, and unknown
-        cells are obstacles to the field.
+        Whether the map shows a simulated world: its active region is cropped first, and the field
+        treats unknown cells as obstacles.
 
     Returns
     -------
     Recipe
-        For `apply_recipe` and `run`; `Recipe.described` has all its parameters.
+        Recipe for `apply_recipe` and `run`; `Recipe.described` lists all its parameters.
 
     Raises
     ------
     ParameterError
-        If there is no such recipe, it is malformed, a parameter is not known or not allowed, or
-        a recipe that was loaded is to be adapted.
+        If the recipe does not exist or is malformed, a parameter is unknown or invalid, or changes
+        are given for a loaded recipe.
     FileAccessError
-        If its file cannot be read.
+        If the recipe file cannot be read.
 
     Warns
     -----
     MapdealWarning
-        If the robot's radius would count twice.
+        If the robot's radius would be applied twice.
 
     Examples
     --------
@@ -98,34 +99,35 @@ def apply_recipe(
     sim: bool = False,
     canvas: Canvas = "crop",
 ) -> dict[str, Grid]:
-    """Apply a recipe to a grid in memory; what `run` writes, without files.
+    """Apply a recipe to a grid in memory; the counterpart of `run` without files.
 
     Parameters
     ----------
     grid : OccupancyGrid, Costmap, DistanceField or PotentialField
-        The map; of costs the map that ROS would publish, of fields the map they were made from.
+        Map to process. A costmap is processed as the map that ROS would publish, a field as the
+        map that it was computed from.
     recipe, changes, footprint, sim
-        As of `load_recipe`.
+        As for `load_recipe`.
     canvas : {'crop', 'full'}
-        Whether products cover what stages have computed, or are put onto the whole map.
+        Extent of the products: the cells that the stages computed, or the full map extent.
 
     Returns
     -------
     dict of str to grid
-        What each stage has made, by the name of the stage, in order: `DistanceField` of
-        ``esdf``, `Costmap` of ``cost``, `OccupancyGrid` of ``inflate`` and ``active``.
+        Product of each stage by stage name, in order: a `DistanceField` for ``esdf``, a `Costmap`
+        for ``cost``, an `OccupancyGrid` for ``inflate`` and ``active``.
 
     Raises
     ------
     ParameterError
-        As `load_recipe`, and if a stage cannot be applied to the grid.
+        As for `load_recipe`, and if a stage cannot be applied to the grid.
     FileAccessError
-        If the recipe's file cannot be read.
+        If the recipe file cannot be read.
 
     Warns
     -----
     MapdealWarning
-        Of products that say nothing, such as one cost for all cells.
+        If a product carries no information, such as the same cost in all cells.
 
     Examples
     --------

@@ -19,16 +19,16 @@ File = str | PathLike[str]
 
 @dataclass(frozen=True, repr=False)
 class WrittenReport(OneLine):
-    """A page that was written.
+    """Result of `write_report`.
 
     Parameters
     ----------
     path : Path
-        The page.
+        Path of the page.
     maps : int
-        How many maps it shows.
+        Number of maps on the page.
     size : int
-        Bytes.
+        File size, bytes.
     """
 
     path: Path
@@ -53,45 +53,45 @@ def write_report(
     threads: int | None = None,
     max_memory: int | None = None,
 ) -> WrittenReport:
-    """Write one HTML page of runs, maps, and what was found out about them.
+    """Write a single HTML page about runs, maps and the results for them.
 
     Parameters
     ----------
     path : path or str
-        The page, ``.html``. Folders that are missing are made.
+        Output path, ``.html``. Missing folders are created.
     sources : path or str, or a sequence of them
-        Folders of runs or batches; maps, fields and costs; JSON of lint, reach, route, diff,
-        align and score; shapes. How they come together is that of ``mapdeal report``.
+        Folders of runs or batches; maps, fields and costs; JSON from lint, reach, route, diff,
+        align and score; shapes. They are combined as by ``mapdeal report``.
     title : str, optional
-        What stands above all; the map's name if there is one map.
+        Title of the page; by default the map's name if there is only one map.
     max_size : int
-        Bytes that the page may have; maps that would make it larger are shown in larger cells.
+        Maximum size of the page, bytes; maps that would exceed it are shown with larger cells.
     dialect, max_cells, max_memory
-        As of `read_map`.
+        As for `read_map`.
     force : bool
-        Whether to replace a file that exists.
+        Whether to replace an existing file.
     threads : int, optional
-        Threads to use; all processors if not given.
+        Number of threads; by default one per core.
 
     Returns
     -------
     WrittenReport
-        The page, how many maps it shows, and its size.
+        Path and size of the page, and the number of maps on it.
 
     Raises
     ------
     FileAccessError
-        If a source cannot be read or a folder holds no run, or the page exists already or cannot
-        be written; nothing is changed then.
+        If a source cannot be read, a folder contains no run, or the page already exists or cannot
+        be written. No file is changed then.
     MalformedInputError
         If a source is malformed.
     ParameterError
-        If a document belongs to no map, or an argument is not allowed.
+        If a document belongs to none of the maps, or an argument is invalid.
 
     Warns
     -----
     MapdealWarning
-        Of what is missing or does not match; the page says it, too.
+        If something is missing or does not match; the page shows the same warning.
     """
     if title is not None and not isinstance(title, str):
         raise ParameterError("must be a text", place="title", got=title)

@@ -22,38 +22,39 @@ def read_robot_parameters(
     namespace: str | None = None,
     dialect: Dialect = "nav2",
 ) -> RobotParameters:
-    """Read a robot's shape and costmap from its own parameter files, as ``--params-file`` does.
+    """Read a robot's shape and costmap from its own parameter files, like ``--params-file``.
 
     Parameters
     ----------
     paths : path, str or sequence of them
-        A Nav2 parameter file, or ROS 1's costmap files; of several, later ones win. A ROS 1 file
-        without a costmap's name at its top is loaded into the costmap that is asked for.
+        A Nav2 parameter file, or ROS 1 costmap files; later files override earlier ones. A ROS 1
+        file without a costmap's name at the top level is loaded into the requested costmap.
     costmap : {'global', 'local'}
-        Which costmap.
+        Costmap to read.
     namespace : str, optional
-        Which robot, where files hold several.
+        Namespace of the robot, if the files describe several.
     dialect : {'nav2', 'humble', 'ros1'}
-        Whose inflation layer a Nav2 file is for: today's, or that of Humble to Kilted and ROS 1.
+        Version of the inflation layer for a Nav2 file: the current one (``nav2``), or the one of
+        Humble to Kilted and ROS 1.
 
     Returns
     -------
     RobotParameters
-        Takes the place of a recipe: ``run(path, output, robot)``.
+        Parameters that can be used instead of a recipe: ``run(path, output, robot)``.
 
     Raises
     ------
     FileAccessError
         If a file cannot be read.
     MalformedInputError
-        If the real node would not start with these files.
+        If the actual ROS node would not start with these files.
     ParameterError
-        If files of Nav2 and ROS 1 are mixed, or there is none.
+        If Nav2 and ROS 1 files are mixed, or no file is given.
 
     Warns
     -----
     MapdealWarning
-        Of what makes the costmap another one than its owner may think.
+        If the resulting costmap may not be the one that the author of the files expects.
 
     Examples
     --------

@@ -37,61 +37,61 @@ def run(
     max_memory: int | None = None,
     threads: int | None = None,
 ) -> RunReport:
-    """Run a map through a recipe into a folder, as ``mapdeal run MAP -o DIR`` does.
+    """Run a recipe on a map and write the results to a folder, like ``mapdeal run MAP -o DIR``.
 
     Parameters
     ----------
     path : path or str
-        A map_server ``.yaml``, a ``.pbm`` with its ``.yaml`` beside it, or an ``.npz``.
+        A map_server ``.yaml``, a ``.pbm`` with its ``.yaml`` next to it, or an ``.npz``.
     output : path or str
-        DIR: the outputs go into a folder in it that is called as the map.
+        Output folder; the results are written to a subfolder named after the map.
     recipe, changes, footprint, sim
-        As of `load_recipe`.
+        As for `load_recipe`.
     canvas : {'crop', 'full'}
-        Whether outputs cover what stages have computed, or the whole map.
+        Extent of the outputs: the cells that the stages computed, or the full map extent.
     images : bool
-        Whether there is a picture of each product.
+        Whether to write a picture of each product.
     image_max : int
         Longest side of the maps in pictures, pixels; 0 for one pixel per cell.
     image_extent : {'known', 'all'}
-        Whether pictures show the known cells and a margin, or all of the map.
+        Area shown in pictures: the known cells with a margin, or the whole map.
     force : bool
-        Whether outputs that exist are replaced.
+        Whether to replace existing outputs.
     strict : bool
-        Whether there is an error, before anything is written, if there is anything to warn of.
+        Whether to turn warnings into an error before anything is written.
     dialect, max_cells
-        As of `read_map`.
+        As for `read_map`.
     max_memory : int, optional
-        Bytes of memory that may be used; half of what is free if not given. A map that needs
-        more is processed in blocks of rows, with the same result, or refused.
+        Memory limit, bytes; by default half of the free memory. A map that needs more is
+        processed in blocks of rows, with the same result, or refused.
     threads : int, optional
-        Threads to compute and write with; all processors if not given.
+        Number of threads to compute and write with; by default one per core.
 
     Returns
     -------
     RunReport
-        The folder, whether everything was there already, and the figures of each stage.
+        Output folder, whether the outputs were already up to date, and the figures of each stage.
 
     Raises
     ------
     FileAccessError
-        If a file cannot be read or written, or outputs exist that are not these.
+        If a file cannot be read or written, or different outputs already exist.
     MalformedInputError
         If the map is malformed, or needs too much memory.
     ParameterError
-        If the recipe or a parameter is not allowed.
+        If the recipe or a parameter is invalid.
     FindingError
-        If there is anything to warn of, and the run is strict.
+        If `strict` is true and there is a warning.
 
     Warns
     -----
     MapdealWarning
-        Of what reading had to choose, and of products that say nothing.
+        If a choice had to be made while reading, or a product carries no information.
 
     Notes
     -----
-    Outputs appear together, the manifest last; after an error nothing has changed. One map a
-    call: for folders of maps, several at a time, the command line is made.
+    Outputs appear together, the manifest last; after an error nothing has changed. Each call
+    processes one map; use the command line for folders of maps, several at a time.
     """
     if not isinstance(path, str | PathLike):
         hint = "apply_recipe takes a grid, write_map writes it to a file"

@@ -26,27 +26,27 @@ from mapdeal.scoring.compare import Comparison
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Score(Drawn):
-    """How good a map is, on its own or against a true one.
+    """Quality of a map, on its own or compared with a ground-truth map.
 
     Parameters
     ----------
     values : dict
-        The figures by name, those of ``mapdeal score --json``: numbers, groups of them, None
-        where there was nothing to measure. ``cells`` are rows and columns.
+        Figures by name, as in ``mapdeal score --json``: numbers or groups of numbers, None where
+        there was nothing to measure. ``cells`` are rows and columns.
     passes : bool
-        Whether all bounds hold; True without any.
+        Whether all bounds hold; True if there are none.
     bounds : tuple of ScoreBound
-        Each bound that was given, what was found, and whether it holds.
+        Result for each bound that was given.
     frame : Frame
-        The cells that were counted: those of the truth; without one the map's.
+        Geometry of the cells that were counted: that of the truth, or of the map without a truth.
     transform : tuple of float or None
-        x, y (metres) and yaw (radians) of the transform from the map's frame to that of the
-        truth; None without one.
+        x, y (metres) and yaw (radians) of the transform from the map's frame to the frame of the
+        truth; None without a truth.
 
     Notes
     -----
-    With a truth notebooks show its picture, and `draw_picture` draws it: the walls of the map
-    over the truth, coloured by how far off they are.
+    A score with a truth is shown as a picture in notebooks and can be drawn with `draw_picture`:
+    the walls of the map over the truth, coloured by their distance from it.
     """
 
     values: dict[str, Any]
@@ -59,14 +59,15 @@ class Score(Drawn):
     _title: str = "how far off its walls are"
 
     def document(self) -> dict[str, Any]:
-        """Return the score as JSON can hold it, as ``mapdeal score --json`` prints it.
+        """Return the score as the JSON-serialisable dict that ``mapdeal score --json`` prints.
 
-        Its `map` and `truth`, the files and their checksums, are None unless they are files.
+        The entries ``map`` and ``truth``, paths with checksums, are None unless the maps were
+        given as files.
         """
         return copy.deepcopy(self._document)
 
     def drawn(self, *, title: str | None = None, **look: Any) -> Image:
-        """Return the picture, as `draw_picture` gives it, with what shapes it.
+        """Return the picture that `draw_picture` draws, with its options.
 
         Raises
         ------
@@ -79,7 +80,7 @@ class Score(Drawn):
 
     @property
     def is_drawn(self) -> bool:
-        """Whether it has a picture: with a truth."""
+        """Whether there is a picture, which requires a truth."""
         return self._comparison is not None
 
     def _told(self) -> Iterator[str]:
@@ -108,61 +109,61 @@ def score(
     max_cells: int | None = None,
     max_memory: int | None = None,
 ) -> Score:
-    """Score a map, on its own or against a true one.
+    """Score a map, on its own or against a ground-truth map.
 
     Parameters
     ----------
     map : path, str or grid
-        The map: a ``.yaml``, ``.pbm`` or ``.npz`` file as of `read_map`, or a grid. Of fields
-        and costs the map that ROS would have is scored.
+        Map to score: a ``.yaml``, ``.pbm`` or ``.npz`` file, as for `read_map`, or a grid. Fields
+        and costs are scored as the maps that ROS would publish.
     truth : path, str or grid, optional
-        The true one.
+        Ground-truth map.
     align : bool
-        Whether to find how the map lies on the true one, and to bring it there.
+        Whether to align the map with the truth first.
     transform : path, str, Transform or sequence of float, optional
-        Or the transform from the map's frame to that of the truth: a file as ``mapdeal align``
-        writes it, or x, y (metres) and yaw (radians). The frames are taken for the same if
-        neither is given.
+        Transform from the map's frame to the frame of the truth: a file written by ``mapdeal
+        align``, or x, y (metres) and yaw (radians). With neither `align` nor `transform`, both
+        maps are assumed to share one frame.
     minimum, maximum : mapping of str to float, optional
-        What figures must be, at least or at most, for it to pass, by their names; with dots into
-        groups: ``{"dist_est_to_truth_m.mean": 0.1}``.
+        Lower and upper bounds that figures must keep for the score to pass, by name; dots lead
+        into groups: ``{"dist_est_to_truth_m.mean": 0.1}``.
     dialect, max_cells, max_memory
-        As of `read_map`, for files.
+        As for `read_map`; they apply to files.
 
     Returns
     -------
     Score
-        Cells are those of the truth's lattice; of the map the cell at their centre counts. 100
-        is occupied, 0 free, everything else unknown.
+        Score on the lattice of the truth; the map is sampled at the centres of its cells. 100
+        counts as occupied, 0 as free, everything else as unknown.
 
     Raises
     ------
     FileAccessError, MalformedInputError
         If a file cannot be read.
     FindingError
-        If the maps are to be aligned, and may not show one place.
+        If `align` is true and the maps may not show the same place.
     ParameterError
-        If there is no figure of a bound's name, or something needs a truth.
+        If a bound names no figure, or an argument requires a truth.
 
     Warns
     -----
     MapdealWarning
-        Of what reading a file had to choose, and where figures say little: without overlap,
-        without walls.
+        If a choice had to be made while reading a file, or the figures mean little because
+        nothing overlaps or there are no walls.
 
     Notes
     -----
-    Against a truth, over all cells of its lattice:
+    With a truth, over all cells of its lattice:
 
-    - ``ssim_uniform7`` and ``ssim_gauss``: structural similarity, as of scikit-image with its
-      defaults and with the weights of Wang et al. (2004); unknown is grey.
+    - ``ssim_uniform7`` and ``ssim_gauss``: structural similarity as in scikit-image, with its
+      defaults and with the weights of Wang et al. (2004); unknown cells are grey.
     - ``dist_est_to_truth_m``, ``dist_truth_to_est_m``: distances between the centres of occupied
-      cells, metres; once more only from cells that the other map knows.
-    - ``iou_``..., ``precision_``..., ``recall_``..., ``mcc_``... and ``confusion_``...: how cells
-      agree; ``coverage``: known in both, of those known in the truth.
+      cells, metres; a second set counts only cells that the other map knows.
+    - ``iou_``..., ``precision_``..., ``recall_``..., ``mcc_``... and ``confusion_``...: agreement
+      of cells; ``coverage``: share of the cells known in the truth that are known in both.
 
-    Without one: shares, walls, specks, thickness of walls, corners and enclosed areas, after
-    Filatov et al., "2D SLAM quality evaluation methods" (2017).
+    Without a truth: shares, walls, small components, wall thickness, corners and enclosed areas,
+    after Filatov et al., "2D SLAM quality evaluation methods" (2017).
 
     Examples
     --------
