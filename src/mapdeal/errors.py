@@ -31,14 +31,14 @@ _HINT = "hint: "
 
 
 class MapdealWarning(UserWarning):
-    """A choice that the tool had to make, or a trap in the input, that users should know of.
+    """Warning about a choice that mapdeal had to make, or about a pitfall in the input.
 
     Parameters
     ----------
     text : str
-        What it is, in one line.
+        Message, one line.
     check : str, optional
-        The name of the check of ``mapdeal lint`` that finds it, ``area.name``.
+        Name of the ``mapdeal lint`` check that reports the same problem, ``area.name``.
     """
 
     def __init__(self, text: str, check: str | None = None) -> None:
@@ -48,16 +48,16 @@ class MapdealWarning(UserWarning):
 
 @dataclass(frozen=True)
 class KeptWarning:
-    """A warning that has not been given yet.
+    """A warning that has not been emitted yet.
 
     Parameters
     ----------
     message : MapdealWarning
         The warning.
     filename : str
-        The file of the code that it is about, as Python's filters know it.
+        Source file that the warning refers to, as Python's warning filters see it.
     line : int
-        The line in it.
+        Line in this file.
     """
 
     message: MapdealWarning
@@ -65,7 +65,7 @@ class KeptWarning:
     line: int
 
     def emit(self) -> None:
-        """Give it, to whoever keeps warnings, else to Python's filters."""
+        """Pass the warning to an enclosing `kept_warnings` block, else to Python's filters."""
         kept = _KEPT.get()
         if kept is None:
             warnings.warn_explicit(self.message, MapdealWarning, self.filename, self.line)
@@ -77,7 +77,7 @@ _KEPT: ContextVar[list[KeptWarning] | None] = ContextVar("mapdeal_kept_warnings"
 
 
 def emit_warning(message: str | MapdealWarning, *, stacklevel: int = 1) -> None:
-    """Warn of something, as `warnings.warn` does, unless `kept_warnings` is to hear of it."""
+    """Emit a warning like `warnings.warn`, or add it to an enclosing `kept_warnings` block."""
     kept = _KEPT.get()
     warning = MapdealWarning(message) if isinstance(message, str) else message
     if kept is None:
@@ -106,20 +106,20 @@ def kept_warnings() -> Iterator[list[KeptWarning]]:
 
 
 class MapdealError(Exception):
-    """Base of all errors that are the input's or the user's, not the program's.
+    """Base class of all errors caused by the input or the user rather than by a bug.
 
     Parameters
     ----------
     rule : str
-        What is allowed or what went wrong, in one line.
+        Description of what is allowed or what went wrong, one line.
     source : path or str, optional
-        The file (or option) that is at fault.
+        File (or option) at fault.
     place : str, optional
-        The key, line or cell inside it.
+        Key, line or cell within the source.
     got : object, optional
-        The value that was found.
+        Value that was found.
     hint : str, optional
-        What to do about it, one line.
+        Suggestion for the user, one line.
     """
 
     exit_code: ClassVar[int] = 70
@@ -143,7 +143,7 @@ class MapdealError(Exception):
 
     @property
     def hint(self) -> str | None:
-        """What to do about it; Python shows it below the error, as a note."""
+        """Suggestion for the user; Python shows it below the error, as a note."""
         return self._hint
 
     @hint.setter
@@ -153,7 +153,7 @@ class MapdealError(Exception):
         self._hint = text
 
     def found_in(self, source: Path | str) -> Self:
-        """Return the error with the file it belongs to, unless it names one already."""
+        """Return the error with its file set to `source`, unless it already has one."""
         if self.source is None:
             self.source = source
         return self
@@ -169,13 +169,13 @@ class MapdealError(Exception):
 
 
 class FindingError(MapdealError):
-    """What a check was asked to look for and has found: the input is well-formed."""
+    """A requested check failed, although the input is well-formed."""
 
     exit_code = 1
 
 
 class ParameterError(MapdealError, ValueError):
-    """A parameter, recipe or usage that is not allowed."""
+    """A parameter, recipe or usage is invalid."""
 
     # The only one with a built-in base: an "except OSError" around file access must never
     # swallow a FileAccessError.
@@ -183,19 +183,19 @@ class ParameterError(MapdealError, ValueError):
     exit_code = 2
 
     def in_file(self, source: Path | str, place: str | None = None) -> MalformedInputError:
-        """Return the error as one about what a file holds, at a place in it."""
+        """Return the error as a `MalformedInputError` about a place in a file."""
         self.place = ": ".join(part for part in (place, self.place) if part) or None
         return MalformedInputError(str(self), source=source, hint=self.hint)
 
 
 class MalformedInputError(MapdealError):
-    """An input file whose contents break its format's rules."""
+    """The contents of an input file violate its format."""
 
     exit_code = 3
 
 
 class FileAccessError(MapdealError):
-    """A file that cannot be read or written, or an output that exists already."""
+    """A file cannot be read or written, or an output already exists."""
 
     exit_code = 4
     is_missing = False
@@ -203,7 +203,7 @@ class FileAccessError(MapdealError):
 
 
 class BatchError(MapdealError):
-    """A batch that finished although some of its inputs failed."""
+    """A batch finished, but some of its inputs failed."""
 
     exit_code = 5
 

@@ -1,4 +1,4 @@
-"""The bit map: an obstacle mask of eight cells a byte."""
+"""The bit map: an obstacle mask with eight cells per byte."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BitMap(Framed):
-    """A grid of bits, eight cells a byte.
+    """A grid of bits, packed eight cells per byte.
 
     Parameters
     ----------
     packed : array_like of uint8, shape (H, ceil(W / 8))
-        The first cell of a row in the highest bit of its first byte, as in PBM P4 and
-        ``numpy.packbits``. Row 0 is the south. Kept as a read-only view; bits behind the last
-        cell of a row are 0, and are made so.
+        Packed bits. The first cell of a row is the highest bit of its first byte, as in PBM P4
+        and ``numpy.packbits``. Row 0 is the south. Kept as a read-only view; bits beyond the last
+        cell of a row are set to 0.
     width : int
-        Cells in a row, W; any number.
+        Number of cells in a row, W; it need not be a multiple of 8.
     resolution : float
         Side of a cell, metres.
     origin : sequence of float
@@ -45,8 +45,9 @@ class BitMap(Framed):
 
     Notes
     -----
-    Like all grids a bit map is frozen: what changes cells returns a new one. Several changes
-    are cheapest together, ``set`` with many cells or `mapdeal.draw` with many shapes.
+    Like all grids, a bit map is immutable: methods that change cells return a new one. It is
+    cheapest to make many changes at once, by ``set`` with many cells or `mapdeal.draw` with many
+    shapes.
 
     Examples
     --------
@@ -83,14 +84,14 @@ class BitMap(Framed):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns, in cells."""
+        """Number of rows and columns."""
         return self.packed.shape[0], self.width
 
     @classmethod
     def from_mask(
         cls, mask: ArrayLike, resolution: float, origin: Origin = (0.0, 0.0, 0.0)
     ) -> BitMap:
-        """Return the bit map of an array, shape (H, W): every value above 0 is a 1.
+        """Create a bit map from an array, shape (H, W); every value above 0 is a 1.
 
         Examples
         --------
@@ -107,7 +108,7 @@ class BitMap(Framed):
     def from_occupancy(
         cls, grid: OccupancyGrid, lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD
     ) -> BitMap:
-        """Return the obstacle mask of a map, the cells of at least `lethal_threshold`.
+        """Create the obstacle mask of a map: the cells at or above `lethal_threshold`.
 
         Unknown cells become 0.
         """
@@ -119,7 +120,7 @@ class BitMap(Framed):
         return np.unpackbits(self.packed, axis=1, count=self.width).view(np.bool_)
 
     def to_occupancy(self) -> OccupancyGrid:
-        """Return the map whose obstacles are the ones and whose free cells the zeros.
+        """Return a map whose obstacles are the ones and whose free cells are the zeros.
 
         Examples
         --------
@@ -131,7 +132,7 @@ class BitMap(Framed):
         return OccupancyGrid(values, self.resolution, self.origin)
 
     def contains(self, cells_rowcol: ArrayLike) -> NDArray[np.bool_]:
-        """Return for each cell (row, column), shape (N, 2), whether it lies in the grid."""
+        """Return whether each cell (row, column), shape (N, 2), lies in the grid."""
         rows, cols = np.asarray(cells_rowcol).reshape(-1, 2).T
         height, width = self.shape
         inside: NDArray[np.bool_] = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
@@ -152,26 +153,26 @@ class BitMap(Framed):
         Raises
         ------
         ParameterError
-            If a cell lies outside of the grid.
+            If a cell lies outside the grid.
         """
         rows, cols = self._checked(cells_rowcol)
         bits: NDArray[np.bool_] = (self.packed[rows, cols >> 3] << (cols & 7) & 0x80) != 0
         return bits
 
     def set(self, cells_rowcol: ArrayLike, value: bool = True) -> BitMap:
-        """Return a bit map in which cells have a value.
+        """Return a bit map with the given cells set to a value.
 
         Parameters
         ----------
         cells_rowcol : array_like of int, shape (N, 2)
             Rows and columns.
         value : bool
-            What they become.
+            New value of the cells.
 
         Raises
         ------
         ParameterError
-            If a cell lies outside of the grid.
+            If a cell lies outside the grid.
 
         Examples
         --------
@@ -184,7 +185,7 @@ class BitMap(Framed):
         return self.with_packed(packed)
 
     def fill(self, value: bool = True) -> Self:
-        """Return a bit map of which every cell has a value."""
+        """Return a bit map with all cells set to a value."""
         return self.with_packed(np.full_like(self.packed, 0xFF if value else 0))
 
     def line(
@@ -197,9 +198,9 @@ class BitMap(Framed):
         points_xy : sequence of (x, y)
             Points in the map frame, metres; each is joined to the next, ends included.
         thickness : float
-            Metres; up to the side of a cell for a line of single cells.
+            Thickness, metres; up to the side of a cell, the line is one cell wide.
         value : bool
-            What its cells become.
+            New value of the covered cells.
 
         Examples
         --------
@@ -216,11 +217,11 @@ class BitMap(Framed):
         Parameters
         ----------
         center_xy : tuple of float
-            In the map frame, metres.
+            Center in the map frame, metres.
         radius : float
-            Metres; 0 for the cell of the center alone.
+            Radius, metres; 0 for the center's cell only.
         value : bool
-            What its cells become.
+            New value of the covered cells.
 
         Examples
         --------
@@ -232,7 +233,7 @@ class BitMap(Framed):
         return self.painted((part, value) for part in spans)
 
     def copy(self) -> BitMap:
-        """Return a bit map with bytes of its own."""
+        """Return a copy with its own bytes."""
         return self.with_packed(self.packed.copy())
 
     def count(self) -> int:
@@ -241,11 +242,11 @@ class BitMap(Framed):
         return int(histogram(self.packed) @ ones)
 
     def with_packed(self, packed: NDArray[np.uint8]) -> Self:
-        """Return a bit map of the same geometry with other bits."""
+        """Return a bit map with the same geometry and other bits."""
         return replace(self, packed=packed)
 
     def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: OverlayType = "seq") -> Self:
-        """Return a bit map in which the cells of spans have their values, one after the other.
+        """Return a bit map with the cells of spans set to their values, one span after the other.
 
         With overlay ``max`` only ones are painted, with ``min`` only zeros.
         """

@@ -1,4 +1,4 @@
-"""Cost over the distance from the nearest obstacle, as a model has it on a map."""
+"""Cost by distance from the nearest obstacle, for a cost model on a map."""
 
 from __future__ import annotations
 
@@ -32,39 +32,39 @@ _MOST_FAR = 1001
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CostCurve(Drawn):
-    """Cost over the distance from the nearest obstacle, on cells of one size.
+    """Cost by distance from the nearest obstacle, for one cell size.
 
     Parameters
     ----------
     resolution : float
         Side of a cell, metres.
     cells : numpy.ndarray of float64, shape (N,)
-        Every distance between cell centres that occurs on a grid, in cells, increasing: from 0,
-        the obstacle itself, to the reach. Beyond `FARTHEST_CELLS` some whole numbers of cells
-        alone, the reach among them.
+        Every distance between cell centres that occurs on a grid, in increasing order, from 0 at
+        the obstacle itself to the range of the costs, cells. Beyond `FARTHEST_CELLS` only some
+        whole numbers of cells are included, the range among them.
     cost : numpy.ndarray of uint8 or int8, shape (N,)
-        The cost of a known cell at each distance, on `scale`. It is 0 beyond the reach.
+        Cost of a known cell at each distance, on `scale`. It is 0 beyond the range.
     scale : {'costmap2d', 'occupancy'}
-        What the costs mean.
+        Scale of the costs.
     metric : {'euclidean', 'chebyshev'}
-        How distances are measured.
+        Distance metric.
     inscribed_radius, circumscribed_radius : float, optional
-        Of the robot, metres, if the costs depend on the first, and the second is known.
+        Radii of the robot, metres: the first if the costs depend on it, the second if known.
     circumscribed_cost : int, optional
-        The cost at the circumscribed radius; 0 if that is beyond the inflation radius.
+        Cost at the circumscribed radius; 0 if that is beyond the inflation radius.
     inflation_radius : float, optional
-        Metres that costs were asked to reach, before they are rounded up to whole cells.
+        Requested range of the costs, before rounding up to whole cells, metres.
     marks : tuple of (str, float)
-        Other distances of note, metres, by name.
+        Other notable distances, by name, metres.
     note : str
-        How distances become costs, where there is something to say of it.
+        Remark on how distances become costs, empty if none is needed.
     formula : callable, optional
-        The costs as a continuous function of metres, where the model has one.
+        Costs as a continuous function of the distance in metres, if the model has one.
 
     Notes
     -----
-    A costmap has no other distances than these. Lookups by rounded distances and truncation to
-    whole costs are in `cost` already; they are not in `formula`.
+    No other distances occur in a costmap. Lookups by rounded distances and truncation to whole
+    costs are included in `cost`, but not in `formula`.
     """
 
     resolution: float
@@ -82,34 +82,35 @@ class CostCurve(Drawn):
 
     @property
     def distance(self) -> NDArray[np.float64]:
-        """The distances in metres, shape (N,)."""
+        """Distances, metres, shape (N,)."""
         return self.cells * self.resolution
 
     @property
     def reach_cells(self) -> float:
-        """Cells that costs reach: a cell at this distance still has its cost."""
+        """Range of the costs, cells; a cell at exactly this distance is still within it."""
         return float(self.cells[-1])
 
     @property
     def reach(self) -> float:
-        """The same in metres."""
+        """Range of the costs, metres."""
         return self.reach_cells * self.resolution
 
     @property
     def cost_at_reach(self) -> int:
-        """The last cost before those of 0 beyond the reach."""
+        """Cost at the end of the range; beyond it, costs are 0."""
         return int(self.cost[-1])
 
     @property
     def end(self) -> float:
-        """Metres of the farthest distance that has a cost above 0."""
+        """Largest distance with a cost above 0, metres."""
         positive = np.flatnonzero(self.cost > 0)
         return float(self.cells[positive[-1]] * self.resolution) if len(positive) else 0.0
 
     def cost_near(self, cells: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the cost at the nearest distance that occurs, of distances in cells.
+        """Return the cost at the nearest distance that occurs, given distances in cells.
 
-        Beyond the reach the next one is the hypotenuse of the reach and one cell, or one cell more.
+        The next distance beyond the range is the hypotenuse of the range and one cell, or for the
+        chebyshev metric one cell more.
         """
         reach = self.reach_cells
         beyond = math.hypot(reach, 1.0) if self.metric == "euclidean" else reach + 1.0
@@ -119,10 +120,10 @@ class CostCurve(Drawn):
         return near
 
     def listed(self) -> NDArray[np.intp]:
-        """Return the places in `cells` that a document lists.
+        """Return the indices into `cells` that `document` lists.
 
-        That is every one, or, of more than `MOST_LISTED`, the first and the last distance of each
-        cost: between the two, all distances that occur have it.
+        These are all of them or, if there are more than `MOST_LISTED`, the first and the last
+        distance of each cost: all distances in between have the same cost.
         """
         if len(self.cells) <= MOST_LISTED:
             return np.arange(len(self.cells))
@@ -130,7 +131,7 @@ class CostCurve(Drawn):
         return np.unique(np.concatenate([[0], changes, changes + 1, [len(self.cells) - 1]]))
 
     def document(self) -> dict[str, Any]:
-        """Return the curve as JSON can hold it, as ``mapdeal cost --json`` prints it."""
+        """Return the curve as the JSON-serialisable dict that ``mapdeal cost --json`` prints."""
         listed = self.listed()
         entries = zip(
             self.cells[listed].tolist(), self.distance[listed].tolist(), self.cost[listed].tolist(),
@@ -164,7 +165,7 @@ class CostCurve(Drawn):
 
 
 def squares_up_to(reach: float) -> NDArray[np.float64]:
-    """Return the squared distances in cells that a curve has: see `CostCurve.cells`.
+    """Return the squared distances of a curve, in cells; see `CostCurve.cells`.
 
     Examples
     --------

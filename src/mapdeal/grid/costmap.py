@@ -51,10 +51,10 @@ class Costmap(ValueGrid):
     origin : sequence of float
         x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
     scale : {'costmap2d', 'occupancy'}
-        Which of the two the costs are on.
+        Scale of the costs.
     circumscribed_cost : int, optional
-        The cost at the robot's circumscribed radius, where a robot shape is known: from there
-        on a collision depends on the heading.
+        Cost at the robot's circumscribed radius, if its shape is known. At or above this cost, a
+        collision depends on the heading.
 
     Raises
     ------
@@ -101,7 +101,7 @@ class Costmap(ValueGrid):
         yield from (f"{figures[name]} {shown.get(name, name)}" for name in names if name in figures)
 
     def entries(self) -> dict[str, Any]:
-        """Return the costs, their scale, and the circumscribed cost if it is known."""
+        """Return the costs, their scale and, if known, the circumscribed cost."""
         entries: dict[str, Any] = {"cost": self.cost, "cost_scale": self.scale}
         if self.circumscribed_cost is not None:
             entries["circumscribed_cost"] = np.int64(self.circumscribed_cost)
@@ -109,20 +109,20 @@ class Costmap(ValueGrid):
 
     @property
     def value_range(self) -> tuple[int, int]:
-        """The ends of the scale: 0 and 255, or -1 and 100."""
+        """Smallest and largest value of the scale: 0 and 255, or -1 and 100."""
         return (0, NO_INFORMATION) if self.scale == "costmap2d" else (UNKNOWN, OCCUPIED)
 
     @property
     def unknown_value(self) -> int:
-        """255, or -1 on scale ``occupancy``."""
+        """Value of an unknown cell: 255, or -1 on scale ``occupancy``."""
         return NO_INFORMATION if self.scale == "costmap2d" else UNKNOWN
 
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Costmap:
-        """Return a costmap with other costs, at another origin if one is given."""
+        """Return a costmap with other costs and, if given, another origin."""
         return replace(self, cost=values, origin=origin or self.origin)
 
     def to_occupancy(self) -> OccupancyGrid:
-        """Return the costs as ROS would publish them in a ``nav_msgs/OccupancyGrid``.
+        """Return the costs as ROS publishes them in a ``nav_msgs/OccupancyGrid``.
 
         Examples
         --------
@@ -137,10 +137,10 @@ class Costmap(ValueGrid):
 
     @classmethod
     def from_occupancy(cls, grid: OccupancyGrid) -> Costmap:
-        """Return the costmap that Nav2's ``Costmap2D(OccupancyGrid)`` makes of a map.
+        """Create the costmap that Nav2's ``Costmap2D(OccupancyGrid)`` makes of a map.
 
-        Every value keeps its share: round(2.54 v); -1 becomes 255. Nav2 reads the masks of its
-        costmap filters so.
+        A value v becomes round(2.54 v), and -1 becomes 255. Nav2 reads the masks of its costmap
+        filters in this way.
 
         Examples
         --------
@@ -161,26 +161,26 @@ class Costmap(ValueGrid):
         track_unknown: bool = True,
         inscribed_value: int | None = 99,
     ) -> Costmap:
-        """Return the costmap that costmap_2d's static layer makes of a map.
+        """Create the costmap that costmap_2d's static layer makes of a map.
 
         Parameters
         ----------
         grid : OccupancyGrid
             The map.
         lethal_threshold : int
-            ``lethal_cost_threshold``: values from here on become 254; 0..100.
+            ``lethal_cost_threshold``, 0..100: values at or above it become 254.
         trinary : bool
-            ``trinary_costmap``: values below become 0, rather than their share of 254.
+            ``trinary_costmap``: whether lower values become 0 instead of their share of 254.
         track_unknown : bool
-            ``track_unknown_space``: unknown cells become 255, rather than 0.
+            ``track_unknown_space``: whether unknown cells become 255 instead of 0.
         inscribed_value : int, optional
-            ``inscribed_obstacle_cost_value`` of Nav2 lyrical and newer: this value becomes 253.
-            None for older ones, which have no such rule.
+            ``inscribed_obstacle_cost_value`` of Nav2 lyrical and newer: value that becomes 253.
+            None for older releases, which have no such rule.
 
         Raises
         ------
         ParameterError
-            If a threshold or value is not allowed.
+            If a threshold or value is out of range.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""The layers of costmap_2d that a map goes through: what is set, apart from what they do."""
+"""The layers of costmap_2d that a map goes through: their settings, not their computation."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ CostLookup = Literal["exact", "nav2"]
 
 @dataclass(frozen=True, repr=False)
 class StaticLayer(OneLine):
-    """What costmap_2d's static layer makes of the values of a map.
+    """Settings of costmap_2d's static layer, which converts map values to costs.
 
     Parameters
     ----------
     name : str
-        Its name in the list of plugins.
+        Name in the list of plugins.
     track_unknown_space : bool
-        Cells of `unknown_cost_value` become 255, rather than 0.
+        Whether cells of `unknown_cost_value` become 255 instead of 0.
     lethal_cost_threshold : int
-        Values from here on become 254; 0 .. 100.
+        Least value that becomes 254, 0..100.
     trinary_costmap : bool
-        Values below become 0, rather than their share of 254.
+        Whether lower values become 0 instead of their share of 254.
     unknown_cost_value : int
-        The value that means unknown, as a byte 0 .. 255; 255 is -1.
+        Value that means unknown, as a byte 0..255; 255 is -1.
     inscribed_obstacle_cost_value : int, optional
-        This value becomes 253. Nav2 newer than Kilted has 99; None for all others.
+        Value that becomes 253. Nav2 newer than Kilted uses 99; None for all others.
     use_maximum : bool
-        The layer raises the costs of those below it, and its unknown cells change nothing.
-        Otherwise it replaces all that lies below it.
+        Whether the layer only raises the costs of the layers below it, with no effect in its
+        unknown cells. Otherwise it replaces them.
     """
 
     name: str = "static_layer"
@@ -51,24 +51,24 @@ class StaticLayer(OneLine):
 
 @dataclass(frozen=True, repr=False)
 class InflationLayer(OneLine):
-    """How costmap_2d's inflation layer spreads costs around lethal cells.
+    """Settings of costmap_2d's inflation layer, which spreads costs around lethal cells.
 
     Parameters
     ----------
     name : str
-        Its name in the list of plugins.
+        Name in the list of plugins.
     inscribed_radius : float
-        Cost 253 up to here, metres.
+        Radius within which cells cost 253, metres.
     inflation_radius : float
-        Costs reach this far, metres, rounded up to whole cells; with 0 the layer does nothing.
+        Range of the costs, metres. It is rounded up to whole cells; with 0 the layer has no effect.
     cost_scaling_factor : float
-        Steepness, per metre.
+        Decay of the costs, per metre. Larger is steeper.
     inflate_unknown : bool
-        Unknown cells take any cost, not only 253 and more.
+        Whether unknown cells take any cost. Otherwise they take only 253 and 254.
     inflate_around_unknown : bool
-        Unknown cells become lethal and spread costs.
+        Whether unknown cells become lethal and spread costs.
     lookup : {'exact', 'nav2'}
-        How a distance becomes a cost: as it is, or rounded to 1/100 cell, as in Nav2 newer than
+        How a distance becomes a cost: unrounded, or rounded to 1/100 cell as in Nav2 newer than
         Kilted.
     """
 
@@ -92,16 +92,16 @@ CostmapLayer = StaticLayer | InflationLayer
 
 @dataclass(frozen=True)
 class CostmapLayers:
-    """The layers that make a costmap of a map, from the first to the last.
+    """The layers that turn a map into a costmap, from the first to the last.
 
     Parameters
     ----------
     layers : tuple of StaticLayer or InflationLayer
-        Those that are switched on, in the order in which they are applied.
+        Enabled layers, in the order in which they are applied.
     default_cost : int
-        What cells cost before the first one, 0 or 255.
+        Cost of all cells before the first layer, 0 or 255.
     circumscribed_radius : float, optional
-        The robot cannot collide farther away, metres.
+        Distance beyond which the robot cannot collide, metres.
     """
 
     layers: tuple[CostmapLayer, ...]
@@ -110,10 +110,10 @@ class CostmapLayers:
 
     @property
     def that_count(self) -> tuple[CostmapLayer, ...]:
-        """The layers that have an effect.
+        """Layers that have an effect.
 
-        Those below a static layer that replaces all costs have none, nor has an inflation that
-        does not reach the next cell.
+        Layers below a static layer that replaces all costs have none, nor does an inflation layer
+        whose range is less than one cell.
         """
         replacing = [
             index
@@ -125,7 +125,7 @@ class CostmapLayers:
 
     @property
     def static_and_inflation(self) -> tuple[StaticLayer, InflationLayer | None] | None:
-        """The one static layer and the one inflation layer above it, if there are no others.
+        """The only static layer and the only inflation layer above it, None if there are others.
 
         A static layer that only raises costs counts as well: there is nothing below it.
         """

@@ -1,4 +1,4 @@
-"""How grids, and what comes with them, show themselves: a line of text, a picture in notebooks."""
+"""How grids and results are displayed: one line of text, and a picture in notebooks."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _drawers: list[Drawer] = []
 
 
 def draw_with(drawer: Drawer) -> None:
-    """Have notebooks ask `drawer` for pictures: grids know nothing of drawing themselves."""
+    """Set the function that draws pictures for notebooks; grids cannot draw themselves."""
     _drawers[:] = [drawer]
 
 
 class OneLine:
-    """Something whose repr is one line, whatever arrays it holds."""
+    """Base class of objects whose repr is one line, whatever arrays they contain."""
 
     __slots__ = ()
 
@@ -35,7 +35,7 @@ class OneLine:
 
 
 class Drawn(OneLine):
-    """Something that notebooks show as a picture, too."""
+    """Base class of objects that notebooks also show as a picture."""
 
     __slots__ = ()
 

@@ -42,17 +42,18 @@ class DistanceRange(NamedTuple):
 
 
 class FieldSamples(NamedTuple):
-    """What a distance field says of points.
+    """Samples of a distance field at points.
 
     Parameters
     ----------
     distance : numpy.ndarray of float64, shape (N,)
-        Metres, by the field's convention; nan for points outside, and where the field has none.
+        Distances in the field's convention, metres; nan for points outside the field or where it
+        has no distance.
     gradient : numpy.ndarray of float64, shape (N, 2)
-        Along x and y of the map frame, metres per metre, away from obstacles; nan for points
-        outside, and where distances are infinite.
+        Gradients along x and y of the map frame, pointing away from obstacles, metres per metre;
+        nan for points outside the field or where distances are infinite.
     inside : numpy.ndarray of bool, shape (N,)
-        Whether a cell of the field holds the point.
+        Whether each point lies in a cell of the field.
     """
 
     distance: NDArray[np.float64]
@@ -60,7 +61,7 @@ class FieldSamples(NamedTuple):
     inside: NDArray[np.bool_]
 
     def __repr__(self) -> str:
-        """Return one line: the sample of a point, or the range of those of many."""
+        """Return one line: the sample of a single point, or the range of many."""
         parts = [
             f"{count_text(len(self.distance), 'point')}, {np.count_nonzero(self.inside)} inside"
         ]
@@ -74,32 +75,32 @@ class FieldSamples(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DistanceField(FieldGrid):
-    """A signed distance field together with the map that it was made from.
+    """A signed distance field together with the map that it was computed from.
 
     Parameters
     ----------
     distance : array_like of float32, shape (H, W)
-        Signed distance, metres: positive in free space, negative or 0 inside obstacles,
-        +inf where the map has no obstacle, -inf where it has nothing else. Around one box of
-        cells it may be nan, where the map is unknown: on a larger canvas than it was made on.
+        Signed distances, metres: positive in free space, negative or 0 inside obstacles, +inf
+        everywhere if the map has no obstacle, -inf if it has nothing else. They may be nan in
+        unknown cells outside one box of cells, if the field was computed for the box only.
     occupancy : array_like of int8, shape (H, W)
-        The map that the distances belong to.
+        Map that the distances belong to.
     resolution : float
         Side of a cell, metres.
     origin : sequence of float
         x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
     convention : {'fast-planner', 'center', 'border'}
-        Which points the distances are between, see `mapdeal.esdf`.
+        Points that the distances are measured between; see `mapdeal.esdf`.
     strength : float
-        Factor that the positive distances were multiplied by.
+        Factor applied to positive distances.
     max_distance : float, optional
-        Bound in metres that both signs were clipped to, before `strength`.
+        Limit to which distances of both signs were clipped, before applying `strength`, metres.
     lethal_threshold : int
-        Occupancy from which a cell counts as an obstacle.
+        Least occupancy of an obstacle.
     unknown : {'free', 'occupied'}
         What unknown cells count as.
     region : Region, optional
-        The box of cells that have a distance, None if all have one. For arrays it is found.
+        Box of the cells that have a distance, None if all have one. It is detected for arrays.
     """
 
     kind = "distance field"
@@ -159,7 +160,7 @@ class DistanceField(FieldGrid):
         yield count_text(figures["obstacles"], "obstacle cell")
 
     def entries(self) -> dict[str, Any]:
-        """Return the distances, the map they were made from, and how."""
+        """Return the distances, the map they were computed from, and the parameters."""
         limit = np.inf if self.max_distance is None else self.max_distance
         return {
             "distance": self.distance,
@@ -173,7 +174,7 @@ class DistanceField(FieldGrid):
 
     @property
     def grid(self) -> OccupancyGrid:
-        """The map that the field was made from."""
+        """Map that the field was computed from."""
         return OccupancyGrid(self.occupancy, self.resolution, self.origin)
 
     def obstacles(self) -> NDArray[np.bool_]:
@@ -184,12 +185,12 @@ class DistanceField(FieldGrid):
         return obstacles_in(self.occupancy, self.lethal_threshold, self.unknown)
 
     def query(self, points_xy: ArrayLike) -> FieldSamples:
-        """Return distance and gradient at points, interpolated between the centres of cells.
+        """Return distances and gradients at points, interpolated between cell centres.
 
         Parameters
         ----------
         points_xy : array_like of float, shape (N, 2)
-            Points in the map frame, metres, or a single one.
+            Points in the map frame, or a single point, metres.
 
         Returns
         -------
@@ -203,11 +204,11 @@ class DistanceField(FieldGrid):
 
         Notes
         -----
-        Bilinear in the four nearest cells. The gradient is the interpolant's own: both axes
-        per metre, turned into the map frame; it jumps where a line of cell centres is crossed.
-        Between the outermost centres and the border the value at the centres goes on. Values
-        are those of the field: clipped to its `max_distance`, scaled by its `strength`. A
-        point outside is marked by `inside`, never by a distance that one could compute with.
+        Interpolation is bilinear between the four nearest cells. The gradient is that of the
+        interpolant, per metre along both axes and rotated into the map frame; it is discontinuous
+        across lines of cell centres. Between the outermost centres and the border, values are
+        those at the centres. Distances are those of the field: clipped to its `max_distance` and
+        scaled by its `strength`. Points outside have distance nan and are marked in `inside`.
 
         References
         ----------

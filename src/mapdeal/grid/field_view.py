@@ -26,22 +26,22 @@ ESDF_VIEW = "esdf_view"
 
 @dataclass(frozen=True)
 class ViewScale:
-    """How distances become 0..100.
+    """Scale that converts distances to view values 0..100.
 
     Parameters
     ----------
     view : {'metric', 'per-map'}
-        ``metric``: scaled by a range; ``per-map``: by the extremes of the map.
+        ``metric``: scaled by `view_range`; ``per-map``: scaled by the extremes of the map.
     view_range : float
-        Metres at which the metric view reaches 0.
+        Distance at which the metric view is 0, metres.
     farthest, deepest : float
-        Of the per-map view: the largest distance outside of obstacles, with the field's strength,
-        and the largest within, metres.
+        Extremes for the per-map view: the largest distance outside obstacles, times the field's
+        strength, and the largest distance inside obstacles, metres.
 
     Raises
     ------
     ParameterError
-        If there is no such view, or a length is not allowed.
+        If the view is unknown, or a length is invalid.
     """
 
     view: View = "metric"
@@ -63,16 +63,16 @@ class ViewScale:
 
     @property
     def end(self) -> float:
-        """Metres from which on the view is 0."""
+        """Distance at and beyond which the view is 0, metres."""
         return self.view_range if self.view == "metric" else self.farthest
 
     def values_of(self, metres: NDArray[np.float64], resolution: float) -> NDArray[np.float64]:
-        """Return the view of distances between cell centres, not yet truncated.
+        """Return the view values of distances between cell centres, before truncation.
 
         Parameters
         ----------
         metres : numpy.ndarray of float64
-            The distances times the field's strength; they may be +inf.
+            Distances times the field's strength, possibly +inf, metres.
         resolution : float
             Side of a cell, metres.
 
@@ -90,21 +90,21 @@ class ViewScale:
         return 100 * (self.farthest - np.minimum(metres, self.farthest)) / span
 
     def value_at(self, distance: float, resolution: float) -> int:
-        """Return the view of one distance, as `values_of` has it, truncated."""
+        """Return the view value of one distance: that of `values_of`, truncated."""
         return int(self.values_of(np.array([distance]), resolution)[0])
 
     @staticmethod
     def keys_of(view: View) -> tuple[str, ...]:
-        """Return the lengths that a view depends on, by their names."""
+        """Return the names of the lengths that a view depends on."""
         return ("view_range",) if view == "metric" else ("farthest", "deepest")
 
     def entries(self) -> dict[str, Any]:
-        """Return what a file says of the scale, by its keys."""
+        """Return the entries that describe the scale in a file, by key."""
         lengths = {name: float(getattr(self, name)) for name in self.keys_of(self.view)}
         return {"view": tag_of(self.view), **lengths}
 
     def described(self) -> str:
-        """Return the scale in words."""
+        """Return a description of the scale."""
         return f"{self.view}, 0 at {self.end:.4g} m"
 
 
@@ -115,11 +115,11 @@ class FieldView(OccupancyGrid):
     Parameters
     ----------
     occupancy : array_like of int8, shape (H, W)
-        The view: 100 on obstacles, -1 on unknown cells that are not obstacles.
+        View values: 100 on obstacles, -1 on unknown cells that are not obstacles.
     resolution, origin
-        As of an `OccupancyGrid`.
+        As for `OccupancyGrid`.
     scale : ViewScale
-        What the values stand for.
+        Scale of the values.
     """
 
     kind = "view of a distance field"
@@ -127,19 +127,19 @@ class FieldView(OccupancyGrid):
     scale: ViewScale = ViewScale()
 
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> FieldView:
-        """Return a view of the same scale with other values."""
+        """Return a view with the same scale and other values."""
         return replace(self, occupancy=values, origin=origin or self.origin)
 
     def as_map(self) -> OccupancyGrid:
-        """Return the values as those of a map."""
+        """Return the view values as a map."""
         return OccupancyGrid(self.occupancy, self.resolution, self.origin)
 
     def as_amcl_sees_it(self) -> OccupancyGrid:
-        """Return the map that is left to amcl."""
+        """Return the view as amcl interprets it: free, occupied or unknown."""
         return self.as_map().as_amcl_sees_it()
 
     def entries(self) -> dict[str, Any]:
-        """Return the values and what they stand for."""
+        """Return the values and their scale."""
         return {**super().entries(), "layer": ESDF_VIEW, **self.scale.entries()}
 
     def _told_of_parameters(self) -> Iterator[str]:

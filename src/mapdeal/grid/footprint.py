@@ -1,4 +1,4 @@
-"""The robot's shape seen from above, and the two radii that inflation asks for."""
+"""The robot's shape seen from above, and the two radii that inflation needs."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ class Footprint(OneLine):
     Parameters
     ----------
     vertices : tuple of (x, y)
-        Corners in the robot's frame, metres, in either sense of rotation; empty for a circle.
+        Corners in the robot's frame, clockwise or anticlockwise, metres; empty for a circle.
     radius : float
         Radius of a circle, metres; 0 for a polygon.
 
     Notes
     -----
-    Radii as in costmap_2d's ``calculateMinAndMaxDistances``: inscribed is the smallest distance
-    from the centre to an edge, circumscribed the largest to a corner. A circle is a circle
-    here, not the 16-gon of ``makeFootprintFromRadius``, whose inscribed radius is 1.9 % short;
-    `sixteen_gon` is that.
+    The radii are those of costmap_2d's ``calculateMinAndMaxDistances``: the inscribed radius is
+    the smallest distance from the centre to an edge, the circumscribed radius the largest distance
+    to a corner. A circle is an exact circle, not the 16-gon of ``makeFootprintFromRadius``, whose
+    inscribed radius is 1.9 % smaller; use `sixteen_gon` for that.
 
     Examples
     --------
@@ -54,7 +54,7 @@ class Footprint(OneLine):
 
     @classmethod
     def circle(cls, radius: float) -> Footprint:
-        """Return a round robot of `radius` metres."""
+        """Create the footprint of a round robot of `radius` metres."""
         if not (math.isfinite(radius) and 0 < radius <= _LARGEST_COORDINATE):
             most = f"{_LARGEST_COORDINATE:g} at most"
             rule = f"robot radius must be a finite number of metres above 0, {most}"
@@ -63,10 +63,10 @@ class Footprint(OneLine):
 
     @classmethod
     def sixteen_gon(cls, radius: float) -> Footprint:
-        """Return a round robot as costmap_2d has it: 16 corners on the circle.
+        """Create the footprint of a round robot as in costmap_2d: 16 corners on the circle.
 
-        As ``makeFootprintFromRadius``. The inscribed radius is that of the polygon,
-        cos(pi / 16) = 0.981 of `radius`.
+        This is costmap_2d's ``makeFootprintFromRadius``. The inscribed radius is that of the
+        polygon, cos(pi / 16) = 0.981 of `radius`.
 
         Examples
         --------
@@ -81,7 +81,7 @@ class Footprint(OneLine):
 
     @classmethod
     def polygon(cls, vertices: Sequence[Sequence[float]]) -> Footprint:
-        """Return a robot with the given corners, (x, y) in metres."""
+        """Create a footprint with the given corners, (x, y) in metres."""
         points = checked_corners(
             vertices, "footprint", within=_LARGEST_COORDINATE, least=3, most=_MOST_VERTICES
         )
@@ -93,7 +93,7 @@ class Footprint(OneLine):
 
     @classmethod
     def parse(cls, text: str) -> Footprint:
-        """Return the polygon that a string in ROS form ``[[x1, y1], [x2, y2], ...]`` describes."""
+        """Create a polygon from a string in ROS form, ``[[x1, y1], [x2, y2], ...]``."""
         corners = [[part.strip() for part in pair.split(",")] for pair in _pairs(text)]
         if not corners or not all(_NUMBER.fullmatch(part) for pair in corners for part in pair):
             rule = "a footprint must look like [[x1, y1], [x2, y2], ...]"
@@ -103,9 +103,9 @@ class Footprint(OneLine):
                              for part in pair] for pair in corners])  # fmt: skip
 
     def padded(self, padding: float) -> Footprint:
-        """Return the shape with every coordinate moved outwards by `padding` metres.
+        """Return the footprint with every coordinate moved outwards by `padding` metres.
 
-        As costmap_2d's ``padFootprint``: each coordinate by its own sign, 0 stays 0.
+        As in costmap_2d's ``padFootprint``, each coordinate moves away from 0, and 0 stays 0.
         """
         if not (math.isfinite(padding) and padding >= 0):
             rule = "footprint padding must be a finite number of metres of at least 0"

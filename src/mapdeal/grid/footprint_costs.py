@@ -1,4 +1,4 @@
-"""What the costs of a map say of a robot's whole shape at poses."""
+"""Costs of a robot's whole footprint at poses on a costmap."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ FootprintRule = Literal["outline", "full"]
 
 
 class PoseSamples(NamedTuple):
-    """What a footprint costs at poses.
+    """Costs of a footprint at poses.
 
     Parameters
     ----------
     cost : numpy.ndarray of uint8, shape (N,)
-        As `footprint_costs` returns them.
+        Costs as returned by `footprint_costs`.
     inside : numpy.ndarray of bool, shape (N,)
-        Whether the map holds all corners.
+        Whether all corners lie on the map.
     """
 
     cost: NDArray[np.uint8]
@@ -36,40 +36,40 @@ class PoseSamples(NamedTuple):
 def footprint_costs(
     costmap: Costmap, footprint: Footprint, poses: ArrayLike, *, rule: FootprintRule = "outline"
 ) -> NDArray[np.uint8]:
-    """Return what Nav2's collision checker says of a robot at poses.
+    """Return the costs that Nav2's collision checker computes for a robot at poses.
 
     Parameters
     ----------
     costmap : Costmap
-        Costs on scale ``costmap2d``; of a map those that `Costmap.from_static_layer` makes.
+        Costs on scale ``costmap2d``; use `Costmap.from_static_layer` for a map.
     footprint : Footprint
-        The robot's shape. A circle is taken as Nav2 takes it, as `Footprint.sixteen_gon`.
+        Robot shape. A circle is treated as `Footprint.sixteen_gon`, as in Nav2.
     poses : array_like of float, shape (N, 3)
-        x, y (metres) and yaw (radians) of the robot's centre in the map frame, or a single one.
+        Poses of the robot's centre in the map frame, or a single pose: x, y (metres) and yaw
+        (radians).
     rule : {'outline', 'full'}
-        ``outline`` is Nav2's rule: the cells of the outline count, what lies inside of it does
-        not. ``full`` counts both.
+        Cells that count: those of the outline only, as in Nav2, or all cells of the footprint.
 
     Returns
     -------
     numpy.ndarray of uint8, shape (N,)
-        The largest cost of these cells: below 254 nothing is hit; 254 if an obstacle is hit, a
-        corner is outside of the map, or a number is not finite; 255 if unknown cells are met.
+        Largest cost of these cells: below 254 there is no collision; 254 if an obstacle is hit, a
+        corner is outside the map, or a number is not finite; 255 if unknown cells are touched.
 
     Raises
     ------
     ParameterError
-        If `poses` has another shape, the costs are on another scale, or the rule is not known.
+        If `poses` has another shape, the costs are on another scale, or the rule is unknown.
 
     Notes
     -----
-    By ``outline`` 255 may hide 254, as in Nav2: lines lead from corner to corner, and the first
-    that meets 254 ends the search, unless one before it has met 255. By ``full`` 254 anywhere is
-    the cost.
+    With ``outline``, 255 may hide 254, as in Nav2: the edges are traced from corner to corner, and
+    the first one that meets 254 ends the search, unless an earlier one has met 255. With ``full``,
+    254 in any cell gives 254.
 
-    The side of a cell is the float32 of a map message, as in every ROS costmap: a resolution of
-    0.05 is 0.0500000007 there. Where a corner lies on the edge between two cells on paper, that
-    decides. Costmaps of ROS have no yaw; the yaw of this one is honoured.
+    The resolution is rounded to float32, as in a map message and every ROS costmap: 0.05 becomes
+    0.0500000007. This matters if a corner lies nominally on the edge between two cells. ROS
+    costmaps have no yaw; the yaw of this one is taken into account.
 
     References
     ----------
@@ -88,7 +88,7 @@ def footprint_costs(
 def sample_poses(
     costmap: Costmap, footprint: Footprint, poses: ArrayLike, *, rule: FootprintRule = "outline"
 ) -> PoseSamples:
-    """Return what `footprint_costs` does, and where the map holds all corners."""
+    """Return the result of `footprint_costs`, and whether all corners lie on the map."""
     check_choice(rule, FootprintRule, "rule")
     if costmap.scale != "costmap2d":
         text = "footprints are checked against costs on scale costmap2d"

@@ -26,7 +26,7 @@ class Frame:
     Parameters
     ----------
     height, width : int
-        Number of rows and of columns. Row 0 is the south, the smallest y of an unrotated grid.
+        Number of rows and columns. Row 0 is the south, the smallest y of an unrotated grid.
     resolution : float
         Side of a cell, metres.
     origin : tuple of float
@@ -34,8 +34,8 @@ class Frame:
 
     Notes
     -----
-    The grid is half open: its upper edges belong to no cell. A cell's centre lies half a
-    cell from its corner.
+    The grid is half-open: its upper edges belong to no cell. The centre of a cell lies half a
+    cell from its corner along both axes.
     """
 
     height: int
@@ -45,21 +45,21 @@ class Frame:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Number of rows and columns."""
         return self.height, self.width
 
     @property
     def size_xy(self) -> tuple[float, float]:
-        """Extent along the columns and along the rows, metres: cells times resolution."""
+        """Width and height, metres: columns and rows times the resolution."""
         return self.width * self.resolution, self.height * self.resolution
 
     @classmethod
     def centred(cls, height: int, width: int, resolution: float, yaw: float = 0.0) -> Frame:
-        """Return a frame around the world's (0, 0).
+        """Create a frame centred on (0, 0) of the map frame.
 
-        (0, 0) is the lower corner of cell (height // 2, width // 2), so that the cell of a
-        point is floor(y / resolution) + height // 2, floor(x / resolution) + width // 2, for
-        negative coordinates too. Row 0 is the south here, not the top of a picture.
+        (0, 0) is the lower corner of cell (height // 2, width // 2), so that without a yaw the
+        cell of a point is floor(y / resolution) + height // 2, floor(x / resolution) + width // 2,
+        even for negative coordinates. Row 0 is the south, not the top of a picture.
 
         Examples
         --------
@@ -73,7 +73,7 @@ class Frame:
         return unturned.window(-(height // 2), -(width // 2), height, width)
 
     def continuous_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.float64]:
-        """Return the cell coordinates of points, with their fractions.
+        """Convert points to fractional cell coordinates.
 
         Parameters
         ----------
@@ -83,8 +83,8 @@ class Frame:
         Returns
         -------
         numpy.ndarray of float64, shape (N, 2)
-            Row and column coordinates; whole numbers are edges between cells, a cell's centre
-            is at +0.5, as in Nav2's ``worldToMapContinuous``.
+            Row and column coordinates, as in Nav2's ``worldToMapContinuous``: whole numbers are
+            edges between cells, cell centres are at +0.5.
 
         Raises
         ------
@@ -102,10 +102,10 @@ class Frame:
         return cells_xy[:, ::-1]
 
     def tolerance_at(self, points_xy: ArrayLike) -> NDArray[np.float64]:
-        """Return how many cells coordinates of these points, shape (N, 2), may be off by rounding.
+        """Return the rounding error of the coordinates of points, shape (N, 2), in cells.
 
-        At least `CELL_TOLERANCE`; more far from the map frame's origin, where the coordinates
-        themselves are coarser than that.
+        It is at least `CELL_TOLERANCE`, and more far from the map frame's origin, where the
+        coordinates themselves are coarser.
         """
         points = np.abs(np.asarray(points_xy, dtype=np.float64).reshape(-1, 2))
         x, y, _ = self.origin
@@ -115,7 +115,7 @@ class Frame:
         return np.maximum(CELL_TOLERANCE, tolerance)
 
     def unbounded_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
-        """Return the cells that points fall into, as if the grid went on for ever.
+        """Convert points to cells, as if the grid were unbounded.
 
         Parameters
         ----------
@@ -134,8 +134,8 @@ class Frame:
 
         References
         ----------
-        costmap_2d's ``worldToMapNoBounds``, but with floor: that truncates toward zero, and
-        takes points just below the lower edges for cells of row or column 0.
+        costmap_2d's ``worldToMapNoBounds``, but with floor: costmap_2d truncates towards zero and
+        assigns points just below the lower edges to row or column 0.
 
         Examples
         --------
@@ -150,7 +150,7 @@ class Frame:
         return cells
 
     def clamped_rowcol_from_xy(self, points_xy: ArrayLike) -> NDArray[np.int64]:
-        """Return the cells that points fall into, or for points outside the nearest border cell.
+        """Convert points to cells; points outside the grid go to the nearest border cell.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class Frame:
         Returns
         -------
         numpy.ndarray of int64, shape (N, 2)
-            Row and column of each, all of them inside of the grid.
+            Row and column of each, always inside the grid.
 
         Raises
         ------
@@ -169,8 +169,8 @@ class Frame:
 
         References
         ----------
-        costmap_2d's ``worldToMapEnforceBounds``; Nav2's version returns a cell beyond the last
-        for a point exactly on an upper edge, this does not.
+        costmap_2d's ``worldToMapEnforceBounds``. Nav2's version returns a cell beyond the last
+        one for a point exactly on an upper edge; this method does not.
 
         Examples
         --------
@@ -184,19 +184,19 @@ class Frame:
     def bounded_rowcol_from_xy(
         self, points_xy: ArrayLike
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the cells that points fall into, and which points are inside of the grid.
+        """Convert points to cells, and return which points lie inside the grid.
 
         Parameters
         ----------
         points_xy : array_like of float, shape (N, 2)
-            Points in the map frame, metres; those that are not finite are outside.
+            Points in the map frame, metres; non-finite points are outside.
 
         Returns
         -------
         cells : numpy.ndarray of int64, shape (N, 2)
             Row and column of each; (-1, -1) for points outside.
         inside : numpy.ndarray of bool, shape (N,)
-            Whether a cell of the grid holds the point.
+            Whether each point lies in a cell of the grid.
 
         References
         ----------
@@ -216,20 +216,20 @@ class Frame:
     def bounded_continuous_rowcol_from_xy(
         self, points_xy: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the cell coordinates of points, with fractions, and which are inside of the grid.
+        """Convert points to fractional cell coordinates, and return which lie inside the grid.
 
         Parameters
         ----------
         points_xy : array_like of float, shape (N, 2)
-            Points in the map frame, metres; those that are not finite are outside.
+            Points in the map frame, metres; non-finite points are outside.
 
         Returns
         -------
         places : numpy.ndarray of float64, shape (N, 2)
-            As of `continuous_rowcol_from_xy`, but points that only rounding keeps off a cell's
-            centre line are on it; of no meaning for points that are not finite.
+            As for `continuous_rowcol_from_xy`, but points that are off a centre line of cells only
+            by rounding are moved onto it; meaningless for non-finite points.
         inside : numpy.ndarray of bool, shape (N,)
-            Whether a cell of the grid holds the point.
+            Whether each point lies in a cell of the grid.
         """
         places, inside, tolerance = self._bounded(points_xy)
         nearest = np.rint(places - 0.5) + 0.5
@@ -252,14 +252,14 @@ class Frame:
         return places, inside, tolerance
 
     def rowcol_ahead(self, pose: Sequence[float], distance: float) -> tuple[int, int]:
-        """Return the cell of the point that lies ahead of a robot, inside the grid or not.
+        """Return the cell of a point ahead of a robot, inside the grid or not.
 
         Parameters
         ----------
         pose : sequence of float
             x, y (metres) and yaw (radians, 0 along x, anticlockwise) of the robot.
         distance : float
-            Metres; negative for a point behind the robot.
+            Distance of the point, metres; negative for a point behind the robot.
 
         Examples
         --------
@@ -293,20 +293,20 @@ class Frame:
         return self._xy_from_cells(cells[:, ::-1] + 0.5)
 
     def xy_from_continuous_rowcol(self, places_rowcol: ArrayLike) -> NDArray[np.float64]:
-        """Return the points of cell coordinates, shape (N, 2), that have fractions.
+        """Convert fractional cell coordinates, shape (N, 2), to points.
 
-        The reverse of `continuous_rowcol_from_xy`.
+        This is the inverse of `continuous_rowcol_from_xy`.
         """
         places = np.asarray(places_rowcol, dtype=np.float64).reshape(-1, 2)
         return self._xy_from_cells(places[:, ::-1])
 
     def xy_vectors_from_rowcol(self, vectors_rowcol: ArrayLike) -> NDArray[np.float64]:
-        """Return vectors along rows and columns as vectors along x and y, of the same length.
+        """Rotate vectors along rows and columns into the map frame, keeping their length.
 
         Parameters
         ----------
         vectors_rowcol : array_like of float, shape (N, 2)
-            Components from row to row and from column to column.
+            Components in the directions of increasing row and increasing column.
 
         Returns
         -------
@@ -331,13 +331,13 @@ class Frame:
         return 0 <= cell[0] < self.height and 0 <= cell[1] < self.width
 
     def contains(self, points_xy: ArrayLike) -> NDArray[np.bool_]:
-        """Return for each point, shape (N, 2), whether a cell of the grid holds it."""
+        """Return whether each point, shape (N, 2), lies in a cell of the grid."""
         return self.bounded_rowcol_from_xy(points_xy)[1]
 
     def window(self, row: int, col: int, height: int, width: int) -> Frame:
-        """Return the frame of the `height` x `width` cells whose first is (`row`, `col`).
+        """Return the frame of `height` x `width` cells, starting at cell (`row`, `col`).
 
-        Its corner is that cell's corner, so that every cell keeps its place in the map frame
+        Its origin is the corner of that cell, so that every cell keeps its place in the map frame
         whatever the yaw.
         """
         x, y, yaw = self.origin

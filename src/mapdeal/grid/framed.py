@@ -23,10 +23,10 @@ Figures = dict[str, Any]
 
 
 class Framed(Drawn, ABC):
-    """What every grid type shares: layers, a resolution, an origin, and a frame.
+    """Base class of all grids, with layers, a resolution, an origin, and a frame.
 
     Layers are arrays, or lazy layers (`mapdeal.kernels.blocks`) of a map that is processed block
-    by block. Whoever reads `layer[rows]` need not know which.
+    by block; `layer[rows]` works for both.
     """
 
     kind: ClassVar[str]
@@ -43,23 +43,23 @@ class Framed(Drawn, ABC):
 
     @property
     def layer(self) -> Layer:
-        """The layer that the grid is about, of which all others have the shape."""
+        """Main layer, whose shape all other layers share."""
         own: Layer = getattr(self, self.layer_names[0])
         return own
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Number of rows and columns."""
         height, width = self.layer.shape
         return height, width
 
     @property
     def is_lazy(self) -> bool:
-        """Whether the layers are made block by block, when they are asked for."""
+        """Whether the layers are computed block by block, on demand."""
         return is_lazy(self.layer)
 
     def part(self, rows: slice) -> Self:
-        """Return some rows, in memory, at the place that they have in the whole."""
+        """Return some rows, loaded into memory, at their place in the map frame."""
         first, end, _ = rows.indices(self.shape[0])
         if not self.is_lazy and (first, end) == (0, self.shape[0]):
             return self
@@ -71,17 +71,17 @@ class Framed(Drawn, ABC):
         return part
 
     def with_layer(self, layer: Layer) -> Self:
-        """Return the grid with another layer of the same values in place of its own."""
+        """Return the grid with its layer replaced by another one with the same values."""
         other = copy(self)
         object.__setattr__(other, self.layer_names[0], layer)
         return other
 
     def figures(self) -> Figures:
-        """Return size, place and counts of the grid, as JSON can hold them."""
+        """Return the grid's size, place and counts as a JSON-serialisable dict."""
         return {**self.frame_figures(), **self._own_figures()}
 
     def frame_figures(self) -> Figures:
-        """Return size and place of the grid, as JSON can hold them."""
+        """Return the grid's size and place as a JSON-serialisable dict."""
         return {
             "width": self.shape[1],
             "height": self.shape[0],
@@ -112,12 +112,12 @@ class Framed(Drawn, ABC):
         """Yield what there is to say of the values."""
 
     def entries(self) -> dict[str, Any]:
-        """Return what an npz holds besides the geometry: layers and parameters by their keys."""
+        """Return the entries of an npz besides the geometry: layers and parameters by key."""
         return {name: getattr(self, name) for name in self.layer_names}
 
     @property
     def frame(self) -> Frame:
-        """The geometry of the grid."""
+        """Geometry of the grid."""
         return Frame(*self.shape, self.resolution, self.origin)
 
     def _freeze(self, **layers: Layer) -> None:
@@ -138,37 +138,38 @@ class Framed(Drawn, ABC):
 
 
 class ValueGrid(Framed):
-    """A grid of one value a cell: a map or a costmap, on whatever scale."""
+    """A grid with one value per cell: a map or a costmap, on any scale."""
 
     @property
     @abstractmethod
     def value_range(self) -> tuple[int, int]:
-        """The smallest and the largest value of the scale."""
+        """Smallest and largest value of the scale."""
 
     @property
     @abstractmethod
     def unknown_value(self) -> int:
-        """The value of a cell that nothing is known of."""
+        """Value of an unknown cell."""
 
     @property
     def outside_values(self) -> dict[str, float]:
-        """What each layer holds in the cells around the grid on a larger canvas: unknown."""
+        """Value of each layer in cells added around the grid: unknown."""
         return {self.layer_names[0]: self.unknown_value}
 
     @property
     def values(self) -> NDArray[Any]:
-        """The values, shape (H, W), read-only."""
+        """Values of the cells, shape (H, W), read-only."""
         return self.layer
 
     @abstractmethod
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> Self:
-        """Return a grid of the same kind with other values, at another origin if one is given."""
+        """Return a grid of the same kind with other values and, if given, another origin."""
 
     def painted(self, strokes: Iterable[tuple[Spans, int]], overlay: OverlayType = "seq") -> Self:
-        """Return a grid in which the cells of spans have their values, one after the other.
+        """Return a grid with the cells of spans set to their values, one span after the other.
 
-        What a cell has already gives way to any value (``seq``), to a larger (``max``) or to a
-        smaller one (``min``); unknown gives way to all, and wins only with ``seq``.
+        A cell's value is replaced by any value (``seq``), only by a larger one (``max``) or only
+        by a smaller one (``min``). Unknown is replaced by any value, and replaces others only
+        with ``seq``.
         """
         values = self.values.copy()
         old = np.arange(256, dtype=np.uint8).view(values.dtype)

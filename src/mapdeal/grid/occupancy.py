@@ -1,4 +1,4 @@
-"""The occupancy grid: what a map file holds."""
+"""The occupancy grid: the contents of a map file."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OccupancyGrid(ValueGrid):
-    """A grid of occupancy values, as ``nav_msgs/OccupancyGrid``.
+    """A grid of occupancy values, like ``nav_msgs/OccupancyGrid``.
 
     Parameters
     ----------
     occupancy : array_like of int8, shape (H, W)
-        -1 unknown, 0 free, 100 occupied, 1..99 in between. Row 0 is the south. Kept as a
-        read-only view: do not change the array behind it.
+        Occupancy: -1 unknown, 0 free, 100 occupied, 1..99 in between. Row 0 is the south. Kept as
+        a read-only view: do not modify the underlying array.
     resolution : float
         Side of a cell, metres.
     origin : sequence of float
@@ -65,22 +65,22 @@ class OccupancyGrid(ValueGrid):
 
     @property
     def value_range(self) -> tuple[int, int]:
-        """-1 and 100."""
+        """Smallest and largest value: -1 and 100."""
         return UNKNOWN, OCCUPIED
 
     @property
     def unknown_value(self) -> int:
-        """-1."""
+        """Value of an unknown cell: -1."""
         return UNKNOWN
 
     def with_values(self, values: NDArray[Any], origin: Origin | None = None) -> OccupancyGrid:
-        """Return a map with other values, at another origin if one is given."""
+        """Return a map with other values and, if given, another origin."""
         return OccupancyGrid(values, self.resolution, origin or self.origin)
 
     def amcl_states(self) -> NDArray[np.int8]:
-        """Return what amcl makes of the map: -1 free, +1 occupied, 0 unknown; shape (H, W).
+        """Return amcl's interpretation of the map: -1 free, +1 occupied, 0 unknown; shape (H, W).
 
-        Values 1..99 are unknown to amcl, as -1 is.
+        Like -1, values 1..99 are unknown to amcl.
 
         References
         ----------
@@ -95,13 +95,13 @@ class OccupancyGrid(ValueGrid):
         return states
 
     def as_amcl_sees_it(self) -> OccupancyGrid:
-        """Return the map that is left to amcl: 0 free, 100 occupied, all else unknown."""
+        """Return the map as amcl interprets it: 0 free, 100 occupied, everything else unknown."""
         table = np.full(256, UNKNOWN, dtype=np.int8)
         table[[FREE, OCCUPIED]] = FREE, OCCUPIED
         return self.with_values(look_up(self.occupancy, table))
 
     def occupied(self, lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD) -> NDArray[np.bool_]:
-        """Return the mask of obstacle cells, those of at least `lethal_threshold`."""
+        """Return the mask of obstacle cells, those at or above `lethal_threshold`."""
         return mapped(self.occupancy, bool, lambda values: values >= lethal_threshold)
 
     def unknown(self) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""The potential field: repulsion from obstacles, and attraction to a goal."""
+"""The potential field: repulsion from obstacles and attraction to a goal."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ LARGEST_REPULSION = 1e15
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PotentialField(FieldGrid):
-    """A potential on a map: high at obstacles, low at the goal.
+    """A potential on a map, high at obstacles and low at the goal.
 
     Parameters
     ----------
     repulsive : array_like of float64, shape (H, W)
-        Sum of 1 / distance to every obstacle cell, per metre, at least 0. Around one box of
-        cells it may be nan, where the map is unknown; so are all other layers there.
+        Sum of 1 / distance over all obstacle cells, at least 0, per metre. It may be nan in unknown
+        cells outside one box of cells; all other layers are then nan there, as well.
     occupancy : array_like of int8, shape (H, W)
-        The map; the obstacles are its cells of 100.
+        The map; its cells of value 100 are the obstacles.
     resolution : float
         Side of a cell, metres.
     origin : sequence of float
@@ -44,16 +44,16 @@ class PotentialField(FieldGrid):
     goal : tuple of float, optional
         x and y of the goal in the map frame, metres.
     attractive_gain, repulsive_gain : float
-        Factors of the two parts in `potential`.
+        Weights of the two parts of `potential`.
     repulsive_cap : float
-        What `repulsive` was capped at.
+        Upper bound of `repulsive`, per metre.
     region : Region, optional
-        The box of cells that have a potential, None if all have one. For arrays it is found.
+        Box of the cells that have a potential, None if all have one. It is detected for arrays.
 
     Raises
     ------
     ParameterError
-        If a value is negative or beyond all maps, or the occupancy not in -1..100.
+        If a value is negative or too large, or an occupancy is outside -1..100.
     """
 
     kind = "potential field"
@@ -109,7 +109,7 @@ class PotentialField(FieldGrid):
         yield count_text(int(np.count_nonzero(self.obstacles())), "obstacle cell")
 
     def entries(self) -> dict[str, Any]:
-        """Return all layers that there are, the map, and the numbers they were made with."""
+        """Return all layers, the map, and the parameters they were computed with."""
         entries: dict[str, Any] = {"repulsive": self.repulsive, "normalised": self.normalised}
         if self.goal is not None:
             entries |= {"attractive": self.attractive, "potential": self.potential}
@@ -125,7 +125,7 @@ class PotentialField(FieldGrid):
 
     @property
     def grid(self) -> OccupancyGrid:
-        """The map that the potential belongs to."""
+        """Map that the potential belongs to."""
         return OccupancyGrid(self.occupancy, self.resolution, self.origin)
 
     def obstacles(self) -> NDArray[np.bool_]:
@@ -135,7 +135,7 @@ class PotentialField(FieldGrid):
 
     @layer_of_box
     def attractive(self) -> NDArray[np.float64] | None:
-        """Distance from each cell's centre to the goal, metres, shape (H, W); None without one."""
+        """Distance from each cell centre to the goal, metres, shape (H, W); None without a goal."""
         if self.goal is None:
             return None
         row, col = self.frame.continuous_rowcol_from_xy([self.goal])[0]
@@ -146,7 +146,7 @@ class PotentialField(FieldGrid):
 
     @layer_of_box
     def potential(self) -> NDArray[np.float64]:
-        """Both parts times their gains, shape (H, W); without a goal, `repulsive` as it is."""
+        """Sum of both parts times their gains, shape (H, W); `repulsive` if there is no goal."""
         if self.attractive is None:
             return self.repulsive
         total = self.attractive_gain * self.attractive + self.repulsive_gain * self.repulsive
@@ -154,7 +154,7 @@ class PotentialField(FieldGrid):
 
     @layer_of_box
     def normalised(self) -> NDArray[np.float64]:
-        """The potential stretched to 0..10, shape (H, W); all 0 if it is the same everywhere."""
+        """Potential scaled to 0..10, shape (H, W); all 0 if it is constant."""
         low, high = float(self.potential.min()), float(self.potential.max())
         if high == low:
             return _read_only(np.zeros(self.shape))
@@ -162,26 +162,26 @@ class PotentialField(FieldGrid):
 
     @layer_of_box
     def gradient(self) -> NDArray[np.float64]:
-        """Slope of the potential along x and y of the map frame, per metre, shape (2, H, W).
+        """Gradient of the potential along x and y of the map frame, per metre, shape (2, H, W).
 
-        It points uphill; without a goal it is that of the repulsion. Central differences
-        between the neighbouring cells, one-sided at the border; along an axis of a single cell 0.
-        Beside an obstacle they look into its cell, whose own term the sum leaves out;
-        `downhill_surface` puts it back.
+        It points uphill; without a goal it is the gradient of the repulsion. It is computed by
+        central differences, one-sided at the border, and is 0 along an axis of a single cell. Next
+        to an obstacle, the differences include the obstacle cell, whose own term is missing from
+        the sum; `downhill_surface` adds it.
         """
         return _read_only(self._slopes(self.potential))
 
     @layer_of_box
     def gradient_magnitude(self) -> NDArray[np.float64]:
-        """Length of the gradient, per metre, shape (H, W)."""
+        """Magnitude of the gradient, per metre, shape (H, W)."""
         return _read_only(np.hypot(*self.gradient))
 
     def downhill_surface(self) -> NDArray[np.float64]:
-        """Return the potential with obstacle cells raised, shape (H, W), to go downhill on.
+        """Return the potential with obstacle cells raised, shape (H, W), for descending it.
 
-        An obstacle's own cell has no term of its own in the sum, since it is at distance 0, so
-        that the cell of a lone obstacle would be a pit. Here it has one, as at the edge of the
-        cell: 2 / resolution.
+        The sum in an obstacle cell has no term for the cell itself, which is at distance 0, so
+        that a single obstacle cell would be a pit. Here the term of the cell's edge is added,
+        2 / resolution.
         """
         if self.region is not None:
             return put_around(self.cropped.downhill_surface(), self.shape, self.region)
@@ -191,10 +191,10 @@ class PotentialField(FieldGrid):
         return surface
 
     def downhill(self) -> NDArray[np.float64]:
-        """Return the direction of steepest descent, not its length, shape (2, H, W).
+        """Return the direction of steepest descent, shape (2, H, W).
 
-        Unit vectors along x and y of the map frame on the `downhill_surface`; 0 where it is
-        level, and where there is no potential.
+        It consists of unit vectors along x and y of the map frame on the `downhill_surface`; they
+        are 0 where the surface is level or there is no potential.
         """
         if self.region is not None:
             return put_around(self.cropped.downhill(), self.shape, self.region, fill=0.0)

@@ -30,14 +30,14 @@ MOST_HEADINGS = 255
 
 @dataclass(frozen=True, repr=False)
 class Goal(OneLine):
-    """A place that a robot should get to.
+    """A place that a robot should reach.
 
     Parameters
     ----------
     x, y : float
-        The place in the map frame, metres.
+        Position in the map frame, metres.
     name : str, optional
-        What people call it.
+        Name of the goal.
     """
 
     x: float
@@ -46,7 +46,7 @@ class Goal(OneLine):
 
     @property
     def label(self) -> str:
-        """Its name, or if it has none its place."""
+        """Name of the goal, or its position if it has no name."""
         place = f"{self.x + 0.0:.10g},{self.y + 0.0:.10g}"
         return place if self.name is None else self.name
 
@@ -58,17 +58,17 @@ class Goal(OneLine):
 
 @dataclass(frozen=True, repr=False)
 class Bottleneck(OneLine):
-    """The narrowest place of the widest way to a goal.
+    """The narrowest place on the widest route to a goal.
 
     Parameters
     ----------
     x, y : float
-        The place in the map frame, metres.
+        Position in the map frame, metres.
     width : float
-        Twice the distance of its centre to the nearest obstacle cell's centre, metres: a round
-        robot passes if it is narrower.
+        Twice the distance from this place to the nearest obstacle cell's centre, metres. A round
+        robot passes if its diameter is smaller.
     at : {'passage', 'start', 'goal'}
-        Whether that is a place along the route, or the start or the goal itself.
+        Kind of place: along the route, or the start or the goal itself.
     """
 
     x: float
@@ -78,7 +78,7 @@ class Bottleneck(OneLine):
 
     @property
     def text(self) -> str:
-        """What is how wide, in a few words."""
+        """Short description of the place and its width."""
         where = {"passage": "a passage", "start": "the start", "goal": "the goal"}[self.at]
         if self.at == "passage":
             where += f" at {self.x + 0.0:.4g},{self.y + 0.0:.4g}"
@@ -91,21 +91,21 @@ class Bottleneck(OneLine):
 
 @dataclass(frozen=True, repr=False)
 class GoalReach(OneLine):
-    """Whether a robot gets to a goal, and what limits it.
+    """Whether a robot can reach a goal, and what limits it.
 
     Parameters
     ----------
     goal : Goal
-        Where it should get to.
+        The goal.
     reachable : bool
-        Whether it gets there in any heading.
+        Whether the robot can reach it in any heading.
     heading_count : int
-        In how many headings; for a round robot all or none.
+        Number of headings in which it can reach the goal; all or none for a round robot.
     widest_radius : float
-        Radius of the largest round robot that gets there, metres, which itself is too large by a
-        hair; 0 if none does, however small, +inf if nothing limits it.
+        Limit below which the radius of a round robot must lie to reach the goal, metres; 0 if no
+        robot can, however small, +inf if nothing limits it.
     limited_by : Bottleneck, optional
-        What limits that radius; None where nothing, or a wall without a passage, does.
+        Place that limits this radius; None if nothing does, or a wall without a passage.
     """
 
     goal: Goal
@@ -125,21 +125,21 @@ class GoalReach(OneLine):
 
 @dataclass(frozen=True, repr=False)
 class Passage(OneLine):
-    """A place where a robot is stopped, or all but stopped.
+    """A place that stops a robot or barely lets it pass.
 
     Parameters
     ----------
     x, y : float
-        Its middle in the map frame, metres.
+        Midpoint in the map frame, metres.
     width : float
-        Metres, as of a `Bottleneck`.
+        Width as in `Bottleneck`, metres.
     cut_off : float
-        Area of the cells behind it, seen from the start, that are open to the robot: square metres
-        that it loses where it cannot pass.
+        Area behind the passage, seen from the start, that is open to the robot and lost if it
+        cannot pass, square metres.
     is_open : bool
-        Whether the robot passes.
+        Whether the robot can pass.
     ends : tuple of two points
-        Centres of the obstacle cells on both sides between which it is narrowest.
+        Centres of the obstacle cells on either side at the narrowest point.
     """
 
     x: float
@@ -157,39 +157,39 @@ class Passage(OneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reach(Framed):
-    """Which cells a robot can reach from a start, and how wide the ways are.
+    """The cells that a robot can reach from a start, and the widths of the routes.
 
     Parameters
     ----------
     reachable : array_like of uint8, shape (H, W)
-        1 where the robot's centre can get to, in any heading, else 0.
+        1 where the robot's centre can get to in any heading, else 0.
     headings : array_like of uint8, shape (H, W)
-        In how many of the headings the robot can stand there, reached or not; a round one in all or
-        none.
+        Number of headings in which the robot can stand in the cell, reached or not; all or none
+        for a round robot.
     clearance : array_like of float32, shape (H, W)
-        Distance of the cell's centre to the nearest obstacle cell's centre, metres; 0 in
-        obstacles, +inf if there is none. On a larger canvas than was looked at nan around that.
+        Distance from the cell centre to the nearest obstacle cell's centre, metres; 0 in
+        obstacles, +inf if there are none, nan outside the analysed part of the map.
     widest : array_like of float32, shape (H, W)
-        Radius of the largest round robot that gets there from the start, metres, which itself is
-        too large by a hair; 0 where none does.
+        Limit below which the radius of a round robot must lie to get there from the start,
+        metres; 0 where no robot can.
     occupancy : array_like of int8, shape (H, W)
-        The map: 100 is an obstacle, -1 unknown, all else free.
+        The map: 100 is an obstacle, -1 unknown, everything else free.
     resolution : float
         Side of a cell, metres.
     origin : sequence of float
         x, y (metres) and yaw (radians) of the outer corner of cell (0, 0).
     start : tuple of float
-        x and y in the map frame, metres, and a yaw if one was asked for.
+        x and y in the map frame (metres), and the yaw (radians) if one was given.
     robot : Footprint, optional
-        The robot's shape; None for a point.
+        Robot shape; None for a point.
     heading_count : int
-        How many headings there are, the first of them 0.
+        Number of headings, evenly spaced from 0.
     through_unknown : bool
         Whether unknown cells are open.
     goals : tuple of GoalReach
-        The answers for the goals that were asked for.
+        Results for the goals.
     passages : tuple of Passage
-        What stops the robot or all but stops it, the narrowest first.
+        Passages that stop the robot or barely let it pass, the narrowest first.
     """
 
     kind = "reach"
@@ -224,40 +224,40 @@ class Reach(Framed):
 
     @property
     def grid(self) -> OccupancyGrid:
-        """The map that was looked at."""
+        """Map that was analysed."""
         return OccupancyGrid(self.occupancy, self.resolution, self.origin)
 
     @property
     def outside_values(self) -> dict[str, float]:
-        """What each layer holds in the cells around the grid on a larger canvas."""
+        """Value of each layer in cells added around the grid."""
         closed = dict.fromkeys(("reachable", "headings", "widest"), 0)
         return {**closed, "clearance": np.nan, "occupancy": UNKNOWN}
 
     @property
     def cell_area(self) -> float:
-        """Square metres of a cell."""
+        """Area of a cell, square metres."""
         return self.resolution * self.resolution
 
     @property
     def reachable_area(self) -> float:
-        """Square metres of the cells that the robot's centre can get to."""
+        """Area of the cells that the robot's centre can get to, square metres."""
         return int(np.count_nonzero(self.reachable)) * self.cell_area
 
     @property
     def open_area(self) -> float:
-        """Square metres of the cells that the robot's centre can stand in, reached or not."""
+        """Area of the cells in which the robot can stand, reached or not, square metres."""
         return int(np.count_nonzero(self.headings)) * self.cell_area
 
     @property
     def free_area(self) -> float:
-        """Square metres of the cells that are no obstacles, nor unknown if that is closed."""
+        """Area of the free cells, square metres; unknown cells count if they are open."""
         least = -1 if self.through_unknown else 0
         free = (self.occupancy >= least) & (self.occupancy < 100) & ~np.isnan(self.clearance)
         return int(np.count_nonzero(free)) * self.cell_area
 
     @property
     def share(self) -> float:
-        """What the reachable area is of the free one; 0 if nothing is free."""
+        """Reachable area as a share of the free area; 0 if nothing is free."""
         free = self.free_area
         return self.reachable_area / free if free else 0.0
 
@@ -290,7 +290,7 @@ class Reach(Framed):
         yield count_text(len(self.passages), "passage")
 
     def entries(self) -> dict[str, Any]:
-        """Return the layers, the map, the start and the robot; the answers are in the JSON."""
+        """Return the layers, the map, the start and the robot; the results are in the JSON."""
         entries: dict[str, Any] = {
             **super().entries(),
             "start": np.array(self.start, dtype=np.float64),
@@ -304,9 +304,9 @@ class Reach(Framed):
 
 
 def reach_radius(robot: Footprint | None) -> float:
-    """Return the radius of the round robot that fits wherever a robot does, metres.
+    """Return the radius of the largest round robot that fits wherever a robot does, metres.
 
-    Of one with corners it is the inscribed radius; 0 if the centre lies outside of it.
+    For a robot with corners it is the inscribed radius, or 0 if the centre lies outside of it.
     """
     if robot is None or (robot.vertices and not contains_centre(robot.vertices)):
         return 0.0
@@ -314,7 +314,7 @@ def reach_radius(robot: Footprint | None) -> float:
 
 
 def robot_text(robot: Footprint | None) -> str:
-    """Return what to call a robot.
+    """Return a short description of a robot.
 
     Examples
     --------
@@ -335,7 +335,7 @@ def closed_text(occupancy: int, clearance: float, robot: Footprint | None) -> st
     Parameters
     ----------
     occupancy : int
-        That of the cell, as in a `Reach`.
+        Occupancy of the cell, as in a `Reach`.
     clearance : float
         Distance to the nearest obstacle, metres.
     robot : Footprint, optional
@@ -352,8 +352,8 @@ def closed_text(occupancy: int, clearance: float, robot: Footprint | None) -> st
 
 
 def width_of(square: int, resolution: float) -> float:
-    """Return the width of a place at a squared distance in cells from the nearest obstacle, metres.
+    """Return the width of a place, metres, given its squared distance from obstacles in cells.
 
-    Twice the distance: a round robot passes if its radius is below half of it.
+    It is twice the distance: a round robot passes if its radius is below half of it.
     """
     return 2 * math.sqrt(square) * resolution

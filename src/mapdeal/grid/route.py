@@ -1,4 +1,4 @@
-"""A way through a map."""
+"""A route through a map."""
 
 from __future__ import annotations
 
@@ -17,35 +17,36 @@ Method = Literal["astar", "descent"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Route(OneLine):
-    """The route from a start to a goal.
+    """A route from a start to a goal.
 
     Parameters
     ----------
     method : {'astar', 'descent'}
-        How it was sought.
+        Search method.
     reached : bool
         Whether the last point is the goal.
     start, goal : tuple of float
         x and y in the map frame, metres.
     points_xy : numpy.ndarray of float64, shape (N, 2)
-        The way in the map frame, metres, from the start on; empty if there is none.
+        Points of the route in the map frame, beginning at the start, metres; empty if there is no
+        route.
     length : float
-        Length of the way, metres.
+        Length of the route, metres.
     cost : float
-        Sum over the way's pieces of their length in metres times the weight of the cell that
-        they end in.
+        Sum over the segments of their length in metres times the weight of the cell in which they
+        end.
     min_clearance : float
-        Least distance of the points to the centre of an obstacle cell, metres; +inf without
-        obstacles, nan without points.
+        Smallest distance from a point of the route to the centre of an obstacle cell, metres;
+        +inf without obstacles, nan without points.
     local_minimum : tuple of float, optional
-        Where a descent has ended in a minimum of the potential that is not the goal.
+        Local minimum of the potential, other than the goal, in which a descent ended.
     mean_clearance : float
-        Mean of that distance along the way, metres: each piece counts with its length, and with
-        the mean of its two ends; +inf without obstacles, nan without points.
+        Mean distance to obstacles along the route, metres: each segment counts with its length
+        and the mean clearance of its two ends; +inf without obstacles, nan without points.
     expanded : int, optional
-        Cells whose neighbours the search looked at; None of a descent.
+        Number of cells that the search expanded; None for a descent.
     optimal : bool
-        Whether the search is sure to find the lowest cost.
+        Whether the search guarantees the lowest cost.
     """
 
     method: Method

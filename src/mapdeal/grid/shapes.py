@@ -27,18 +27,18 @@ _FLAT = 1e-12
 
 
 class Shape(Protocol):
-    """What can be drawn: a kind, perhaps a value of its own, and the cells it covers."""
+    """A shape that can be drawn: its kind, optional value and covered cells."""
 
     kind: ClassVar[str]
 
     @property
     def value(self) -> int | None:
-        """The value to draw with, if the shape brings one."""
+        """Value to draw with, None if the shape has none."""
         ...
 
     @property
     def source(self) -> str:
-        """File and place that the shape was read from, for messages; empty if none."""
+        """File and place that the shape was read from, for messages; empty if not from a file."""
         ...
 
     def spans(self, frame: Frame) -> Iterator[Spans]:
@@ -46,41 +46,41 @@ class Shape(Protocol):
         ...
 
     def outside_part(self, frame: Frame) -> str | None:
-        """Return what of the shape lies outside of a grid, in words; None if nothing does."""
+        """Return a description of the part of the shape outside a grid; None if nothing is."""
         ...
 
     def has_extent(self) -> bool:
-        """Return whether the shape is more than its own outline."""
+        """Return whether the shape is more than its outline."""
         ...
 
 
 @dataclass(frozen=True, repr=False)
 class Polygon(OneLine):
-    """A filled polygon, convex or not, with holes or without.
+    """A filled polygon, convex or concave, with or without holes.
 
     Parameters
     ----------
     points_xy : sequence of (x, y)
-        Corners in the map frame, metres, in either sense of rotation.
+        Corners in the map frame, clockwise or anticlockwise, metres.
     holes_xy : sequence of sequences of (x, y)
-        Corners of each hole; cells on the edge of a hole belong to the polygon, and what of a
-        hole lies outside of the polygon means nothing.
+        Corners of each hole, metres. Cells on the edge of a hole belong to the polygon; parts of a
+        hole outside the polygon are ignored.
     value : int, optional
-        What to draw it with.
+        Value to draw with.
     source : str
-        File and place that it was read from, for messages.
+        File and place that the shape was read from, for messages.
 
     Raises
     ------
     ParameterError
-        If there are fewer than three corners, or more than 10,000 with those of the holes, a
+        If there are fewer than three corners, or more than 10,000 including those of the holes, a
         coordinate is not finite, or edges of the outline or of a hole cross.
 
     Notes
     -----
-    Corners are moved to the centres of their cells, the edges between them are costmap_2d's
-    lines of cells, and the rest is what lies between. For a convex polygon those are the cells
-    that ``setConvexPolygonCost`` sets; of concave ones it fills bays, too, which stay empty here.
+    Corners are moved to the centres of their cells, the edges between them are costmap_2d's lines
+    of cells, and the cells in between are filled. For a convex polygon, these are the cells that
+    ``setConvexPolygonCost`` sets; for a concave one, it also fills bays, which stay empty here.
 
     Examples
     --------
@@ -121,7 +121,7 @@ class Polygon(OneLine):
         return polygon_spans(rings, frame.shape)
 
     def outside_part(self, frame: Frame) -> str | None:
-        """Return the first corner outside of a grid, in words; upper edges are outside."""
+        """Return a description of the first corner outside a grid; upper edges are outside."""
         return _outside_vertex(frame, self.points_xy)
 
     def has_extent(self) -> bool:
@@ -133,29 +133,30 @@ class Polygon(OneLine):
 
 @dataclass(frozen=True, repr=False)
 class Line(OneLine):
-    """A line through two points or more, with both of its ends.
+    """A line through two or more points, including both ends.
 
     Parameters
     ----------
     points_xy : sequence of (x, y)
         Points in the map frame, metres; each is joined to the next.
     thickness : float
-        Metres; up to the side of a cell for a line of single cells.
+        Thickness, metres; up to the side of a cell, the line is one cell wide.
     value : int, optional
-        What to draw it with.
+        Value to draw with.
     source : str
-        File and place that it was read from, for messages.
+        File and place that the shape was read from, for messages.
 
     Raises
     ------
     ParameterError
-        If there are fewer than two points, or a number is not finite or below 0.
+        If there are fewer than two points, a coordinate is not finite, or the thickness is negative
+        or not finite.
 
     Notes
     -----
-    The cells of costmap_2d's ``raytraceLine`` from the cell of each point to that of the next,
-    and with a thickness of more than a cell every cell whose centre lies within half of it from
-    the line. The ends are round.
+    The line consists of the cells of costmap_2d's ``raytraceLine`` from the cell of each point to
+    that of the next. If it is thicker than a cell, it also includes every cell whose centre lies
+    within half the thickness of the line. The ends are round.
 
     Examples
     --------
@@ -196,7 +197,7 @@ class Line(OneLine):
         return chain(thin, (capsule_spans(a, b, radius, frame.shape) for a, b in ends))
 
     def outside_part(self, frame: Frame) -> str | None:
-        """Return the first point outside of a grid, or the thickness, in words."""
+        """Return a description of the first point, or the thickness, outside a grid."""
         if vertex := _outside_vertex(frame, self.points_xy):
             return vertex
         beyond = _disc_reaches_beyond(frame, self.points_xy, self._reach(frame))
@@ -208,7 +209,7 @@ class Line(OneLine):
         return 0.0 if is_thin else self.thickness / 2
 
     def has_extent(self) -> bool:
-        """Return True: a line is meant to have none."""
+        """Return True: a line need not have an area."""
         return True
 
 
@@ -219,23 +220,23 @@ class Circle:
     Parameters
     ----------
     center_xy : (x, y)
-        In the map frame, metres.
+        Center in the map frame, metres.
     radius : float
-        Metres.
+        Radius, metres.
     value : int, optional
-        What to draw it with.
+        Value to draw with.
     source : str
-        File and place that it was read from, for messages.
+        File and place that the shape was read from, for messages.
 
     Raises
     ------
     ParameterError
-        If a number is not finite, or the radius below 0.
+        If a number is not finite, or the radius is negative.
 
     Notes
     -----
-    Every cell whose centre lies within the radius, as in `mapdeal.inflate`, and the cell that
-    holds the circle's own centre. With radius 0 that is the only one.
+    The circle covers every cell whose centre lies within the radius, as in `mapdeal.inflate`, and
+    the cell that contains its own center. With radius 0, the latter is the only one.
 
     Examples
     --------
@@ -273,14 +274,14 @@ class Circle:
         return chain(own, (capsule_spans(place, place, radius, frame.shape) for _ in range(1)))
 
     def outside_part(self, frame: Frame) -> str | None:
-        """Return the center, if it is outside of a grid, or the rim, in words."""
+        """Return a description of the center, or else the rim, if outside a grid."""
         if not bool(frame.contains([self.center_xy]).all()):
             return "its center"
         beyond = _disc_reaches_beyond(frame, [self.center_xy], self.radius)
         return "its rim" if beyond else None
 
     def has_extent(self) -> bool:
-        """Return True: it has its own cell at least."""
+        """Return True: a circle covers at least its own cell."""
         return True
 
 

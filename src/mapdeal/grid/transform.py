@@ -1,4 +1,4 @@
-"""How one map lies in the frame of another: a turn and a shift."""
+"""The transform from one map frame to another: a rotation and a translation."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Transform(OneLine):
     Parameters
     ----------
     x, y : float
-        The shift, metres, in the frame that points are brought to.
+        Translation in the target frame, metres.
     yaw : float
-        The turn, radians, anticlockwise; kept within -pi..pi.
+        Rotation, anticlockwise, normalised to -pi..pi, radians.
 
     Raises
     ------
@@ -59,29 +59,29 @@ class Transform(OneLine):
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """x, y and yaw."""
+        """Translation and rotation as x, y (metres) and yaw (radians)."""
         return self.x, self.y, self.yaw
 
     @classmethod
     def from_pose(cls, pose: Sequence[float]) -> Transform:
-        """Return the transform from the frame that has its origin at a pose x, y, yaw."""
+        """Create the transform from the frame whose origin is at a pose x, y, yaw."""
         x, y, yaw = pose
         return cls(x, y, yaw)
 
     def points(self, points_xy: ArrayLike) -> NDArray[np.float64]:
-        """Return points, shape (N, 2), in the frame that they are brought to, metres."""
+        """Transform points, shape (N, 2), metres."""
         points = np.asarray(points_xy, dtype=np.float64).reshape(-1, 2)
         moved = turned(points, self.yaw)
         moved += (self.x, self.y)
         return moved
 
     def inverse(self) -> Transform:
-        """Return the transform that brings points back."""
+        """Return the inverse transform."""
         x, y = turned(np.array([[-self.x, -self.y]]), -self.yaw)[0]
         return Transform(x, y, -self.yaw)
 
     def after(self, first: Transform) -> Transform:
-        """Return the transform that does `first`, and then this one.
+        """Return the transform that applies `first` and then this one.
 
         Examples
         --------
@@ -93,9 +93,9 @@ class Transform(OneLine):
         return Transform(x, y, first.yaw + self.yaw)
 
     def frame(self, frame: Frame) -> Frame:
-        """Return the place of a grid in the frame that its points are brought to.
+        """Transform the frame of a grid.
 
-        The cells are the same; their corner is moved and their axes are turned.
+        The cells stay the same; their corner is moved and their axes are rotated.
         """
         if self.pose == (0.0, 0.0, 0.0):
             return frame
