@@ -1,36 +1,36 @@
 """mapdeal: batch processing of robot map files without ROS.
 
-Read and write: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_shapes`,
-`read_cloud`, `read_poses`, `read_map_from_bag`.
-Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField`, `Reach` (any of them a
-`Grid`) and `BitMap`, each with its `Frame`; `FieldView` with its `ViewScale`.
+Files: `read_map`, `write_map`, `read_bit_map`, `write_bit_map`, `read_shapes`, `read_cloud`,
+`read_poses`, `read_map_from_bag`.
+Grids: `OccupancyGrid`, `Costmap`, `DistanceField`, `PotentialField` and `Reach` (together: `Grid`)
+and `BitMap`, each with a `Frame`; `FieldView` with a `ViewScale`.
 Stages: `active_region`, `inflate`, `esdf`, `field_view`, `exponential_cost`, `threshold_cost`,
-`ring_cost`, `layered_cost` of `StaticLayer` and `InflationLayer`, `potential`, `reach`;
-`apply_keepout_mask`. Robots: a `Footprint`, and `read_robot_parameters` of a robot's own files,
-which gives `RobotParameters`.
-Maps from sensors: `local_map`, and `LocalMapper` with `LocalOptions` for clouds that come in
-parts, which gives a `LocalMap`, or `RollingMapper` for sequences; `build_map` of laser scans,
-`build_map_from_log` and `build_map_from_bag`, which give a `BuiltMap`, and `MapBuilder` with
-`BeamLimits` for `Scans` that come in parts.
-Questions: `DistanceField.query`, which gives `FieldSamples`; `footprint_costs` of a robot at poses;
-`cost_curve`, which gives a `CostCurve`; `shortest_route` and `descend`, which give a `Route`. A
-`Reach` has a `GoalReach` with a `Bottleneck` for each `Goal`, and each `Passage`.
-As the commands do: `run` with its `RunReport`; `load_recipe`, which gives a `Recipe`, and
-`apply_recipe` for grids in memory; `lint`, which gives a `LintReport` of `Finding`, with a
-`MapReport` for each map; `diff`, which gives a `DiffReport` with `WallShift` and `Bound`;
-`score`, which gives a `Score` with `ScoreBound`; `info`;
-`write_report`, which gives a `WrittenReport`.
-Pictures: `draw_picture`, which gives a `Picture`, and `write_picture`; notebooks show grids and
-reports as pictures by themselves.
-Changes: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
-`reset_region`; `rotate`, `straighten` by `yaw_to_straighten`, `rescale`; `clean`, which gives a
+`ring_cost`, `layered_cost` with `StaticLayer` and `InflationLayer`, `potential`, `reach`; also
+`apply_keepout_mask`.
+Robots: `Footprint`; `read_robot_parameters` reads `RobotParameters` from a robot's own files.
+Maps from sensors: `local_map`, and for clouds that arrive in parts `LocalMapper` with
+`LocalOptions`, return a `LocalMap`; `RollingMapper` processes sequences. `build_map`,
+`build_map_from_log` and `build_map_from_bag` return a `BuiltMap` from laser scans; `MapBuilder`
+with `BeamLimits` accepts `Scans` in parts.
+Queries: `DistanceField.query` returns `FieldSamples`; `footprint_costs` returns a robot's costs at
+poses; `cost_curve` returns a `CostCurve`; `shortest_route` and `descend` return a `Route`. A
+`Reach` contains a `GoalReach` with a `Bottleneck` for each `Goal`, and every `Passage`.
+Counterparts of the commands: `run` returns a `RunReport`; `load_recipe` returns a `Recipe`, and
+`apply_recipe` applies it to grids in memory; `lint` returns a `LintReport` of `Finding`, with a
+`MapReport` for each map; `diff` returns a `DiffReport` with `WallShift` and `Bound`; `score`
+returns a `Score` with `ScoreBound`; `info` returns a dict; `write_report` returns a
+`WrittenReport`.
+Pictures: `draw_picture` returns a `Picture`; `write_picture`. Notebooks display grids and reports
+as pictures.
+Editing: `draw` with `Polygon`, `Line`, `Circle`; `blank`, `window`, `shift_origin`,
+`reset_region`; `rotate`, `straighten` with `yaw_to_straighten`, `rescale`; `clean` returns a
 `Cleaned`; `xy_ahead` of a pose.
-Several maps of one place: `align`, which gives an `Alignment`; `merge`, which gives a `Merged`
-with the `MapCounts` of each map; a `Transform` says how the frames of two maps lie.
-Errors: `MapdealError`, of which `ParameterError`, `MalformedInputError`, `FileAccessError` and
-`FindingError` are kinds; `MapdealWarning`.
+Several maps of one place: `align` returns an `Alignment`; `merge` returns a `Merged` with
+`MapCounts` for each map; a `Transform` relates the frames of two maps.
+Errors: `MapdealError` and its subclasses `ParameterError`, `MalformedInputError`,
+`FileAccessError` and `FindingError`; `MapdealWarning`.
 
-Everything public is loaded on first use, so that ``import mapdeal`` costs nothing.
+All public names are loaded on first use, so that ``import mapdeal`` costs nothing.
 """
 
 from __future__ import annotations

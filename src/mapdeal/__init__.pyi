@@ -1,5 +1,5 @@
-# The public names: what `import mapdeal` gives, each loaded on first use.
-# `mapdeal.__init__` reads this file, so that no name stands in two places.
+# The public names of `mapdeal`, each loaded on first use.
+# `mapdeal.__init__` reads this file, so that every name is listed only once.
 
 from mapdeal.alignment.align import Alignment as Alignment
 from mapdeal.api.align import align as align

@@ -1,4 +1,4 @@
-"""Grids put onto a larger canvas, and fields that hold numbers in a part of theirs alone."""
+"""Grids extended to a larger extent, and fields that have numbers only in part of it."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _LOOKED_AT_TOGETHER = 1 << 20
 
 
 class FieldGrid(Framed):
-    """A grid of computed numbers, which may be known in one box of cells alone.
+    """A grid of computed numbers, which may be limited to one box of cells.
 
-    Around the box they are nan and the map is unknown. Such a field lies on a larger canvas
-    than it was computed on; what is made of it is made of the box, and put onto the canvas.
+    Outside the box the numbers are nan and the map is unknown: the field was computed for the box
+    and then extended. Further products are computed for the box and extended likewise.
     """
 
     occupancy: NDArray[np.int8]
@@ -35,12 +35,12 @@ class FieldGrid(Framed):
 
     @property
     def outside_values(self) -> dict[str, float]:
-        """What each layer holds in the cells around the grid on a larger canvas: nan, unknown."""
+        """Value of each layer in cells added around the grid: nan or unknown."""
         return {self.layer_names[0]: np.nan, "occupancy": UNKNOWN}
 
     @cached_property
     def cropped(self) -> Self:
-        """The field on the canvas that it was computed on: itself, or its box alone."""
+        """Field in the extent that it was computed for: the field itself, or only its box."""
         if self.region is None:
             return self
         frame = self.region.frame_in(self.frame)
@@ -48,7 +48,7 @@ class FieldGrid(Framed):
         return replaced(self, origin=frame.origin, region=None, **layers)
 
     def figures(self) -> Figures:
-        """Return size, place and counts; those of the numbers are of the cells that have one."""
+        """Return the grid's size, place and counts; statistics cover only cells with a number."""
         if self.region is None:
             return super().figures()
         height, width = self.shape
@@ -56,7 +56,7 @@ class FieldGrid(Framed):
         return {**self.cropped.figures(), **self.frame_figures(), "without_value": count}
 
     def part(self, rows: slice) -> Self:
-        """Return some rows, in memory, at the place that they have in the whole."""
+        """Return some rows, loaded into memory, at their place in the map frame."""
         part = super().part(rows)
         if part is not self:
             part.__dict__.pop("cropped", None)
@@ -69,7 +69,7 @@ class FieldGrid(Framed):
         return part
 
     def with_layer(self, layer: Layer) -> Self:
-        """Return the grid with another layer of the same values in place of its own."""
+        """Return the grid with its layer replaced by another one with the same values."""
         other = super().with_layer(layer)
         other.__dict__.pop("cropped", None)
         return other
@@ -102,27 +102,27 @@ class layer_of_box(cached_property[NDArray[np.float64]]):  # noqa: N801 - a deco
 
 
 def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
-    """Return a grid put onto a larger frame of the same lattice.
+    """Return a grid extended to a larger frame of the same lattice.
 
     Parameters
     ----------
     grid : OccupancyGrid, Costmap, DistanceField, PotentialField or Reach
         Any grid; its layers may be lazy.
     frame : Frame
-        Where it goes. The result has exactly this geometry.
+        Geometry of the result.
     fill : int, optional
         Value of the other cells, on the grid's scale. By default they are unknown: -1 in maps,
-        255 or -1 in costs, nan in distances and potentials, not to be reached.
+        255 or -1 in costs, nan in distances and potentials, and not reachable.
 
     Returns
     -------
     OccupancyGrid, Costmap, DistanceField, PotentialField or Reach
-        Of the kind of `grid`.
+        Extended grid, of the same type as `grid`.
 
     Raises
     ------
     ParameterError
-        If the frame has other cells, or not all of the grid's.
+        If the lattices differ, or the frame does not contain all of the grid.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Stage ``active``: the part of a map that anything is known of."""
+"""Stage ``active``: the known part of a map."""
 
 from __future__ import annotations
 
@@ -38,10 +38,9 @@ def active_region(
     canvas: Literal["crop", "full"] = "crop",
     min_component: Annotated[int, AT_LEAST_0, CELLS] = 0,
 ) -> OccupancyGrid:
-    """Return the bounding box of all known cells.
+    """Crop a map to the bounding box of its known cells.
 
-    Maps of simulated worlds lie on a canvas of some predictable, large size; the box is the
-    part that was explored.
+    Maps of simulated worlds often cover a large area of fixed size; the box is the explored part.
 
     Parameters
     ----------
@@ -55,21 +54,22 @@ def active_region(
         shrinks to the box and its origin moves with it, whatever the yaw. ``full``: the grid keeps
         its size, and cells outside the box become unknown.
     min_component : int
-        Smaller 8-connected groups of known cells do not extend the box. A stray beam does not
-        enlarge it; inside the box its cells stay.
+        Least size of an 8-connected group of known cells that extends the box, cells. Smaller
+        groups, such as stray beams, do not enlarge the box; inside it, their cells are kept.
 
     Returns
     -------
     OccupancyGrid
+        The cropped map, or the map with unknown cells around the box.
 
     Raises
     ------
     MalformedInputError
-        If no cell is known, or none in a group large enough.
+        If no cell is known, or no group of known cells is large enough.
 
     References
     ----------
-    ``crop_map`` of ROS map_server is the same rule on pixels.
+    ``crop_map`` of ROS map_server, which applies the same rule to pixels.
 
     Examples
     --------

@@ -43,26 +43,26 @@ def field_view(
     view: View = "metric",
     view_range: Annotated[float, ABOVE_0, METRES] = 2.0,
 ) -> FieldView:
-    """Return the field as values 0..100 that grow towards obstacles.
+    """Convert a distance field to values 0..100 that increase towards obstacles.
 
     Parameters
     ----------
     field : DistanceField
-        The field. The view shows the distance d between cell centres, whatever the convention,
-        times the field's strength.
+        Field to convert. The view shows the distance d between cell centres times the field's
+        strength, whatever the convention.
     view : {'metric', 'per-map'}
         How distances become 0..100. ``metric``: trunc(100 (1 - min(d, view_range) /
         view_range)), the same on every map. ``per-map``: trunc(100 (D - d) / (D - resolution + I)),
-        scaled between the map's own largest free distance D and deepest obstacle I, as
-        robot_costmap does it.
+        scaled between the map's own largest free distance D and deepest obstacle I, as in
+        robot_costmap.
     view_range : float
         Distance at which the metric view is 0, metres.
 
     Returns
     -------
     FieldView
-        100 on obstacles, -1 on unknown cells that are not obstacles, 0 elsewhere if the map
-        has no obstacle.
+        View values: 100 on obstacles, -1 on unknown cells that are not obstacles, and 0 elsewhere
+        if the map has no obstacle.
 
     Examples
     --------
@@ -78,16 +78,16 @@ def field_view(
 
 @dataclass(frozen=True)
 class Viewer:
-    """What makes the view of a field, once what it depends on beside the single cell is known.
+    """Converter of a field to its view, once everything that concerns the whole field is known.
 
     Parameters
     ----------
     scale : ViewScale
-        How distances become 0..100.
+        Scale of the view.
     shape : tuple of int
-        Rows and columns of the whole field.
+        Number of rows and columns of the whole field.
     has_obstacles, has_others : bool
-        Whether the field has any obstacle, and any cell that is none.
+        Whether the field has any obstacle, and any other cell.
     """
 
     scale: ViewScale
@@ -99,7 +99,7 @@ class Viewer:
     def of(
         cls, field: DistanceField, obstacles: NDArray[np.bool_], *, view: View, view_range: float
     ) -> Viewer:
-        """Return the viewer of a field."""
+        """Create the viewer of a field."""
         has_obstacles = not holds_everywhere(obstacles, np.logical_not)
         has_others = not holds_everywhere(obstacles, lambda values: values)
         farthest = deepest = 0.0
@@ -117,7 +117,7 @@ class Viewer:
         obstacles: NDArray[np.bool_],
         table: NDArray[np.int8] | None = None,
     ) -> NDArray[np.int8]:
-        """Return the view of a field, or what a table makes of its values."""
+        """Return the view of a field, or its values looked up in a table."""
 
         def values(rows: slice) -> NDArray[np.int8]:
             made = self._values_of_rows(field.part(rows), obstacles[rows])
@@ -185,7 +185,7 @@ def esdf(
     lethal_threshold: LethalThreshold = DEFAULT_LETHAL_THRESHOLD,
     strength: Annotated[float, STRENGTH, FACTOR] = 1.0,
 ) -> DistanceField:
-    """Return the signed distance of every cell to the nearest obstacle's edge.
+    """Compute the exact signed Euclidean distance field of a map.
 
     Parameters
     ----------
@@ -196,12 +196,12 @@ def esdf(
     convention : {'fast-planner', 'center', 'border'}
         Where the distance is zero; see the documentation. With d the distance from a free cell's
         centre to the nearest obstacle cell's centre, and d_in from an obstacle cell's centre to
-        the nearest free cell's, in metres: ``fast-planner`` d and resolution - d_in, so 0 on the
+        the nearest free cell's, in metres: ``fast-planner`` d and resolution - d_in, zero on the
         outermost obstacle cells (Fast-Planner and robot_costmap); ``center`` d and -d_in;
         ``border`` d - resolution / 2 and resolution / 2 - d_in, zero on the edge between the cells
         (grid_map).
     max_distance : float, optional
-        Largest distance, metres: both signs are clipped to it.
+        Distance to which both signs are clipped, metres.
     lethal_threshold : int
         Least occupancy of an obstacle, 1..100.
     strength : float
@@ -211,8 +211,8 @@ def esdf(
     Returns
     -------
     DistanceField
-        float32 metres, exact squared distances rounded once. All +inf for a map without
-        obstacles, all -inf for one without free cells, before clipping.
+        Distances in metres as float32: exact squared distances, rounded once. Before clipping they
+        are all +inf for a map without obstacles, and all -inf for a map without free cells.
 
     Examples
     --------
@@ -248,7 +248,7 @@ def esdf(
 
 @dataclass(frozen=True)
 class FieldRule:
-    """How distances are made of a map, or of some of its rows: the parameters of `esdf`."""
+    """Rule that computes distances for a map or some of its rows: the parameters of `esdf`."""
 
     unknown: UnknownPolicy
     convention: Convention
@@ -263,7 +263,7 @@ class FieldRule:
     def distance(
         self, obstacles: NDArray[np.bool_], resolution: float, halo: Halo | None = None
     ) -> NDArray[np.float32]:
-        """Return the signed distances of a grid, or of rows of one with what lies around them."""
+        """Return the signed distances of a grid, or of some rows given their surroundings."""
         outside_shift, inside_shift = {
             "fast-planner": (0.0, resolution),
             "center": (0.0, 0.0),
@@ -283,7 +283,7 @@ class FieldRule:
 def reach_is_kept(field: DistanceField, reach: float) -> bool:
     """Return whether the field distinguishes all distances up to `reach` metres.
 
-    A clipped field does not know its cells at exactly the clip from those beyond it.
+    A clipped field cannot distinguish cells exactly at the limit from those beyond it.
     """
     return field.max_distance is None or (
         furthest_kept(field) > reach * (1 + 1e-6) and math.isfinite(reach)

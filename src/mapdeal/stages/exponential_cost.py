@@ -142,12 +142,12 @@ def exponential_cost(
     float32_resolution: bool | None = None,
     circumscribed_radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] | None = None,
 ) -> Costmap:
-    """Return the costs of costmap_2d's static layer and inflation layer.
+    """Compute the costs of costmap_2d's static layer and inflation layer.
 
     Parameters
     ----------
     source : OccupancyGrid or DistanceField
-        The map, or its distance field: obstacles then are the field's, distances its own.
+        The map, or its distance field, whose obstacles and distances are then used.
     inscribed_radius : float
         Radius within which cells cost 253, metres. There the robot collides whatever its heading.
     inflation_radius : float
@@ -155,16 +155,16 @@ def exponential_cost(
     cost_scaling_factor : float
         Decay of the costs, per metre. Larger is steeper.
     inflate_unknown : bool
-        Unknown cells take any cost. Otherwise they take only 253 and 254.
+        Whether unknown cells take any cost. Otherwise they take only 253 and 254.
     inflate_around_unknown : bool
-        Unknown cells are lethal and spread costs.
+        Whether unknown cells are lethal and spread costs.
     lethal_threshold : int, optional
         Least occupancy of an obstacle, 1..100; 100 for a map, the field's own for a field.
     trinary_costmap : bool
-        Values below the threshold are free. Otherwise they start with the cost
+        Whether values below the threshold are free. Otherwise they start with the cost
         trunc(254 v / `lethal_threshold`).
     track_unknown_space : bool
-        Unknown cells are 255. Otherwise they are free, cost 0.
+        Whether unknown cells are 255. Otherwise they are free, cost 0.
     inscribed_obstacle_cost_value : int, optional
         Occupancy that becomes 253, inscribed. Nav2 newer than Kilted uses 99; older releases and
         ROS 1 have no such rule.
@@ -172,8 +172,8 @@ def exponential_cost(
         How a distance becomes a cost. ``exact``: unrounded, as in ROS 1 and Nav2 up to Kilted.
         ``nav2``: rounded to 1/100 cell, as in newer releases.
     float32_resolution : bool, optional
-        Round the resolution to float32, as in map messages; lookup nav2 always does. The range is
-        counted in such cells, without a tolerance.
+        Whether to round the resolution to float32, as in map messages; lookup nav2 always does. The
+        range is counted in such cells, without a tolerance.
     circumscribed_radius : float, optional
         Distance beyond which the robot cannot collide, metres. It only sets `circumscribed_cost`,
         and a robot's shape defines it.
@@ -181,30 +181,31 @@ def exponential_cost(
     Returns
     -------
     Costmap
-        On scale ``costmap2d``. 254 on obstacles; 253 where d <= `inscribed_radius`; else
-        trunc(252 exp(-cost_scaling_factor (d - inscribed_radius))) as far as the costs reach,
-        with d the metres between cell centres; unknown 255.
+        Costs on scale ``costmap2d``: 254 on obstacles, 253 where d <= `inscribed_radius`, then
+        trunc(252 exp(-cost_scaling_factor (d - inscribed_radius))) within the range of the costs,
+        with d the distance between cell centres in metres; unknown cells are 255.
 
     Raises
     ------
     ParameterError
-        If the field was clipped below the reach, or the float32 resolution is refused to lookup
-        ``nav2``.
+        If the field was clipped below the range of the costs, or `float32_resolution` is False
+        with lookup ``nav2``.
 
     Warns
     -----
     MapdealWarning
-        If the inscribed or the circumscribed radius is larger than the inflation radius, or the
-        field has a strength other than 1.
+        If the inscribed or circumscribed radius is larger than the inflation radius, or the field
+        has a strength other than 1.
 
     Notes
     -----
-    The reach is closed and counted in cells, d <= ceil(inflation_radius / resolution), so costs
-    exist up to almost one cell beyond the radius. The brushfire of costmap_2d, up to Nav2 Kilted,
-    overestimates the distance of a few cells; the costs here are of the exact distance, never
-    lower. With lookup ``nav2`` they are those of newer ones byte for byte.
+    The range is closed and counted in cells, d <= ceil(inflation_radius / resolution), so costs
+    extend up to almost one cell beyond the radius. The brushfire of costmap_2d, up to Nav2 Kilted,
+    overestimates the distance of a few cells; the costs here use the exact distance and are never
+    lower. With lookup ``nav2`` they equal those of newer releases byte for byte.
 
-    Unknown cells that a field counts as obstacles are lethal, whatever `track_unknown_space`.
+    Unknown cells that a field counts as obstacles are lethal, regardless of
+    `track_unknown_space`.
 
     References
     ----------
@@ -268,14 +269,14 @@ def exponential_cost(
 
 @dataclass(frozen=True, eq=False)
 class BaseCosts:
-    """The costs before they spread.
+    """Costs before inflation.
 
     Parameters
     ----------
     source : OccupancyGrid or DistanceField
-        What they are of.
+        The map or field.
     table : numpy.ndarray of uint8, shape (256,)
-        The cost of each value, which the static layer gives it.
+        Cost of each value, as assigned by the static layer.
     """
 
     source: ObstacleSource
@@ -292,7 +293,7 @@ class BaseCosts:
         inscribed_obstacle_cost_value: int | None,
         **_: object,
     ) -> BaseCosts:
-        """Return the costs that parameters of `exponential_cost` ask for, others of it apart."""
+        """Create them from parameters of `exponential_cost`; unrelated ones are ignored."""
         table = static_layer_cost_from_occupancy(
             lethal_threshold=check_lethal_threshold(source, lethal_threshold),
             trinary=trinary_costmap,
@@ -332,7 +333,7 @@ def profile_of(
     float32_resolution: bool | None,
     **_: object,
 ) -> CostProfile:
-    """Return the profile that parameters of `exponential_cost` ask for, others of it apart."""
+    """Return the profile for parameters of `exponential_cost`; unrelated ones are ignored."""
     return CostProfile.of(
         inscribed_radius,
         inflation_radius,
@@ -347,12 +348,12 @@ def profile_of(
 
 
 def resolution_is_float32(lookup: CostLookup, asked: bool | None) -> bool:
-    """Return whether costs are made with the float32 resolution of a map message.
+    """Return whether costs are computed with the float32 resolution of a map message.
 
     Raises
     ------
     ParameterError
-        If it is refused to lookup ``nav2``, which has no other.
+        If it is False with lookup ``nav2``, which always uses it.
     """
     if lookup == "nav2" and asked is False:
         rule = "cannot be no with lookup nav2, which takes the resolution of a map message"

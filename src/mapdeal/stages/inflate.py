@@ -46,7 +46,7 @@ def inflate(
     lethal_threshold: LethalThreshold = DEFAULT_LETHAL_THRESHOLD,
     inflate_unknown: bool = True,
 ) -> OccupancyGrid:
-    """Return the map with every obstacle grown by a radius.
+    """Grow all obstacles of a map by a radius.
 
     Parameters
     ----------
@@ -70,12 +70,12 @@ def inflate(
     Returns
     -------
     OccupancyGrid
-        Cells inside the kernel are 100, all others keep their value.
+        The map with cells inside the kernel set to 100; all others keep their value.
 
     Warns
     -----
     MapdealWarning
-        If a disc is smaller than a cell, or every cell ends up occupied.
+        If a disc covers no cell but its own, or every cell becomes occupied.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def inflate(
 
 @dataclass(frozen=True)
 class Inflation:
-    """How obstacles are inflated: the parameters of `inflate`, and what they do to cells."""
+    """Rule that inflates obstacles: the parameters of `inflate`, applied to cells."""
 
     radius: float
     kernel: Literal["disc", "square"]
@@ -115,13 +115,13 @@ class Inflation:
         lethal_threshold: int,
         inflate_unknown: bool,
     ) -> Inflation:
-        """Return the inflation that the parameters of `inflate` ask for."""
+        """Create the inflation from the parameters of `inflate`."""
         if footprint is not None:
             radius = footprint.circumscribed_radius
         return cls(radius, kernel, lethal_threshold, inflate_unknown)
 
     def applied(self, values: NDArray[np.int8], resolution: float) -> NDArray[np.int8]:
-        """Return the occupancy with the cells that the inflated obstacles cover occupied."""
+        """Return the occupancy with the cells under inflated obstacles set to occupied."""
         threshold, kept = self.lethal_threshold, None if self.inflate_unknown else UNKNOWN
         if self.kernel == "square":
             extent = max(values.shape) * resolution
@@ -132,11 +132,11 @@ class Inflation:
         return inflated(values, threshold, square=limit, value=OCCUPIED, kept=kept)
 
     def halo(self, resolution: float, longest: int) -> int:
-        """Return how many rows away an obstacle can be that matters to a cell."""
+        """Return the largest number of rows between an obstacle and a cell that it affects."""
         return cells_to_cover(min(self.radius, longest * resolution), resolution) + 1
 
     def warn_of_no_effect(self, resolution: float) -> None:
-        """Warn if a disc holds no cell but its own."""
+        """Warn if a disc covers no cell but its own."""
         if self.kernel == "disc" and 0 < self.radius < resolution - _RADIUS_TOLERANCE:
             text = f"inflate: radius {self.radius:g} m is below a cell of {resolution:g} m and has"
             emit_warning(f"{text} no effect", stacklevel=3)

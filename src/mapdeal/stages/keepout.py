@@ -1,4 +1,4 @@
-"""Keepout masks: areas that a robot is to stay out of, laid over its costs."""
+"""Keepout masks: areas that a robot must avoid, combined with its costs."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ from mapdeal.kernels.threads import for_rows
 
 
 def apply_keepout_mask(costmap: Costmap, mask: OccupancyGrid) -> Costmap:
-    """Return costs that are nowhere below those of a keepout mask.
+    """Raise costs to at least those of a keepout mask.
 
     Parameters
     ----------
     costmap : Costmap
         The costs.
     mask : OccupancyGrid
-        100 where the robot must not go, 1..99 where it had better not, 0 elsewhere. It may have
-        a resolution, origin, yaw and size of its own: a cell of the costs takes the mask's
-        value at its centre.
+        Keepout mask: 100 where the robot must not go, 1..99 where it should preferably not go, 0
+        elsewhere. Its resolution, origin, yaw and size may differ from those of the costs; it is
+        sampled at their cell centres.
 
     Returns
     -------
     Costmap
-        Of the geometry and scale of `costmap`. On scale ``costmap2d`` a mask value v is the
-        cost round(2.54 v), on scale ``occupancy`` it is v itself.
+        Costs with the geometry and scale of `costmap`. A mask value v corresponds to the cost
+        round(2.54 v) on scale ``costmap2d``, and to v on scale ``occupancy``.
 
     Warns
     -----
     MapdealWarning
-        If the mask covers no cell of the costs, or unknown cells became free by it.
+        If the mask covers no cell of the costs, or it makes unknown cells free.
 
     Notes
     -----
-    Cells where the mask is unknown, or which lie outside of it, keep their cost. Elsewhere the
-    larger of both counts, and an unknown cost always takes the mask's.
+    Cells outside the mask, or where it is unknown, keep their cost. Elsewhere the larger of the two
+    costs is used; an unknown cost is always replaced by the mask's.
 
     References
     ----------
-    Nav2's ``KeepoutFilter`` with base 0 and multiplier 1, the yaw of the mask honoured.
+    Nav2's ``KeepoutFilter`` with base 0 and multiplier 1, but with the mask's yaw applied.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Stage ``cost``, model ``layers``: the layers of a costmap one over the other."""
+"""Stage ``cost``, model ``layers``: the layers of a costmap, applied in order."""
 
 from __future__ import annotations
 
@@ -103,16 +103,16 @@ def layered_cost(
     default_cost: Annotated[int, _OF_EMPTY_COSTMAP, COST] = FREE_SPACE,
     circumscribed_radius: Annotated[float, AT_LEAST_0, METRES, FromRobot] | None = None,
 ) -> Costmap:
-    """Return the costs of a costmap's layers, laid over each other in their order.
+    """Compute the costs of a stack of costmap layers, applied in order.
 
     Parameters
     ----------
     source : OccupancyGrid or DistanceField
-        The map that all static layers get, or a field of it.
+        The map that all static layers receive, or its distance field.
     layers : list of layers
         Static and inflation layers, the lowest first.
     default_cost : int
-        Cost of an empty costmap, 0 or 255. With track_unknown_space it is 255.
+        Cost of an empty costmap, 0 or 255. ROS uses 255 with track_unknown_space.
     circumscribed_radius : float, optional
         Distance beyond which the robot cannot collide, metres. It only sets `circumscribed_cost`,
         and a robot's shape defines it.
@@ -120,7 +120,7 @@ def layered_cost(
     Returns
     -------
     Costmap
-        On scale ``costmap2d``. Without layers `default_cost` everywhere.
+        Costs on scale ``costmap2d``; without layers, `default_cost` everywhere.
 
     Raises
     ------
@@ -130,18 +130,19 @@ def layered_cost(
     Warns
     -----
     MapdealWarning
-        If an inscribed radius is larger than its layer's inflation radius, the circumscribed one
-        larger than the last one's, or the field has a strength other than 1.
+        If an inscribed radius is larger than the inflation radius of its layer, the circumscribed
+        radius is larger than the inflation radius of the last layer, or the field has a strength
+        other than 1.
 
     Notes
     -----
-    A static layer replaces all that lies below it; with ``use_maximum`` it raises costs, its own
-    unknown cells change nothing, and it takes the place of unknown ones. An inflation layer
-    spreads costs around the cells that are 254 after the layers below it, in place. Lengths are
+    A static layer replaces all costs below it. With ``use_maximum`` it only raises them: its own
+    unknown cells have no effect, and unknown costs below it are replaced. An inflation layer
+    spreads costs, in place, around the cells that are 254 after the layers below it. Lengths are
     counted in cells of the float32 resolution of a map message, without a tolerance.
 
-    Unknown cells that a field counts as obstacles are 100 to the layers; its distances do not
-    matter.
+    Unknown cells that a field counts as obstacles have value 100 for the layers; the field's
+    distances are not used.
 
     References
     ----------
@@ -177,7 +178,7 @@ def _last_inflation(layers: Sequence[CostmapLayer]) -> InflationLayer | None:
 
 
 def raise_around_seeds(profile: CostProfile, cost: Master) -> None:
-    """Raise costs, in place, by the exact distances to the cells that they spread from."""
+    """Raise costs, in place, by the exact distances to the cells they spread from."""
     profile.raise_around_seeds(cost)
 
 
@@ -190,7 +191,7 @@ class LaidStatic:
 
     @classmethod
     def of(cls, layer: StaticLayer) -> LaidStatic:
-        """Return what a layer asks for."""
+        """Create it from the settings of a layer."""
         inscribed, unknown = layer.inscribed_obstacle_cost_value, layer.unknown_cost_value
         table = static_layer_cost_from_occupancy(
             lethal_threshold=layer.lethal_cost_threshold,
@@ -204,7 +205,7 @@ class LaidStatic:
         return cls(table, layer.use_maximum)
 
     def over(self, master: Master, values: NDArray[np.int8]) -> Master:
-        """Return the master grid with the layer over it; it may be changed in place."""
+        """Return the master grid with the layer applied; it may be changed in place."""
         costs: Master = look_up(values, self.table)
         if not self.use_maximum:
             return costs
@@ -234,16 +235,16 @@ class LaidInflation:
 
 @dataclass(frozen=True, eq=False)
 class MasterGrid:
-    """The layers over a map, as far as they matter.
+    """The layers over a map that have an effect.
 
     Parameters
     ----------
     source : OccupancyGrid or DistanceField
         The map.
     laid : tuple of LaidStatic and LaidInflation
-        The lowest first.
+        Layers, the lowest first.
     default_cost : int
-        The cost below all layers.
+        Cost below all layers.
     """
 
     source: ObstacleSource
@@ -258,7 +259,7 @@ class MasterGrid:
         default_cost: int,
         spread_of: Callable[[InflationLayer], Spread] = lambda _: raise_around_seeds,
     ) -> MasterGrid:
-        """Return the layers over a map; `spread_of` says how the costs of each spread."""
+        """Create the layers over a map; `spread_of` defines how the costs of each spread."""
         laid: list[LaidStatic | LaidInflation] = []
         for layer in CostmapLayers(tuple(layers)).that_count:
             if isinstance(layer, StaticLayer):
@@ -280,7 +281,7 @@ class MasterGrid:
 
     @property
     def halo(self) -> int:
-        """How many rows away a cell can be that matters to another."""
+        """Largest number of rows between a cell and another one that it affects."""
         return sum(one.profile.cells for one in self.laid if isinstance(one, LaidInflation))
 
     def costs(self, rows: slice) -> Master:

@@ -45,16 +45,16 @@ def potential(
     repulsive_gain: Annotated[float, GAIN, FACTOR] = 1.0,
     lethal_threshold: LethalThreshold | None = None,
 ) -> PotentialField:
-    """Return the artificial potential field of a map.
+    """Compute the artificial potential field of a map.
 
     Parameters
     ----------
     source : OccupancyGrid or DistanceField
-        The map, or its distance field: obstacles then are the field's.
+        The map, or its distance field, whose obstacles are then used.
     goal : tuple of float, optional
-        Point of the map frame that attracts. Without one there is only repulsion.
+        Attracting point in the map frame. Without one there is only repulsion.
     repulsive_cap : float
-        Upper bound of the repulsion.
+        Upper bound of the repulsion, per metre.
     attractive_gain : float
         Weight of the distance to the goal.
     repulsive_gain : float
@@ -65,10 +65,11 @@ def potential(
     Returns
     -------
     PotentialField
-        ``repulsive``: min(repulsive_cap, sum of 1 / d over ALL obstacle cells), d in metres
-        between cell centres, terms with d <= 0.001 m left out; ``attractive``: metres to the
-        goal; ``potential``: the gains times both; ``gradient`` and ``gradient_magnitude``: of the
-        potential, or without a goal of the repulsion.
+        Its layers: ``repulsive``, min(repulsive_cap, sum of 1 / d over ALL obstacle cells) with d
+        in metres between cell centres, omitting terms with d <= 0.001 m; ``attractive``, the
+        distance to the goal in metres; ``potential``, the sum of both times their gains;
+        ``gradient`` and ``gradient_magnitude`` of the potential, or of the repulsion if there is no
+        goal.
 
     Raises
     ------
@@ -78,19 +79,18 @@ def potential(
     Warns
     -----
     MapdealWarning
-        If the goal lies outside of the map.
+        If the goal lies outside the map.
 
     Notes
     -----
-    The sums are exact but for rounding, see `sum_of_inverse_distances`; they are not the
-    distance to the nearest obstacle, which `esdf` gives. Every obstacle cell counts, so that
-    repulsion grows with the number of cells that a wall has: at half the resolution it is twice
-    as strong.
+    The sums are exact up to rounding. They are not the distance to the nearest obstacle, which
+    `esdf` computes. Every obstacle cell counts, so that repulsion grows with the number of cells in
+    a wall: with cells of half the size it is twice as strong.
 
     References
     ----------
     O. Khatib, "Real-Time Obstacle Avoidance for Manipulators and Mobile Robots", 1986, for the
-    idea; the sum over all obstacle cells is that of the ROS package robot_costmap.
+    idea. The sum over all obstacle cells follows the ROS package robot_costmap.
 
     Examples
     --------

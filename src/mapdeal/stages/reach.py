@@ -93,13 +93,13 @@ def reach(
     min_area: Annotated[float, AT_LEAST_0, SQUARE_METRES] = 1.0,
     lethal_threshold: LethalThreshold | None = None,
 ) -> Reach:
-    """Return where a robot can go from a start, and the passages that stop it.
+    """Compute where a robot can go from a start, and the passages that stop it.
 
     Parameters
     ----------
     source : OccupancyGrid, DistanceField or Costmap
-        The map. Of a field the obstacles are the field's; of costs they are the lethal cells, 254,
-        or 100 on scale ``occupancy``, whatever the costs around them.
+        The map. For a field, the field's obstacles are used; for costs, only the lethal cells are
+        obstacles: 254, or 100 on scale ``occupancy``.
     start : tuple of float, optional
         Start of the robot, x, y or x, y, yaw in the map frame. Without a yaw it starts in every
         heading that is free there; without a start, at the widest place of the largest free area.
@@ -123,25 +123,26 @@ def reach(
     Returns
     -------
     Reach
-        Its layers, the answers for the goals, and the passages.
+        Reachable cells and other layers, the results for the goals, and the passages.
 
     Raises
     ------
     ParameterError
-        If start or goal lies outside of the map, or the robot cannot stand at the start.
+        If the start or a goal lies outside the map, or the robot cannot stand at the start.
     MalformedInputError
-        If it cannot stand anywhere.
+        If the robot cannot stand anywhere.
 
     Notes
     -----
-    A cell is open to a round robot if the distance of its centre to that of the nearest obstacle
-    cell is larger than the radius; costmap_2d gives all others inscribed costs. Unknown cells are
-    closed, but count for no distance. A pose of a robot with corners, the centre of a cell and
-    a heading 2 pi k / `headings`, is open if no cell of the footprint, drawn as costmap_2d draws
-    polygons, is an obstacle, unknown, or outside of the map.
+    A cell is open to a round robot if the distance between its centre and that of the nearest
+    obstacle cell is larger than the radius; all other cells have at least inscribed cost in
+    costmap_2d. Unknown cells are closed, but do not count as obstacles for distances. A pose of a
+    robot with corners, the centre of a cell and a heading 2 pi k / `headings`, is open if no cell
+    of the footprint, rasterised like polygons in costmap_2d, is an obstacle, unknown, or outside
+    the map.
 
-    The robot moves to the 8 neighbours of its cell, diagonally only between two open straight
-    ones, and turns on the spot to the next heading on either side.
+    The robot moves to the 8 neighbours of its cell, diagonally only if both adjacent straight
+    neighbours are open, and turns in place to the next heading on either side.
 
     A goal in a cell that is closed to the robot is not reachable.
 

@@ -49,12 +49,12 @@ def ring_cost(
     values: Annotated[tuple[int, ...], PERCENT, COST] = (90, 70, 50),
     lethal_threshold: LethalThreshold | None = None,
 ) -> Costmap:
-    """Return costs that fall off ring by ring around obstacles.
+    """Compute costs that decrease ring by ring around obstacles.
 
     Parameters
     ----------
     source : OccupancyGrid or DistanceField
-        The map, or a field whose map and obstacles are taken.
+        The map, or a field whose map and obstacles are used.
     values : sequence of int
         Costs of the rings of cells, from the inside out. Rings lie at Chebyshev distance 1, 2, 3,
         ... from the nearest obstacle.
@@ -64,8 +64,8 @@ def ring_cost(
     Returns
     -------
     Costmap
-        On scale ``occupancy``: obstacles 100, the rings their values, unknown cells in a ring
-        included; all other cells keep their value.
+        Costs on scale ``occupancy``: 100 on obstacles, the ring's value in each ring, including
+        its unknown cells; all other cells keep their value.
 
     Warns
     -----

@@ -135,20 +135,20 @@ def threshold_cost(
     view_range: Annotated[float, ABOVE_0, METRES] = 2.0,
     lethal_threshold: LethalThreshold | None = None,
 ) -> Costmap:
-    """Return costs by thresholds on the 0..100 view of the distance field.
+    """Compute costs by thresholds on the 0..100 view of the distance field.
 
     Parameters
     ----------
     source : OccupancyGrid, DistanceField or FieldView
-        The field; a map is made into one first, with unknown cells free. A view is used as it is:
-        `view` and `view_range` then have no effect.
+        The distance field. A map is converted to a field first, with unknown cells free. A view is
+        used unchanged: `view` and `view_range` then have no effect.
     down : float, optional
         Largest view value that costs 0. None if `down_distance` is given.
     up : float, optional
         Largest view value of the middle range. None if `up_distance` is given.
     down_distance : float, optional
-        Distance from obstacles from which cells cost 0, metres. It replaces `down`, which becomes
-        the view at this distance.
+        Distance from obstacles at and beyond which cells cost 0, metres. It replaces `down`, which
+        becomes the view at this distance.
     up_distance : float, optional
         Distance below which cells belong to the near range, metres. It replaces `up`, which
         becomes the view at this distance.
@@ -166,21 +166,23 @@ def threshold_cost(
     Returns
     -------
     Costmap
-        On scale ``occupancy``. With v the view: 0 for v <= down; trunc(down_factor v) up to
-        `up`; trunc(up_factor v) above it, at most 99; obstacles 100 and unknown -1 are kept.
+        Costs on scale ``occupancy``. With v the view value: 0 for v <= down, trunc(down_factor v)
+        up to `up`, and trunc(up_factor v), at most 99, above it; obstacles stay 100 and unknown
+        cells -1.
 
     Raises
     ------
     ParameterError
         If the field was clipped where the costs still depend on the distance, `down` exceeds
-        `up`, or a distance lies where the view is 0 already.
+        `up`, or a distance lies where the view is already 0.
 
     Notes
     -----
-    Distances are those between cell centres, times the field's strength. The view is truncated to
-    whole numbers, so that a threshold in metres acts up to one of them nearer to obstacles.
+    Distances are those between cell centres times the field's strength. The view is truncated to
+    whole numbers, so that a threshold in metres takes effect up to one view value closer to
+    obstacles.
 
-    The rule is that of robot_costmap, where the product overflows 8 bits; here 100 is kept for
+    The rule is that of robot_costmap, where the product overflows 8 bits; here 100 is reserved for
     obstacles.
 
     Examples
@@ -299,7 +301,7 @@ def _value_at(
 def table_of_views(
     down: float, up: float, down_factor: float, up_factor: float
 ) -> NDArray[np.int8]:
-    """Return the cost of each value of the view, shape (256,), by its byte: -1 is the last."""
+    """Return the cost of each view value, shape (256,), by byte: -1 is the last."""
     if down > up:
         rule = f"must not be larger than up ({up:g})"
         raise ParameterError(rule, place="down", got=down)
@@ -313,10 +315,10 @@ def table_of_views(
 
 
 def check_clip(field: DistanceField, down: float, view: View, view_range: float) -> None:
-    """Refuse a field whose clipped cells would get another cost at their true distance.
+    """Refuse a field whose clipped cells would cost something else at their true distance.
 
-    In the metric view all is well if cells at the clip cost nothing already. The per-map view is
-    scaled by the farthest and the deepest cell, which a clip hides.
+    In the metric view, clipping has no effect if cells at the limit already cost 0. The per-map
+    view is scaled by the farthest and deepest cells, which clipping hides.
     """
     if field.max_distance is None:
         return
