@@ -8,7 +8,7 @@ from mapdeal.errors import FileAccessError
 from mapdeal.formats.source import contents_of
 
 _ALIKE = 0.8
-"""Names are alike from this ratio on: offic.yaml and office.yaml."""
+"""Names are alike from this ratio on: office1.yaml and office.yaml."""
 
 _MAPS = (".yaml", ".yml", ".npz")
 """Endings of what a name without one may mean, the likeliest first."""
