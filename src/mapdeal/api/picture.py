@@ -131,7 +131,7 @@ def draw_picture(
     pose : sequence of float, optional
         Robot pose to draw over the map: x, y (metres) and yaw (radians).
     robot : Footprint, optional
-        Robot shape to draw to scale in a corner, as the commands do where it matters.
+        Robot shape to draw to scale in a corner, as in the commands' pictures about a robot.
     image_max : int
         Longest side of the map, pixels; 0 for one pixel per cell. Larger maps are reduced by a
         whole factor that preserves obstacles. Cost curves have a fixed size.

@@ -20,7 +20,7 @@ _TOUCHING = 1e-6
 
 
 class Region(NamedTuple):
-    """A rectangle of cells, inside of a grid or not: its first cell and its size."""
+    """A rectangle of cells, inside a grid or not: its first cell and its size."""
 
     row: int
     col: int
@@ -29,7 +29,7 @@ class Region(NamedTuple):
 
     @property
     def cells(self) -> int:
-        """How many cells it has."""
+        """Number of cells."""
         return self.height * self.width
 
     def shared_with(self, shape: tuple[int, int]) -> tuple[slice, slice]:
@@ -44,7 +44,7 @@ class Region(NamedTuple):
         return rows, _overlap(self.col, self.width, shape[1])
 
     def holds(self, cells_rowcol: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return for each cell, shape (N, 2), whether it lies in the region."""
+        """Return whether each cell, shape (N, 2), lies in the region."""
         from_first = cells_rowcol - (self.row, self.col)
         inside: NDArray[np.bool_] = (from_first >= 0) & (from_first < (self.height, self.width))
         return inside[:, 0] & inside[:, 1]
@@ -82,19 +82,19 @@ def region_of(
     Parameters
     ----------
     frame : Frame
-        Whose cells.
+        Geometry of the grid.
     size_xy : tuple of float
-        Extent along the columns and along the rows, metres; covered by whole cells.
+        Width and height, rounded up to whole cells, metres.
     corner_xy : tuple of float, optional
-        Lower left corner in the map frame, metres; the region begins with the cell that holds it.
+        Lower left corner in the map frame, metres; the region begins with the cell it lies in.
     center_xy : tuple of float, optional
-        The middle instead of the corner: the corner is half the size from it.
+        Center instead of the corner, which is half the size away, metres.
 
     Raises
     ------
     ParameterError
         If not exactly one of corner and center is given, a number is not finite, or the size is
-        not above 0.
+        not positive.
     """
     size_x, size_y = check_point(size_xy, "size")
     corner_xy, center_xy = (

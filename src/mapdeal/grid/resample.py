@@ -1,4 +1,4 @@
-"""One grid in the cells of another, no obstacle lost."""
+"""Resampling of one grid to the cells of another, without losing obstacles."""
 
 from __future__ import annotations
 
@@ -25,32 +25,31 @@ V = TypeVar("V", bound=ValueGrid)
 
 
 def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
-    """Return a map or costmap in the cells of another frame.
+    """Resample a map or costmap to the cells of another frame.
 
     Parameters
     ----------
     grid : OccupancyGrid or Costmap
-        What to bring there.
+        Grid to resample.
     frame : Frame
-        The cells of the result; size, resolution, corner and yaw may be any.
+        Geometry of the result, with any size, resolution, corner and yaw.
     rule : {'area', 'nearest'}
-        ``area``: a cell gets the largest of the values, or costs, above 0 that it shares an area
-        with, however small the area: no obstacle is lost and no gap opens in a wall, which gets
-        thicker on each side, by less than the diagonal of a cell. Where there is none it is free
-        or unknown as the grid is at the cell's centre, so that neither of the two grows at the
-        cost of the other.
+        ``area``: a cell gets the largest value, or cost, above 0 that overlaps it, however small
+        the overlap. No obstacle is lost and no gap opens in a wall, but walls become thicker on
+        each side by less than the diagonal of a cell. Cells without such a value are free or
+        unknown like the grid at their centre, so that neither grows at the expense of the other.
         ``nearest``: a cell gets the value at its centre. Thin walls may get gaps or vanish.
 
     Returns
     -------
     OccupancyGrid or Costmap
-        Of the kind of `grid`; unknown where it has no cell. Where the edges of the cells of both
-        frames coincide, turned by any number of quarter turns, it has the grid's values.
+        Resampled grid, of the same type; unknown where `grid` has no cell. Where the cells of both
+        frames coincide, up to quarter turns, the values are unchanged.
 
     Raises
     ------
     ParameterError
-        If there is no such rule, or the grid is a field, whose distances would be wrong.
+        If the rule is unknown, or the grid is a field, whose distances would be wrong.
 
     Examples
     --------
@@ -84,7 +83,7 @@ def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
 
 
 def check_rule(rule: str) -> None:
-    """Refuse a rule that there is not."""
+    """Refuse an unknown rule."""
     if rule not in get_args(ResamplingRule):
         known = ", ".join(get_args(ResamplingRule))
         raise ParameterError(f"must be one of {known}", place="rule", got=rule)

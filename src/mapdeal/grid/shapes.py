@@ -149,8 +149,8 @@ class Line(OneLine):
     Raises
     ------
     ParameterError
-        If there are fewer than two points, a coordinate is not finite, or the thickness is negative
-        or not finite.
+        If there are fewer than two or more than 10,000 points, a coordinate is not finite, or the
+        thickness is negative or not finite.
 
     Notes
     -----

@@ -26,18 +26,18 @@ def cost_model(
     when_closed: str,
     **more: Any,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Make a function a model of costs; see `mapdeal.stages.definition.Stage`.
+    """Turn a function into a cost model; see `mapdeal.stages.definition.Stage`.
 
     Parameters
     ----------
     name : str
-        The model.
+        Name of the model.
     title, memory
-        As of a `Stage`.
+        As for `Stage`.
     advice : callable
-        What to change where nearly all open cells have one cost.
+        Returns what to change if nearly all open cells have the same cost.
     when_closed : str
-        What to change where no cell is open.
+        What to change if no cell is open.
     **more
         Further entries of the `Stage`.
     """

@@ -1,8 +1,8 @@
-"""What a stage is: a function, and a record of all that the rest of the program needs of it.
+"""Definition of a stage: a function, and a record of everything else the program needs to know.
 
-A stage stands in one file: a plain function whose keyword-only arguments are its parameters,
-under the decorator `stage`, which takes the record. Recipes, commands, the memory plan, manifests,
-titles, help texts and tables in the docs are made from both; nothing else names a stage.
+Each stage is defined in one file: a plain function whose keyword-only arguments are its parameters,
+with the decorator `stage`, which takes the record. Recipes, commands, the memory plan, manifests,
+titles, help texts and tables in the docs are derived from both; nothing else names a stage.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _SECTION = re.compile(r"(?m)^ {4}(?P<name>\w+)\n {4}-+\n")
 
 
 class RowsAlone(Protocol):
-    """A stage whose rows are computed by workers that know the others from a summary alone.
+    """A stage whose rows are computed by workers that have only a summary of the other rows.
 
-    That is a distance field: `mapdeal.pipeline.block_jobs` says how it is done.
+    This applies to the distance field; see `mapdeal.pipeline.block_jobs`.
     """
 
     convention: Any
@@ -50,21 +50,21 @@ class RowsAlone(Protocol):
         """Return the mask of obstacles of some rows of a map."""
 
     def distance(self, obstacles: Any, resolution: float, halo: Any = None) -> Any:
-        """Return the distances of these rows, given what lies before and after them."""
+        """Return the distances of these rows, given a summary of the rows before and after them."""
 
 
 @dataclass(frozen=True)
 class RobotShape:
-    """What a stage makes of a robot's shape.
+    """How a stage uses a robot's shape.
 
     Parameters
     ----------
     replaces : str
-        The parameter that a shape takes the place of: only one of the two can be given.
+        Parameter that a shape replaces: only one of the two can be given.
     sets : tuple of str
-        The parameters that a shape sets.
+        Parameters that a shape sets.
     parameters : callable
-        Returns these, given a footprint.
+        Returns these parameters, given a footprint.
     """
 
     replaces: str
@@ -74,14 +74,15 @@ class RobotShape:
 
 @dataclass(frozen=True)
 class InPlaceOf:
-    """What a parameter does to another one that it takes the place of where it is given.
+    """How a parameter, if given, replaces another one.
 
     Parameters
     ----------
     parameter : str
-        The other one.
+        Parameter that is replaced.
     value : callable
-        Returns, given all parameters, what the other one comes to; None if the map decides.
+        Returns the resulting value of the replaced parameter, given all parameters; None if it
+        depends on the map.
     """
 
     parameter: str
@@ -90,14 +91,14 @@ class InPlaceOf:
 
 @dataclass(frozen=True)
 class InSimulation:
-    """What the option --sim does to a stage.
+    """Effect of the option ``--sim`` on a stage.
 
     Parameters
     ----------
     parameters : mapping
-        Those that it sets.
+        Parameters that it sets.
     is_added : bool
-        Whether the stage is put in front of recipes that have none.
+        Whether the stage is prepended to recipes that lack it.
     """
 
     parameters: Parameters
@@ -113,60 +114,60 @@ class Stage:
     function : callable
         Takes a map, or a map or field, and the parameters as keyword arguments.
     name : str
-        What recipes and the command line call it.
+        Name in recipes and on the command line.
     summary : str
-        What its command does, a sentence for ``--help``.
+        Description of its command, one sentence for ``--help``.
     title : callable
-        Returns what has been done, given all parameters, for a picture's title.
+        Returns a description of the product for a picture's title, given all parameters.
     memory : float
-        Bytes for each cell of a map in memory, outputs that wait to be written included: the
-        peak of whole commands on 4000 x 4000 cells, measured and rounded up.
+        Bytes per cell of a map in memory, including outputs waiting to be written: the peak of
+        whole commands on 4000 x 4000 cells, measured and rounded up.
     more_memory : callable
-        Returns, given all parameters, the bytes for each cell that they take beyond that.
+        Returns the additional bytes per cell that the parameters require, given all parameters.
     product : str, optional
-        What its files are called, without their endings; `name` if not given.
+        Base name of its files, without extension; by default `name`.
     details : str
         Further sentences for ``--help``.
     model : str, optional
-        Which model of the stage this is, if it has several. The first one listed is the default.
+        Model of the stage, if it has several. The first one listed is the default.
     view : callable, optional
-        Returns the map that is written as pixels, if the product itself is none. Its
+        Returns the map that is written as pixels, if the product itself is not a map. Its
         parameters are parameters of the stage.
     view_passes : callable
-        How often the view goes through the product before it is written, given its own
-        parameters.
+        Returns the number of passes of the view over the product before it is written, given the
+        view's parameters.
     passes : int
-        How often the stage goes through a map that is processed block by block before it returns.
+        Number of passes over a map that is processed block by block before the stage returns.
     is_whole : callable
-        Whether, with some parameters, the whole map must be in memory at once.
+        Returns whether the whole map must be in memory at once, given all parameters.
     is_smaller : callable
-        Whether, with some parameters, the product may cover a part of the map alone.
+        Returns whether the product may cover only a part of the map, given all parameters.
     hands_on : bool
-        Whether the next stage works on the product, or on what this one has worked on.
+        Whether the next stage works on the product; otherwise it works on this stage's input.
     is_last : bool
-        Whether no stage can follow but those that take what it makes as it is.
+        Whether only stages that accept its product directly can follow.
     robot : RobotShape, optional
-        What it makes of a robot's shape; None if that does not matter to it.
+        How it uses a robot's shape; None if the shape does not matter.
     radius_in : callable, optional
-        Returns, given all parameters, which radius of a robot they hold, and how long it is, where
-        that is no parameter that a shape could replace.
+        Returns name and length of the robot radius contained in the parameters, given all of them,
+        if it is not a parameter that a shape could replace.
     in_simulation : InSimulation, optional
-        What ``--sim`` does to it.
+        Effect of ``--sim``.
     in_place_of : mapping of str to InPlaceOf
-        The parameters that take the place of others where they are given.
+        Parameters that replace others if given.
     settled : callable
-        Returns, given all parameters, those whose values others decide, as they take effect.
+        Returns the effective values of parameters that depend on others, given all parameters.
     remark : callable
-        Returns what there is to warn of in the product, given all parameters and its figures;
-        None if there is nothing.
+        Returns a warning about the product, given all parameters and its figures; None if there is
+        nothing to warn about.
     curve : callable
-        Returns the costs over the distance from the nearest obstacle, given the grid that the stage
-        works on and its parameters; None if, with these, there is no one cost for a distance.
+        Returns the costs by distance from the nearest obstacle, given the input grid and the
+        parameters; None if these do not define a single cost for each distance.
     rows_alone : callable, optional
-        Returns, given its parameters, how workers of a cluster compute it.
+        Returns how workers of a cluster compute the stage, given its parameters.
     of_layers : callable
-        Returns the parameters with which it does its part of what a robot's costmap layers do;
-        None if it has none, or cannot.
+        Returns the parameters with which it does its share of the work of a robot's costmap layers;
+        None if it has no share, or cannot do it.
     """
 
     function: Callable[..., Any]
@@ -199,34 +200,34 @@ class Stage:
         object.__setattr__(self, "product", self.product or self.name)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Go to other processes as the function's name: the rest is known there."""
+        """Pickle as the function's name; other processes look up the rest."""
         return stage_of, (self.function,)
 
     @functools.cached_property
     def own_parameters(self) -> dict[str, Parameter]:
-        """The parameters of the function, by name."""
+        """Parameters of the function, by name."""
         return parameters_of(self.function)
 
     @functools.cached_property
     def view_parameters(self) -> dict[str, Parameter]:
-        """The parameters of the view, by name."""
+        """Parameters of the view, by name."""
         return {} if self.view is None else parameters_of(self.view)
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """All parameters, those of the view last."""
+        """All parameters, with those of the view last."""
         return {**self.own_parameters, **self.view_parameters}
 
     @functools.cached_property
     def meanings(self) -> dict[str, str]:
-        """What each parameter means, from the docstrings of function and view."""
+        """Description of each parameter, from the docstrings of function and view."""
         functions = [self.function, *([] if self.view is None else [self.view])]
         described = [meanings_of(function) for function in functions]
         return {name: text for texts in described for name, text in texts.items()}
 
     @functools.cached_property
     def makes(self) -> type[Any]:
-        """The type of the product."""
+        """Type of the product."""
         made: type[Any] | None = get_type_hints(inspect.unwrap(self.function)).get("return")
         if made is None:
             raise TypeError(f"stage {self.name}: the function must say what it returns")
@@ -234,7 +235,7 @@ class Stage:
 
     @functools.cached_property
     def takes(self) -> tuple[type[Any], ...]:
-        """The types of grids that it works on as they are; of others it gets the map in them."""
+        """Types of grids that it works on directly; of other grids it receives the map."""
         function = inspect.unwrap(self.function)
         first = next(iter(inspect.signature(function).parameters))
         taken = get_type_hints(function)[first]
@@ -242,7 +243,7 @@ class Stage:
 
     @property
     def takes_field(self) -> bool:
-        """Whether it works on distance fields as they are, and not on the maps they are of."""
+        """Whether it works on distance fields directly, and not only on their maps."""
         return DistanceField in self.takes
 
 
@@ -254,10 +255,10 @@ def stage(
     memory: float,
     **more: Any,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Make a function a stage, with the record that `Stage` describes.
+    """Turn a function into a stage, with the record that `Stage` describes.
 
-    Its keyword arguments are checked and converted as those of a `checked` function. To be
-    known it needs a line in `mapdeal.stages.listed`.
+    Its keyword arguments are checked and converted as by `checked`. It must also be listed in
+    `mapdeal.stages.listed`.
     """
 
     def made(function: Callable[P, R]) -> Callable[P, R]:
@@ -290,10 +291,10 @@ def stages_among(values: Mapping[str, object]) -> tuple[Stage, ...]:
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Make `function` check and convert its keyword arguments by its own signature.
+    """Make `function` check and convert its keyword arguments according to its signature.
 
-    Of a field that has numbers in one box of cells alone, it is given the box; what it makes is
-    put onto the field's canvas.
+    If a field has numbers only in one box of cells, the function receives the box, and its result
+    is extended to the field's frame.
     """
     known = parameters_of(function)
 
@@ -319,7 +320,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
-    """Return what each parameter means, as the numpydoc of a function has it, on one line.
+    """Return the description of each parameter in a numpydoc docstring, on one line each.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""Layers of costmap_2d as a parameter of a stage: how recipes and manifests write them.
+"""Layers of costmap_2d as a parameter of a stage, as written in recipes and manifests.
 
-A list of mappings, of which each has one key, the kind of the layer, and below it what is set::
+They form a list of mappings, each with one key, the kind of the layer, and its settings below::
 
     - static: {track_unknown_space: no}
     - inflation: {inflation_radius: 0.7, cost_scaling_factor: 3.0}
@@ -51,12 +51,12 @@ def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
     name : str
         The parameter, for errors.
     value : object
-        A list of layers, or of their mappings; of a kind alone all is as costmap_2d has it.
+        A list of layers, their mappings or just their kinds, which have costmap_2d's defaults.
 
     Raises
     ------
     ParameterError
-        If it is no such list, or something in it is not known or not allowed.
+        If it is not such a list, or something in it is unknown or not allowed.
     """
     if not isinstance(value, (list, tuple)):
         raise ParameterError(f"must be a list of layers such as {_LOOKS}", place=name, got=value)
@@ -64,7 +64,7 @@ def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
 
 
 def described_layer(layer: CostmapLayer) -> dict[str, dict[str, Any]]:
-    """Return a layer with all that is set, as JSON or YAML can hold it.
+    """Return a layer with all its settings, ready for JSON or YAML.
 
     Examples
     --------
@@ -78,17 +78,17 @@ def described_layer(layer: CostmapLayer) -> dict[str, dict[str, Any]]:
 def layers_with(
     layers: tuple[CostmapLayer, ...], name: str, value: object
 ) -> tuple[CostmapLayer, ...] | None:
-    """Return layers with another value of what model ``exponential`` calls by a name.
+    """Return layers with a new value for the parameter of a name in model ``exponential``.
 
     Parameters
     ----------
     layers : tuple of layers
-        All layers. Each static layer gets the value; of inflation layers all the same lookup,
-        and what else they have if there is one.
+        All layers. The value is set in every static layer. In inflation layers, the lookup is set
+        in all, other parameters only if there is exactly one.
     name : str
         A parameter.
     value : object
-        What it is to be; checked.
+        New value; it is checked.
 
     Returns
     -------

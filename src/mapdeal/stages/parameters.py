@@ -1,8 +1,8 @@
-"""The parameters of a stage, read off its function's signature.
+"""The parameters of a stage, read from its function's signature.
 
 A stage is a plain function whose keyword-only arguments are its parameters. Their names,
-defaults, types and bounds stand in the signature and nowhere else; recipes, the command line
-and Python callers are all held to them.
+defaults, types and bounds are defined in the signature and nowhere else; they apply to recipes,
+the command line and Python callers alike.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ HEADINGS = Bound("between 4 and 255", lambda value: 4 <= value <= 255)
 
 @dataclass(frozen=True)
 class Unit:
-    """What a parameter is measured in.
+    """Unit of a parameter.
 
     Parameters
     ----------
     symbol : str
-        For tables.
+        Symbol in tables.
     metavar : str
-        What stands for a value in ``--help``.
+        Placeholder for a value in ``--help``.
     """
 
     symbol: str
@@ -68,7 +68,7 @@ SQUARE_METRES = Unit("m2", "M2")
 
 
 class FromRobot:
-    """Marks a parameter that a robot's shape sets: recipes can, the command line has no option."""
+    """Mark of a parameter set by a robot's shape: recipes can set it, but there is no option."""
 
 
 LethalThreshold = Annotated[int, LETHAL, OCCUPANCY]
@@ -77,7 +77,7 @@ LethalThreshold = Annotated[int, LETHAL, OCCUPANCY]
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a stage: its name, default, what it may be, and its unit."""
+    """One parameter of a stage: its name, default, type, bounds and unit."""
 
     name: str
     default: object
@@ -89,7 +89,7 @@ class Parameter:
 
     @property
     def is_structured(self) -> bool:
-        """Whether it is more than a line of text: recipes can set it, options cannot."""
+        """Whether it needs more than a line of text: recipes can set it, options cannot."""
         return self.kind in _STRUCTURED
 
     @property
@@ -99,13 +99,13 @@ class Parameter:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words that are allowed, if the parameter is a choice of words."""
+        """Allowed words, if the parameter is a choice of words."""
         return get_args(self.kind) if get_origin(self.kind) is Literal else ()
 
     def accept(self, value: object) -> Any:
-        """Return `value` as the parameter's type.
+        """Convert `value` to the parameter's type.
 
-        Text is read as a recipe or a shell would write it: ``0.3``, ``yes``, ``90,70,50``.
+        Text is read as written in a recipe or a shell: ``0.3``, ``yes``, ``90,70,50``.
 
         Raises
         ------
@@ -164,9 +164,9 @@ class Parameter:
 
 
 def is_plain(value: object) -> bool:
-    """Return whether a number is none, or a text that not only Python reads as one.
+    """Return whether a value is not text, or is text that not only Python reads as a number.
 
-    Python takes ``1_000`` and digits of all scripts.
+    Python accepts ``1_000`` and digits of all scripts.
 
     Examples
     --------
@@ -216,12 +216,12 @@ def accept_parameters(
     given : mapping
         Parameters by name.
     owner : str
-        What to call the stage in an error.
+        Name of the stage in an error.
 
     Raises
     ------
     ParameterError
-        If a name is not known, or a value not allowed.
+        If a name is unknown, or a value is not allowed.
     """
     known = parameters_of(function)
     values = {name: parameter.default for name, parameter in known.items()}
@@ -245,7 +245,7 @@ def unknown_parameter(name: str, known: Iterable[str], owner: str) -> ParameterE
 def unknown_name(
     what: str, name: object, known: Iterable[str], *, place: str | None = None
 ) -> ParameterError:
-    """Return the error for a name that is not among the `known` ones, with the nearest."""
+    """Return the error for a name that is not among the `known` ones, suggesting the nearest."""
     names = list(known)
     hint = meant(str(name), names) or f"known: {', '.join(names)}"
     return ParameterError(f"no such {what}", place=place, got=name, hint=hint)
@@ -260,7 +260,7 @@ def _is_supported(kind: Any) -> bool:
 
 
 def split_optional(hint: Any) -> tuple[Any, bool]:
-    """Return a type, and whether None is allowed besides.
+    """Return a type without None, and whether None is allowed.
 
     Examples
     --------
@@ -301,13 +301,13 @@ _STRUCTURED: dict[Any, Callable[[str, object], Any]] = {Footprint: _footprint}
 
 
 def structured(kind: Any, accept: Callable[[str, object], Any]) -> None:
-    """Allow parameters of a type, which a function makes of what YAML gives.
+    """Allow parameters of a type that a function converts from YAML values.
 
     Parameters
     ----------
     kind : type
-        The type, as annotations have it.
+        The type, as used in annotations.
     accept : callable
-        Takes a parameter's name and what it is given; raises ParameterError.
+        Converts a value, given the parameter's name and the value; raises ParameterError.
     """
     _STRUCTURED[kind] = accept
