@@ -1,4 +1,4 @@
-"""Which narrow places of a map matter to a robot, and where they are."""
+"""The narrow places of a map that matter to a robot."""
 
 from __future__ import annotations
 
@@ -33,35 +33,35 @@ def passages(
     circumscribed_radius: float | None = None,
     is_reached: NDArray[np.bool_] | None = None,
 ) -> tuple[Passage, ...]:
-    """Return the passages that stop a robot, or all but stop it, the narrowest first.
+    """Return the passages that stop a robot or barely let it pass, the narrowest first.
 
     Parameters
     ----------
     ways : Ways
-        How wide the ways of the map are.
+        Ways of the map and their widths.
     is_open : numpy.ndarray of bool, shape (H, W)
-        Where the robot's centre can stand in some heading.
+        Cells in which the robot can stand in some heading.
     start : tuple of int
-        Row and column of its start, a cell that ways may use.
+        Row and column of the start, a cell that ways may use.
     radius : float
-        Of the largest circle around its centre that the robot covers, metres.
+        Inscribed radius of the robot, metres.
     margin : float
-        A passage all but stops the robot if it would stop one whose radius is larger by as much,
-        metres.
+        A passage barely lets the robot pass if it would stop a robot whose radius is larger by
+        this margin, metres.
     min_area : float
-        What there must be on both sides of a passage, square metres: of open cells that are
-        connected without it. The start's side may be smaller.
+        Least area on each side of a passage, square metres, counting open cells that are connected
+        without it. The start's side may be smaller.
     circumscribed_radius : float, optional
-        Of the smallest circle around its centre that covers the robot, metres. Up to here it may
-        be stopped if it is not round.
+        Circumscribed radius of the robot, metres. A robot that is not round may be stopped by
+        passages up to this radius.
     is_reached : numpy.ndarray of bool, shape (H, W), optional
-        Where its centre gets to, of a robot that is not round.
+        Cells that its centre can reach, for a robot that is not round.
 
     Returns
     -------
     tuple of Passage
-        One for each two areas between which there is a way: the narrowest place of the widest
-        way. Areas without any way have none.
+        One for each pair of areas connected by a way: the narrowest place of the widest way.
+        Areas that no way connects have none.
     """
     tree = ways.tree
     root = int(tree.basins[start])
@@ -105,19 +105,18 @@ def _order(one: Passage) -> tuple[object, ...]:
 def disconnected(
     grid: OccupancyGrid, radius: float, min_area: float = DEFAULT_MIN_AREA
 ) -> list[Passage]:
-    """Return the passages that stop a round robot on its way between areas of a map.
+    """Return the passages that stop a round robot between areas of a map.
 
-    Where no way at all leads from some areas to others, each of these parts of the map is seen from
-    its own largest area.
+    If no way at all connects some parts of the map, each part is seen from its own largest area.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map; ways lead over free cells.
     radius : float
-        The robot's radius, metres.
+        Radius of the robot, metres.
     min_area : float
-        What there must be on both sides, square metres, as of `passages`.
+        Least area on each side of a passage, as for `passages`, square metres.
 
     Returns
     -------
@@ -137,7 +136,7 @@ def disconnected(
 
 
 def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
-    """Return the narrowest place of the widest way from the start to a goal.
+    """Return the narrowest place on the widest way from the start to a goal.
 
     Parameters
     ----------
@@ -149,9 +148,9 @@ def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
     Returns
     -------
     Bottleneck or None
-        A passage where one is as narrow as the start and the goal themselves; of several that are
-        equally narrow the one nearest to the goal. None where nothing limits the way, or there is
-        none.
+        A passage if one is at least as narrow as the start and the goal themselves; of several
+        equally narrow ones, the one nearest to the goal. None if nothing limits the way, or there
+        is no way.
     """
     ways, start, rooted = from_start.ways, from_start.start, from_start.rooted
     tree, squared = ways.tree, ways.squared

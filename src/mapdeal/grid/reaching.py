@@ -1,4 +1,4 @@
-"""How it is found where a robot can go: what it meets, where it can stand, what it reaches."""
+"""Computation of where a robot can go: the map it moves on, where it can stand, what it reaches."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ def reach_on(
     margin: float,
     min_area: float,
 ) -> Reach:
-    """Return where a robot can go; see the stage ``reach``.
+    """Compute where a robot can go; see the stage ``reach``.
 
     Parameters
     ----------
     ground : Ground
-        What it meets.
+        The map that it moves on.
     robot : Footprint, optional
-        Its shape; None for a point.
+        Robot shape; None for a point.
     start : sequence of float, optional
-        x, y or x, y, yaw in the map frame; without it the widest place of the largest open area.
+        x, y or x, y, yaw in the map frame; by default the widest place of the largest open area.
     goals : sequence of Goal
-        Where it should get to.
+        Places that it should reach.
     headings : int
-        How many headings a robot with corners can have.
+        Number of headings for a robot with corners.
     margin, min_area : float
-        Which passages are reported, see `passages`.
+        Passages to report; see `passages`.
 
     Raises
     ------
     ParameterError
-        If start or goal lies outside of the map, or the robot cannot stand at the start.
+        If the start or a goal lies outside the map, or the robot cannot stand at the start.
     MalformedInputError
-        If it cannot stand anywhere.
+        If the robot cannot stand anywhere.
     """
     asked = None if start is None else _checked_pose(start)
     first = None if asked is None else cell_of_point(ground.frame, (asked[0], asked[1]), "start")

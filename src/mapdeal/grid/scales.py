@@ -1,7 +1,7 @@
-"""Tables between the scales of values: occupancy, costs, and amcl's states.
+"""Tables that convert between scales of values: occupancy, costs, and amcl's states.
 
-Each has 256 entries and is indexed by a value's byte, so that occupancy -1 is the last entry
-(`mapdeal.kernels.lookup.look_up` takes it so), and each says in its name what it makes of what.
+Each has 256 entries and is indexed by a value's byte, so that occupancy -1 is the last entry, as
+`mapdeal.kernels.lookup.look_up` expects. The names read ``TO_from_FROM``.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ def occupancy_from_cost() -> NDArray[np.int8]:
 
 
 def cost_from_occupancy() -> NDArray[np.uint8]:
-    """Return the cost that Nav2's ``Costmap2D(OccupancyGrid)`` gives each value.
+    """Return the cost that Nav2's ``Costmap2D(OccupancyGrid)`` assigns to each value.
 
     Returns
     -------
     numpy.ndarray of uint8, shape (256,)
-        0..100 -> round(254 v / 100), halves away from zero; -1 -> 255. What is no occupancy
-        is unknown as well.
+        0..100 -> round(254 v / 100), halves away from zero; -1 -> 255. Invalid occupancies are
+        unknown as well.
 
     Examples
     --------
@@ -76,20 +76,20 @@ def static_layer_cost_from_occupancy(
     inscribed_value: int | None = 99,
     unknown_value: int = NO_INFORMATION,
 ) -> NDArray[np.uint8]:
-    """Return the cost that costmap_2d's static layer gives each value.
+    """Return the cost that costmap_2d's static layer assigns to each value.
 
     Parameters
     ----------
     lethal_threshold, trinary, track_unknown, inscribed_value
         See `mapdeal.Costmap.from_static_layer`.
     unknown_value : int
-        ``unknown_cost_value`` as a byte: the value that is unknown, 255 for -1.
+        ``unknown_cost_value`` as a byte: the value that means unknown, 255 for -1.
 
     Returns
     -------
     numpy.ndarray of uint8, shape (256,)
-        In this order: `unknown_value` -> 255 (or 0); `inscribed_value` -> 253; from
-        `lethal_threshold` on, and what is no occupancy, -> 254; else 0 or
+        In this order: `unknown_value` -> 255 (or 0); `inscribed_value` -> 253; at or above
+        `lethal_threshold`, and invalid occupancies, -> 254; else 0 or
         trunc(254 v / lethal_threshold).
 
     References
@@ -120,7 +120,7 @@ def static_layer_cost_from_occupancy(
 
 
 def amcl_from_occupancy() -> NDArray[np.int8]:
-    """Return the state that amcl gives each value: 0 -> -1 free, 100 -> +1 occupied, else 0.
+    """Return the state that amcl assigns to each value: 0 -> -1 free, 100 -> +1 occupied, else 0.
 
     Examples
     --------

@@ -32,12 +32,12 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True, eq=False)
 class Ways:
-    """How wide the ways between the cells of a map are: its clearance tree, in metres.
+    """The widths of the ways between the cells of a map: its clearance tree, in metres.
 
     Parameters
     ----------
     tree : ClearanceTree
-        Of `squared` and the cells that ways may use.
+        Clearance tree of `squared` and the cells that ways may use.
     squared : numpy.ndarray of int32 or int64, shape (H, W)
         Squared distance of each cell to the nearest obstacle, in cells.
     frame : Frame
@@ -51,7 +51,7 @@ class Ways:
 
     @property
     def cell_area(self) -> float:
-        """Square metres of a cell."""
+        """Area of a cell, square metres."""
         return self.frame.resolution * self.frame.resolution
 
     def metres(self, squares: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -62,12 +62,12 @@ class Ways:
         return metres
 
     def areas(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return how many square metres of a mask lie in each basin."""
+        """Return the area of a mask within each basin, square metres."""
         counts = _counts(self.tree.basins, mask, len(self.tree.peaks))
         return counts.astype(np.float64) * self.cell_area
 
     def gap(self, edge: int) -> tuple[Point, Point]:
-        """Return the ends of the gap that an edge leads through, sought once for each edge."""
+        """Return the ends of the gap that an edge leads through; computed once per edge."""
         if edge not in self._gaps:
             row, col = divmod(int(self.tree.cells[edge]), self.frame.width)
             ends = gap_at(self.squared, self.tree.basins, (row, col))
@@ -100,15 +100,15 @@ class Ways:
     def clearance(self, *, in_place: bool = False) -> NDArray[np.float32]:
         """Return the distance of each cell to the nearest obstacle cell, metres, shape (H, W).
 
-        It may take the memory of the squares, which are lost then.
+        With `in_place` it reuses the memory of the squares, which are then lost.
         """
         return clearance_metres(self.squared, self.frame.resolution, in_place=in_place)
 
     def in_largest_area(self, closed_up_to: int) -> NDArray[np.bool_] | None:
         """Return the cells of the largest area above a square, shape (H, W); None if none is.
 
-        Areas are of one piece by the four straight neighbours. Of equal ones the one counts whose
-        first basin comes first.
+        Areas are connected by the four straight neighbours. Of areas of equal size, the one whose
+        first basin comes first is returned.
         """
         tree = self.tree
         areas = basin_areas(tree, self.squared, closed_up_to)
@@ -139,14 +139,14 @@ class Ways:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What a robot meets.
+    """The map that a robot moves on.
 
     Parameters
     ----------
     occupancy : numpy.ndarray of int8, shape (H, W)
         The map: 100 is an obstacle, -1 unknown.
     frame : Frame
-        Where it lies.
+        Geometry of the map.
     through_unknown : bool
         Whether ways may lead through unknown cells.
     """
@@ -157,13 +157,13 @@ class Ground:
 
     @property
     def obstacles(self) -> NDArray[np.bool_]:
-        """The mask of obstacles, made anew each time: masks would take memory all the while."""
+        """Mask of obstacles, computed on each access to save memory."""
         obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
         return obstacles
 
     @property
     def blocked(self) -> NDArray[np.bool_]:
-        """The mask of cells that no way leads through, made anew each time."""
+        """Mask of cells that no way leads through, computed on each access."""
         blocked = self.obstacles
         if not self.through_unknown:
             for_rows(
@@ -175,7 +175,7 @@ class Ground:
         return blocked
 
     def ways(self) -> Ways:
-        """Return how wide the ways are."""
+        """Return the ways and their widths."""
         squared = squared_distance(self.obstacles)
         traversable = self.blocked
         np.logical_not(traversable, out=traversable)
@@ -193,8 +193,8 @@ class WaysFrom:
     start : tuple of int
         Row and column.
     rooted : RootedTree, optional
-        The tree, seen from the start's basin; None if no way may use the start, so that there is
-        none. A robot whose centre lies outside of its footprint can start there.
+        The tree, rooted at the start's basin; None if no way may use the start, so that there are
+        no ways. A robot whose centre lies outside its footprint can start there.
     """
 
     ways: Ways
@@ -210,7 +210,7 @@ class WaysFrom:
         return min(ends, int(self.rooted.bottlenecks[basin]))
 
     def reachable(self, closed_up_to: int) -> NDArray[np.uint8]:
-        """Return where a way leads that stays above a square: 1, else 0, shape (H, W)."""
+        """Return 1 for cells that a way staying above a square leads to, else 0, shape (H, W)."""
         squared = self.ways.squared
         if self.rooted is None or squared[self.start] <= closed_up_to:
             return np.zeros(squared.shape, dtype=np.uint8)
@@ -220,7 +220,7 @@ class WaysFrom:
     def widest(self, *, in_place: bool = False) -> NDArray[np.float32]:
         """Return the least clearance on the widest way to each cell, metres, 0 if there is none.
 
-        It may take the memory of the basins, which are lost then.
+        With `in_place` it reuses the memory of the basins, which are then lost.
         """
         if self.rooted is None:
             return np.zeros(self.ways.squared.shape, dtype=np.float32)
@@ -238,14 +238,14 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
     """Return the largest squared distance in cells that is closed to a round robot.
 
     A cell is open if the root of its square, times the resolution, is larger than the radius; the
-    costs of such cells are below 253. Where there is no obstacle no radius closes a cell.
+    costs of such cells are below 253. Without obstacles, no radius closes a cell.
 
     Parameters
     ----------
     radius : float
-        Metres.
+        Radius of the robot, metres.
     frame : Frame
-        The map's geometry.
+        Geometry of the map.
 
     Examples
     --------
