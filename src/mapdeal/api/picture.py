@@ -281,11 +281,9 @@ def _grid_in(shown: object) -> tuple[Grid, str]:
     if isinstance(shown, _GRIDS):
         return shown, shown.kind
     rule = (
-        "must be a grid, a bit map, a local map, a map of scans, merged maps, a comparison or a "
-        "cost curve"
+        "must be a grid, a bit map, a local map, a map of scans, merged maps, a comparison, a score "
+        "or a cost curve"
     )
-    kinds = "a grid, a bit map, a local map, a map of scans, a comparison, a score or a cost curve"
-    rule = f"must be {kinds}"
     raise ParameterError(rule, place="picture", got=shown)
 
 
