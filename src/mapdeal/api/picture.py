@@ -281,8 +281,8 @@ def _grid_in(shown: object) -> tuple[Grid, str]:
     if isinstance(shown, _GRIDS):
         return shown, shown.kind
     rule = (
-        "must be a grid, a bit map, a local map, a map of scans, merged maps, a comparison, a score "
-        "or a cost curve"
+        "must be a grid, a bit map, a local map, a map of scans, merged maps, a comparison, a "
+        "score or a cost curve"
     )
     raise ParameterError(rule, place="picture", got=shown)
 
