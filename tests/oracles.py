@@ -1,7 +1,9 @@
 """Naive versions of every algorithm, by loops over all pairs of cells. Slow, and plain to see."""
 
+import functools
 import itertools
 import math
+from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 
 import numpy as np
@@ -179,9 +181,26 @@ def master_grid(occupancy, resolution, layers, default_cost):
     return master
 
 
+def on_paper(number):
+    """A float as the shortest decimal that stands for it: 0.05 is five hundredths."""
+    return Decimal(repr(float(number)))
+
+
+@functools.cache
+def root(square):
+    """The square root of a whole number, to 50 digits."""
+    return Context(prec=50).sqrt(Decimal(square))
+
+
+def whole_part(product):
+    """A product rounded to 1e-9, without what is left of its fraction."""
+    return int(product.quantize(Decimal("1e-9")))
+
+
 def metric_view(occupancy, occupied, resolution, view_range, strength=1.0):
     """The 0..100 view of the strengthened distances that falls linearly to 0 at view_range."""
     squared = squared_distance(occupied)
+    cell, end = on_paper(strength) * on_paper(resolution), on_paper(view_range)
     result = np.zeros(occupancy.shape, dtype=np.int8)
     for index in np.ndindex(occupancy.shape):
         if occupied[index]:
@@ -189,24 +208,48 @@ def metric_view(occupancy, occupied, resolution, view_range, strength=1.0):
         elif occupancy[index] == -1:
             result[index] = -1
         elif squared[index] is not None:
-            d = min(strength * (math.sqrt(squared[index]) * resolution), view_range)
-            result[index] = int(100 * (1 - d / view_range))
+            with localcontext(prec=50):
+                share = min(cell * root(squared[index]), end) / end
+                result[index] = whole_part(100 * (1 - share))
     return result
 
 
-def seed_view(occupancy, occupied, resolution, strength=1.0):
+def per_map_view(occupancy, occupied, resolution, strength=1.0):
     """The 0..100 view of the strengthened distances scaled between the map's own extremes."""
     outside, inside = squared_distance(occupied), squared_distance(~occupied)
     result = np.zeros(occupancy.shape, dtype=np.int8)
     if occupied.any() and not occupied.all():
-        farthest = strength * max(math.sqrt(s) for s in outside.ravel()) * resolution
-        deepest = max(math.sqrt(s) for s in inside.ravel()) * resolution
-        for index in np.ndindex(occupancy.shape):
-            d = strength * math.sqrt(outside[index]) * resolution
-            result[index] = int(100 * (farthest - d) / (farthest - resolution + deepest))
+        factor = on_paper(strength)
+        with localcontext(prec=50):
+            farthest = factor * root(max(outside.ravel()))
+            span = farthest - 1 + root(max(inside.ravel()))
+            for index in np.ndindex(occupancy.shape):
+                distance = factor * root(outside[index])
+                result[index] = whole_part(100 * (farthest - distance) / span)
     result[occupancy == -1] = -1
     result[occupied] = 100
     return result
+
+
+def threshold_cost(view, squared, resolution, strength, *, down, up, factors):
+    """Costs of a view by thresholds, each a view value or, as text, metres on paper."""
+    cost = view.copy()
+    for index in np.ndindex(view.shape):
+        if view[index] in (100, -1):
+            continue
+        v, s = int(view[index]), squared[index]
+
+        def is_nearer(threshold, v=v, s=s):
+            if not isinstance(threshold, str):
+                return v > threshold
+            cells = Fraction(threshold) / Fraction(on_paper(resolution) * on_paper(strength))
+            return s is not None and s < cells**2
+
+        factor = 0
+        if is_nearer(down):
+            factor = factors[1] if is_nearer(up) else factors[0]
+        cost[index] = min(99, math.trunc(Fraction(on_paper(factor)) * v))
+    return cost
 
 
 def line(start, stop):

@@ -113,7 +113,7 @@ def test_found_where_a_flood_of_the_robot_s_size_finds_two_rooms(seed, height, w
         else:
             cells[dice.random(height) > 0.15, dice.integers(width)] = 100
     grid = OccupancyGrid(cells, 0.5, (1.5, -2.0, 0.4))
-    squared = squared_distance(cells == 100)
+    squared = squared_distance(np.pad(cells == 100, 1, constant_values=True))[1:-1, 1:-1]
     is_free = cells == 0
     is_open = is_free & (np.sqrt(squared.astype(float)) * 0.5 > radius)
     areas, left = [], is_open.copy()

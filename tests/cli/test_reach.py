@@ -84,8 +84,6 @@ def test_a_goal_that_is_cut_off_ends_with_1(command, rooms, tmp_path):
     ("words", "told"),
     [
         (["--from", "50,50"], "start: lies outside of the map"),
-        (["--to", "50,50"], "goal: lies outside of the map"),
-        (["--to", "2,-1", "kitchen=50,50"], "goal kitchen: lies outside of the map"),
         (["--headings", "3"], "headings"),
         (["--from", "1"], "--from: must be two numbers X,Y, got '1'"),
         (["--from", "1,2,"], "--from: must be three numbers X,Y,YAW, got '1,2,'"),
@@ -109,15 +107,39 @@ def test_what_is_refused(command, rooms, words, told):
 
 def test_closed_cells_are_refused_with_the_nearest_open_one(command, rooms):
     grid, path = rooms
-    start, wall = place(grid, 3, 2), place(grid, 3, 0)
-    for words in (["--from", wall], ["--from", start, "--to", wall]):
-        code, out, err = command("reach", path, *words, "--robot-radius", 0.26)
-        assert (code, out) == (2, "")
-        assert "lies in a closed cell (an obstacle)" in err
-        assert "the nearest open cell is 0.5 m away" in err
+    code, out, err = command("reach", path, "--from", place(grid, 3, 0), "--robot-radius", 0.26)
+    assert (code, out) == (2, "")
+    assert "lies in a closed cell (an obstacle)" in err
+    assert "the nearest open cell is 0.5 m away" in err
     code, _, err = command("reach", path, "--from", place(grid, 3, 1), "--robot-radius", 0.26)
     assert code == 2
     assert "0.25 m from an obstacle, the robot's radius is 0.26 m" in err
+
+
+def test_goals_in_closed_cells_are_not_reached_and_the_others_are_answered(
+    command, rooms, tmp_path
+):
+    grid, path = rooms
+    wall, ahead, beyond = place(grid, 3, 0), place(grid, 3, 4), place(grid, 3, -4)
+    code, out, err = command(
+        "reach", path, "--from", place(grid, 3, 2), "--to", f"wall={wall}", ahead, f"lab={beyond}",
+        "--robot-radius", 0.24, "--image", tmp_path / "out.png",
+    )  # fmt: skip
+    assert code == 1
+    assert "(wall) is not reachable: its cell is an obstacle; nor are 1 more of 3 goals" in err
+    goals = json.loads(out)["goals"]
+    assert [one["reachable"] for one in goals] == [False, True, False]
+    assert [one["reason"] for one in goals] == ["an obstacle", None, "outside of the map"]
+    x, y = map(float, place(grid, 3, 1).split(","))
+    near = {"x": pytest.approx(x, abs=2e-6), "y": pytest.approx(y, abs=2e-6)}
+    assert [one["nearest_open"] for one in goals] == [near, None, near]
+    assert f"hint: the nearest open cell is at {x},{y}" in err
+    (tmp_path / "out.json").write_text(out)
+    code, _, _ = command("report", path, tmp_path / "out.json", "-o", tmp_path / "out.html")
+    assert code == 0
+    assert "goal wall: not reachable: its cell is an obstacle" in (tmp_path / "out.html").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_a_map_without_an_open_cell_is_malformed(command, rooms):

@@ -27,7 +27,7 @@ def test_the_nearest_open_cell_is_that_of_a_search_through_all(height, width, co
     marked = np.zeros((height, width), dtype=bool)
     for _ in range(count):
         marked[rng.integers(height), rng.integers(width)] = True
-    cell = (int(rng.integers(height)), int(rng.integers(width)))
+    cell = (int(rng.integers(-height, 2 * height)), int(rng.integers(-width, 2 * width)))
     told = nearest_open_text(Frame(height, width, 0.5, (-3.0, 2.0, 0.0)), marked, cell)
     cells = sorted((math.dist(one, cell), *one) for one in np.argwhere(marked).tolist())
     if not cells:
@@ -38,10 +38,11 @@ def test_the_nearest_open_cell_is_that_of_a_search_through_all(height, width, co
     assert told == f"the nearest open cell is {distance * 0.5:.3g} m away, at {place}"
 
 
-def test_a_corner_of_the_window_is_farther_than_what_lies_beside_it():
+def test_the_nearest_cell_to_one_that_is_very_far_away():
     marked = np.zeros((60, 60), dtype=bool)
-    marked[16, 16] = marked[0, 17] = True
-    assert nearest_marked(marked, (0, 0)) == (0, 17)
+    marked[16, 16] = marked[0, 17] = marked[59, 0] = True
+    assert nearest_marked(marked, (-(10**18), 10**18)) == (0, 17)
+    assert nearest_marked(marked, (10**18, 30)) == (59, 0)
 
 
 def test_there_is_no_zero_below_zero():

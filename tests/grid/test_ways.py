@@ -1,4 +1,5 @@
 import math
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -6,15 +7,13 @@ import pytest
 from drawn import cells
 from mapdeal import OccupancyGrid
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.ways import Ground, Ways, largest_closed_square
-from mapdeal.kernels.clearance_tree import clearance_tree
+from mapdeal.grid.ways import Ground, largest_closed_square, squares_to
 from mapdeal.kernels.distance import squared_distance
 
 
 def ways_of(text):
     grid = OccupancyGrid(cells(text), 0.25, (1.5, -2.0, 0.4))
-    squared = squared_distance(grid.occupied())
-    return Ways(clearance_tree(squared, ~grid.occupied() & ~grid.unknown()), squared, grid.frame)
+    return Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
 
 
 TWO_ROOMS_AND_A_LARGER_ONE = """
@@ -51,19 +50,29 @@ def test_from_where_no_robot_stands_nothing_is_reached():
     assert in_a_wall.widest_square_at((1, 1)) == 0
 
 
-@pytest.mark.parametrize("resolution", [0.05, 0.07, 0.3, 1e-6, 1e6])
+@pytest.mark.parametrize("resolution", ["0.05", "0.07", "0.3", "1e-3", "1000"])
 def test_a_distance_of_the_radius_itself_is_closed(resolution):
-    frame = Frame(100, 100, resolution)
+    frame = Frame(100, 100, float(resolution))
     for square in range(1, 2000):
-        radius = math.sqrt(square) * resolution
+        radius = math.sqrt(square) * float(resolution)
         assert largest_closed_square(radius, frame) == square
-        assert largest_closed_square(np.nextafter(radius, 0), frame) == square - 1
+        assert largest_closed_square(radius - 3e-9, frame) == square - 1
+    for count in range(1, 50):  # on paper: 6 * 0.05 is more than 0.3 in floats
+        radius = float(count * Decimal(resolution))
+        assert largest_closed_square(radius, frame) == count**2
 
 
-def test_where_no_obstacle_is_no_radius_closes_a_cell():
-    frame = Frame(5, 5, 1e-3)
-    grid = OccupancyGrid(np.zeros((5, 5), np.int8), 1e-3)
-    squared = squared_distance(grid.occupied())
-    assert largest_closed_square(1000.0, frame) < squared.min()
-    ways = Ground(grid.occupancy, frame, through_unknown=False).ways()
-    assert ways.in_largest_area(largest_closed_square(1000.0, frame)).all()
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (6, 1), (9, 14), (40, 33)])
+def test_outside_of_the_map_all_is_marked(shape):
+    """By hand: the distances on a map with a margin of marked cells."""
+    marked = np.random.default_rng(3).random(shape) < 0.02
+    with_margin = np.pad(marked, 1, constant_values=True)
+    assert np.array_equal(squares_to(marked), squared_distance(with_margin)[1:-1, 1:-1])
+
+
+def test_no_robot_is_larger_than_its_map():
+    frame = Frame(5, 9, 1e-3)
+    ways = Ground(np.zeros((5, 9), np.int8), frame, through_unknown=False).ways()
+    assert ways.in_largest_area(largest_closed_square(0.0029, frame)).sum() == 5
+    for radius in (0.003, 1000.0):
+        assert ways.in_largest_area(largest_closed_square(radius, frame)) is None

@@ -79,13 +79,15 @@ def test_where_there_is_no_obstacle_opposite_the_bar_ends_where_ways_do():
     basins[6:, 9:12] = -1  # unknown
     squared = squared_distance(occupied)
     assert gap_at(squared, basins, (5, 10)) == ((2.0, 10.0), (6.0, 10.0))
-    assert gap_at(squared, basins, (11, 3)) == ((2.0, 4.0), (12.0, 4.0))  # the edge
 
 
-def test_without_an_obstacle_there_is_only_the_cell_itself():
-    squared = squared_distance(np.zeros((5, 9), dtype=bool))
-    basins = np.zeros((5, 9), dtype=np.int32)
-    assert gap_at(squared[:1, :1], basins[:1, :1], (0, 0)) == ((0.0, 0.0), (0.0, 0.0))
+def test_the_edge_is_an_obstacle():
+    occupied = np.zeros((12, 20), dtype=bool)
+    occupied[2] = True
+    squared = squared_distance(np.pad(occupied, 1, constant_values=True))[1:-1, 1:-1]
+    assert gap_at(squared, basins_of(occupied), (7, 8)) == ((2.0, 9.0), (12.0, 9.0))
+    alone = np.ones((1, 1), dtype=np.int32)
+    assert gap_at(alone, basins_of(alone == 0), (0, 0)) == ((-1.0, 0.0), (1.0, 0.0))
 
 
 def test_the_bar_lies_in_the_middle_of_a_long_door():

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.kernels.meetings import joined, sums_behind
+from mapdeal.kernels.meetings import joined, saddles_between, sums_behind
 
 
 @st.composite
@@ -100,3 +100,27 @@ def test_there_may_be_no_edges(count):
     labels, meetings = joined(count, nothing, nothing)
     assert labels.tolist() == list(range(count))
     assert not len(meetings)
+
+
+def test_each_unbroken_border_between_regions_is_a_door():
+    # basins 0 and 1 meet in two places, basin 2 meets both in a third one
+    basins = np.array(
+        [
+            [0, 0, 1, 1],
+            [0, -1, -1, 1],
+            [0, 0, 1, 1],
+            [0, 0, 1, 1],
+            [0, -1, -1, 1],
+            [0, 2, 2, 1],
+        ],
+        dtype=np.int32,
+    )
+    squared = np.where(basins < 0, 0, 9).astype(np.int32)
+    squared[0, 1], squared[2, 1], squared[3, 2], squared[5, 1] = 4, 2, 5, 3
+    found = saddles_between(squared, basins, np.arange(3))
+    assert found.tolist() == [[22, 1, 2], [14, 0, 1], [1, 0, 1], [21, 0, 2]]
+    assert saddles_between(squared, basins, np.array([0, 0, 0])).tolist() == []
+    # one region: both doors between the others stay
+    assert saddles_between(squared, basins, np.array([0, 1, 1])).tolist() == [
+        [14, 0, 1], [1, 0, 1], [21, 0, 1]
+    ]  # fmt: skip

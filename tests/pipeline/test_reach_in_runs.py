@@ -95,7 +95,7 @@ def test_a_goal_that_is_not_reached_is_warned_of(run):
     words = ["--set", "reach.goals={cupboard: [9, 3], lift: [-7, 3]}", "--no-images"]
     code, said, manifest = run(*words)
     assert code == 0
-    told = "reach: not reachable: cupboard"
+    told = "reach: not reachable: cupboard (its cell is unknown)"
     assert said.count(told) == 1
     assert [text.endswith(told) for text in manifest["warnings"]] == [True]
     assert run(*words, "--strict", folder="strict")[0] == 1

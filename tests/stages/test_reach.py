@@ -1,6 +1,7 @@
 """Where a robot can go: stage ``reach`` beside floods over cells and over routes."""
 
 import math
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -19,10 +20,12 @@ from mapdeal import (
     ParameterError,
     esdf,
     exponential_cost,
+    inflate,
     reach,
     read_map,
     shortest_route,
 )
+from mapdeal.grid.passages import disconnected
 from mapdeal.grid.reach import Goal
 from strategies import RESOLUTIONS, occupancies
 
@@ -43,11 +46,11 @@ def centre(grid, row, col):
 
 def by_contract(occupancy, resolution, radius, start, *, through_unknown=False):
     """Cells reached by a round robot: 8 neighbours, diagonally between two open straight ones."""
-    squares = oracles.squared_distance(occupancy == 100)
-    squares = [[math.inf if square is None else square for square in row] for row in squares]
+    squares = oracles.squared_distance(np.pad(occupancy == 100, 1, constant_values=True))
+    squares = [row[1:-1] for row in squares[1:-1]]
     allowed = (occupancy != 100) & (through_unknown | (occupancy != -1))
     is_open = np.array(
-        [[allowed[r, c] and math.sqrt(squares[r][c]) * resolution > radius
+        [[allowed[r, c] and math.sqrt(squares[r][c]) * resolution > radius + 1e-9
           for c in range(occupancy.shape[1])] for r in range(occupancy.shape[0])]
     )  # fmt: skip
     reached = np.zeros(occupancy.shape, dtype=bool)
@@ -197,7 +200,6 @@ def test_a_long_robot_gets_through_a_door_but_cannot_turn_in_it():
     ("options", "told"),
     [
         ({"start": (99.0, 0.0)}, "start: lies outside of the map"),
-        ({"goals": [(99.0, 0.0)]}, "goal: lies outside of the map"),
         ({"start": (1.0,)}, "x,y or x,y,yaw"),
         ({"headings": 3}, "between 4 and 255"),
         ({"headings": 256}, "between 4 and 255"),
@@ -215,11 +217,87 @@ def test_a_goal_in_a_closed_cell_is_not_reachable():
     found = reach(grid, start=centre(grid, 3, 2), goals=[Goal(*centre(grid, 0, 0), "wall")])
     assert not found.goals[0].reachable
     assert found.goals[0].widest_radius == 0
+    assert found.goals[0].reason == "an obstacle"
+    assert found.goals[0].nearest_open == pytest.approx(centre(grid, 1, 1))
 
 
-def test_no_obstacle_means_no_limit():
-    found = reach(OccupancyGrid(np.zeros((3, 5), np.int8), 0.07), start=(0.1, 0.1), radius=0.2)
-    assert np.isinf(found.widest).all()
+def test_no_goal_takes_the_answers_for_the_others():
+    grid = grid_from_text(ROOMS)
+    far = 1e12
+    places = {
+        "open": centre(grid, 3, 4), "wall": centre(grid, 2, 7), "unknown": centre(grid, 1, 10),
+        "near a wall": centre(grid, 1, 2), "outside": centre(grid, 3, -5), "far": (far, -far),
+    }  # fmt: skip
+    goals = [Goal(*place, name) for name, place in places.items()]
+    found = reach(grid, start=centre(grid, 3, 2), goals=goals, radius=0.3)
+    assert [one.reachable for one in found.goals] == [True] + [False] * 5
+    assert [one.reason for one in found.goals] == [
+        None, "an obstacle", "unknown", "0.25 m from an obstacle, the robot's radius is 0.3 m",
+        "outside of the map", "outside of the map",
+    ]  # fmt: skip
+    is_open = np.argwhere(found.headings > 0)
+    for one in found.goals[1:]:
+        distance = np.hypot(*(grid.frame.xy_from_rowcol(is_open) - (one.goal.x, one.goal.y)).T)
+        nearest = math.dist(one.nearest_open, (one.goal.x, one.goal.y))
+        assert nearest == pytest.approx(distance.min())
+    robot = Footprint.polygon([[0.4, 0.1], [0.4, -0.1], [-0.4, -0.1], [-0.4, 0.1]])
+    found = reach(grid, start=centre(grid, 3, 2), goals=goals, footprint=robot)
+    assert [one.reachable for one in found.goals] == [True] + [False] * 5
+    assert found.goals[3].reason == "too narrow for the robot in every heading"
+
+
+@pytest.mark.parametrize("shape", ["round", "corners"])
+def test_no_part_of_a_robot_is_outside_of_the_map(shape):
+    """The map of a room without its walls: as far from the edge as from the walls."""
+    walls = np.full((24, 31), 100, np.int8)
+    walls[1:-1, 1:-1] = 0
+    walls[8:12, 14] = 100
+    walled = OccupancyGrid(walls, 0.1, (1.0, 2.0, 0.3))
+    origin = walled.frame.window(1, 1, 22, 29).origin
+    cut = OccupancyGrid(walls[1:-1, 1:-1], 0.1, origin)
+    robot = Footprint.circle(0.4)
+    if shape == "corners":
+        robot = Footprint.polygon([[0.4, 0.2], [0.4, -0.2], [-0.4, -0.2], [-0.4, 0.2]])
+    expected = reach(walled, footprint=robot, start=centre(walled, 15, 20))
+    found = reach(cut, footprint=robot, start=centre(cut, 14, 19))
+    for name in ("reachable", "headings", "clearance", "widest"):
+        assert np.array_equal(getattr(expected, name)[1:-1, 1:-1], getattr(found, name)), name
+    with pytest.raises(ParameterError, match="closed cell") as refused:
+        reach(cut, footprint=robot, start=centre(cut, 0, 12))
+    if shape == "round":
+        assert "0.1 m from the map's edge, the robot's radius is 0.4 m" in str(refused.value)
+
+
+@pytest.mark.parametrize("cells", range(1, 14))
+def test_a_robot_exactly_as_wide_as_the_door_does_not_pass(cells):
+    # the obstacles beside the door lie 2 * cells apart, centre to centre
+    side = 4 * cells + 9
+    occupancy = np.full((side, 2 * side + 3), 100, np.int8)
+    occupancy[1:-1, 1:side] = occupancy[1:-1, side + 1 : -2] = 0
+    occupancy[side // 2 - cells + 1 : side // 2 + cells, side] = 0
+    grid = OccupancyGrid(occupancy, 0.05)
+    radius = float(cells * Decimal("0.05"))
+    start, goal = (centre(grid, side // 2, col) for col in (side // 2, side + side // 2))
+    for robot, passes in ((radius, False), (radius - 0.001, True)):
+        found = reach(grid, start=start, goals=[goal], radius=robot, min_area=0.001)
+        assert found.goals[0].reachable == passes
+        assert found.goals[0].widest_radius == radius
+        assert (found.widest[found.reachable == 1] > robot).all()
+        costs = exponential_cost(grid, inscribed_radius=robot, inflation_radius=1.0)
+        assert shortest_route(costs, start, goal).reached == passes
+        if robot >= grid.resolution:
+            inflated = inflate(grid, radius=robot)
+            assert reach(inflated, start=start, goals=[goal]).goals[0].reachable == passes
+    assert found.passages[0].width == 2 * radius
+    assert [one.width for one in disconnected(grid, radius, 0.001)] == [2 * radius]
+    assert disconnected(grid, radius - 0.001, 0.001) == []
+
+
+def test_without_an_obstacle_the_edge_is_the_limit():
+    found = reach(OccupancyGrid(np.zeros((3, 5), np.int8), 0.1), start=(0.25, 0.15))
+    expected = np.float32([[1, 1, 1, 1, 1], [1, 2, 2, 2, 1], [1, 1, 1, 1, 1]]) / np.float32(10)
+    assert np.allclose(found.widest, expected)
+    assert np.array_equal(found.clearance, found.widest)
     assert found.share == 1.0
     assert found.passages == ()
 
@@ -239,8 +317,9 @@ def test_real_maps_are_reached_as_over_inscribed_costs(real_maps, every):
     seen = 0
     for grid in yaml_maps(real_maps, every):
         radius = 4.51 * grid.resolution
-        costs = exponential_cost(grid, inscribed_radius=radius, inflation_radius=2 * radius).cost
-        groups, count = ndimage.label(costs < 253)  # four neighbours
+        walled = OccupancyGrid(np.pad(grid.occupancy, 1, constant_values=100), grid.resolution)
+        costs = exponential_cost(walled, inscribed_radius=radius, inflation_radius=2 * radius).cost
+        groups, count = ndimage.label(costs[1:-1, 1:-1] < 253)  # four neighbours
         if count == 0:
             continue
         sizes = np.bincount(groups.ravel())

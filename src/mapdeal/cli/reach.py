@@ -11,7 +11,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
-from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.errors import MalformedInputError, ParameterError, emit_warning
 from mapdeal.formats.points import read_named_points
 from mapdeal.formats.source import chunks_of
 from mapdeal.grid.footprint import Footprint
@@ -107,7 +107,8 @@ def reach(
     """Show where a robot can go from a start, and which passages stop it.
 
     A round robot fits where the nearest obstacle is farther away than its radius; a robot with
-    corners is tried in many headings. Unknown cells are closed. Without -o the result is printed
+    corners is tried in many headings. Unknown cells and all that lies outside the map are closed.
+    Without -o the result is printed
     as JSON: areas; for each goal, whether it can be reached, by how wide a robot, and what limits
     it; and the passages that stop the robot, or nearly do. Exit code 1 if a goal cannot be
     reached.
@@ -121,7 +122,7 @@ def reach(
         form = "X,Y,YAW" if start.count(",") > 1 else "X,Y"
         parameters["start"] = tuple(opt.numbers(start, form.count(",") + 1, form, "--from"))
     if footprint is None and robot is None:
-        terminal.warn(
+        emit_warning(
             "no robot is given, by --robot-radius, --footprint or --params-file: the result is "
             "that of a point; widest_radius_m is the radius of the largest round robot"
         )
@@ -138,11 +139,6 @@ def reach(
         parameters={**parameters, "goals": tuple(asked)},
         also_read=() if points in (None, _STDIN) else (points,),
     )
-    if start is None:
-        x, y = report.reach.start[:2]
-        terminal.warn(
-            f"no start is given: it is {x:.10g},{y:.10g}, the widest place of the largest open area"
-        )
     if output is None:
         terminal.result(report.text)
     else:

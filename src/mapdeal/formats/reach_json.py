@@ -67,6 +67,8 @@ def _goal(one: GoalReach) -> dict[str, Any]:
         "heading_count": one.heading_count,
         "widest_radius_m": _number(one.widest_radius),
         "limited_by": None if one.limited_by is None else _bottleneck(one.limited_by),
+        "reason": one.reason,
+        "nearest_open": None if one.nearest_open is None else _place(*one.nearest_open),
     }
 
 

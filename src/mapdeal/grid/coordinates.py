@@ -14,6 +14,10 @@ CELL_TOLERANCE = 1e-9
 """In cells. Lengths that are exact multiples of the resolution on paper may come out of a
 division one part in 1e16 short or long; the tolerance keeps them on their cell."""
 
+RADIUS_TOLERANCE = 1e-9
+"""In metres: a cell whose centre lies exactly at the radius, on paper, lies within it. Products
+such as 6 * 0.05 and 0.3 differ in their last bits."""
+
 Origin = tuple[float, float, float]
 Point = tuple[float, float]
 
@@ -46,6 +50,23 @@ def cells_to_cover(length: float, resolution: float) -> int:
     4
     """
     return math.ceil(length / resolution - CELL_TOLERANCE)
+
+
+def largest_square_within(radius: float, resolution: float) -> int:
+    """Return the largest whole number s with sqrt(s) * resolution <= radius, exact ones exactly.
+
+    Examples
+    --------
+    >>> largest_square_within(0.3, 0.1), largest_square_within(0.25, 0.1)
+    (9, 6)
+    """
+    bound = radius + RADIUS_TOLERANCE
+    square = math.floor((bound / resolution) ** 2)
+    while math.sqrt(square + 1) * resolution <= bound:
+        square += 1
+    while square > 0 and math.sqrt(square) * resolution > bound:
+        square -= 1
+    return square
 
 
 def check_resolution(resolution: float) -> float:

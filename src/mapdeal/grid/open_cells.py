@@ -61,17 +61,17 @@ def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> s
 def nearest_marked(marked: NDArray[np.bool_], cell: Cell) -> Cell | None:
     """Return the marked cell nearest to a cell, the first of several, row by row; None if none is.
 
-    It is sought in a window that grows: a list of all marked cells would take much memory.
+    The cell may lie outside. Rows are searched from it on: a list of all marked cells would take
+    much memory.
     """
-    reach = 16
-    while True:
-        first = [max(at - reach, 0) for at in cell]
-        rows, cols = (slice(low, at + reach + 1) for low, at in zip(first, cell, strict=True))
-        found = np.argwhere(marked[rows, cols]) + first
-        squares = ((found - np.array(cell)) ** 2).sum(axis=1)
-        if len(found) and squares.min() <= reach * reach:
-            row, col = found[int(np.argmin(squares))].tolist()
-            return row, col
-        if reach >= max(marked.shape):
-            return None
-        reach *= 2
+    best = None
+    for row in sorted(range(len(marked)), key=lambda row: abs(row - cell[0])):
+        away = (row - cell[0]) ** 2
+        if best is not None and away > best[0]:
+            break
+        cols = np.flatnonzero(marked[row])
+        if len(cols):
+            col = int(cols[np.argmin(np.abs(cols - cell[1]))])
+            found = (away + (col - cell[1]) ** 2, row, col)
+            best = found if best is None else min(best, found)
+    return None if best is None else best[1:]

@@ -16,10 +16,13 @@ from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures, Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
 from mapdeal.grid.outline import contains_centre
-from mapdeal.grid.values import OCCUPIED, UNKNOWN
+from mapdeal.grid.values import UNKNOWN
 from mapdeal.records import dataclass
 
 PlaceOfLimit = Literal["passage", "start", "goal"]
+
+_ROUNDING = 12
+"""Decimals of widths, so that twice six cells of 0.05 m are 0.6 m and not wider by a last bit."""
 
 _DECIMALS = 9
 """Of figures: what is beyond is the rounding of binary fractions."""
@@ -65,8 +68,8 @@ class Bottleneck(OneLine):
     x, y : float
         Position in the map frame, metres.
     width : float
-        Twice the distance from this place to the nearest obstacle cell's centre, metres. A round
-        robot passes if its diameter is smaller.
+        Twice the distance from this place to the centre of the nearest obstacle cell or cell
+        outside the map, metres. A round robot passes if its diameter is smaller.
     at : {'passage', 'start', 'goal'}
         Kind of place: along the route, or the start or the goal itself.
     """
@@ -103,9 +106,13 @@ class GoalReach(OneLine):
         Number of headings in which it can reach the goal; all or none for a round robot.
     widest_radius : float
         Limit below which the radius of a round robot must lie to reach the goal, metres; 0 if no
-        robot can, however small, +inf if nothing limits it.
+        robot can, however small.
     limited_by : Bottleneck, optional
-        Place that limits this radius; None if nothing does, or a wall without a passage.
+        Place that limits this radius; None for a wall without a passage.
+    reason : str, optional
+        Why the robot cannot stand at the goal; None if it can.
+    nearest_open : tuple of float, optional
+        Centre of the nearest cell in which the robot can stand, if not at the goal itself.
     """
 
     goal: Goal
@@ -113,6 +120,17 @@ class GoalReach(OneLine):
     heading_count: int
     widest_radius: float
     limited_by: Bottleneck | None = None
+    reason: str | None = None
+    nearest_open: Point | None = None
+
+    @property
+    def stopped_by(self) -> str | None:
+        """Why the robot does not get there, in words; None if it does, or for want of a way."""
+        if self.reachable:
+            return None
+        if self.reason is not None:
+            return f"its cell is {self.reason}"
+        return None if self.limited_by is None else self.limited_by.text
 
     def _told(self) -> Iterator[str]:
         yield repr(self.goal)
@@ -139,7 +157,7 @@ class Passage(OneLine):
     is_open : bool
         Whether the robot can pass.
     ends : tuple of two points
-        Centres of the obstacle cells on either side at the narrowest point.
+        Centres of the cells on either side at the narrowest point, obstacles or outside the map.
     """
 
     x: float
@@ -167,8 +185,8 @@ class Reach(Framed):
         Number of headings in which the robot can stand in the cell, reached or not; all or none
         for a round robot.
     clearance : array_like of float32, shape (H, W)
-        Distance from the cell centre to the nearest obstacle cell's centre, metres; 0 in
-        obstacles, +inf if there are none, nan outside the analysed part of the map.
+        Distance from the cell centre to that of the nearest obstacle cell or cell outside the map,
+        metres; 0 in obstacles, nan outside the analysed part of the map.
     widest : array_like of float32, shape (H, W)
         Limit below which the radius of a round robot must lie to get there from the start,
         metres; 0 where no robot can.
@@ -272,9 +290,7 @@ class Reach(Framed):
             "passages": len(self.passages),
             "closed_passages": sum(not one.is_open for one in self.passages),
             "stopped_by": {
-                one.goal.label: one.limited_by.text
-                for one in self.goals
-                if not one.reachable and one.limited_by is not None
+                one.goal.label: one.stopped_by for one in self.goals if one.stopped_by is not None
             },
         }
 
@@ -329,31 +345,9 @@ def robot_text(robot: Footprint | None) -> str:
     return f"a robot with {len(robot.vertices)} corners, radius {radii}"
 
 
-def closed_text(occupancy: int, clearance: float, robot: Footprint | None) -> str:
-    """Return why a cell is closed to a robot.
-
-    Parameters
-    ----------
-    occupancy : int
-        Occupancy of the cell, as in a `Reach`.
-    clearance : float
-        Distance to the nearest obstacle, metres.
-    robot : Footprint, optional
-        The robot.
-    """
-    if occupancy == OCCUPIED:
-        return "an obstacle"
-    if robot is not None and robot.vertices:
-        return "the robot fits there in no heading"
-    if occupancy == UNKNOWN:
-        return "unknown"
-    radius = 0.0 if robot is None else robot.radius
-    return f"{clearance:.4g} m from an obstacle, the robot's radius is {radius:.4g} m"
-
-
 def width_of(square: int, resolution: float) -> float:
     """Return the width of a place, metres, given its squared distance from obstacles in cells.
 
     It is twice the distance: a round robot passes if its radius is below half of it.
     """
-    return 2 * math.sqrt(square) * resolution
+    return round(2 * math.sqrt(square) * resolution, _ROUNDING)

@@ -9,14 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.grid.coordinates import check_point
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.footprint_cells import footprint_spans
 from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_marked, nearest_open_text
 from mapdeal.grid.passages import bottleneck_on_way, passages
-from mapdeal.grid.reach import Goal, GoalReach, Reach, closed_text, reach_radius, robot_text
-from mapdeal.grid.ways import Ground, Ways, WaysFrom, largest_closed_square
+from mapdeal.grid.reach import (
+    Goal,
+    GoalReach,
+    Reach,
+    reach_radius,
+    robot_text,
+    width_of,
+)
+from mapdeal.grid.values import OCCUPIED, UNKNOWN
+from mapdeal.grid.ways import Ground, Ways, WaysFrom, largest_closed_square, squares_to
 from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reached
-from mapdeal.kernels.distance import squared_distance
 from mapdeal.records import dataclass
 
 _TURN = 2 * math.pi
@@ -53,23 +61,26 @@ def reach_on(
     Raises
     ------
     ParameterError
-        If the start or a goal lies outside the map, or the robot cannot stand at the start.
+        If the start lies outside the map, or the robot cannot stand there.
     MalformedInputError
         If the robot cannot stand anywhere.
     """
     asked = None if start is None else _checked_pose(start)
     first = None if asked is None else cell_of_point(ground.frame, (asked[0], asked[1]), "start")
-    cells = [cell_of_point(ground.frame, (goal.x, goal.y), _name_of(goal)) for goal in goals]
+    points = [check_point((goal.x, goal.y), _name_of(goal)) for goal in goals]
+    cells = [(row, col) for row, col in ground.frame.unbounded_rowcol_from_xy(points).tolist()]
+    inside = [cell for cell in cells if ground.frame.holds(cell)]
     # robots with corners first: what both need at once would take twice the memory
-    stood = _stood(ground, robot, headings, first, asked, cells)
+    stood = _stood(ground, robot, headings, first, asked, inside)
     ways = ground.ways() if stood.ways is None else stood.ways
     from_start = ways.begun_at(stood.first)
+    is_open = stood.headings > 0
+    counts = dict(zip(inside, stood.reached.headings.sum(axis=1).tolist(), strict=True))
     answers = [
-        _answer(goal, cell, int(counts.sum()), from_start)
-        for goal, cell, counts in zip(goals, cells, stood.reached.headings, strict=True)
+        _answer(goal, cell, counts.get(cell, 0), from_start, ground, robot, is_open)
+        for goal, cell in zip(goals, cells, strict=True)
     ]
     has_corners = robot is not None and bool(robot.vertices)
-    is_open = stood.headings > 0
     found = passages(
         ways,
         is_open,
@@ -196,7 +207,7 @@ def _widest_place(ground: Ground, ways: Ways, closed_up_to: int) -> Cell | None:
     inside = ways.in_largest_area(closed_up_to)
     if inside is None:
         return None
-    room = squared_distance(ground.blocked)
+    room = squares_to(ground.blocked)
     room[~inside] = -1
     places = np.flatnonzero(room == room.max())
     best = places[np.argmax(ways.squared.reshape(-1)[places])]  # of equal ones away from walls
@@ -227,13 +238,10 @@ def _headings_at(
     """
     is_open = poses.open_headings(*first)
     if not is_open.any():
-        square = int(squared_distance(ground.obstacles)[first])
-        clearance = math.sqrt(square) * ground.frame.resolution
-        what = closed_text(int(ground.occupancy[first]), clearance, robot)
+        square = int(squares_to(ground.obstacles)[first])
+        rule = f"lies in a closed cell ({_closed_text(ground, first, square, robot)})"
         hint = nearest_open_text(ground.frame, poses.headings > 0, first)
-        raise ParameterError(
-            f"lies in a closed cell ({what})", place="start", got=tuple(start[:2]), hint=hint
-        )
+        raise ParameterError(rule, place="start", got=tuple(start[:2]), hint=hint)
     turns = np.flatnonzero(is_open)
     if len(start) == 2:
         return [int(heading) for heading in turns]
@@ -252,8 +260,42 @@ def _name_of(goal: Goal) -> str:
     return "goal" if goal.name is None else f"goal {goal.name}"
 
 
-def _answer(goal: Goal, cell: Cell, heading_count: int, from_start: WaysFrom) -> GoalReach:
-    """Return the answer for a goal."""
-    widest = from_start.ways.metres_of(from_start.widest_square_at(cell))
-    limited_by = bottleneck_on_way(from_start, cell)
-    return GoalReach(goal, bool(heading_count), int(heading_count), widest, limited_by)
+def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | None) -> str:
+    """Return what a closed cell is, given its squared distance from obstacles and the edge."""
+    if not ground.frame.holds(cell):
+        return "outside of the map"
+    if ground.occupancy[cell] == OCCUPIED:
+        return "an obstacle"
+    if robot is not None and robot.vertices:
+        return "too narrow for the robot in every heading"
+    if ground.occupancy[cell] == UNKNOWN and not ground.through_unknown:
+        return "unknown"
+    clearance = width_of(square, ground.frame.resolution) / 2
+    row, col = cell
+    height, width = ground.frame.shape
+    to_edge = min(row + 1, height - row, col + 1, width - col)
+    what = "the map's edge" if to_edge**2 == square else "an obstacle"
+    return f"{clearance:.4g} m from {what}, the robot's radius is {reach_radius(robot):.4g} m"
+
+
+def _answer(
+    goal: Goal,
+    cell: Cell,
+    heading_count: int,
+    from_start: WaysFrom,
+    ground: Ground,
+    robot: Footprint | None,
+    is_open: NDArray[np.bool_],
+) -> GoalReach:
+    """Return the answer for a goal in a cell, which may lie outside of the map."""
+    frame = ground.frame
+    widest, limited_by, square = 0.0, None, 0
+    if frame.holds(cell):
+        square = int(from_start.ways.squared[cell])
+        widest = width_of(from_start.widest_square_at(cell), frame.resolution) / 2
+        limited_by = bottleneck_on_way(from_start, cell)
+        if is_open[cell]:
+            return GoalReach(goal, heading_count > 0, heading_count, widest, limited_by)
+    reason = _closed_text(ground, cell, square, robot)
+    x, y = frame.xy_from_rowcol([nearest_marked(is_open, cell) or cell])[0].tolist()
+    return GoalReach(goal, False, 0, widest, limited_by, reason, (x, y))

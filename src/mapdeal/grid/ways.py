@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import field
 from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.coordinates import Point
+from mapdeal.grid.coordinates import CELL_TOLERANCE, Point, largest_square_within
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.open_cells import Cell
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
@@ -25,7 +24,7 @@ from mapdeal.kernels.clearance_tree import (
 from mapdeal.kernels.distance import squared_distance
 from mapdeal.kernels.gaps import gap_at
 from mapdeal.kernels.meetings import joined
-from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares, unreachable
+from mapdeal.kernels.squares import SquaredDistances
 from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
 
@@ -39,7 +38,7 @@ class Ways:
     tree : ClearanceTree
         Clearance tree of `squared` and the cells that ways may use.
     squared : numpy.ndarray of int32 or int64, shape (H, W)
-        Squared distance of each cell to the nearest obstacle, in cells.
+        Squared distance of each cell to the nearest obstacle or cell outside the map, in cells.
     frame : Frame
         The map's geometry.
     """
@@ -54,30 +53,26 @@ class Ways:
         """Area of a cell, square metres."""
         return self.frame.resolution * self.frame.resolution
 
-    def metres(self, squares: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the distances of squares, +inf for "no obstacle"."""
-        metres: NDArray[np.float64] = np.sqrt(squares.astype(np.float64))
-        metres *= self.frame.resolution
-        metres[squares == unreachable(self.squared)] = math.inf
-        return metres
+    def counts(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return how many cells of a mask lie in each basin."""
+        return _counts(self.tree.basins, mask, len(self.tree.peaks)).astype(np.float64)
 
-    def areas(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return the area of a mask within each basin, square metres."""
-        counts = _counts(self.tree.basins, mask, len(self.tree.peaks))
-        return counts.astype(np.float64) * self.cell_area
+    def least_count(self, area: float) -> float:
+        """Return how many cells make an area in square metres, exact multiples exactly."""
+        return area / self.cell_area * (1 - CELL_TOLERANCE)
 
-    def gap(self, edge: int) -> tuple[Point, Point]:
-        """Return the ends of the gap that an edge leads through; computed once per edge."""
-        if edge not in self._gaps:
-            row, col = divmod(int(self.tree.cells[edge]), self.frame.width)
+    def gap(self, saddle: int) -> tuple[Point, Point]:
+        """Return the ends of the gap that a cell, by its flat index, lies in; computed once."""
+        if saddle not in self._gaps:
+            row, col = divmod(saddle, self.frame.width)
             ends = gap_at(self.squared, self.tree.basins, (row, col))
             first, second = self.frame.xy_from_rowcol(ends).tolist()
-            self._gaps[edge] = (first[0], first[1]), (second[0], second[1])
-        return self._gaps[edge]
+            self._gaps[saddle] = (first[0], first[1]), (second[0], second[1])
+        return self._gaps[saddle]
 
-    def middle(self, edge: int) -> Point:
-        """Return the middle of the gap that an edge leads through."""
-        (x, y), (other_x, other_y) = self.gap(edge)
+    def middle(self, saddle: int) -> Point:
+        """Return the middle of the gap that a cell lies in."""
+        (x, y), (other_x, other_y) = self.gap(saddle)
         return (x + other_x) / 2, (y + other_y) / 2
 
     def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
@@ -91,14 +86,8 @@ class Ways:
         for_rows(fill, found.shape)
         return found
 
-    def metres_of(self, square: int) -> float:
-        """Return a squared distance as metres; +inf if it stands for "no obstacle"."""
-        if square >= unreachable(self.squared):
-            return math.inf
-        return math.sqrt(square) * self.frame.resolution
-
     def clearance(self, *, in_place: bool = False) -> NDArray[np.float32]:
-        """Return the distance of each cell to the nearest obstacle cell, metres, shape (H, W).
+        """Return the distance of each cell to what `squared` measures to, metres, shape (H, W).
 
         With `in_place` it reuses the memory of the squares, which are then lost.
         """
@@ -176,7 +165,7 @@ class Ground:
 
     def ways(self) -> Ways:
         """Return the ways and their widths."""
-        squared = squared_distance(self.obstacles)
+        squared = squares_to(self.obstacles)
         traversable = self.blocked
         np.logical_not(traversable, out=traversable)
         return Ways(clearance_tree(squared, traversable), squared, self.frame)
@@ -234,11 +223,26 @@ class WaysFrom:
         )
 
 
+def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
+    """Return the squared distance of each cell to the nearest cell that is marked or outside."""
+    squared = squared_distance(marked)
+    up, right = (
+        np.minimum(np.arange(1, n + 1), np.arange(n, 0, -1), dtype=squared.dtype) ** 2
+        for n in squared.shape
+    )
+
+    def lower(rows: slice) -> None:
+        np.minimum(squared[rows], right, out=squared[rows])
+        np.minimum(squared[rows], up[rows, np.newaxis], out=squared[rows])
+
+    for_rows(lower, squared.shape)
+    return squared
+
+
 def largest_closed_square(radius: float, frame: Frame) -> int:
     """Return the largest squared distance in cells that is closed to a round robot.
 
-    A cell is open if the root of its square, times the resolution, is larger than the radius; the
-    costs of such cells are below 253. Without obstacles, no radius closes a cell.
+    Cells at this distance have cost 253 around an obstacle, those beyond it less.
 
     Parameters
     ----------
@@ -252,13 +256,7 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
     >>> largest_closed_square(0.25, Frame(20, 30, 0.05)), largest_closed_square(0.0, Frame(1, 1, 1))
     (25, 0)
     """
-    most = int(np.iinfo(dtype_of_squares(frame.shape)).max) - 1
-    square = math.floor(min((radius / frame.resolution) ** 2, most))
-    while square < most and math.sqrt(square + 1) * frame.resolution <= radius:
-        square += 1
-    while square > 0 and math.sqrt(square) * frame.resolution > radius:
-        square -= 1
-    return square
+    return largest_square_within(min(radius, max(frame.size_xy)), frame.resolution)
 
 
 def _counts(basins: NDArray[np.int32], mask: NDArray[np.bool_], count: int) -> NDArray[np.int64]:

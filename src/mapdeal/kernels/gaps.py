@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.squares import SquaredDistances, unreachable
+from mapdeal.kernels.squares import SquaredDistances
 
 _STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 _MOST_CELLS = 20_000
@@ -28,7 +28,8 @@ def gap_at(
     Parameters
     ----------
     squared : numpy.ndarray of int, shape (H, W)
-        Squared distance of each cell to the nearest obstacle, which has 0 itself.
+        Squared distance of each cell to the nearest obstacle, which has 0 itself, or cell outside
+        the grid.
     basins : numpy.ndarray of int32, shape (H, W)
         Negative where no way may lead, as of a `mapdeal.kernels.clearance_tree.ClearanceTree`.
     cell : tuple of int
@@ -37,9 +38,9 @@ def gap_at(
     Returns
     -------
     tuple of two (row, column)
-        The obstacle cells on both sides, half way along the narrowest part. Where there is no
-        obstacle on one side, the nearest cell there that is not traversable, or the point
-        opposite.
+        The obstacle cells, or cells outside the grid, on both sides, half way along the narrowest
+        part. Where there is none on one side, the nearest cell there that is not traversable, or
+        the point opposite.
 
     Notes
     -----
@@ -48,11 +49,9 @@ def gap_at(
     none beside them is wider: so it ends where rooms begin, and does not run along their walls.
     """
     square = int(squared[cell])
-    if square == unreachable(squared):
-        return cell, cell
     middle = _middle_of(_ridge(squared, basins, cell))
     reach = 1.5 * math.sqrt(square) + 2
-    obstacles = _nearest(_around(squared, middle, reach, beyond=1) == 0, reach)
+    obstacles = _nearest(_around(squared, middle, reach, beyond=0) == 0, reach)
     pair = _opposite_pair(obstacles, obstacles, square)
     if pair is None and len(obstacles):
         closed = _nearest(_around(basins, middle, reach, beyond=-1) < 0, reach)

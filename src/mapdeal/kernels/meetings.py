@@ -1,9 +1,13 @@
-"""Where the large regions of a forest meet, on bare arrays."""
+"""Where the regions of a forest, or of a grid, meet, on bare arrays."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mapdeal.kernels.groups import least_joined
+from mapdeal.kernels.squares import SquaredDistances
+from mapdeal.kernels.threads import for_rows
 
 
 def joined(
@@ -126,3 +130,81 @@ def sums_behind(
     behind = sums[far]
     behind[far < 0] = np.nan
     return behind, near, far
+
+
+def saddles_between(
+    squared: SquaredDistances, basins: NDArray[np.int32], labels: NDArray[np.intp]
+) -> NDArray[np.int64]:
+    """Return the doors between regions of a grid: the widest places of the borders between them.
+
+    Parameters
+    ----------
+    squared : numpy.ndarray of int32 or int64, shape (H, W)
+        Squared distance of each cell to the nearest obstacle.
+    basins : numpy.ndarray of int32, shape (H, W)
+        The basin of each cell, 0 .. B - 1, or -1.
+    labels : numpy.ndarray of int, shape (B,)
+        The region of each basin.
+
+    Returns
+    -------
+    numpy.ndarray of int64, shape (D, 3)
+        The flat index of each door's narrowest cell, and the two regions. Where three or more meet
+        over one unbroken border, each is joined to the others once.
+
+    Examples
+    --------
+    >>> basins = np.array([[0, 0, 0], [-1, 0, -1], [-1, 1, -1], [2, 2, 2]], dtype=np.int32)
+    >>> squared = np.where(basins < 0, 0, 1).astype(np.int32)
+    >>> saddles_between(squared, basins, np.array([0, 2, 2])).tolist()
+    [[4, 0, 2]]
+    """
+    first, second = _borders(basins, np.append(labels, -1).astype(np.int32))
+    square, beyond = squared.reshape(-1)[first], squared.reshape(-1)[second]
+    is_narrower = square <= beyond
+    narrower, wider = np.where(is_narrower, first, second), np.where(is_narrower, second, first)
+    least = np.minimum(square, beyond).astype(np.int64)
+    # the corners of cells that a border runs along: those of one door are linked
+    width = squared.shape[1]
+    corner = second + second // width
+    is_beside = first // width == second // width
+    ends = np.stack([corner, corner + np.where(is_beside, width + 1, 1)])
+    corners, ends = np.unique(ends, return_inverse=True)
+    ends = ends.reshape(2, -1)
+    doors = least_joined(ends[0], ends[1], len(corners))[ends[0]]
+    order = np.lexsort((-wider, -narrower, -least))  # as `ClearanceTree` orders its edges
+    by_basin = labels[basins.reshape(-1)[np.stack([first, second])]]
+    keys = np.stack([doors, by_basin.min(axis=0), by_basin.max(axis=0)])[:, order]
+    best = np.sort(np.unique(keys, axis=1, return_index=True)[1])
+    joined_to: dict[tuple[int, int], tuple[int, int]] = {}  # regions at a door
+    found = []
+    for door, *pair, cell in zip(*keys[:, best].tolist(), narrower[order][best], strict=True):
+        sides = [(door, label) for label in pair]
+        for index in (0, 1):
+            while sides[index] in joined_to:
+                sides[index] = joined_to[sides[index]]
+        if sides[0] != sides[1]:
+            joined_to[sides[0]] = sides[1]
+            found.append((cell, *pair))
+    return np.array(found, dtype=np.int64).reshape(-1, 3)
+
+
+def _borders(
+    basins: NDArray[np.int32], labels: NDArray[np.int32]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pairs of neighbouring cells of different regions; the last label is of -1."""
+    width = basins.shape[1]
+    found: dict[int, list[NDArray[np.int64]]] = {}
+
+    def some(rows: slice) -> None:
+        part = labels[basins[rows.start : rows.stop + 1]]
+        own = part[: rows.stop - rows.start]
+        for step, one, other in ((1, own[:, :-1], own[:, 1:]), (width, part[:-1], part[1:])):
+            row, col = np.divmod(np.flatnonzero(one != other), max(one.shape[1], 1))
+            are_regions = np.minimum(one[row, col], other[row, col]) >= 0
+            first = (row[are_regions] + rows.start) * width + col[are_regions]
+            found.setdefault(rows.start, []).append(np.stack([first, first + step]))
+
+    for_rows(some, basins.shape)
+    pairs = np.concatenate([one for start in sorted(found) for one in found[start]], axis=1)
+    return pairs[0], pairs[1]

@@ -14,11 +14,11 @@ from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.formats.maps import write_grid
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.reach_json import reach_json
+from mapdeal.grid.coordinates import RADIUS_TOLERANCE
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.costmap_layers import InflationLayer
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.open_cells import nearest_open_text
-from mapdeal.grid.reach import GoalReach, Reach, closed_text, reach_radius
+from mapdeal.grid.reach import GoalReach, Reach, reach_radius
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.pipeline.files import (
     add_picture,
@@ -30,12 +30,11 @@ from mapdeal.pipeline.files import (
 )
 from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.recipe import load_recipe
+from mapdeal.pipeline.robot import planned_shape
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.records import dataclass
 from mapdeal.robot.parameters import RobotParameters
-
-_SHOWN = 5
 
 _COSTS_PER_CELL = 8.0
 """Bytes for each cell that the costs of a robot's own layers take."""
@@ -86,11 +85,6 @@ def reach_file(
     -------
     ReachReport
         Also if a goal is not reachable; `check_reached` then raises.
-
-    Raises
-    ------
-    ParameterError
-        As the stage, and if a goal lies in a closed cell.
     """
     for name, file, ending in (("--output", output, ".json"), ("--layers", layers, ".npz")):
         if file is not None and file.suffix != ending:
@@ -116,8 +110,12 @@ def reach_file(
             found = step.apply(grid, path)
         if not isinstance(found, Reach):
             raise TypeError("the stage reach must make a Reach")
-        with errors_named(path):
-            _refuse_closed_goals(found)
+        if "start" not in (parameters or {}):
+            x, y = found.start[:2]
+            emit_warning(
+                f"no start is given: it is {x:.10g},{y:.10g}, the widest place of the largest "
+                "open area"
+            )
         text = reach_json(found)
         if output is not None:
             transaction.write_bytes(output, f"{text}\n".encode())
@@ -133,9 +131,7 @@ def _step_for(
     """Return the step, for the shape that was given by hand or else by parameters."""
     shape = footprint
     if shape is None and robot is not None:
-        shape = robot.footprint
-        if robot.robot_radius is not None:  # as the costs of the planner have it
-            shape = Footprint.circle(robot.inscribed_radius)
+        shape = planned_shape(robot)
     given = {} if shape is None else {"footprint": shape}
     return make_step("reach", {**parameters, **given})
 
@@ -161,25 +157,6 @@ def _warn_of_free_unknown(occupancy: NDArray[np.int8], costs: Grid, path: Path) 
         emit_warning(text, stacklevel=2)
 
 
-def _refuse_closed_goals(found: Reach) -> None:
-    """Raise the error for goals that the robot cannot stand at, with the nearest open cell."""
-    cells = found.frame.clamped_rowcol_from_xy(
-        np.array([(one.goal.x, one.goal.y) for one in found.goals]).reshape(-1, 2)
-    )
-    closed = np.flatnonzero(found.headings[cells[:, 0], cells[:, 1]] == 0).tolist()
-    if not closed:
-        return
-    first, (row, col) = found.goals[closed[0]].goal, cells[closed[0]].tolist()
-    values = int(found.occupancy[row, col]), float(found.clearance[row, col])
-    rule = f"lies in a closed cell ({closed_text(*values, found.robot)})"
-    if len(closed) > 1:
-        others = [found.goals[index].goal.label for index in closed[1 : 1 + _SHOWN]]
-        rule += f", and so do {len(closed) - 1} more: {'; '.join(others)}"
-    hint = nearest_open_text(found.frame, found.headings > 0, (row, col))
-    place = "goal" if first.name is None else f"goal {first.name}"
-    raise ParameterError(rule, place=place, got=(first.x, first.y), hint=hint)
-
-
 def check_reached(found: Reach, path: Path) -> None:
     """Raise FindingError if a goal is not reachable; it names the first, and what stops it."""
     missed = [one for one in found.goals if not one.reachable]
@@ -197,11 +174,13 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
     what = f"goal {goal.x + 0.0:.10g},{goal.y + 0.0:.10g}"
     what += "" if goal.name is None else f" ({goal.name})"
     text = f"{what} is not reachable"
+    if missed.reason is not None:
+        return f"{text}: {missed.stopped_by}"
     limit = missed.limited_by
     if limit is None:
         return f"{text} by any robot, however small: no way leads there"
     needs = 2 * reach_radius(found.robot)
-    if limit.width <= needs:
+    if limit.width <= needs + 2 * RADIUS_TOLERANCE:
         return f"{text}: {limit.text}; the robot needs more than {needs:.4g} m"
     return (
         f"{text} with this footprint, though a round robot of up to {limit.width:.4g} m gets there"
@@ -209,6 +188,9 @@ def not_reachable_text(missed: GoalReach, found: Reach) -> str:
 
 
 def _hint_for(missed: GoalReach, found: Reach) -> str | None:
+    if missed.nearest_open is not None:
+        x, y = (round(value, 6) + 0.0 for value in missed.nearest_open)
+        return f"the nearest open cell is at {x:.10g},{y:.10g}"
     if missed.limited_by is None and not found.through_unknown:
         return "unknown cells are closed; --through-unknown opens them"
     return "--image shows where the robot can go"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,8 +14,10 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.reach import reach_radius
 from mapdeal.grid.route import Method, Route
-from mapdeal.grid.values import OCCUPIED
+from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
+from mapdeal.grid.ways import largest_closed_square, squares_to
 from mapdeal.pipeline.files import (
     add_picture,
     errors_named,
@@ -25,6 +28,7 @@ from mapdeal.pipeline.files import (
 )
 from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.recipe import Recipe, load_recipe
+from mapdeal.pipeline.robot import planned_shape
 from mapdeal.pipeline.settings import Settings
 from mapdeal.planning.astar import shortest_route
 from mapdeal.planning.descent import descend
@@ -163,7 +167,23 @@ def costs_of(
             grid = step.apply(grid, path)
     if not isinstance(grid, Costmap):
         raise TypeError("the recipe of routes must end in costs")
-    return grid
+    shape = footprint
+    if shape is None and robot is not None:
+        shape = planned_shape(robot)
+    return grid if shape is None else _closed_to(shape, grid, obstacles=robot is None)
+
+
+def _closed_to(robot: Footprint, costs: Costmap, *, obstacles: bool) -> Costmap:
+    """Return costs with 253 at the edge, and around obstacles, wherever ``reach`` is closed.
+
+    Without `obstacles` the costs have the last word around these, to the last bit.
+    """
+    cost = costs.cost.copy()
+    is_lethal = cost == LETHAL_OBSTACLE
+    squared = squares_to(is_lethal & obstacles)
+    closed = largest_closed_square(reach_radius(robot), costs.frame)
+    cost[(squared <= closed) & ~is_lethal] = INSCRIBED_INFLATED_OBSTACLE
+    return replace(costs, cost=cost)
 
 
 def _recipe_for(footprint: Footprint | None, robot: RobotParameters | None = None) -> Recipe:

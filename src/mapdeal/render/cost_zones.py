@@ -7,7 +7,9 @@ from enum import Enum
 
 import numpy as np
 
+from mapdeal.grid.coordinates import RADIUS_TOLERANCE
 from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE
 from mapdeal.records import dataclass
 
 _FAR = 2.5
@@ -82,7 +84,11 @@ def _kind_at(metres: float, curve: CostCurve) -> ZoneKind:
 
 
 def _costs_between(curve: CostCurve, start: float, end: float) -> tuple[int, int] | None:
-    inside = curve.cost[(curve.distance > start) & (curve.distance <= end)]
+    distance = curve.distance - RADIUS_TOLERANCE
+    # float32 resolutions may put a cell beyond the radius that it lies at on paper
+    beyond = (curve.inscribed_radius or 0.0) + RADIUS_TOLERANCE
+    np.maximum(distance, beyond, out=distance, where=curve.cost < INSCRIBED_INFLATED_OBSTACLE)
+    inside = curve.cost[(distance > start) & (distance <= end)]
     if end > curve.reach:  # cells beyond the reach cost 0
         inside = np.append(inside, 0)
     return (int(inside.max()), int(inside.min())) if len(inside) else None

@@ -59,7 +59,7 @@ def reach_image(
         image_extent,
         is_known=lambda some: some != UNKNOWN_CODE,
         overlay=overlay,
-        places_xy=[reach.start[:2], *((one.goal.x, one.goal.y) for one in reach.goals)],
+        places_xy=[reach.start[:2], *((one.goal.x, one.goal.y) for one in _goals_on(reach))],
     )
     raster = Raster.fitting(reach.shape, image_max, part=part)
     frame = raster.frame_of(reach.frame)
@@ -95,6 +95,11 @@ def _summary(reach: Reach) -> str:
     return text
 
 
+def _goals_on(reach: Reach) -> list[GoalReach]:
+    """Return the goals that lie on the map."""
+    return [one for one in reach.goals if reach.frame.contains([(one.goal.x, one.goal.y)])[0]]
+
+
 class _Marks:
     """Draws what there is to see besides areas, on the pixels of a map."""
 
@@ -110,9 +115,10 @@ class _Marks:
         """Draw passages, goals, the start and the robot; return the legend."""
         self._bars(reach.passages)
         swatches = self._robot(reach)
-        for goal in reach.goals:
+        goals = _goals_on(reach)
+        for goal in goals:
             self._goal(goal)
-        for goal in reach.goals:
+        for goal in goals:
             if goal.goal.name is not None:
                 index = GOAL if goal.reachable else MISSED
                 place = self._place((goal.goal.x, goal.goal.y))
@@ -124,8 +130,8 @@ class _Marks:
         shown = [
             (closed, CLOSED, "closed passage"),
             (len(reach.passages) > len(closed), TIGHT, "open, but tight"),
-            (any(goal.reachable for goal in reach.goals), GOAL, "goal, reached"),
-            (any(not goal.reachable for goal in reach.goals), MISSED, "goal, not reached"),
+            (any(goal.reachable for goal in goals), GOAL, "goal, reached"),
+            (any(not goal.reachable for goal in goals), MISSED, "goal, not reached"),
         ]
         return swatches + [Swatch(index, label) for is_there, index, label in shown if is_there]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import emit_warning
-from mapdeal.grid.coordinates import cells_to_cover
+from mapdeal.grid.coordinates import RADIUS_TOLERANCE, cells_to_cover, largest_square_within
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
@@ -18,9 +18,6 @@ from mapdeal.kernels.dilation import inflated
 from mapdeal.records import dataclass
 from mapdeal.stages.definition import InPlaceOf, Parameters, RobotShape, stage
 from mapdeal.stages.parameters import AT_LEAST_0, METRES, LethalThreshold
-
-_RADIUS_TOLERANCE = 1e-9
-"""In metres: cells whose centre lies exactly on the radius belong to the disc."""
 
 
 def _circumscribed(parameters: Parameters) -> float:
@@ -137,7 +134,7 @@ class Inflation:
 
     def warn_of_no_effect(self, resolution: float) -> None:
         """Warn if a disc covers no cell but its own."""
-        if self.kernel == "disc" and 0 < self.radius < resolution - _RADIUS_TOLERANCE:
+        if self.kernel == "disc" and 0 < self.radius < resolution - RADIUS_TOLERANCE:
             text = f"inflate: radius {self.radius:g} m is below a cell of {resolution:g} m and has"
             emit_warning(f"{text} no effect", stacklevel=3)
 
@@ -145,20 +142,3 @@ class Inflation:
         """Warn that obstacles have grown over the whole map."""
         text = f"inflate: radius {self.radius:g} m leaves no cell of the map free"
         emit_warning(text, stacklevel=3)
-
-
-def largest_square_within(radius: float, resolution: float) -> int:
-    """Return the largest whole number s with sqrt(s) * resolution <= radius + 1e-9.
-
-    Examples
-    --------
-    >>> largest_square_within(0.3, 0.1), largest_square_within(0.25, 0.1)
-    (9, 6)
-    """
-    bound = radius + _RADIUS_TOLERANCE
-    square = math.floor((bound / resolution) ** 2)
-    while math.sqrt(square + 1) * resolution <= bound:
-        square += 1
-    while square > 0 and math.sqrt(square) * resolution > bound:
-        square -= 1
-    return square

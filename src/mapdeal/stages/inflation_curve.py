@@ -55,6 +55,7 @@ def inflation_curve(
                 inscribed_radius=layer.inscribed_radius,
                 cost_scaling_factor=layer.cost_scaling_factor,
                 lookup=layer.lookup,
+                is_exact=not float32_resolution,
             )
         np.maximum(cost, spread, out=cost, where=squares <= float(reach) ** 2)
     if not layers:

@@ -128,15 +128,16 @@ def reach(
     Raises
     ------
     ParameterError
-        If the start or a goal lies outside the map, or the robot cannot stand at the start.
+        If the start lies outside the map, or the robot cannot stand there.
     MalformedInputError
         If the robot cannot stand anywhere.
 
     Notes
     -----
     A cell is open to a round robot if the distance between its centre and that of the nearest
-    obstacle cell is larger than the radius; all other cells have at least inscribed cost in
-    costmap_2d. Unknown cells are closed, but do not count as obstacles for distances. A pose of a
+    obstacle cell, or cell outside the map, is larger than the radius. Around obstacles all other
+    cells have at least inscribed cost in costmap_2d. Unknown cells are closed, but do not count as
+    obstacles for distances. A pose of a
     robot with corners, the centre of a cell and a heading 2 pi k / `headings`, is open if no cell
     of the footprint, rasterised like polygons in costmap_2d, is an obstacle, unknown, or outside
     the map.
@@ -144,7 +145,7 @@ def reach(
     The robot moves to the 8 neighbours of its cell, diagonally only if both adjacent straight
     neighbours are open, and turns in place to the next heading on either side.
 
-    A goal in a cell that is closed to the robot is not reachable.
+    A goal outside the map, or in a cell that is closed to the robot, is not reachable.
 
     Examples
     --------

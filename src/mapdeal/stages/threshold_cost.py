@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.grid.cost_curve import CostCurve, squares_up_to
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.field_view import FieldView, View, ViewScale
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.grid.field_view import FieldView, View, ViewScale, whole_parts
+from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import looked_up, swept
 from mapdeal.records import dataclass
 from mapdeal.stages.cost import cost_model
@@ -30,12 +29,13 @@ from mapdeal.stages.parameters import (
     VIEW_VALUE,
     LethalThreshold,
 )
-from mapdeal.stages.view_curve import view_curve
 
 _HIGHEST_BELOW_OBSTACLE = 99
 
 _TOLERANCE = 1e-9
 """Metres by which a cell may be nearer than a threshold, through rounding."""
+
+_OF_THE_RULE = ("down", "up", "down_distance", "up_distance", "down_factor", "up_factor")
 
 
 def _title(parameters: Parameters) -> str:
@@ -44,14 +44,6 @@ def _title(parameters: Parameters) -> str:
         distance = parameters[f"{name}_distance"]
         named.append(f"{parameters[name]:g}" if distance is None else f"{distance:g} m")
     return f"cost, thresholds {' and '.join(named)}, {parameters['view']}"
-
-
-def _distance_as_value(parameters: Parameters, name: str) -> float | None:
-    """Return the view at a threshold in metres; in the per-map view the map decides."""
-    if parameters["view"] != "metric":
-        return None
-    scale = ViewScale("metric", parameters["view_range"])
-    return _value_at(parameters[name], name, None, scale, 0.0)
 
 
 def _advice(parameters: Parameters, cost: int) -> str:
@@ -91,23 +83,18 @@ def _advice_on_nothing(parameters: Parameters) -> str:
 
 
 def _curve(source: ObstacleSource | FieldView, parameters: Parameters) -> CostCurve:
-    names = ("down", "up", "down_distance", "up_distance")
     view, view_range = parameters["view"], parameters["view_range"]
-    strength = source.strength if isinstance(source, DistanceField) else 1.0
     if isinstance(source, FieldView):
-        scale = source.scale
+        scale, strength = source.scale, 1.0
     elif view == "metric":
         scale = ViewScale(view, view_range)
+        strength = source.strength if isinstance(source, DistanceField) else 1.0
     else:
         field = _field_of(source, parameters["lethal_threshold"])
         scale = Viewer.of(field, field.obstacles(), view=view, view_range=view_range).scale
-    thresholds = _Thresholds.of(
-        scale, source.resolution, **{name: parameters[name] for name in names}
-    )
-    factors = parameters["down_factor"], parameters["up_factor"]
-    table = table_of_views(thresholds.down, thresholds.up, *factors)
-    marks = {"down": thresholds.down, "up": thresholds.up}
-    return view_curve(scale, strength, source.resolution, table, marks)
+        strength = field.strength
+    rule = _Rule.on(source, scale, **{name: parameters[name] for name in _OF_THE_RULE})
+    return rule.curve(scale, strength, source.resolution)
 
 
 @cost_model(
@@ -117,10 +104,7 @@ def _curve(source: ObstacleSource | FieldView, parameters: Parameters) -> CostCu
     advice=_advice,
     when_closed="lower the radius of inflate",
     curve=_curve,
-    in_place_of={
-        name: InPlaceOf(value, functools.partial(_distance_as_value, name=name))
-        for value, name in (("down", "down_distance"), ("up", "up_distance"))
-    },
+    in_place_of={f"{name}_distance": InPlaceOf(name, lambda _: None) for name in ("down", "up")},
 )
 def threshold_cost(
     source: ObstacleSource | FieldView,
@@ -147,11 +131,9 @@ def threshold_cost(
     up : float, optional
         Largest view value of the middle range. None if `up_distance` is given.
     down_distance : float, optional
-        Distance from obstacles at and beyond which cells cost 0, metres. It replaces `down`, which
-        becomes the view at this distance.
+        Distance from obstacles at and beyond which cells cost 0, metres. It replaces `down`.
     up_distance : float, optional
-        Distance below which cells belong to the near range, metres. It replaces `up`, which
-        becomes the view at this distance.
+        Distance below which cells belong to the near range, metres. It replaces `up`.
     down_factor : float
         Factor of the middle range.
     up_factor : float
@@ -166,9 +148,9 @@ def threshold_cost(
     Returns
     -------
     Costmap
-        Costs on scale ``occupancy``. With v the view value: 0 for v <= down, trunc(down_factor v)
-        up to `up`, and trunc(up_factor v), at most 99, above it; obstacles stay 100 and unknown
-        cells -1.
+        Costs on scale ``occupancy``. With v the view value: 0 for v <= down or from
+        `down_distance` on, trunc(up_factor v), at most 99, for v > up or nearer than `up_distance`,
+        and trunc(down_factor v) in between; obstacles stay 100 and unknown cells -1.
 
     Raises
     ------
@@ -178,9 +160,10 @@ def threshold_cost(
 
     Notes
     -----
-    Distances are those between cell centres times the field's strength. The view is truncated to
-    whole numbers, so that a threshold in metres takes effect up to one view value closer to
-    obstacles.
+    Distances are those between cell centres times the field's strength. A view that is given in
+    place of a field has whole numbers only: a threshold in metres then is the view at this
+    distance, and takes effect up to one view value closer to obstacles. Products are rounded to
+    1e-9 before they are truncated: 0.58 of 50 is 29.
 
     The rule is that of robot_costmap, where the product overflows 8 bits; here 100 is reserved for
     obstacles.
@@ -202,19 +185,17 @@ def threshold_cost(
         obstacles = source.obstacles()
         viewer = Viewer.of(source, obstacles, view=view, view_range=view_range)
         scale = viewer.scale
-    _check_order(down_distance, up_distance)
-    thresholds = _Thresholds.of(
-        scale, source.resolution, down=down, up=up, down_distance=down_distance,
-        up_distance=up_distance,
+    rule = _Rule.on(
+        source, scale, down=down, up=up, down_distance=down_distance, up_distance=up_distance,
+        down_factor=down_factor, up_factor=up_factor,
     )  # fmt: skip
-    table = table_of_views(thresholds.down, thresholds.up, down_factor, up_factor)
     if isinstance(source, FieldView):
-        cost = looked_up(source.occupancy, table)
+        cost = looked_up(source.occupancy, rule.table())
     else:
         if source.max_distance is not None:
             for rows in swept(source.distance):
-                check_clip(source.part(rows), thresholds.down, view, view_range)
-        cost = viewer.values_of(source, obstacles, table)
+                _check_clip(source.part(rows), rule, scale)
+        cost = viewer.values_of(source, obstacles, rule.costs_of)
     return Costmap(cost, source.resolution, source.origin, scale="occupancy")
 
 
@@ -229,22 +210,82 @@ def _field_of(
 
 
 @dataclass(frozen=True)
-class _Thresholds:
-    """Both thresholds as values of the view."""
+class _Rule:
+    """Thresholds, each a value of the view or metres, and the factors of the ranges between."""
 
     down: float
     up: float
+    down_distance: float | None
+    up_distance: float | None
+    down_factor: float
+    up_factor: float
 
     @classmethod
-    def of(
-        cls, scale: ViewScale, resolution: float, *, down: float | None, up: float | None,
-        down_distance: float | None, up_distance: float | None,
-    ) -> _Thresholds:  # fmt: skip
-        """Return the thresholds on a scale, of values or of metres, whichever are given."""
-        lower = _value_at(down_distance, "down_distance", down, scale, resolution)
-        upper = _value_at(up_distance, "up_distance", up, scale, resolution)
+    def on(
+        cls, source: ObstacleSource | FieldView, scale: ViewScale, *, down: float | None,
+        up: float | None, down_distance: float | None, up_distance: float | None,
+        down_factor: float, up_factor: float,
+    ) -> _Rule:  # fmt: skip
+        """Return the rule, whose metres become values if a view is all there is; check it."""
+        _check_order(down_distance, up_distance)
+        lower = _value_at(down_distance, "down_distance", down, scale, source.resolution)
+        upper = _value_at(up_distance, "up_distance", up, scale, source.resolution)
         _check_order_of_views(lower, upper, down_distance, up_distance)
-        return cls(lower, upper)
+        if isinstance(source, FieldView):
+            down_distance = up_distance = None
+        return cls(lower, upper, down_distance, up_distance, down_factor, up_factor)
+
+    def is_beyond(
+        self, view: NDArray[np.float64], metres: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Return where nothing is to be paid."""
+        if self.down_distance is None:
+            return np.less_equal(view, self.down)
+        return np.greater_equal(metres, self.down_distance - _TOLERANCE)
+
+    def is_near(self, view: NDArray[np.float64], metres: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return where `up_factor` applies, but where nothing is to be paid."""
+        if self.up_distance is None:
+            return np.greater(view, self.up)
+        return np.less(metres, self.up_distance - _TOLERANCE)
+
+    def costs_of(
+        self, view: NDArray[np.float64], metres: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the costs of cells that are no obstacles."""
+        highest = _HIGHEST_BELOW_OBSTACLE  # a larger factor makes no more of a view of 1
+        factors = (min(factor, highest) for factor in (self.up_factor, self.down_factor))
+        products = np.where(self.is_near(view, metres), *factors) * view
+        costs = np.minimum(whole_parts(products), highest)
+        return np.where(self.is_beyond(view, metres), 0.0, costs)
+
+    def table(self) -> NDArray[np.int8]:
+        """Return the cost of each value of a view, shape (256,), by byte: -1 is the last."""
+        table = np.zeros(256, dtype=np.int8)
+        view = np.arange(float(OCCUPIED))
+        table[:OCCUPIED] = self.costs_of(view, view)
+        table[OCCUPIED] = OCCUPIED
+        table[UNKNOWN] = UNKNOWN
+        return table
+
+    def curve(self, scale: ViewScale, strength: float, resolution: float) -> CostCurve:
+        """Return the cost curve; marked is the farthest distance of each range."""
+        cells = np.sqrt(squares_up_to(scale.end / strength / resolution + 1))
+        metres = strength * (cells * resolution)
+        view = scale.values_of(metres, resolution)
+        cost = self.costs_of(view, metres).astype(np.int8)
+        cost[0] = OCCUPIED
+        marks = []
+        for name, value, distance, is_within in (
+            ("down", self.down, self.down_distance, ~self.is_beyond(view, metres)),
+            ("up", self.up, self.up_distance, self.is_near(view, metres)),
+        ):
+            label = f"view {value:g}" if distance is None else f"{distance:g} m"
+            if is_within.any():
+                farthest = float(cells[np.flatnonzero(is_within)[-1]] * resolution)
+                marks.append((f"{name}, {label}", farthest))
+        end = int(np.flatnonzero(cost)[-1]) + 1
+        return CostCurve(resolution, cells[:end], cost[:end], "occupancy", marks=tuple(marks))
 
 
 def _check_view(
@@ -271,8 +312,10 @@ def _check_order_of_views(
     lower: float, upper: float, down_distance: float | None, up_distance: float | None
 ) -> None:
     """Refuse a threshold in metres that contradicts the other one, which is a view value."""
-    if lower <= upper or (down_distance is None) == (up_distance is None):
+    if lower <= upper:
         return
+    if down_distance is None and up_distance is None:
+        raise ParameterError(f"must not be larger than up ({upper:g})", place="down", got=lower)
     if up_distance is None:
         rule = f"the view is {lower:g} there, above up ({upper:g})"
         raise ParameterError(
@@ -295,26 +338,10 @@ def _value_at(
     if scale.view == "metric" and distance > scale.view_range:
         rule = f"must not be larger than view_range ({scale.view_range:g} m), where the view is 0"
         raise ParameterError(rule, place=name, got=distance, hint=f"give view_range {distance:g}")
-    return scale.value_at(max(distance - _TOLERANCE, 0.0), resolution)
+    return scale.value_at(distance, resolution)
 
 
-def table_of_views(
-    down: float, up: float, down_factor: float, up_factor: float
-) -> NDArray[np.int8]:
-    """Return the cost of each view value, shape (256,), by byte: -1 is the last."""
-    if down > up:
-        rule = f"must not be larger than up ({up:g})"
-        raise ParameterError(rule, place="down", got=down)
-    table = np.zeros(256, dtype=np.int8)
-    for value in range(FREE, OCCUPIED):
-        factor = 0.0 if value <= down else down_factor if value <= up else up_factor
-        table[value] = int(min(factor * value, _HIGHEST_BELOW_OBSTACLE))
-    table[OCCUPIED] = OCCUPIED
-    table[UNKNOWN] = UNKNOWN
-    return table
-
-
-def check_clip(field: DistanceField, down: float, view: View, view_range: float) -> None:
+def _check_clip(field: DistanceField, rule: _Rule, scale: ViewScale) -> None:
     """Refuse a field whose clipped cells would cost something else at their true distance.
 
     In the metric view, clipping has no effect if cells at the limit already cost 0. The per-map
@@ -322,14 +349,13 @@ def check_clip(field: DistanceField, down: float, view: View, view_range: float)
     """
     if field.max_distance is None:
         return
-    limit = np.float32(field.max_distance)
-    clipped = (field.distance >= limit * np.float32(field.strength)) | (field.distance <= -limit)
-    if not clipped.any():
+    limit = field.max_distance
+    if not ((field.distance >= np.float32(limit * field.strength)) |
+            (field.distance <= np.float32(-limit))).any():  # fmt: skip
         return
-    end = field.strength * furthest_kept(field)
-    at_clip = 100 * (1 - min(end, view_range) / view_range)
-    if view == "metric" and int(at_clip) <= down:
+    end = np.array([field.strength * furthest_kept(field)])
+    if scale.view == "metric" and rule.is_beyond(scale.values_of(end, field.resolution), end)[0]:
         return
-    rule = f"the field is clipped where the {view} view still falls"
+    rule_text = f"the field is clipped where the {scale.view} view still falls"
     hint = "make the field with a larger max_distance, or none"
-    raise ParameterError(rule, place="max_distance", got=field.max_distance, hint=hint)
+    raise ParameterError(rule_text, place="max_distance", got=limit, hint=hint)
