@@ -21,7 +21,7 @@ MAP = {**GEOMETRY, "occupancy": OCCUPANCY}
 FIELD = {
     **MAP,
     "distance": np.ones((2, 3), np.float32),
-    "convention": "seed",
+    "convention": "fast-planner",
     "strength": np.float64(1),
     "max_distance": np.float64(np.inf),
     "lethal_threshold": np.int64(100),

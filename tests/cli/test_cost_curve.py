@@ -56,8 +56,6 @@ def test_json_is_one_document(command, room, tmp_path, words):
     assert document["figures"] == grid.figures()
     assert document["parameters"]["model"] == (words[1] if "--model" in words else "exponential")
     parameters = {k: v for k, v in document["parameters"].items() if k != "lethal_threshold"}
-    if parameters.get("view") == "seed":
-        parameters["view_range"] = 2.0
     curve = mapdeal.cost_curve(read_map(room), **parameters)
     assert {k: document[k] for k in curve.document()} == curve.document()
     assert document["cost_scale"] == grid.scale

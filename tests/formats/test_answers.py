@@ -72,7 +72,9 @@ def test_what_a_robot_reaches(read):
     assert (answer.reachable_area, answer.open_area, answer.free_area) == (8.5, 12.0, 20.25)
     dock, other = answer.goals
     assert dock == GoalReach(Goal(3.0, 4.0, "dock"), True, 7, math.inf)
+    assert (dock.reason, dock.nearest_open) == (None, None)
     assert other.limited_by == Bottleneck(-2.0, 1.0, 0.62, "passage")
+    assert (other.reason, other.nearest_open) == ("unknown", (-3.0, 4.5))
     assert answer.passages == (Passage(-2.0, 1.0, 0.62, 12.3, False, ((-2.0, 0.7), (-2.0, 1.3))),)
 
 
@@ -287,6 +289,8 @@ GOALS = st.builds(
     st.integers(0, 255),
     LENGTHS,
     st.none() | LIMITS,
+    st.none() | st.text(max_size=8),
+    st.none() | POINTS,
 )
 PASSAGES = st.builds(
     Passage, NUMBERS, NUMBERS, LENGTHS, LENGTHS, st.booleans(), st.tuples(POINTS, POINTS)

@@ -100,7 +100,7 @@ def _written_by_numpy(path, **changes):
 
 _FIELD = {
     "distance": np.ones((23, 17), dtype=np.float32),
-    "convention": "seed",
+    "convention": "fast-planner",
     "strength": 1.0,
     "max_distance": np.inf,
     "lethal_threshold": 100,
@@ -122,6 +122,7 @@ _FIELD = {
         {"occupancy": np.array([{}, {}])},
         {**_FIELD, "distance": np.ones((23, 18), dtype=np.float32)},
         {**_FIELD, "convention": "corner"},
+        {**_FIELD, "convention": np.array([0xFFFFFFFF], dtype=np.uint32).view("U1").reshape(())},
         {**_FIELD, "strength": -1.0},
     ],
 )

@@ -1,5 +1,7 @@
 """The view of a field as a grid, and on its way through files."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -22,11 +24,11 @@ from mapdeal import (
 
 GRID = OccupancyGrid([[100, 0, 0, 0, 0, -1], [-1, 0, 0, 30, 0, 100]], 0.25, (1.0, 2.0, 0.3))
 METRIC = field_view(esdf(GRID), view_range=0.7)
-SEED = field_view(esdf(GRID, strength=1.3), view="per-map")
+PER_MAP = field_view(esdf(GRID, strength=1.3), view="per-map")
 
 
 @pytest.mark.parametrize("ending", [".yaml", ".png", ".npz"])
-@pytest.mark.parametrize("view", [METRIC, SEED])
+@pytest.mark.parametrize("view", [METRIC, PER_MAP])
 def test_a_view_comes_back_from_its_files(tmp_path, ending, view):
     write_map(tmp_path / f"v{ending}", view)
     back = read_map(tmp_path / ("v.yaml" if ending == ".png" else f"v{ending}"))
@@ -45,15 +47,15 @@ def test_every_dialect_reads_the_view(tmp_path, dialect):
 
 def test_the_yaml_says_what_the_values_are(tmp_path):
     write_map(tmp_path / "m.yaml", METRIC)
-    write_map(tmp_path / "s.yaml", SEED)
+    write_map(tmp_path / "s.yaml", PER_MAP)
     lines = (tmp_path / "m.yaml").read_text().splitlines()
     assert lines[1] == "mode: raw"
     assert lines[-3:] == ["layer: esdf_view", "view: metric", "view_range: 0.7"]
     # (0, 3) and (1, 2) lie farthest from an obstacle, a cell across and two along
-    farthest, deepest = SEED.scale.farthest, SEED.scale.deepest
+    farthest, deepest = PER_MAP.scale.farthest, PER_MAP.scale.deepest
     assert (farthest, deepest) == (pytest.approx(1.3 * 0.25 * 5**0.5), 0.25)
     assert (tmp_path / "s.yaml").read_text().splitlines()[-4:] == [
-        "layer: esdf_view", "view: seed", f"farthest: {farthest!r}", "deepest: 0.25",
+        "layer: esdf_view", "view: per-map", f"farthest: {farthest!r}", "deepest: 0.25",
     ]  # fmt: skip
 
 
@@ -81,7 +83,7 @@ def test_another_mode_makes_it_a_map(tmp_path):
         ("view_range", "0", "above 0"),
         ("view_range", ".inf", "must be"),
         ("view_range", "wide", "must be"),
-        ("view", "seed", "needs keys farthest, deepest"),
+        ("view", "per-map", "needs keys farthest, deepest"),
         ("mode", "trinary", "needs mode raw"),
         ("cost_scale", "costmap2d", "no cost_scale"),
     ],
@@ -162,13 +164,57 @@ def test_other_models_refuse_the_view(command, files, model):
     assert not (files / "c.npz").exists()
 
 
-def test_what_takes_maps_says_that_it_takes_the_values_of_a_view(command, files):
+TAKEN = "warning: v.yaml: is the 0..100 view of a distance field; its values are read as a map's\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["active v.yaml -o o.npz", "inflate v.yaml -o o.npz", "esdf v.yaml -o o.npz",
+     "run v.yaml -o o", "run v.yaml -o o --recipe design-sim", "run v.yaml -o o --recipe arena",
+     "local --map v.yaml --pose 1,2,0 --size 1,1 -o o", "pack v.yaml -o o.pbm",
+     "query v.yaml --at 1,2", "diff v.yaml m.yaml", "score v.yaml", "score m.yaml --truth v.yaml",
+     "align v.yaml m.yaml", "route v.yaml --from 1.5,2.5 --to 1.5,2.5"],
+)  # fmt: skip
+def test_what_takes_maps_says_that_it_takes_the_values_of_a_view(command, files, words):
     write_map("v.yaml", METRIC)
-    code, _, err = command("inflate", "v.yaml", "-o", "i.npz", "--radius", "0.3")
-    assert (code, err.count("is the 0..100 view of a distance field")) == (0, 1)
+    assert command(*words.split())[2].count(TAKEN) == 1
+
+
+def test_the_values_are_those_of_a_map(command, files):
+    write_map("v.yaml", METRIC)
+    assert command("inflate", "v.yaml", "-o", "i.npz", "--radius", "0.3")[0] == 0
     assert np.array_equal(
         read_map("i.npz").occupancy, inflate(METRIC.as_map(), radius=0.3).occupancy
     )
+
+
+@pytest.mark.parametrize("recipe", ["default", "nav2", "design-sim"])
+def test_a_strict_run_does_not_take_a_view_for_a_map(command, files, recipe):
+    write_map("v.yaml", METRIC)
+    code, _, err = command("run", "v.yaml", "-o", "o", "--strict", "--recipe", recipe)
+    assert (code, err.count(TAKEN)) == (1, 1)
+    assert "--strict allows none; nothing was written" in err
+    assert not (files / "o").exists()
+
+
+def test_a_manifest_tells_of_a_view_without_its_folder(command, files):
+    write_map("v.yaml", METRIC)
+    words = ["local", "--map", files / "v.yaml", "--pose", "1,2,0", "--size", "1,1", "-o", "o"]
+    assert command(*words)[0] == 0
+    told = json.loads((files / "o" / "manifest.json").read_text())["warnings"]
+    assert f"warning: {told[0]}\n" == TAKEN
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["clean v.yaml -o o.yaml", "merge v.yaml m.yaml -o o.yaml", "potential v.yaml -o o.npz",
+     "reach v.yaml --from 1.5,2.5"],
+)  # fmt: skip
+def test_what_needs_a_map_refuses_a_view(command, files, words):
+    write_map("v.yaml", METRIC)
+    code, _, err = command(*words.split())
+    assert code == 2
+    assert "error: v.yaml: " in err
 
 
 def test_info_tells_the_view(command, files):

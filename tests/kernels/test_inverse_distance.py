@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import fft
 
 import oracles
 from mapdeal.kernels.inverse_distance import sum_of_inverse_distances
@@ -54,3 +55,18 @@ def test_no_sum_is_negative_and_the_bytes_do_not_depend_on_threads():
             results.append(sum_of_inverse_distances(marked))
     assert results[0].min() >= 0
     assert results[0].tobytes() == results[1].tobytes() == results[2].tobytes()
+
+
+def test_fewer_threads_give_the_same(monkeypatch):
+    marked = np.random.default_rng(7).random((20, 31)) < 0.1
+    expected = sum_of_inverse_distances(marked)
+    transform = fft.dctn
+
+    def without_threads(array, workers, **more):
+        if workers > 1:
+            raise RuntimeError("Resource temporarily unavailable")
+        return transform(array, workers=workers, **more)
+
+    monkeypatch.setattr(fft, "dctn", without_threads)
+    with use_threads(4):
+        assert (sum_of_inverse_distances(marked) == expected).all()

@@ -159,6 +159,20 @@ def test_zones_say_what_a_distance_means_for_the_robot(name, between, last):
     assert told(name) == (between, last)
 
 
+@pytest.mark.parametrize("lookup", ["exact", "nav2"])
+def test_a_cell_at_exactly_the_inscribed_radius_is_where_its_cost_says(lookup):
+    for cells in range(1, 14):
+        radius = cells * 5 / 100
+        curve = cost_curve(
+            0.05, inscribed_radius=radius, circumscribed_radius=0.9, inflation_radius=1.0,
+            lookup=lookup,
+        )  # fmt: skip
+        inside, beyond = zones_of(curve, end_of(curve))[1:3]
+        assert (inside.kind, beyond.kind) == (ZoneKind.COLLISION, ZoneKind.HEADING)
+        assert inside.costs in ((253, 253), None)
+        assert beyond.costs[0] < 253
+
+
 def test_marks_of_one_place_are_one():
     assert [(mark.distance, mark.label) for mark in marks_of(curve_of("polygon"))] == [
         (0.2, "inscribed radius: 0.2 m"),

@@ -196,7 +196,9 @@ def test_marks_are_the_last_distances_before_a_threshold():
         0.05, model="threshold", down_distance=1.0, up_distance=0.5, down_factor=0.5, up_factor=1.0
     )
     marks = dict(curve.marks)
-    assert list(marks) == ["down, view 50", "up, view 75"]
+    # the largest sums of two squares below 20^2 and 10^2 cells
+    assert marks == {"down, 1 m": 0.05 * 397**0.5, "up, 0.5 m": 0.05 * 98**0.5}
+    marks = dict(cost_curve(0.05, model="threshold", down=50, up=75).marks)
     # the view is at least 51 and 76 up to there: 2 (1 - 0.51) and 2 (1 - 0.76) metres
     assert 0.97 < marks["down, view 50"] <= 0.98
     assert 0.47 < marks["up, view 75"] <= 0.48

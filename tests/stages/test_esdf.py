@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import oracles
 from drawn import grid_from_text
-from mapdeal import OccupancyGrid, ParameterError, ViewScale, esdf, field_view
+from mapdeal import DistanceField, OccupancyGrid, ParameterError, ViewScale, esdf, field_view
 from mapdeal.stages.field_values import squares_in
 from strategies import RESOLUTIONS, occupancies
 
@@ -17,7 +17,7 @@ CONVENTIONS = st.sampled_from(["fast-planner", "center", "border"])
 def test_the_three_conventions_on_a_row():
     grid = OccupancyGrid([[100, 100, 100, 0, 0]], 0.5, (1.0, 2.0, 0.3))
     by_hand = {
-        "seed": [-1.0, -0.5, 0.0, 0.5, 1.0],
+        "fast-planner": [-1.0, -0.5, 0.0, 0.5, 1.0],
         "center": [-1.5, -1.0, -0.5, 0.5, 1.0],
         "border": [-1.25, -0.75, -0.25, 0.25, 0.75],
     }
@@ -59,6 +59,22 @@ def test_squared_cells_come_back_exactly_from_metres(occupancy, resolution, conv
     squared = squares_in(field, field.obstacles())
     for index in np.ndindex(occupancy.shape):
         assert squared[index] == (math.inf if expected[index] is None else expected[index])
+
+
+@pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
+@pytest.mark.parametrize("strength", [1.0, 1.3, 0.7])
+@pytest.mark.parametrize("resolution", [0.05, 0.0504, 0.1, 0.05000000074505806, 1 / 3])
+def test_squared_cells_come_back_exactly_below_2048_cells(resolution, convention, strength):
+    squares = np.arange(2**22 - 2**16, 2**22).reshape(2**8, 2**8)
+    squares[0, :8] = np.arange(8)
+    occupancy = np.where(squares == 0, 100, 0).astype(np.int8)
+    shift = 0.5 * resolution if convention == "border" else 0.0
+    distance = strength * (np.sqrt(squares) * resolution - shift)
+    field = DistanceField(
+        distance.astype(np.float32), occupancy, resolution, convention=convention,
+        strength=strength,
+    )  # fmt: skip
+    assert np.array_equal(squares_in(field, field.obstacles()), squares)
 
 
 def test_squared_cells_come_back_exactly_over_a_thousand_cells():
@@ -108,16 +124,53 @@ def test_a_strength_reaches_as_far_as_the_view_that_is_made_of_the_whole_map(mon
 
 
 @given(occupancies(), RESOLUTIONS, CONVENTIONS, STRENGTHS)
-def test_the_seed_view_equals_brute_force_up_to_rounding(
-    occupancy, resolution, convention, strength
-):
+def test_the_per_map_view_equals_brute_force(occupancy, resolution, convention, strength):
     field = esdf(OccupancyGrid(occupancy, resolution), convention=convention, strength=strength)
-    expected = oracles.seed_view(occupancy, occupancy >= 100, resolution, strength)
-    # I comes from float32 metres; only a value on the edge of two whole numbers may move.
-    difference = field_view(field, view="per-map").occupancy.astype(int) - expected
-    assert np.abs(difference).max() <= 1
-    assert np.array_equal(expected == 100, occupancy >= 100)
-    assert np.array_equal(expected == -1, occupancy == -1)
+    expected = oracles.per_map_view(occupancy, occupancy >= 100, resolution, strength)
+    assert np.array_equal(field_view(field, view="per-map").occupancy, expected)
+
+
+def test_views_that_are_whole_on_paper_by_hand():
+    # 0.1 m cells of a range of 2 m: 5 less for each, where floats make 64.99999999999999 of 65
+    row = OccupancyGrid([[100, *[0] * 21]], 0.1, (0.5, -2.0, 1.0))
+    assert field_view(esdf(row)).occupancy.tolist() == [[*range(100, -1, -5), 0]]
+    # four rows of obstacles, the deepest 0.2 m, five free ones, up to 0.25 m, of 0.05 m cells:
+    # the span is 0.25 - 0.05 + 0.2 m, of which a cell is an eighth
+    columns = OccupancyGrid([[100] * 4 + [0] * 5] * 2, 0.05, (0.5, -2.0, 1.0))
+    for convention in ("fast-planner", "center", "border"):
+        view = field_view(esdf(columns, convention=convention), view="per-map")
+        assert view.occupancy.tolist() == [[100] * 4 + [50, 37, 25, 12, 0]] * 2
+        assert (view.scale.farthest, view.scale.deepest) == (0.25, 0.2)
+
+
+@pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
+@pytest.mark.parametrize("resolution", [0.05, 0.1, 0.025])
+def test_the_extremes_are_those_on_paper(convention, resolution):
+    for depth in range(1, 30):
+        grid = OccupancyGrid([[100] * depth + [0] * (31 - depth)], resolution)
+        scale = field_view(esdf(grid, convention=convention), view="per-map").scale
+        expected = [float(cells * oracles.on_paper(resolution)) for cells in (31 - depth, depth)]
+        assert [scale.farthest, scale.deepest] == expected
+
+
+@pytest.mark.parametrize(("view", "view_range"), [("metric", 1e13), ("per-map", 2.0)])
+def test_a_free_cell_is_never_an_obstacle_in_the_view(view, view_range):
+    # of a field by others, with a free cell nearer than a cell to an obstacle
+    field = DistanceField(np.float32([[0.0, 0.01, 0.2]]), [[100, 0, 0]], 0.1)
+    values = field_view(field, view=view, view_range=view_range).occupancy[0].tolist()
+    assert values == [100, 99, 99 if view == "metric" else 0]
+
+
+@pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
+def test_the_per_map_view_of_a_clipped_field_takes_the_clip_for_the_extremes(convention):
+    grid = OccupancyGrid([[100] * 9 + [0] * 9], 0.1)
+    scale = field_view(
+        esdf(grid, convention=convention, max_distance=0.33), view="per-map"
+    ).scale  # fmt: skip
+    outside, inside = {
+        "fast-planner": (0.33, 0.43), "center": (0.33, 0.33), "border": (0.38, 0.38)
+    }[convention]  # fmt: skip
+    assert (scale.farthest, scale.deepest) == (outside, inside)
 
 
 def test_the_view_of_a_clipped_field_ends_at_the_clip():
@@ -145,6 +198,6 @@ def test_parameters_that_are_none_are_refused_by_name(wrong):
 
 @pytest.mark.parametrize("convention", ["fast-planner", "center", "border"])
 @pytest.mark.parametrize("limit", [0.4, 0.5])
-def test_the_seed_view_of_a_field_that_is_clipped_within_a_cell(convention, limit):
+def test_the_per_map_view_of_a_field_that_is_clipped_within_a_cell(convention, limit):
     field = esdf(OccupancyGrid([[100, 0, 0]], 1.0), convention=convention, max_distance=limit)
     assert field_view(field, view="per-map").occupancy.tolist() == [[100, 0, 0]]

@@ -1,5 +1,6 @@
 import json
 import math
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -8,7 +9,15 @@ from hypothesis import strategies as st
 
 import oracles
 from drawn import grid_from_text
-from mapdeal import MapdealWarning, OccupancyGrid, ParameterError, esdf, exponential_cost, read_map
+from mapdeal import (
+    MapdealWarning,
+    OccupancyGrid,
+    ParameterError,
+    esdf,
+    exponential_cost,
+    inflate,
+    read_map,
+)
 from mapdeal.kernels.distance import bytes_by_distance
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.cost_profile import cost_table, raise_costs
@@ -316,9 +325,22 @@ def test_the_last_cost_above_0_is_kept_between_whole_cells():
     assert (cost == 1).any()
 
 
-def test_distances_are_compared_with_the_inscribed_radius_as_costmap_2d_does():
-    # 3 * 0.1 is 0.30000000000000004 in floats, more than 0.3: trunc(252 (1 - 6e-16))
-    cost = exponential_cost(OccupancyGrid([[100, 0, 0, 0]], 0.1), inscribed_radius=0.3).cost
+@pytest.mark.parametrize("resolution", ["0.05", "0.1", "0.07"])
+def test_a_cell_at_exactly_the_inscribed_radius_is_inscribed(resolution):
+    # 3 * 0.1 is 0.30000000000000004 in floats, more than 0.3
+    grid = OccupancyGrid([[100] + [0] * 40], float(resolution))
+    for cells in range(1, 30):
+        radius = float(cells * Decimal(resolution))
+        cost = exponential_cost(grid, inscribed_radius=radius, inflation_radius=4.0).cost[0]
+        assert (cost[1 : cells + 1] == 253).all()
+        assert cost[cells + 1] < 253
+        inflated = inflate(grid, radius=radius).occupancy[0]
+        assert np.array_equal(inflated == 100, cost >= 253)
+
+
+def test_with_float32_resolutions_the_last_bits_decide_as_in_costmap_2d():
+    grid = OccupancyGrid([[100, 0, 0, 0]], 0.1)  # 3 * float32(0.1) is 0.3000000045
+    cost = exponential_cost(grid, inscribed_radius=0.3, float32_resolution=True).cost
     assert cost.tolist() == [[254, 253, 253, 251]]
 
 

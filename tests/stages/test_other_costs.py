@@ -1,8 +1,8 @@
-import math
+import functools
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import oracles
@@ -35,29 +35,37 @@ def test_products_never_reach_the_obstacles_value():
     assert threshold_cost(grid, up_factor=1000.0).cost.tolist() == [[100, 99, 99, 99]]
 
 
+THRESHOLDS = st.integers(0, 100) | st.integers(0, 40).map(lambda cells: f"{cells / 20:.2f}")
+
+
 @given(
-    occupancies(), st.sampled_from(["metric", "per-map"]), st.integers(0, 100), st.integers(0, 100)
-)
-def test_threshold_costs_equal_brute_force_on_the_view(occupancy, view, one, other):
-    down, up = sorted((one, other))
-    grid = OccupancyGrid(occupancy, 0.1)
-    if view == "metric":
-        values = oracles.metric_view(occupancy, occupancy >= 100, 0.1, 2.0)
-    else:
-        values = field_view(esdf(grid), view="per-map").occupancy  # held to its oracle elsewhere
-    cost = threshold_cost(esdf(grid), view=view, down=down, up=up, down_factor=0.3).cost
-    for index in np.ndindex(occupancy.shape):
-        v = int(values[index])
-        expected = v
-        if v == 100:
-            pass
-        elif 0 <= v <= down:
-            expected = 0
-        elif down < v <= up:
-            expected = min(99, int(0.3 * v))
-        elif up < v:
-            expected = min(99, int(1.5 * v))
-        assert cost[index] == expected
+    occupancies(), st.sampled_from([0.04, 0.05, 0.1, 0.25]), st.sampled_from(["metric", "per-map"]),
+    THRESHOLDS, THRESHOLDS, st.sampled_from([0.5, 1.0, 1.5]),
+    st.sampled_from([(0.0, 1.5), (0.3, 1.1), (0.58, 0.07)]),
+)  # fmt: skip
+def test_threshold_costs_equal_brute_force_on_paper(
+    occupancy, resolution, view, down, up, strength, factors
+):
+    """Thresholds are values of the view, or metres, as text; products of 0.58 are 29 of 50."""
+    occupied = occupancy >= 100
+    field = esdf(OccupancyGrid(occupancy, resolution, (0.5, -2.0, 1.0)), strength=strength)
+    options = {"down_factor": factors[0], "up_factor": factors[1], "view": view}
+    for name, value in (("down", down), ("up", up)):
+        options |= {f"{name}_distance": float(value)} if isinstance(value, str) else {name: value}
+    try:
+        found = threshold_cost(field, **options).cost
+    except ParameterError as error:
+        assert "up" in str(error)  # in the wrong order
+        assume(False)
+    make = {"metric": functools.partial(oracles.metric_view, view_range=2.0)}
+    values = make.get(view, oracles.per_map_view)(
+        occupancy, occupied, resolution, strength=strength
+    )  # fmt: skip
+    squared = oracles.squared_distance(occupied)
+    expected = oracles.threshold_cost(
+        values, squared, resolution, strength, down=down, up=up, factors=factors
+    )  # fmt: skip
+    assert np.array_equal(found, expected)
 
 
 def test_thresholds_in_the_wrong_order_are_refused():
@@ -91,42 +99,16 @@ def test_thresholds_in_metres_by_hand():
     assert mixed.cost.tolist() == [[100, 43, 37, 62, 0, 0, 0, -1]] * 2
 
 
-@given(
-    occupancies(),
-    st.sampled_from([0.04, 0.05, 0.1, 0.25]),
-    st.sampled_from(["metric", "per-map"]),
-    st.integers(0, 20),
-    st.integers(0, 20),
-    st.sampled_from([0.5, 1.0, 1.5]),
-)
-def test_thresholds_in_metres_part_the_cells_at_these_distances(
-    occupancy, resolution, view, one, other, strength
-):
-    up, down = (cells * resolution for cells in sorted((one, other)))
-    grid = OccupancyGrid(occupancy, resolution, (0.5, -2.0, 1.0))
-    found = threshold_cost(
-        esdf(grid, strength=strength), view=view, view_range=20 * 0.25,
-        down_distance=down, up_distance=up, down_factor=0.0, up_factor=1.0,
-    ).cost  # fmt: skip
-    occupied = occupancy >= 100
-    squared = oracles.squared_distance(occupied)
-    span, end = 100.0 / (20 * 0.25), up
-    if view == "per-map" and occupied.any() and not occupied.all():
-        inside = oracles.squared_distance(~occupied)
-        farthest = strength * max(math.sqrt(s) for s in squared.ravel()) * resolution
-        deepest = max(math.sqrt(s) for s in inside.ravel()) * resolution
-        span, end = 100.0 / (farthest - resolution + deepest), min(up, farthest)
-    for index in np.ndindex(occupancy.shape):
-        if occupied[index] or occupancy[index] == -1:
-            assert found[index] == (100 if occupied[index] else -1)
-        elif squared[index] is None:
-            assert found[index] == 0
-        else:
-            d = strength * math.sqrt(squared[index]) * resolution
-            if d >= up:
-                assert found[index] == 0  # the middle factor is 0, too
-            elif (end - d) * span > 1.001:  # farther than the view's truncation
-                assert found[index] > 0
+def test_thresholds_in_metres_are_met_between_the_steps_of_the_view():
+    # 0.04 m cells of a range of 20 m: the view of the first five is 99
+    grid = OccupancyGrid([[100, *[0] * 9]], 0.04, (0.5, -2.0, 1.0))
+    options = {"down_distance": 0.12, "up_distance": 0.08, "down_factor": 0.5, "up_factor": 1.0}
+    field = esdf(grid)
+    cost = threshold_cost(field, view_range=20.0, **options).cost
+    assert cost.tolist() == [[100, 99, 49, *[0] * 7]]
+    # a view has no more than its values: 99 at both distances
+    made = field_view(field, view_range=20.0)
+    assert threshold_cost(made, view_range=20.0, **options).cost.tolist() == [[100, *[0] * 9]]
 
 
 @pytest.mark.parametrize("name", ["down_distance", "up_distance"])
@@ -142,7 +124,8 @@ def test_a_view_gives_the_costs_of_its_field():
     field = esdf(grid, strength=1.3)
     for view in ("metric", "per-map"):
         made = field_view(field, view=view, view_range=1.5)
-        for more in ({}, {"down_distance": 0.6, "up_distance": 0.3, "down_factor": 0.4}):
+        # metres that are multiples of the cells; of others a view has no more than its steps
+        for more in ({}, {"down_distance": 0.65, "up_distance": 0.325, "down_factor": 0.4}):
             options = {"view": view, "view_range": 1.5, **more}
             expected = threshold_cost(field, **options)
             found = threshold_cost(made, **options)

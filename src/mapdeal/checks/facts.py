@@ -32,6 +32,7 @@ from mapdeal.formats.strips import Strips
 from mapdeal.formats.yaml_text import Entry, read_mapping
 from mapdeal.grid.coordinates import Point
 from mapdeal.grid.costmap import Costmap, figures_of_costs
+from mapdeal.grid.field_view import FieldView, ViewScale
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.components import Cells
@@ -159,7 +160,7 @@ def gather(
     pair : PairFacts or None
         Of a YAML that could be read.
     cells : GridFacts or None
-        Of any map that could be read; None for costs.
+        Of any map that could be read; None for costs and views of fields.
     findings : list of Finding
         Warnings and errors of the readers.
     """
@@ -196,14 +197,17 @@ def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> 
         height, width = file.shape()
         count = file.memory_to_read() + _OF_ROOMS[engine_name()] * height * width
         claim(path, count, what=f"{width} x {height} cells")
-        return RoomFacts(as_occupancy(file.read().grid), radius)
+        return RoomFacts(as_occupancy(file.read().grid, path), radius)
 
 
 def _of_npz(path: Path, max_cells: int | None) -> GridFacts | None:
-    """Return the facts of the map in an npz, None if it holds costs."""
+    """Return the facts of the map in an npz, None if it holds costs or a view."""
     grid = read_npz(path, max_cells=max_cells)
     if isinstance(grid, Costmap):
         warn_of_one_cost(path, grid)
+        return None
+    if isinstance(grid, FieldView):
+        _warn_of_view(path, grid.scale)
         return None
     return GridFacts.of(grid if isinstance(grid, OccupancyGrid) else grid.grid)
 
@@ -230,7 +234,15 @@ def _of_pair(
     if cells is None:
         warn_of_cost_figures(path, figures_of_costs(pixels.of_greys, "costmap2d"))
         return pair, None
+    if metadata.view is not None:
+        _warn_of_view(path, metadata.view)
+        return pair, None
     return pair, GridFacts(frame, cells)
+
+
+def _warn_of_view(path: Path, scale: ViewScale) -> None:
+    text = f"{path}: is the 0..100 view of a distance field ({scale.described()}), not a map"
+    emit_warning(MapdealWarning(text, "map.view"), stacklevel=3)
 
 
 def _counted(
@@ -266,10 +278,10 @@ def _warnings_as_findings(
             yield
         finally:
             for one in kept:
-                name = one.message.check
+                name = one.check
                 if name is None:
-                    raise TypeError(f"a warning of the readers has no check: {one.message}")
-                findings.append(_finding(name, path, str(one.message), entries))
+                    raise TypeError(f"a warning of the readers has no check: {one}")
+                findings.append(_finding(name, path, str(one), entries))
 
 
 def _finding(name: str, path: Path, text: str, entries: Mapping[str, Entry]) -> Finding:

@@ -296,12 +296,15 @@ def _robot(robot: JsonValue) -> Footprint | None:
 
 def _goal(one: JsonValue) -> GoalReach:
     name, limit = one.get("name"), one["limited_by"]
+    reason, nearest = one.get("reason"), one.get("nearest_open")
     return GoalReach(
         Goal(*_place(one), None if name is None else name.text()),
         one["reachable"].flag(),
         one["heading_count"].whole(),
         one["widest_radius_m"].number_or(math.inf),
         None if limit.is_null else _bottleneck(limit),
+        None if reason is None or reason.is_null else reason.text(),
+        None if nearest is None or nearest.is_null else _place(nearest),
     )
 
 

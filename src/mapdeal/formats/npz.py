@@ -34,9 +34,8 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
-from mapdeal.grid.values import Convention, with_tags
+from mapdeal.grid.values import Convention
 from mapdeal.kernels.blocks import Layer, is_lazy
-from mapdeal.spelling import as_known
 
 FORMAT = "mapdeal/1"
 _OF_REACH = "reachable"
@@ -270,7 +269,7 @@ def _read_field(reader: NpzReader, resolution: float, origin: Any) -> DistanceFi
         reader.layer("occupancy", np.int8),
         resolution,
         origin,
-        convention=reader.text("convention", with_tags(get_args(Convention))),  # type: ignore[arg-type]
+        convention=reader.text("convention", get_args(Convention)),  # type: ignore[arg-type]
         strength=reader.number("strength"),
         max_distance=None if np.isinf(limit) else limit,
         lethal_threshold=reader.whole_number("lethal_threshold"),
@@ -301,8 +300,7 @@ def _read_occupancy(reader: NpzReader, resolution: float, origin: Any) -> Occupa
     if "layer" not in reader.names():
         return OccupancyGrid(occupancy, resolution, origin)
     reader.text("layer", (ESDF_VIEW,))
-    text = reader.text("view", with_tags(get_args(View)))
-    view: View = as_known(text, get_args(View))  # type: ignore[assignment]
+    view: View = reader.text("view", get_args(View))  # type: ignore[assignment]
     lengths = {name: reader.number(name) for name in ViewScale.keys_of(view)}
     return FieldView(occupancy, resolution, origin, ViewScale(view, **lengths))
 

@@ -24,6 +24,7 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import PIECES, check_expansion, claim
 from mapdeal.formats.images.pillow import one_at_a_time
 from mapdeal.formats.source import check_readable
+from mapdeal.spelling import as_known
 
 LONGEST_ARRAY_HEADER = 1 << 16
 _LARGEST_SMALL_ARRAY = 4096
@@ -137,7 +138,12 @@ class NpzReader:
         value = self._read(name, None, (), _LARGEST_SMALL_ARRAY)
         if value.dtype.kind != "U":
             raise self._error(name, f"must be text, is {value.dtype}")
-        text = str(value)
+        little = value.astype(value.dtype.newbyteorder("<"))
+        try:  # not by numpy, which makes broken strings of characters beyond Unicode
+            text = little.tobytes().decode("utf-32-le").rstrip("\0")
+        except UnicodeDecodeError:
+            raise self._error(name, "must be text, is not Unicode") from None
+        text = text if choices is None else as_known(text, choices)
         if choices is not None and text not in choices:
             raise self._error(name, f"must be one of {', '.join(choices)}")
         return text

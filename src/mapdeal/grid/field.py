@@ -21,7 +21,6 @@ from mapdeal.grid.values import (
     UNKNOWN,
     Convention,
     UnknownPolicy,
-    tag_of,
 )
 from mapdeal.kernels.bilinear import interpolate
 from mapdeal.kernels.blocks import mapped, swept
@@ -165,7 +164,7 @@ class DistanceField(FieldGrid):
         return {
             "distance": self.distance,
             "occupancy": self.occupancy,
-            "convention": tag_of(self.convention),
+            "convention": self.convention,
             "strength": np.float64(self.strength),
             "max_distance": np.float64(limit),
             "lethal_threshold": np.int64(self.lethal_threshold),

@@ -14,7 +14,6 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.coordinates import Origin
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.values import tag_of
 from mapdeal.records import dataclass
 from mapdeal.spelling import as_known
 
@@ -22,6 +21,20 @@ View = Literal["metric", "per-map"]
 
 ESDF_VIEW = "esdf_view"
 """What files call the layer."""
+
+
+def whole_parts(products: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return products without their fractions; what is whole on paper is rounded to it first.
+
+    Examples
+    --------
+    >>> 0.58 * 50
+    28.999999999999996
+    >>> whole_parts(np.array([64.99999999999999, 28.999999999999996, 64.99])).tolist()
+    [65.0, 29.0, 64.0]
+    """
+    whole: NDArray[np.float64] = np.trunc(np.round(products, 9))
+    return whole
 
 
 @dataclass(frozen=True)
@@ -67,7 +80,7 @@ class ViewScale:
         return self.view_range if self.view == "metric" else self.farthest
 
     def values_of(self, metres: NDArray[np.float64], resolution: float) -> NDArray[np.float64]:
-        """Return the view values of distances between cell centres, before truncation.
+        """Return the view values of distances between cell centres.
 
         Parameters
         ----------
@@ -78,19 +91,19 @@ class ViewScale:
 
         Examples
         --------
-        >>> ViewScale("metric", 2.0).values_of(np.array([0.5, 3.0]), 0.05).tolist()
-        [75.0, 0.0]
+        >>> ViewScale("metric", 2.0).values_of(np.array([0.7, 3.0]), 0.05).tolist()
+        [65.0, 0.0]
         """
         if self.view == "metric":
-            return 100 * (1 - np.minimum(metres, self.view_range) / self.view_range)
+            return whole_parts(100 * (1 - np.minimum(metres, self.view_range) / self.view_range))
         # no obstacle cell is less than a cell deep, though a clip may hide that
         span = self.farthest + max(self.deepest - resolution, 0.0)
         if span == 0:
             return np.zeros_like(metres)
-        return 100 * (self.farthest - np.minimum(metres, self.farthest)) / span
+        return whole_parts(100 * (self.farthest - np.minimum(metres, self.farthest)) / span)
 
     def value_at(self, distance: float, resolution: float) -> int:
-        """Return the view value of one distance: that of `values_of`, truncated."""
+        """Return the view value of one distance."""
         return int(self.values_of(np.array([distance]), resolution)[0])
 
     @staticmethod
@@ -101,7 +114,7 @@ class ViewScale:
     def entries(self) -> dict[str, Any]:
         """Return the entries that describe the scale in a file, by key."""
         lengths = {name: float(getattr(self, name)) for name in self.keys_of(self.view)}
-        return {"view": tag_of(self.view), **lengths}
+        return {"view": self.view, **lengths}
 
     def described(self) -> str:
         """Return a description of the scale."""

@@ -30,25 +30,6 @@ UnknownPolicy = Literal["free", "occupied"]
 OverlayType = Literal["seq", "max", "min"]
 Convention = Literal["fast-planner", "center", "border"]
 
-_TAGS: Final = {"fast-planner": "seed", "per-map": "seed"}
-"""What files of format mapdeal/1 call a convention and a view; these words are theirs for good."""
-
-
-def tag_of(word: Any) -> Any:
-    """Return what files call a convention or a view; all other values are called what they are.
-
-    Examples
-    --------
-    >>> tag_of("fast-planner"), tag_of("border"), tag_of(2.0)
-    ('seed', 'border', 2.0)
-    """
-    return _TAGS.get(word, word)
-
-
-def with_tags(words: tuple[str, ...]) -> tuple[str, ...]:
-    """Return conventions or views, and what files call them, for readers that take either."""
-    return tuple(dict.fromkeys([*words, *map(tag_of, words)]))
-
 
 def check_choice(value: object, choices: Any, name: str) -> None:
     """Refuse a word that is none of the choices, a ``Literal``; the error calls it `name`.

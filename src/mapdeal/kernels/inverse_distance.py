@@ -54,7 +54,11 @@ def sum_of_inverse_distances(
     far = inverse > least  # never so for a cell and itself
     np.divide(1.0, inverse, out=inverse, where=far)
     inverse[~far] = 0.0
-    response = fft.dctn(inverse, type=1, overwrite_x=True, workers=workers)
+    try:
+        response = fft.dctn(inverse, type=1, overwrite_x=True, workers=workers)
+    except RuntimeError:  # no threads to be had: it has not begun
+        workers = 1
+        response = fft.dctn(inverse, type=1, overwrite_x=True, workers=workers)
     del inverse, far
     spectrum = fft.rfft2(
         marked.astype(np.float64), s=(2 * half_height, 2 * half_width), workers=workers

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.coordinates import as_float32, cells_to_cover
+from mapdeal.grid.coordinates import RADIUS_TOLERANCE, as_float32, cells_to_cover
 from mapdeal.grid.costmap_layers import CostLookup
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import (
@@ -78,6 +78,7 @@ class CostProfile:
             inscribed_radius=inscribed_radius,
             cost_scaling_factor=cost_scaling_factor,
             lookup=lookup,
+            is_exact=not float32_resolution,
         )
         return cls(
             inscribed_radius, inflation_radius, cost_scaling_factor, inflate_unknown,
@@ -162,6 +163,7 @@ def cost_table(
     inscribed_radius: float,
     cost_scaling_factor: float,
     lookup: CostLookup = "exact",
+    is_exact: bool = True,
 ) -> NDArray[np.uint8]:
     """Return the cost of each squared distance in cells, 0 .. reach^2 and one 0 beyond.
 
@@ -177,6 +179,7 @@ def cost_table(
         inscribed_radius=inscribed_radius,
         cost_scaling_factor=cost_scaling_factor,
         lookup=lookup,
+        is_exact=is_exact,
     )
     table[-1] = FREE_SPACE
     return table
@@ -202,6 +205,7 @@ def costs_of_squares(
     inscribed_radius: float,
     cost_scaling_factor: float,
     lookup: CostLookup = "exact",
+    is_exact: bool = True,
 ) -> NDArray[np.uint8]:
     """Return the cost of squared distances in cells, however far costs reach.
 
@@ -211,6 +215,9 @@ def costs_of_squares(
         The squares, increasing.
     resolution, inscribed_radius, cost_scaling_factor, lookup
         As of a `CostProfile`.
+    is_exact : bool
+        Whether a distance that is the inscribed radius on paper is within it. ROS, with its
+        float32 resolutions, leaves that to the last bits.
     """
     if lookup == "nav2":
         hundredths = _hundredths_of(squares)
@@ -225,7 +232,8 @@ def costs_of_squares(
         metres = np.sqrt(squares.astype(np.float64)) * resolution
         decay = np.exp(-cost_scaling_factor * np.maximum(metres - inscribed_radius, 0.0))
         costs = (_HIGHEST_GRADED * decay).astype(np.uint8)
-        costs[metres <= inscribed_radius] = INSCRIBED_INFLATED_OBSTACLE
+        within = inscribed_radius + RADIUS_TOLERANCE * is_exact
+        costs[metres <= within] = INSCRIBED_INFLATED_OBSTACLE
     costs[squares == 0] = LETHAL_OBSTACLE
     return costs
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Annotated
 
 import numpy as np
@@ -23,7 +24,6 @@ from mapdeal.grid.values import (
 from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows, swept
 from mapdeal.kernels.column_runs import Halo, halos_of, runs_of
 from mapdeal.kernels.distance import signed_distance
-from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
 from mapdeal.stages.definition import InSimulation, checked, stage
@@ -34,6 +34,9 @@ from mapdeal.stages.field_values import (
     largest_distance_in,
 )
 from mapdeal.stages.parameters import ABOVE_0, FACTOR, METRES, STRENGTH, LethalThreshold
+
+CostOfView = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+"""Returns costs of view values and of the distances, metres, that these were made of."""
 
 
 @checked
@@ -108,6 +111,8 @@ class Viewer:
                 part, mask = field.part(block), obstacles[block]
                 farthest = max(farthest, field.strength * largest_distance_in(part, mask))
                 deepest = max(deepest, deepest_in(part, mask))
+        # sqrt(9) cells of 0.05 m are 0.15000000000000002 m in floats, and 0.15 m in the file
+        farthest, deepest = (float(f"{metres:.15g}") for metres in (farthest, deepest))
         scale = ViewScale(view, view_range, farthest, deepest)
         return cls(scale, field.shape, has_obstacles, has_others)
 
@@ -115,19 +120,23 @@ class Viewer:
         self,
         field: DistanceField,
         obstacles: NDArray[np.bool_],
-        table: NDArray[np.int8] | None = None,
+        cost_of: CostOfView | None = None,
     ) -> NDArray[np.int8]:
-        """Return the view of a field, or its values looked up in a table."""
+        """Return the view of a field, or the costs that are made of it and of the distance."""
 
         def values(rows: slice) -> NDArray[np.int8]:
-            made = self._values_of_rows(field.part(rows), obstacles[rows])
-            return made if table is None else look_up(made, table)
+            return self._values_of_rows(field.part(rows), obstacles[rows], cost_of)
 
-        return made_by_rows(field.distance, np.int8, values, is_kept=table is not None)
+        return made_by_rows(field.distance, np.int8, values, is_kept=cost_of is not None)
 
     def _values_of_rows(
-        self, field: DistanceField, obstacles: NDArray[np.bool_]
-    ) -> NDArray[np.int8]:  # fmt: skip
+        self, field: DistanceField, obstacles: NDArray[np.bool_], cost_of: CostOfView | None
+    ) -> NDArray[np.int8]:
+        def value_of(metres: NDArray[np.float64]) -> NDArray[np.float64]:
+            metres = field.strength * metres
+            view = np.minimum(self.scale.values_of(metres, field.resolution), OCCUPIED - 1)
+            return view if cost_of is None else cost_of(view, metres)
+
         if not self.has_obstacles:
             values = np.zeros(field.shape, dtype=np.int8)
         elif not self.has_others:
@@ -136,7 +145,7 @@ class Viewer:
             values = bytes_of_metres(
                 field,
                 obstacles,
-                lambda metres: self.scale.values_of(field.strength * metres, field.resolution),
+                value_of,
                 constant_from=self.scale.end / field.strength,
                 shape=self.shape,
             )

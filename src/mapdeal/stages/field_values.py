@@ -14,7 +14,7 @@ from mapdeal.kernels.lookup import bytes_of_distances, squares_of_distances
 from mapdeal.kernels.threads import for_rows
 
 _LARGEST_TABLE = 1 << 22
-_CLIP_TOLERANCE = 1e-6
+_CLIP_TOLERANCE = 2.0**-23
 """Relative: distances are float32, the clip is not."""
 
 
@@ -40,10 +40,10 @@ def squares_in(
 
     Notes
     -----
-    Undoes convention and strength, then rounds: distances between cell centres are square
-    roots of whole numbers of cells, so float32 metres give the exact integer back as long as
-    neighbouring squares are told apart, up to about 1000 cells. Beyond, the result is within
-    one part in 10^6.
+    Undoes convention and strength, then rounds: distances between cell centres are square roots
+    of whole numbers n of cells. A float32 is off by 2**-24 of its value at most, so its square by
+    n * 2**-23, which is less than one half, and so exact, below n = 2**22: 2048 cells. Beyond, the
+    result is within one part in 2**22.
     """
     return squares_of_distances(field.distance[rows], obstacles[rows], **_measure(field))
 
@@ -66,7 +66,7 @@ def bytes_of_metres(
     constant_from: float,
     shape: tuple[int, int],
 ) -> NDArray[np.int8]:
-    """Return a function's values, truncated, of each cell's distance between centres.
+    """Return a function's values of each cell's distance between centres.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def bytes_of_metres(
     obstacles : numpy.ndarray of bool, shape (H, W)
         Its obstacles, from `DistanceField.obstacles`.
     value_of : callable
-        Gives values 0 .. 127 of metres; called with float64 arrays, which may hold +inf.
+        Gives whole values 0 .. 127 of metres; called with float64 arrays, which may hold +inf.
     constant_from : float
         Metres from which on the value no longer changes.
     shape : tuple of int
@@ -111,9 +111,12 @@ def largest_distance_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> f
 
 def deepest_in(field: DistanceField, obstacles: NDArray[np.bool_]) -> float:
     """Return the metres from the centre of the deepest obstacle cell to the nearest free one's."""
-    lowest = float(field.distance.min(where=obstacles, initial=math.inf))
+    depth = -float(field.distance.min(where=obstacles, initial=math.inf))
     shift = {"fast-planner": field.resolution, "center": 0.0, "border": 0.5 * field.resolution}
-    return max(shift[field.convention] - lowest, 0.0)
+    if field.max_distance is not None and depth >= field.max_distance * (1 - _CLIP_TOLERANCE):
+        return shift[field.convention] + field.max_distance
+    cells = max(shift[field.convention] + depth, 0.0) / field.resolution
+    return math.sqrt(round(cells * cells)) * field.resolution if math.isfinite(cells) else cells
 
 
 def furthest_kept(field: DistanceField) -> float:
