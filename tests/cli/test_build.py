@@ -97,13 +97,21 @@ def test_other_numbers_of_the_methods(command, log, run):
     assert command("build", log, "-o", "t.npz", "--method", "tsdf", "--truncation", "4")[0] == 0
     words = ["--method", "tsdf", "--truncation-behind", "3"]
     assert command("build", log, "-o", "b.npz", *words)[0] == 0
+    words = ["--method", "tsdf", "--as-written"]
+    assert command("build", log, "-o", "w.npz", *words)[0] == 0
     for name, options in (("c", {"method": "counting", "ratio": 0.1}),
+                          ("w", {"method": "tsdf", "as_written": True}),
                           ("t", {"method": "tsdf", "truncation": 4}),
                           ("b", {"method": "tsdf", "truncation_behind": 3})):  # fmt: skip
         expected = build_map(*run, **options).grid
         found = read_map(f"{name}.npz")
         assert found.shape == expected.shape
         assert np.count_nonzero(found.occupancy != expected.occupancy) <= 5
+
+
+def test_a_map_as_written_is_one_of_method_tsdf(command, log):
+    code, _, err = command("build", log, "-o", "w.npz", "--method", "counting", "--as-written")
+    assert (code, err) == (2, "error: --as-written: does not apply to --method counting\n")
 
 
 def test_y_can_be_flipped(command, log, run):

@@ -158,6 +158,14 @@ def build(
             "[default: 1]",
         ),
     ] = None,
+    as_written: Annotated[
+        bool,
+        typer.Option(
+            "--as-written",
+            help="tsdf: make the map of design document 004: only walls, where the distance "
+            "changes its sign along y; beams continue 3 truncation distances behind a hit.",
+        ),
+    ] = False,
     layers: Annotated[
         Path | None,
         typer.Option(metavar="OUT.npz", help="Also write the map with its evidence."),
@@ -182,7 +190,10 @@ def build(
             values=values or None,
         ),
         "counting": opt.given(ratio=ratio),
-        "tsdf": opt.given(truncation=truncation, truncation_behind=truncation_behind),
+        "tsdf": opt.given(
+            truncation=truncation, truncation_behind=truncation_behind,
+            as_written=as_written or None,
+        ),
     }  # fmt: skip
     if compare:
         alone = {"--method": method, "--values": values, "--layers": layers}

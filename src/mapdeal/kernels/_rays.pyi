@@ -31,6 +31,7 @@ def measure(
     ranges: NDArray[Any],
     truncation: float,
     behind: float,
+    cell: float,
     sums: NDArray[Any],
     weights: NDArray[Any],
     bottom: int,

@@ -22,8 +22,8 @@ cdef extern from "rays.h" nogil:
     )
     void measure_in(
         const Part *part, const int64_t *starts, const int64_t *ends, const double *sensors,
-        const double *ranges, int64_t beams, double truncation, double behind, int64_t *sums,
-        int32_t *weights,
+        const double *ranges, int64_t beams, double truncation, double behind, double cell,
+        int64_t *sums, double *means, int32_t *weights,
     )
     ctypedef struct Lattice:
         double x, y, cosine, sine, resolution, rounding, tolerance, farthest
@@ -92,21 +92,31 @@ def weigh(
 
 def measure(
     const int64_t[:, ::1] starts, const int64_t[:, ::1] ends, const double[:, ::1] sensors,
-    const double[::1] ranges, double truncation, double behind,
-    int64_t[:, ::1] sums, int32_t[:, ::1] weights, int64_t bottom, int64_t top,
+    const double[::1] ranges, double truncation, double behind, double cell, sums,
+    int32_t[:, ::1] weights, int64_t bottom, int64_t top,
 ):
-    """Add to each cell its signed distance along each beam, and count the beams."""
+    """Add to each cell its signed distance along each beam, or take the mean; count the beams."""
     cdef Part part
+    cdef int64_t[:, ::1] whole
+    cdef double[:, ::1] means
+    cdef int64_t *wholes = NULL
+    cdef double *mean = NULL
     _check_beams(starts, ends, ranges.shape[0])
     if sensors.shape[0] != starts.shape[0] or sensors.shape[1] != 2:
         raise ValueError("there must be a sensor for each beam")
     _set_part(&part, bottom, top, weights, (sums.shape[0], sums.shape[1]))
     if starts.shape[0] == 0:
         return
+    if sums.dtype == "float64":
+        means = sums
+        mean = &means[0, 0]
+    else:
+        whole = sums
+        wholes = &whole[0, 0]
     with nogil:
         measure_in(
             &part, &starts[0, 0], &ends[0, 0], &sensors[0, 0], &ranges[0], starts.shape[0],
-            truncation, behind, &sums[0, 0], &weights[0, 0],
+            truncation, behind, cell, wholes, mean, &weights[0, 0],
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,20 +72,42 @@ def measure_rays(
     ranges: NDArray[np.float64],
     truncation: float,
     behind: float,
-    sums: NDArray[np.int64],
+    sums: NDArray[np.int64] | NDArray[np.float64],
     weights: Counts,
+    cell: float,
 ) -> None:
     """Do as `mapdeal.kernels.rays.measure_rays`."""
-    for whose, at, _ in _passed(starts, ends, sums.shape, with_end=True):
+    flat: NDArray[Any] = sums.reshape(-1)
+    keeps_means = sums.dtype == np.float64
+    for whose, at, _ in _passed(starts, ends, sums.shape, with_end=not keeps_means):
         row, col = np.divmod(at, sums.shape[1])
         y = row + 0.5 - sensors_rowcol[whose, 0]
         x = col + 0.5 - sensors_rowcol[whose, 1]
-        distance = (ranges[whose] - np.sqrt(y * y + x * x)) / truncation
+        distance = (ranges[whose] - np.sqrt(y * y + x * x) * cell) / truncation
         near = distance >= -behind
         share = np.minimum(np.maximum(distance[near], -1.0), 1.0)
+        if keeps_means:
+            _average_in_order(at[near], share, flat, weights.reshape(-1))
+            continue
         whole = (share * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)).astype(np.int64) - DISTANCE_UNIT
-        np.add.at(sums.reshape(-1), at[near], whole)
+        np.add.at(flat, at[near], whole)
         np.add.at(weights.reshape(-1), at[near], 1)
+
+
+def _average_in_order(
+    at: Cells, shares: NDArray[np.float64], means: NDArray[np.float64], weights: Counts
+) -> None:
+    """Take what each ray says of a cell into its mean, the first of all cells, then the second."""
+    order = np.argsort(at, kind="stable")
+    at, shares = at[order], shares[order]
+    (following,) = np.nonzero(np.diff(at, prepend=-1))
+    stops = np.append(following[1:], len(at))
+    while len(following):
+        cells = at[following]
+        means[cells] = (weights[cells] * means[cells] + shares[following]) / (weights[cells] + 1)
+        weights[cells] += 1
+        following += 1
+        following, stops = following[following < stops], stops[following < stops]
 
 
 def _hit(ends: Cells, is_hit: NDArray[np.bool_], shape: tuple[int, ...]) -> _Passed:

@@ -159,23 +159,28 @@ static void weigh_in(const Part *part, const int64_t *starts, const int64_t *end
 
 #define DISTANCE_UNIT 1048576.0 /* what a signed distance of one truncation is */
 
+/* With `means`, they are kept, one beam after the other, instead of sums, and ends do not count. */
 static void measure_in(const Part *part, const int64_t *starts, const int64_t *ends,
                        const double *sensors, const double *ranges, int64_t beams,
-                       double truncation, double behind, int64_t *sums, int32_t *weights)
+                       double truncation, double behind, double cell, int64_t *sums,
+                       double *means, int32_t *weights)
 {
     for (int64_t k = 0; k < beams; k++) {
         const int64_t *start = starts + 2 * k, *end = ends + 2 * k;
-        const Line line = line_in(part, start, end, 1);
+        const Line line = line_in(part, start, end, means == NULL);
         int64_t at = line.at, error = line.error;
         for (int64_t i = line.first; i <= line.last; i++) {
             const double y = (double)(at / part->width) + 0.5 - sensors[2 * k];
             const double x = (double)(at % part->width) + 0.5 - sensors[2 * k + 1];
-            const double distance = (ranges[k] - sqrt(y * y + x * x)) / truncation;
+            const double distance = (ranges[k] - sqrt(y * y + x * x) * cell) / truncation;
             if (distance >= -behind) {
                 const double least = distance < -1.0 ? -1.0 : distance;
                 const double share = least > 1.0 ? 1.0 : least;
-                sums[at] += (int64_t)(share * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)) -
-                            (int64_t)DISTANCE_UNIT;
+                if (means != NULL)
+                    means[at] = (weights[at] * means[at] + share) / (weights[at] + 1);
+                else
+                    sums[at] += (int64_t)(share * DISTANCE_UNIT + (DISTANCE_UNIT + 0.5)) -
+                                (int64_t)DISTANCE_UNIT;
                 weights[at]++;
             }
             NEXT(line, at, error);

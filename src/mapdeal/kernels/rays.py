@@ -114,42 +114,55 @@ def measure_rays(
     ranges: NDArray[np.float64],
     truncation: float,
     behind: float,
-    sums: NDArray[np.int64],
+    sums: NDArray[np.int64] | NDArray[np.float64],
     weights: Counts,
+    cell: float = 1.0,
 ) -> None:
     """Add to cells, in place, their signed distances to what rays hit.
 
     Parameters
     ----------
     starts, ends : numpy.ndarray of int64, shape (N, 2)
-        As for `count_rays`; here the last cell counts, too.
+        As for `count_rays`; here the last cell counts, too, unless means are kept.
     sensors_rowcol : numpy.ndarray of float64, shape (N, 2)
         Continuous row and column of each ray's sensor.
     ranges : numpy.ndarray of float64, shape (N,)
-        The distance to what it hits, in cells; inf if it hits nothing.
+        The distance to what it hits; inf if it hits nothing.
     truncation : float
-        In cells. Distances beyond it count as it, on both sides.
+        Distances beyond it count as it, on both sides.
     behind : float
         Truncations behind what is hit up to which cells count.
-    sums : numpy.ndarray of int64, shape (H, W)
+    sums : numpy.ndarray of int64 or float64, shape (H, W)
         Sums of range minus distance from the sensor to the cell's centre, as share of the
-        truncation, in `DISTANCE_UNIT`.
+        truncation, in `DISTANCE_UNIT`; or, of float64, the mean of these shares so far.
     weights : numpy.ndarray of int32, shape (H, W)
         How many were added.
+    cell : float
+        Side of a cell, in the unit of `ranges` and `truncation`.
     """
     starts, ends = _contiguous(starts, ends)
     sensors_rowcol = np.ascontiguousarray(sensors_rowcol)
     ranges = np.ascontiguousarray(ranges)
     if engine_name() != "compiled":
         ray_twin.measure_rays(
-            starts, ends, sensors_rowcol, ranges, truncation, behind, sums, weights
+            starts, ends, sensors_rowcol, ranges, truncation, behind, sums, weights, cell
         )
         return
     from mapdeal.kernels import _rays
 
     def work(bottom: int, top: int) -> None:
         _rays.measure(
-            starts, ends, sensors_rowcol, ranges, truncation, behind, sums, weights, bottom, top
+            starts,
+            ends,
+            sensors_rowcol,
+            ranges,
+            truncation,
+            behind,
+            cell,
+            sums,
+            weights,
+            bottom,
+            top,
         )
 
     _by_rows(work, sums.shape[0])

@@ -20,6 +20,7 @@ from mapdeal.mapping.evidence import Evidence, Layers
 from mapdeal.mapping.hit_groups import HitGroups, hit_groups
 from mapdeal.mapping.log_odds import LogOdds
 from mapdeal.mapping.tsdf import Tsdf
+from mapdeal.mapping.tsdf_as_written import TsdfAsWritten
 from mapdeal.records import dataclass
 
 Method = Literal["log-odds", "counting", "tsdf"]
@@ -154,7 +155,8 @@ class MapBuilder:
     limits : BeamLimits
         Limits that decide which ranges are hits.
     **parameters
-        Parameters of the method: those of `LogOdds`, `Counting` or `Tsdf`.
+        Parameters of the method: those of `LogOdds`, `Counting` or `Tsdf`; for the last one also
+        ``as_written=True``, for the rules of `TsdfAsWritten`.
 
     Raises
     ------
@@ -209,16 +211,27 @@ def _evidence(frame: Frame, method: str, parameters: Mapping[str, Any]) -> Evide
     if method not in METHODS:
         rule = f"must be one of {', '.join(get_args(Method))}"
         raise ParameterError(rule, place="method", got=method)
-    known = METHODS[method].__init__.__kwdefaults__ or {}
-    for name in parameters:
+    kind, own = _kind_of(method, parameters)
+    known = kind.__init__.__kwdefaults__ or {}
+    for name in own:
         if name not in known:
             raise ParameterError(f"is not a parameter of method {method}", place=name)
-    return METHODS[method](frame, **parameters)
+    return kind(frame, **own)
+
+
+def _kind_of(
+    method: str, given: Mapping[str, Any]
+) -> tuple[Callable[..., Evidence], dict[str, Any]]:
+    """Return the class of a method, and the parameters that are for it."""
+    own = dict(given)
+    if method == "tsdf" and own.pop("as_written", False):
+        return TsdfAsWritten, own
+    return METHODS[method], own
 
 
 def all_parameters(method: Method, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters of a method, those that are not given at their defaults."""
-    return {**(METHODS[method].__init__.__kwdefaults__ or {}), **given}
+    return {**(_kind_of(method, given)[0].__init__.__kwdefaults__ or {}), **given}
 
 
 def reach_behind(method: str, resolution: float, parameters: Mapping[str, Any]) -> float:

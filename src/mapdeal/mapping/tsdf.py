@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -84,7 +86,7 @@ class Tsdf(Evidence):
             least, most = 1 / self._truncation, _FARTHEST / self._truncation
             rule = f"must be {least:.6g} to {most:.6g} truncations: 1 to {_FARTHEST:g} cells"
             raise ParameterError(rule, place="truncation_behind", got=truncation_behind)
-        self._sums = np.zeros(frame.shape, dtype=np.int64)
+        self._sums: NDArray[Any] = np.zeros(frame.shape, dtype=np.int64)
         self._weights, self._hits, self._misses = np.zeros((3, *frame.shape), dtype=np.int32)
 
     def add(self, beams: Beams) -> None:
