@@ -133,7 +133,10 @@ NAV2_CASES = [
     ("params.substitution", other("0.9", "$(var radius)"), 13, "launch files replace it"),
     ("params.namespace", ROBOTS, None, "in the namespaces a, b"),
     ("params.only-namespace", ROBOTS[: len(ROBOTS) // 2], None, "the namespace a, which is taken"),
-    ("params.no-node", "a: {ros__parameters: {b: 1}}\n", None, "runs with Nav2's defaults"),
+    ("params.no-node", "a: {ros__parameters: {b: 1}}\n", None, "it has /a"),
+    ("params.one-level", NAV2.replace("  global_costmap:\n", ""), 2, "nest the name twice"),
+    ("params.asymmetric", other("d::Inf", "d::AsymmetricInf") +
+     "        cost_scaling_factor_left: 3.0\n", 15, "raises costs left of the robot's path"),
     ("params.hidden", more('footprint: "[]"\nfootprint: [0.1]'), 15, "ROS 2 goes by the type"),
     ("params.footprint-unused", other(", [0.4, 0.3], [0.4, -0.3]]", "]"), 4, "needs three points"),
     ("params.too-large", other("-0.4, -0.3", "-4000, -0.3"), 4, "within 1000 m"),
@@ -197,6 +200,29 @@ def test_a_check_finds_what_it_is_about(findings, name, text, line, words):
 def test_every_check_has_a_case():
     covered = {name for name, *_ in [*CASES, *NAV2_CASES]} | ELSEWHERE
     assert covered == {name for name in CHECKS if name.startswith("params.")}
+
+
+def test_a_costmap_that_is_named_once_is_found_beside_any_other(findings):
+    once = "global_costmap: {ros__parameters: {robot_radius: 0.3}}\n"
+    (one,) = findings(once + NAV2.replace("global", "local"))
+    assert (one.check, one.severity, one.line) == ("params.one-level", "error", 1)
+    (one,) = findings(NAV2 + once)
+    assert (one.check, one.severity, one.line) == ("params.one-level", "error", 15)
+    (one, *others) = findings(once + once.replace("global", "local"))
+    assert (one.line, [other.line for other in others]) == (1, [2])
+    (one,) = findings(once + "amcl: {ros__parameters: {alpha1: 0.2}}\n")
+    assert one.check == "params.one-level"
+
+
+def test_asymmetric_inflation_is_inflation(findings):
+    text = other("d::Inf", "d::AsymmetricInf").replace("factor:", "factor_left:")
+    text += "        cost_scaling_factor_right: 5.0\n        plan_topic: plan\n"
+    assert findings(text) == []
+    found = findings(text.replace("_right: 5.0", "_rigth: 4.0"))
+    assert [(one.check, one.line) for one in found] == [
+        ("params.asymmetric", 14),  # the right one is 4, by default
+        ("params.misspelt", 15),
+    ]
 
 
 def test_a_good_file_has_no_findings(findings):

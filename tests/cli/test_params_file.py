@@ -207,10 +207,20 @@ def test_inflate_takes_the_shape_and_what_is_lethal(command, hall, nav2, tmp_pat
 
 
 def test_routes_go_through_the_robots_costs(command, hall, nav2, tmp_path):
-    command("cost", hall, "-o", tmp_path / "c.npz", "--params-file", nav2, "-q")
     with np.load(hall) as layers:
-        x, y, yaw = layers["origin"]
+        occupancy, (x, y, yaw) = layers["occupancy"], layers["origin"]
     turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    # the costs know of no walls outside of the map, where the robot cannot go
+    corner = turn @ np.array([-0.15, -0.15]) + [x, y]
+    walled = OccupancyGrid(np.pad(occupancy, 1, constant_values=100), 0.15, (*corner, yaw))
+    write_map(tmp_path / "walled.npz", walled)
+    words = ["--params-file", nav2, "--to", "3.0,0.0"]
+    start = ",".join(map(repr, (turn @ [1.5, 0.05] + [x, y]).tolist()))
+    at_the_edge = command("route", hall, *words, "--from", start)
+    assert at_the_edge[0] == 2
+    assert "lies in a closed cell (cost 253)" in at_the_edge[2]
+    hall = tmp_path / "walled.npz"
+    command("cost", hall, "-o", tmp_path / "c.npz", "--params-file", nav2, "-q")
     ends = [
         ",".join(map(repr, (turn @ np.array(p) * 0.15 + [x, y]).tolist()))
         for p in ((3.5, 1.5), (25.5, 14.5))
@@ -243,6 +253,49 @@ def test_parameters_that_the_node_refuses_write_nothing(command, hall, nav2, tmp
     assert err.startswith(f"error: {nav2}: ")
     assert "line 12" in err
     assert "1.0" in err.splitlines()[-1]
+    assert tree(tmp_path) == before
+
+
+def _without_a_costmap(kind):
+    if kind == "others":
+        return (
+            "amcl: {ros__parameters: {alpha1: 0.2}}\ncontroller_server: {ros__parameters: {x: 1}}\n"
+        )
+    if kind == "one level":
+        return NAV2.replace("  global_costmap:\n", "")
+    return "amcl:\n  ros__parameters:\n    # alpha1: 0.2\n" + NAV2
+
+
+SAID = {
+    "others": "holds no parameter of /global_costmap/global_costmap; it has /amcl, ",
+    "one level": "line 2: applies to no node: Nav2's costmap is /global_costmap/global_costmap",
+    "no value": "line 2: ros__parameters of amcl holds no parameters, and ROS 2 refuses the whole",
+}
+
+
+@pytest.mark.parametrize("kind", SAID)
+def test_files_without_a_costmap_are_refused_by_all_commands(command, hall, tmp_path, kind):
+    path = tmp_path / "others.yaml"
+    path.write_text(_without_a_costmap(kind))
+    before, given = tree(tmp_path), ("--params-file", path)
+    for name, *rest in (
+        ("run", hall, "-o", tmp_path / "out"),
+        ("inflate", hall, "-o", tmp_path / "o.npz"),
+        ("cost", hall, "-o", tmp_path / "o.npz"),
+        ("route", hall, "-o", tmp_path / "o.json", "--from", "2,-1", "--to", "3,-1"),
+        ("reach", hall, "-o", tmp_path / "o.json", "--from", "2,-1"),
+        ("query", hall, "--at", "2,-1,0"),
+    ):
+        code, out, err = command(name, *rest, *given)
+        assert (code, out) == (3, ""), name
+        assert SAID[kind] in err
+        assert err.startswith(f"error: {path}: ")
+        assert "hint: " in err
+    assert command("info", path)[0] == 3
+    code, out, _ = command("lint", *given)
+    assert code == 1
+    assert SAID[kind].removeprefix("line 2: ") in out
+    assert out.count(": error: ") == 1
     assert tree(tmp_path) == before
 
 
@@ -295,8 +348,8 @@ def test_commands_that_take_the_shape_say_nothing_of_layers(command, hall, nav2,
     assert (code, err) == (0, "")
     words = ["run", hall, "-o", tmp_path / "out", *file, "--strict"]
     code, _, err = command(*words, "--recipe", "default")
-    assert "layer" not in err
-    code, _, err = command(*words)
+    assert (code, "layer" in err) == (0, False)
+    code, _, err = command(*words, "--force")
     assert code == 1
     assert "no static layer" in err
     assert "ignored: obstacle_layer" in err

@@ -6,8 +6,10 @@ from functools import cache
 
 import pytest
 
+import mapdeal
 from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
 from mapdeal.robot.nav2 import nav2_robot
+from recorded_costmaps import sum_of
 
 HEAD = "global_costmap:\n  global_costmap:\n    ros__parameters:\n"
 STATIC = 'static_layer: {plugin: "nav2_costmap_2d::StaticLayer"}\n'
@@ -72,6 +74,10 @@ def test_recorded_files_resolve_as_in_the_real_code(real_maps):
     for case in cases:
         costmap = case["costmap"].partition("_")[0]
         robot, problems = resolved_as(tuple(case["params_files"]), costmap, case["node_namespace"])
+        if "one_level" in case["id"]:  # Nav2 takes nothing of it, and runs with its defaults
+            assert told(problems) == [("params.one-level", "refused", "", 3)]
+            assert case["resolved"]["robot_radius"] == 0.1
+            continue
         assert _status(problems) == case["status"], case["id"]
         if robot is None:
             assert "obstacles.plugin" in case["error"]
@@ -146,7 +152,8 @@ def test_files_of_public_robots_are_good_for_older_costmaps_too(real_maps, every
     ]
     assert len(files) == 42
     for path in files[::every]:
-        robot, problems = nav2_robot([path], older=True)
+        costmap = "global" if "\nglobal_costmap:" in path.read_text() else "local"
+        robot, problems = nav2_robot([path], older=True, costmap=costmap)
         assert not refused(problems), path
         assert {one.lookup for one in robot.inflation_layers} <= {"exact"}
 
@@ -349,7 +356,6 @@ CLASSES = {
         "params.not-modelled",
         "not modelled: contains layers",
     ),
-    "nav2_costmap_2d::AsymmetricInflationLayer": ("params.not-modelled", "not modelled: inflates"),
     "my_robot::GradientLayer": ("params.not-modelled", "not modelled: a custom class"),
     "nav2_costmap_2d::KeepoutFilter": (None, "a filter without its mask"),
     "nav2_costmap_2d/VoxelLayer": ("params.plugins", "nav2_costmap_2d::VoxelLayer"),
@@ -520,15 +526,183 @@ def test_wildcards_set_parameters_of_any_node(resolve):
     assert robot.robot_radius == 0.4
 
 
-def test_files_that_are_not_meant_for_the_node_leave_nav2s_defaults(resolve):
-    one_level = "global_costmap:\n  ros__parameters: {robot_radius: 0.3}\n"
-    robot, problems = resolve(one_level)
-    assert robot.robot_radius == 0.1
-    assert told(problems)[0] == ("params.no-node", "warning", "", 2)
-    assert "it has /global_costmap" in problems[0].text
-    assert problems[0].hint.startswith("nest the name twice: global_costmap: global_costmap:")
-    robot, problems = resolve("/**: {ros__parameters: {use_sim_time: true}}")
-    assert told(problems)[0][0] == "params.no-node"
+OF_OTHERS = {
+    "amcl: {ros__parameters: {alpha1: 0.2}}": "/amcl",
+    "/**: {ros__parameters: {use_sim_time: true}}": "/**",
+    "/**: {ros__parameters: {robot_base_frame: b, transform_tolerance: 0.1}}": "/**",
+    "/**: {ros__parameters: {GridBased: {plugin: nav2_navfn_planner::NavfnPlanner}}}": "/**",
+    "/global_costmap/global_costmap_client: {ros__parameters: {robot_radius: 0.3}}":
+        "/global_costmap/global_costmap_client",
+    "/*: {ros__parameters: {robot_radius: 0.3}}": "/*",
+    "local_costmap: {local_costmap: {ros__parameters: {robot_radius: 0.3}}}":
+        "/local_costmap/local_costmap",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", OF_OTHERS)
+def test_files_of_other_nodes_alone_are_refused(resolve, text):
+    robot, problems = resolve(text)
+    assert robot is None
+    assert told(problems) == [("params.no-node", "refused", "", None)]
+    own = "/global_costmap/global_costmap"
+    assert problems[0].text == f"holds no parameter of {own}; it has {OF_OTHERS[text]}"
+    is_local = "local" in text
+    assert problems[0].hint.startswith("--costmap local" if is_local else "pass the file that has")
+
+
+ONE_LEVEL = "global_costmap:\n  ros__parameters: {robot_radius: 0.3}\n"
+
+
+def test_a_costmap_that_is_named_once_is_refused(resolve):
+    for text in (ONE_LEVEL, "/" + ONE_LEVEL, "planner_server/" + ONE_LEVEL, "a/" + ONE_LEVEL):
+        robot, problems = resolve(text)
+        assert robot is None
+        assert told(problems) == [("params.one-level", "refused", "", 2)]
+        assert problems[0].hint.startswith("nest the name twice: global_costmap: global_costmap:")
+    for local in (HEAD.replace("global", "local"), "/**/local_costmap:\n    ros__parameters:\n"):
+        _, problems = resolve(ONE_LEVEL + local + "      robot_radius: 0.2\n")
+        assert told(problems) == [("params.one-level", "refused", "", 2)]
+
+
+def test_a_costmap_that_is_named_once_beside_its_own_name_is_warned_of(resolve):
+    for own in (HEAD, "/**:\n  ros__parameters:\n", "/*/global_costmap:\n  ros__parameters:\n"):
+        robot, problems = resolve(own + "      robot_radius: 0.2\n", ONE_LEVEL)
+        assert robot.robot_radius == 0.2
+        assert told(problems)[0] == ("params.one-level", "warning", "", 2)
+        assert problems[0].source.name == "1.yaml"
+
+
+NAMED = {  # for which of the namespaces none, a and a/b a name means the costmap
+    "/global_costmap/global_costmap": [""],
+    "global_costmap/global_costmap": [""],
+    "/**/global_costmap": ["", "a", "a/b"],
+    "**/global_costmap": ["", "a", "a/b"],
+    "/*/global_costmap": [""],
+    "/*/*/global_costmap": ["a"],
+    "/global_costmap/*": [""],
+    "/global_costmap/**": [""],
+    "/**/global_costmap/**": ["", "a", "a/b"],
+    "/a/**": ["a", "a/b"],
+    "/a/**/global_costmap": ["a", "a/b"],
+    "/a/*/*": ["a"],
+    "/**": ["", "a", "a/b"],
+    "**": ["", "a", "a/b"],
+    "/*/*": [""],
+    "/*/global_costmap/global_costmap": ["a"],
+    "/amcl": [],
+    "/global_costmap": [],
+    "/global_costmap/global_costmap_client": [],
+    "/*/amcl": [],
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_a_costmap_is_meant_where_rclcpps_expression_matches(resolve, name):
+    import re  # its own, which no user's text reaches
+
+    text = f"'{name}': {{ros__parameters: {{inflation_layer: {{inflation_radius: 0.8}}}}}}\n"
+    expression = ("/" + name.removeprefix("/")).replace("/*", r"(/\w+)")
+    for namespace in ("", "a", "a/b"):
+        node = "/".join(["", *filter(None, [namespace]), "global_costmap/global_costmap"])
+        is_meant = re.fullmatch(expression, node) is not None
+        assert is_meant == (namespace in NAMED[name])
+        robot, problems = resolve(text, namespace=namespace)
+        assert (robot is not None) == is_meant
+        if robot is not None:
+            assert robot.node == node
+            assert robot.inflation_layers[0].inflation_radius == 0.8
+            assert [one.check for one in problems] == ["params.no-shape"]
+
+
+def test_a_namespace_before_wildcards_is_found(resolve):
+    text = "/a/**: {ros__parameters: {robot_radius: 0.4}}\n"
+    robot, problems = resolve(text)
+    assert robot.node == "/a/global_costmap/global_costmap"
+    assert told(problems)[0][:2] == ("params.only-namespace", "warning")
+    _, problems = resolve(text + "/b/**/global_costmap: {ros__parameters: {robot_radius: 0.4}}\n")
+    assert "in the namespaces a, b" in problems[0].text
+    _, problems = resolve("? /" + "a/" * 100_000 + "b\n: {ros__parameters: {x: 1}}\n")
+    assert told(problems) == [("params.no-node", "refused", "", None)]
+
+
+ASYMMETRIC = INFLATION.replace("d::Inf", "d::AsymmetricInf")
+
+
+def test_asymmetric_inflation_without_a_path_is_that_of_the_larger_factor(of_node):
+    """By the constructor and ``updateCosts`` of asymmetric_inflation_layer.cpp."""
+    good = GOOD.replace(INFLATION, ASYMMETRIC)
+    robot, problems = of_node(good)
+    assert problems == ()
+    inscribed = robot.inscribed_radius
+    assert robot.inflation_layers == (
+        InflationLayer("inflation_layer", inscribed_radius=inscribed, inflation_radius=2.0,
+                       cost_scaling_factor=4.0, lookup="nav2"),
+    )  # fmt: skip
+    for left, right in ((5.0, 3.0), (3.0, 5.0), (6.0, 6.0), (1.0, None)):
+        text = f"inflation_layer.cost_scaling_factor_left: {left}\n"
+        text += f"inflation_layer.cost_scaling_factor_right: {right}\n" if right else ""
+        text += "inflation_layer.cost_scaling_factor: 9.0\n"  # it reads none of that name
+        text += "inflation_layer.custom_inscribed_radius: 0.5\n"
+        robot, problems = of_node(good + text)
+        (layer,) = robot.inflation_layers
+        assert layer.cost_scaling_factor == max(left, right or 4.0)
+        assert layer.inscribed_radius == inscribed
+        assert [one.check for one in problems] == ["params.asymmetric"] * (left != right)
+        if problems:
+            assert problems[0].level == "note"
+            assert f"raises costs {'left' if left < (right or 4.0) else 'right'} of" in (
+                problems[0].text
+            )
+
+
+BELOW = {"inflation_radius": "-0.1", "cost_scaling_factor_left": "-1.0", "num_threads": "-2",
+         "cost_scaling_factor_right": "-1.0", "goal_distance_threshold": "-0.5"}  # fmt: skip
+
+
+@pytest.mark.usefixtures("mapdeal_warnings")
+def test_asymmetric_inflation_makes_the_recorded_costs_of_inflation(real_maps, tmp_path):
+    """Without a path its ``updateCosts`` is the inherited one, which was recorded."""
+    recorded = json.loads((real_maps / "expected" / "params.json").read_text())["cases"]
+    own = "params/ros-navigation__navigation2/nav2_bringup/params/nav2_params.yaml"
+    text = (real_maps / own).read_text()
+    text = text.replace("d::InflationLayer", "d::AsymmetricInflationLayer")
+    text = text.replace("cost_scaling_factor: 3.0", "cost_scaling_factor_right: 3.0\n"
+                        "        cost_scaling_factor_left: 1.5")  # fmt: skip
+    path = tmp_path / "nav2_params.yaml"
+    path.write_text(text)
+    robot, _ = nav2_robot([path])
+    cases = [case for case in recorded if case["params_files"] == [own]]
+    cases = [case for case in cases if case["costmap"] == "global_costmap"]
+    assert len(cases) == 3
+    for case in cases:
+        grid = mapdeal.read_map(real_maps / case["map"])
+        cost = mapdeal.apply_recipe(grid, robot)["cost"].cost
+        assert sum_of(cost) == case["distance_transform"]["sha256"]
+
+
+def test_asymmetric_inflation_ends_the_node_where_its_constructor_throws(of_node):
+    good = GOOD.replace(INFLATION, ASYMMETRIC)
+    for name, value in BELOW.items():
+        _, problems = of_node(f"{good}inflation_layer.{name}: {value}\n")
+        (one,) = refused(problems)
+        assert (one.check, one.parameter) == ("params.not-positive", f"inflation_layer.{name}")
+    _, problems = of_node(good + "transform_tolerance: -0.1\n")
+    assert told(refused(problems)) == [("params.not-positive", "refused", "transform_tolerance", 9)]
+    assert of_node(GOOD + "transform_tolerance: -0.1\n")[1] == ()
+    _, problems = of_node(good + "inflation_layer.cost_scaling_factor_left: 3\n")
+    assert [one.hint for one in refused(problems)] == ["write 3.0"]
+
+
+def test_a_container_of_layers_that_make_the_costs_is_refused(of_node):
+    text = GOOD.replace("[static_layer, inflation_layer]", "[static_layer, box]")
+    text += "box: {plugin: nav2_costmap_2d::PluginContainerLayer, plugins: [a, inside]}\n"
+    text += "box.a.plugin: nav2_costmap_2d::ObstacleLayer\nbox.inside.plugin: "
+    _, problems = of_node(text + "nav2_costmap_2d::InflationLayer\n")
+    assert told(refused(problems)) == [("params.plugins", "refused", "box.inside.plugin", 11)]
+    _, problems = of_node(text + "nav2_costmap_2d::VoxelLayer\n")
+    assert [one.check for one in problems] == ["params.not-modelled"]
+    _, problems = of_node(text + "nav2_costmap_2d::InflationLayer\nbox.enabled: false\n")
+    assert problems == ()
 
 
 def test_what_the_parser_refuses_is_one_problem(resolve):

@@ -150,7 +150,7 @@ def _places(
 @check("params.misplaced", "warning", "a parameter where nobody reads it")
 def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
     """Look for names that are read at another level."""
-    inflations = [name for name, kind in facts.plugins if class_of(kind) == "InflationLayer"]
+    inflations = [name for name, kind in facts.plugins if kind.endswith("InflationLayer")]
     for path, value in facts.values.items():
         if facts.flavour == "nav2" and len(path) == 1 and path[0] in BELOW_INFLATION:
             where = f"it belongs below {inflations[0]}" if inflations else "no layer takes it"

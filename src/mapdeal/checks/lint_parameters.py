@@ -22,7 +22,8 @@ from mapdeal.robot.load import found_in
 from mapdeal.robot.parameters import CostmapName, Flavour, RobotParameters
 from mapdeal.robot.values import Name, costmap_values, costmaps_in, flavour_of
 
-_NOT_THERE = ("params.namespace", "params.no-node")
+_ONE_LEVEL = "params.one-level"
+_NOT_THERE = ("params.namespace", "params.no-node", _ONE_LEVEL)
 _OTHER_KIND = "params.other-kind"
 """A file of which no name and no value is a parameter."""
 _OF_THE_OTHER = "params.other-costmap"
@@ -66,7 +67,8 @@ def lint_parameters(
     flavour = flavour_of(paths)
     names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
     looked_at = [_resolve(paths, one, namespace) for one in names]
-    present = [one for one in looked_at if not _is_absent(one)] or looked_at[:1]
+    present = [one for one in looked_at if not _is_absent(one) or _is_misplaced(one)]
+    present = present or looked_at[:1]
     findings: list[Finding] = []
     last = str(paths[-1])
     for index, one in enumerate(present):
@@ -107,7 +109,12 @@ def _resolve(paths: Sequence[Path], costmap: CostmapName, namespace: str | None)
 
 def _is_absent(one: _Costmap) -> bool:
     """Return whether the files say nothing of a costmap."""
-    return any(problem.check in _NOT_THERE for problem in one.problems)
+    return any(p.check in _NOT_THERE and p.level == "refused" for p in one.problems)
+
+
+def _is_misplaced(one: _Costmap) -> bool:
+    """Return whether the files mean to say something of a costmap, at the wrong level."""
+    return any(problem.check == _ONE_LEVEL for problem in one.problems)
 
 
 def _named(found: Finding, one: _Costmap, count: int) -> Finding:
@@ -134,8 +141,7 @@ def _checked(
             flavour, one.name, values, _plugins(flavour, values, one.robot)
         )
     }
-    is_there = all(problem.check not in _NOT_THERE for problem in one.problems)
-    if one.robot is not None and is_there:
+    if one.robot is not None and not _is_absent(one):
         facts[RobotFacts] = RobotFacts(
             one.robot, facts[ParameterFacts], other, tuple(map_resolutions)
         )

@@ -47,6 +47,10 @@ _INFLATION = {
     "cost_scaling_factor", "custom_inscribed_radius", "enabled", "inflate_around_unknown",
     "inflate_unknown", "inflation_radius", "num_threads", "plugin", "robot_radius",
 }  # fmt: skip
+_ASYMMETRIC = _INFLATION - {"cost_scaling_factor", "custom_inscribed_radius"} | {
+    "cost_scaling_factor_left", "cost_scaling_factor_right", "goal_distance_threshold",
+    "plan_topic",
+}  # fmt: skip
 _OBSTACLE = {
     "clearing", "combination_method", "data_type", "enabled", "footprint_clearing_enabled",
     "inf_is_valid", "mark_threshold", "marking", "max_obstacle_height", "max_obstacle_range",
@@ -59,7 +63,7 @@ _OBSTACLE = {
 }  # fmt: skip
 _BY_CLASS = {
     "StaticLayer": _STATIC, "InflationLayer": _INFLATION, "LegacyInflationLayer": _INFLATION,
-    "ObstacleLayer": _OBSTACLE, "VoxelLayer": _OBSTACLE,
+    "AsymmetricInflationLayer": _ASYMMETRIC, "ObstacleLayer": _OBSTACLE, "VoxelLayer": _OBSTACLE,
 }  # fmt: skip
 
 LOOKS_LIKE_A_LAYER = frozenset(
@@ -76,7 +80,9 @@ OF_AN_IDLE_LAYER = frozenset(
 BELOW_INFLATION = frozenset({"inflation_radius", "cost_scaling_factor", "inflate_unknown"})
 """What an inflation layer reads; Nav2 does not hand it down from the costmap."""
 
-_ALL_LAYERS = ("StaticLayer", "InflationLayer", "LegacyInflationLayer")
+_ALL_LAYERS = (
+    "StaticLayer", "InflationLayer", "LegacyInflationLayer", "AsymmetricInflationLayer",
+)  # fmt: skip
 _OF_COSTMAP: dict[str, tuple[str, ...]] = {
     "footprint": _ALL_LAYERS,
     "robot_radius": _ALL_LAYERS,

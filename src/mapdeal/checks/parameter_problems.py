@@ -53,13 +53,21 @@ declare_check(
     "params.custom-inscribed-radius", "warning", "an inscribed radius that is not the footprint's"
 )
 declare_check(
+    "params.asymmetric", "note", "inflation that depends on the path, which a map does not have"
+)
+declare_check(
     "params.no-static-layer", "warning", "a global costmap whose layers do not read the map"
 )
 declare_check(
     "params.other-map", "warning", "static layers that read different maps: all get the one here"
 )
 declare_check("params.only-namespace", "warning", "a robot in a namespace that was not asked for")
-declare_check("params.no-node", "warning", "a Nav2 file that says nothing of the costmap")
+declare_check("params.no-node", "error", "a Nav2 file that says nothing of the costmap")
+declare_check(
+    "params.one-level",
+    "error",
+    "a costmap of Nav2 that is not nested twice, and so applies to no node",
+)
 declare_check("params.hidden", "warning", "a later value that ROS 2 ignores for its type")
 declare_check("params.overridden", "warning", "a value that another one takes the place of")
 declare_check("params.twice", "warning", "a key given twice, with different values")

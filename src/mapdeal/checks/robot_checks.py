@@ -15,6 +15,8 @@ _INSCRIBED_COST = 252
 _STEEP = 0.5
 _CLIFF = 128
 _ALIKE = 1e-6
+_SIDES = ("", "_left", "_right")
+"""Ends of the names of a factor: an AsymmetricInflationLayer has two."""
 
 
 def _widest(facts: RobotFacts) -> InflationLayer | None:
@@ -112,7 +114,7 @@ def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
                 ("inflation_radius", layer.inflation_radius, " m"),
                 ("cost_scaling_factor", layer.cost_scaling_factor, ""),
             )
-            if facts.of_layer(layer.name, name) is None
+            if not any(facts.of_layer(layer.name, f"{name}{side}") for side in _SIDES)
         ]
         if told:
             section = facts.parameters.section(layer.name)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mapdeal.errors import ParameterError
+from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
 from mapdeal.pipeline.recipe_file import Draft, Given
@@ -41,6 +42,13 @@ def draft_for(robot: RobotParameters) -> Draft:
                 draft.append((name, Given({**given, **values})))
                 break
     return draft
+
+
+def planned_shape(robot: RobotParameters) -> Footprint:
+    """Return a robot's shape as the costs of its planner have it."""
+    if robot.robot_radius is None:
+        return robot.footprint
+    return Footprint.circle(robot.inscribed_radius)
 
 
 def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> Step:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid.coordinates import turned
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.lookup import histogram
@@ -34,8 +35,7 @@ def outline_of(
         turns = np.linspace(0, 2 * math.pi, _CORNERS_OF_CIRCLE + 1)
         corners = robot.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     x, y, yaw = pose
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    outline: NDArray[np.float64] = corners @ np.array([[cos, sin], [-sin, cos]]) + (x, y)
+    outline: NDArray[np.float64] = turned(corners, yaw) + np.array([x, y])
     return outline
 
 

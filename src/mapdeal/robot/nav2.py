@@ -9,12 +9,12 @@ rclcpp's declaration of parameters, which refuses values of another type.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.ros_parameters.problem import Problem
-from mapdeal.formats.ros_parameters.ros2 import Ros2Parameters, read_ros2
+from mapdeal.formats.ros_parameters.problem import Level, Problem
+from mapdeal.formats.ros_parameters.ros2 import Ros2Node, Ros2Parameters, matches, read_ros2
 from mapdeal.formats.ros_parameters.value import ParameterFileError
 from mapdeal.grid.coordinates import as_float32
 from mapdeal.grid.costmap_layers import StaticLayer
@@ -29,7 +29,7 @@ from mapdeal.robot.footprints import (
     radii_of,
     sixteen_corners,
 )
-from mapdeal.robot.nav2_layers import STATIC, listed_layers, static_layer
+from mapdeal.robot.nav2_layers import DEFAULT_PLUGINS, STATIC, listed_layers, static_layer
 from mapdeal.robot.nav2_values import Nav2Values
 from mapdeal.robot.parameters import CostmapName, ListedLayer, ParameterFile, RobotParameters
 
@@ -51,6 +51,12 @@ _DECLARED = {
     "subscribe_to_stamped_footprint": "bool",
 }  # fmt: skip
 _NEWER = frozenset({"inscribed_obstacle_cost_value", "subscribe_to_stamped_footprint"})
+_OF_ANY_NODE = frozenset(
+    {"global_frame", "map_topic", "resolution", "robot_base_frame", "transform_tolerance"}
+)
+"""Parameters of costmaps that other nodes of Nav2 declare, too."""
+_LONGEST_NAMESPACE = 245
+"""Characters with its slash that ROS 2 allows in the namespace of a node."""
 _LIKE_THIS = 'write "[[x1, y1], [x2, y2], [x3, y3], ...]", metres'
 
 
@@ -95,7 +101,7 @@ def nav2_robot(
     if node is None:
         return None, problems
     values = Nav2Values(parameters.for_node(node), node, paths)
-    values.problems += problems
+    values.problems += (*problems, *_one_level(parameters, node, "warning"))
     _tell_unset(values, parameters)
     robot = _resolved(values, parameters, costmap, older=older)
     return robot, tuple(values.problems)
@@ -188,7 +194,7 @@ def _shape(values: Nav2Values) -> tuple[float | None, Corners]:
             _tell_footprint(values, text, str(error))
         else:
             return None, corners
-    elif not (values.has("robot_radius") or values.has_problem("params.no-node")):
+    elif not values.has("robot_radius"):
         rule = "neither footprint nor robot_radius is set; Nav2 uses a radius of 0.1 m"
         values.problem("params.no-shape", "warning", rule, hint="set one of them")
     radius = values.number("robot_radius", 0.1)
@@ -261,43 +267,60 @@ def _node_of(
         text = f"holds several robots, in the namespaces {_listed(others)}"
         hint = f"choose one with --namespace {others[0]}"
         return None, (Problem("params.namespace", "refused", text, source=source, hint=hint),)
-    return node, (_no_node(parameters, node, own, source),)
+    flat = tuple(_one_level(parameters, node, "refused"))
+    return None, flat or (_no_node(parameters, node, costmap, source),)
 
 
-def _no_node(parameters: Ros2Parameters, node: str, own: str, source: Path) -> Problem:
-    names = _listed([one.name for one in parameters.nodes])
-    text = f"nothing in it applies to {node}, which runs with Nav2's defaults; it has {names}"
-    first = own.partition("/")[0]
-    hint = None
+def _no_node(parameters: Ros2Parameters, node: str, costmap: CostmapName, source: Path) -> Problem:
+    names = _listed(one.name for one in parameters.nodes)
+    text = f"holds no parameter of {node}; it has {names}"
+    other = "local" if costmap == "global" else "global"
+    hint = f"pass the file that has {costmap}_costmap: {costmap}_costmap: ros__parameters:"
+    if _namespaces(parameters, f"{other}_costmap/{other}_costmap"):
+        hint = f"--costmap {other} takes the one that it has"
+    return Problem("params.no-node", "refused", text, source=source, hint=hint)
+
+
+def _one_level(parameters: Ros2Parameters, node: str, level: Level) -> Iterator[Problem]:
+    """Yield a problem for each costmap outside of the namespace of its name, where Nav2 has it."""
+    name = node.rpartition("/")[2]
     for one in parameters.nodes:
-        if one.name.rpartition("/")[2] == first:
-            hint = f"nest the name twice: {first}: {first}: ros__parameters:"
-            return Problem("params.no-node", "warning", text, "", one.source, one.line, None, hint)
-    return Problem("params.no-node", "warning", text, source=source, hint=hint)
+        above, _, last = one.name.rpartition("/")
+        if last == name and above.rpartition("/")[2] not in (name, "*", "**"):
+            text = f"applies to no node: Nav2's costmap is {node}, not {one.name}"
+            hint = f"nest the name twice: {name}: {name}: ros__parameters:"
+            yield Problem("params.one-level", level, text, "", one.source, one.line, None, hint)
 
 
 def _is_meant(parameters: Ros2Parameters, node: str) -> bool:
     """Return whether files name a node, or set parameters of costmaps for any."""
-    own = node.split("/")[-2:]
-    return any(
-        one.name.split("/")[-2:] == own or any(_of_costmap(name) for name, _ in one.entries)
-        for one in parameters.matching(node)
-    )
+    return any(_means(one, node) for one in parameters.nodes)
+
+
+def _means(one: Ros2Node, node: str) -> bool:
+    if not matches(one.name, node):
+        return False
+    is_named = node.rpartition("/")[2] in one.name.split("/")
+    return is_named or any(_of_costmap(name) for name, _ in one.entries)
 
 
 def _of_costmap(name: str) -> bool:
-    return name in _DECLARED or name.endswith(".plugin")
+    """Return whether a parameter that is set for any node can only be meant for a costmap."""
+    first, dot, _ = name.partition(".")
+    return first in DEFAULT_PLUGINS if dot else name in _DECLARED and name not in _OF_ANY_NODE
 
 
 def _namespaces(parameters: Ros2Parameters, own: str) -> list[str]:
     """Return the namespaces in which files have the node, in their order; a * stands for any."""
-    found = []
+    found: dict[str, None] = {}
     for one in parameters.nodes:
-        prefix, slash, rest = one.name.removesuffix(own), "/", one.name.endswith(f"/{own}")
-        if rest:
-            name = prefix.strip(slash)
-            found += [] if "**" in name else [name]
-    return list(dict.fromkeys(found))
+        parts = one.name.split("/")[1:]
+        end = parts.index("**") if "**" in parts else len(parts)
+        for count in range(max(end - 2, 0), end + 1):  # the node's own name has two parts
+            space = "/".join(parts[:count])
+            if len(space) < _LONGEST_NAMESPACE and _means(one, f"{space and '/'}{space}/{own}"):
+                found[space] = None
+    return list(found)
 
 
 def _listed(names: Iterable[str], most: int = 8) -> str:

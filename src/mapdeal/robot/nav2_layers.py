@@ -2,8 +2,8 @@
 
 References
 ----------
-costmap_2d_ros.cpp, static_layer.cpp, inflation_layer.cpp, legacy_inflation_layer.cpp and
-costmap_plugins.xml of nav2_costmap_2d.
+costmap_2d_ros.cpp, static_layer.cpp, inflation_layer.cpp, legacy_inflation_layer.cpp,
+asymmetric_inflation_layer.cpp and costmap_plugins.xml of nav2_costmap_2d.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ from mapdeal.robot.parameters import ListedLayer
 
 _OWN = "nav2_costmap_2d::"
 STATIC, INFLATION = _OWN + "StaticLayer", _OWN + "InflationLayer"
-_LEGACY = _OWN + "LegacyInflationLayer"
+_LEGACY, _ASYMMETRIC = _OWN + "LegacyInflationLayer", _OWN + "AsymmetricInflationLayer"
+_INFLATIONS = (INFLATION, _LEGACY, _ASYMMETRIC)
 _OBSTACLE, _VOXEL, _RANGE = (
     _OWN + name for name in ("ObstacleLayer", "VoxelLayer", "RangeSensorLayer")
 )
+_CONTAINER = _OWN + "PluginContainerLayer"
 _UNMODELLED = {
     _OWN + "DenoiseLayer": "removes small groups of obstacles",
-    _OWN + "PluginContainerLayer": "contains layers of its own",
-    _OWN + "AsymmetricInflationLayer": "inflates the two sides of a path differently",
+    _CONTAINER: "contains layers of its own",
 }
 _FILTERS = tuple(
     _OWN + name for name in ("KeepoutFilter", "SpeedFilter", "BinaryFilter", "ZoneParameterFilter")
 )
-_LAYERS = (STATIC, INFLATION, _LEGACY, _OBSTACLE, _VOXEL, _RANGE, *_UNMODELLED)
+_LAYERS = (STATIC, *_INFLATIONS, _OBSTACLE, _VOXEL, _RANGE, *_UNMODELLED)
 _MISSPELT = 0.95
 """As alike as this, a class is misspelt; below it is somebody's own."""
 
@@ -189,9 +190,8 @@ def _layer(
 ) -> ListedLayer:
     if kind == STATIC:
         return _static(values, name, older=older)
-    if kind in (INFLATION, _LEGACY):
-        is_older = older or kind == _LEGACY
-        layer = _inflation(values, name, inscribed_radius, older=is_older)
+    if kind in _INFLATIONS:
+        layer = _inflation(values, name, kind, inscribed_radius, older=older or kind == _LEGACY)
         return ListedLayer(name, kind, layer, values.get(f"{name}.enabled", "bool", True))
     if kind in (_OBSTACLE, _VOXEL, _RANGE):
         is_enabled = _sensor(values, name)
@@ -217,12 +217,17 @@ def _static(values: Nav2Values, name: str, *, older: bool) -> ListedLayer:
 
 
 def _inflation(
-    values: Nav2Values, name: str, inscribed_radius: float, *, older: bool
+    values: Nav2Values, name: str, kind: str, inscribed_radius: float, *, older: bool
 ) -> InflationLayer:
-    radius = values.number(f"{name}.inflation_radius", 0.55)
-    factor = values.number(f"{name}.cost_scaling_factor", 10.0, least=0.0)
+    is_asymmetric = kind == _ASYMMETRIC
+    radius = values.number(f"{name}.inflation_radius", 2.0 if is_asymmetric else 0.55)
+    if is_asymmetric:
+        factor = _factor_without_path(values, name)
+    else:
+        factor = values.number(f"{name}.cost_scaling_factor", 10.0, least=0.0)
     if not older:
         values.get(f"{name}.num_threads", "integer", -1)
+    if not (older or is_asymmetric):
         custom = values.number(f"{name}.custom_inscribed_radius", -1.0)
         if custom >= 0.0:
             text = (
@@ -247,6 +252,32 @@ def _inflation(
     )
 
 
+def _factor_without_path(values: Nav2Values, name: str) -> float:
+    """Return the factor of both sides where there is no path: the larger one counts."""
+    for parameter, kind, least in (
+        (f"{name}.inflation_radius", "double", 0), (f"{name}.num_threads", "integer", -1),
+        (f"{name}.cost_scaling_factor_left", "double", 0),
+        (f"{name}.cost_scaling_factor_right", "double", 0),
+        (f"{name}.goal_distance_threshold", "double", 0), ("transform_tolerance", "double", 0),
+    ):  # fmt: skip
+        if values.get(parameter, kind, least) < least:
+            text = f"must not be below {least}; Nav2 does not start"
+            values.problem("params.not-positive", "refused", text, parameter)
+    values.get(f"{name}.plan_topic", "string", None)
+    sides = {side: f"{name}.cost_scaling_factor_{side}" for side in ("left", "right")}
+    factors = {side: values.number(parameter, 4.0) for side, parameter in sides.items()}
+    wider = min(factors, key=factors.__getitem__)
+    factor = max(factors.values())
+    if factors[wider] < factor:
+        text = (
+            f"raises costs {wider} of the robot's path; here there is no path, and {factor:g} "
+            "counts on both sides"
+        )
+        place = next(one for one in (sides[wider], *sides.values()) if values.has(one))
+        values.problem("params.asymmetric", "note", text, place)
+    return factor
+
+
 def _sensor(values: Nav2Values, name: str) -> bool:
     """Return whether a layer of sensors is on; other types in it end the node all the same."""
     sources = set(values.get(f"{name}.observation_sources", "string", "", level="warning").split())
@@ -267,10 +298,22 @@ def _foreign(values: Nav2Values, name: str, kind: str) -> ListedLayer:
     if kind not in _UNMODELLED and any(word in plain for word in _SENSORS):
         return ListedLayer(name, kind, None, is_enabled, why_ignored="reads sensors")
     what = _UNMODELLED.get(kind, "a custom class")
+    if kind == _CONTAINER and is_enabled:
+        _tell_contents(values, name)
     if is_enabled:
         text = f"{kind} is not modelled, which changes the costs: {what}"
         values.problem("params.not-modelled", "warning", text, f"{name}.plugin")
     return ListedLayer(name, kind, None, is_enabled, why_ignored=f"not modelled: {what}")
+
+
+def _tell_contents(values: Nav2Values, name: str) -> None:
+    """Refuse a container whose layers make the costs: without them, hardly any are left."""
+    for one in values.get(f"{name}.plugins", "string_array", ()):
+        parameter = f"{name}.{one}.plugin"
+        if values.get(parameter, "string", "") in (STATIC, *_INFLATIONS):
+            text = f"stands in {name}, whose layers are not modelled; the costs are meaningless"
+            hint = f"list {one} in plugins itself"
+            values.problem("params.plugins", "refused", text, parameter, hint)
 
 
 def _filter(values: Nav2Values, name: str, kind: str, *, is_filter: bool = True) -> ListedLayer:

@@ -44,10 +44,6 @@ class Nav2Values:
         """Return whether the files set a parameter."""
         return name in self.values
 
-    def has_problem(self, check: str) -> bool:
-        """Return whether a problem of a name was found."""
-        return any(one.check == check for one in self.problems)
-
     def get(self, name: str, kind: str, default: Any, *, level: Level = "refused") -> Any:
         """Return a declared parameter, or its default.
 

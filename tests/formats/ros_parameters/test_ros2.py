@@ -141,6 +141,11 @@ def test_equal_keys_stay_in_order_or_are_taken_by_type(of_a, read):
     assert (value.ignored.value, value.ignored.line) == (2.5, 2)
 
 
+def test_a_node_may_have_an_empty_mapping_of_parameters(read):
+    text = "a: {ros__parameters: {}}\nb: {ros__parameters: {x: 1}}\n"
+    assert [(one.name, len(one.entries)) for one in read(text).nodes] == [("/a", 0), ("/b", 1)]
+
+
 def test_files_are_read_into_one_another(read):
     one = "a:\n  ros__parameters: {x: 1.5, y: 2, n: {z: 1}}\n"
     other = "\na:\n  ros__parameters: {x: 2.5, y: 3.5, n: {z: 2.5}}\n/b: {ros__parameters: {x: 1}}"
@@ -228,7 +233,16 @@ REFUSED = {
     "a:\n  b: x": (2, "a value stands outside of ros__parameters"),
     "a: [1]": (1, "a list stands outside of ros__parameters"),
     "- a": (1, "a list stands where a key should be"),
-    "a:\n  ros__parameters:\n": (2, "a value stands outside of ros__parameters"),
+    "a:\n": (1, "the value of a is missing"),
+    "a:\n  b:\nc: {ros__parameters: {x: 1}}": (2, "the value of a/b is missing"),
+    "a:\n  ros__parameters:\n": (2, "ros__parameters of a holds no parameters"),
+    "a:\n  ros__parameters:\n    # x: 1\nb: {ros__parameters: {x: 1}}": (
+        2,
+        "ros__parameters of a holds no parameters",
+    ),
+    "a: {ros__parameters: ~}": (1, "ros__parameters of a holds no parameters"),
+    "a: {ros__parameters: {x: 1}}\na: {ros__parameters: }": (2, "ros__parameters of a holds"),
+    "a:\n  ros__parameters:\n    x:\n    -\n": (4, "a value of a list is missing"),
     "a:\n  ros__parameters:\n    x:\n    y: 1": (3, "the value of x is missing"),
     "a:\n  ros__parameters:\n    x: !!str": (3, "the value of x is missing"),
     "a: {ros__parameters: {x: [1, ]}}\nb: {ros__parameters: {'': 1}}": (2, "an empty key"),

@@ -87,17 +87,16 @@ def matches(pattern: str, node: str) -> bool:
     (True, False)
     """
     wanted = node.split("/")[1:]
-    reached = [True] + [False] * len(wanted)  # how much of the name the parts so far can be
+    reached = {0}  # how much of the name the parts so far can be
     for part in pattern.split("/")[1:]:
         if part == "**":
-            first = reached.index(True) if True in reached else len(reached)
-            reached = [index >= first for index in range(len(reached))]
+            reached = set(range(min(reached), len(wanted) + 1))
         else:
-            reached = [False] + [
-                before and part in ("*", name)
-                for before, name in zip(reached, wanted, strict=False)
-            ]
-    return reached[-1]
+            left = [index for index in reached if index < len(wanted)]
+            reached = {index + 1 for index in left if part in ("*", wanted[index])}
+        if not reached:
+            return False
+    return len(wanted) in reached
 
 
 def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:

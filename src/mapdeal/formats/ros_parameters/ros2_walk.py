@@ -101,6 +101,7 @@ class Walk:
         self._index = 0
         self._is_key, self._is_sequence, self._is_new_map = True, False, False
         self._in_parameters = False
+        self._key = ""  # the last one, for errors
         self._depth = 0
         self._items: list[Any] = []
         self._items_kind: str | None = None
@@ -175,6 +176,7 @@ class Walk:
             self._take_parameters_key(event)
         else:
             self._node_names.add(key)
+            self._key = self._node_names.text or key
         self._is_key = False
 
     def _take_parameters_key(self, event: yaml.ScalarEvent) -> None:
@@ -190,6 +192,7 @@ class Walk:
             self._nodes[name] = NodeSlots(name, self._path, line_of(event))
         self._node = self._nodes[name]
         self._in_parameters = True
+        self._key = f"{PARAMETERS_KEY} of {name}"
 
     def _take_parameter(self, key: str, event: yaml.ScalarEvent) -> None:
         node = self._node
@@ -208,20 +211,17 @@ class Walk:
         else:
             self._index = node.find(space, unset)
             node.rename(self._index, f"{space}.{key}")
-        if not node.slots[self._index].values:
-            node.slots[self._index].unset = unset
+        slot = node.slots[self._index]
+        self._key = slot.name
+        if not slot.values:
+            slot.unset = unset
 
     def _take_value(self, event: yaml.ScalarEvent) -> None:
         node = self._node
-        if not self._in_parameters or node is None or not node.slots:
-            rule = f"a value stands outside of {PARAMETERS_KEY}"
-            raise self._error(rule, event, got=_short(event.value), hint=_nesting_hint())
         is_quoted = event.style in ("'", '"')
-        if not is_quoted and not event.value:
-            slot = self._slot()
-            where = f" of {slot.name}" if slot is not None and not self._is_sequence else ""
-            hint = 'write a value, "" for an empty text, or take the key out'
-            raise self._error(f"the value{where} is missing", event, hint=hint)
+        is_missing = not is_quoted and not event.value
+        if is_missing or not self._in_parameters or node is None or not node.slots:
+            raise self._unplaced(event, is_missing=is_missing)
         tag = None if event.tag == "!" else event.tag
         try:
             kind, value = typed_scalar(event.value, is_quoted=is_quoted, tag=tag)
@@ -232,6 +232,22 @@ class Walk:
         else:
             self._set(self._value_of(value, kind, event, _between(event, event)))
             self._is_key = True
+
+    def _unplaced(self, event: yaml.ScalarEvent, *, is_missing: bool) -> ParameterFileError:
+        """Return the error of a value that is empty, or that is none of a parameter."""
+        got, hint = None if is_missing else _short(event.value), _nesting_hint()
+        if self._key.startswith(f"{PARAMETERS_KEY} of "):
+            rule = f"{self._key} holds no parameters, and ROS 2 refuses the whole file"
+            hint = f"write {PARAMETERS_KEY}: {{}}, or take the node out"
+        elif not is_missing:
+            rule = f"a value stands outside of {PARAMETERS_KEY}"
+        elif self._is_sequence:
+            rule, hint = "a value of a list is missing", "write a value, or take the line out"
+        else:
+            rule = f"the value of {self._key} is missing"
+            if self._in_parameters:
+                hint = 'write a value, "" for an empty text, or take the key out'
+        return self._error(rule, event, got=got, hint=hint)
 
     def _take_item(self, event: yaml.ScalarEvent, kind: str, value: Any) -> None:
         """Put a value into a list, which has the type of its first one."""
