@@ -27,6 +27,7 @@ from formats.bags.making import (
     words,
 )
 from mapdeal import build_map, read_map
+from mapdeal.formats.bags import chunks
 
 LASER, TF = "sensor_msgs/msg/LaserScan", "tf2_msgs/msg/TFMessage"
 ODOMETRY, MAP = "nav_msgs/msg/Odometry", "nav_msgs/msg/OccupancyGrid"
@@ -780,6 +781,24 @@ def test_the_missing_extra_is_one_line(command, tmp_path, monkeypatch, name):
         assert "needs the extra 'bags'" in err
         assert err.endswith("hint: pip install 'mapdeal[bags]'\n")
         assert not (tmp_path / words_[-1]).exists() or words_[0] == "info"
+
+
+def test_an_extra_without_room_is_not_called_missing(command, tmp_path, monkeypatch):
+    def without_room(name):
+        raise ImportError("failed to map", name=name, path="backend.so")
+
+    monkeypatch.setattr("mapdeal.formats.bags.extra.import_module", without_room)
+    code, _, err = command("info", whole(Drive()).write(tmp_path, "ros1"))
+    assert (code, err.splitlines()[0]) == (4, "error: a library cannot be loaded: failed to map")
+
+
+def test_a_chunk_is_not_called_damaged_for_lack_of_memory(monkeypatch, tmp_path):
+    def without_memory(*_):
+        raise MemoryError
+
+    monkeypatch.setitem(chunks._EXPANDERS, "lz4", without_memory)
+    with pytest.raises(MemoryError):  # and not what comes before it, as of a truncated bag
+        chunks.expanded(b"abc", "lz4", 10, tmp_path, partly=True)
 
 
 def test_a_bag_is_no_map(command, tmp_path):

@@ -173,7 +173,7 @@ def test_runs_and_second_maps_may_be_bit_maps(pair, command, tmp_path):
     assert (tmp_path / "bits.npz").read_bytes() == (tmp_path / "map.npz").read_bytes()
     code, _, err = command("run", pair, about, "-o", tmp_path / "both", "--no-images")
     assert (code, err) == (
-        0, f"warning: 1 map was named more than once, and is run once: {about}\n"
+        0, f"note: 1 map was named more than once, and is run once: {about}\n"
     )  # fmt: skip
     code, _, err = command("convert", about, "-o", pair, "--force")
     assert (code, "mapdeal pack" in err) == (2, True)
@@ -253,7 +253,7 @@ def test_edits_of_bits_keep_to_what_bits_hold(pair, command, tmp_path):
         ([*circle, "--value=1"], 2, "must be 0 or 100"),
         ([*circle, "--value=-1"], 2, "must be 0 or 100"),
         ([*circle, "--value=100", "--blank", "--background=7"], 2, "background: must be 0 or 100"),
-        ([*circle, "--value=100", "--strict", "--point=99,0"], 1, "nothing was drawn"),
+        ([*circle, "--value=100", "--strict", "--point=99,0"], 1, "the shape is clipped"),
         (["edit", "reset", pair, "--corner=1.6,-1.9", "--size=1,1"], 2, "value: is needed"),
     ):
         found, _, err = command(*words, "-o", tmp_path / "e.pbm")

@@ -333,8 +333,8 @@ def read_ros1_robot(path, data):
 
 def read_nav2_robot(path, data):
     """Resolve a file of Nav2 for both costmaps, and read it as commands do."""
-    _resolve(nav2_robot, path, data)
-    return read_robot_parameters(path)
+    costmap = _resolve(nav2_robot, path, data)
+    return read_robot_parameters(path, costmap=costmap)
 
 
 def lint_parameter_files(path, data):
@@ -348,6 +348,7 @@ def lint_parameter_files(path, data):
 
 
 def _resolve(resolve, path, data):
+    refusals, resolved = [], []
     for costmap in ("global", "local"):
         robot, problems = resolve([path], costmap=costmap)
         for one in problems:
@@ -356,10 +357,14 @@ def _resolve(resolve, path, data):
         refused = [one for one in problems if one.level == "refused"]
         assert robot is not None or refused
         if refused:
-            raise MalformedInputError(refused[0].text, source=path)
+            refusals.append(refused[0].text)
+            continue
         assert len(robot.footprint.vertices) >= 3
         assert robot.inscribed_radius <= robot.circumscribed_radius * (1 + 1e-9)
-    return path
+        resolved.append(costmap)
+    if not resolved:  # a file of Nav2 may have one costmap alone
+        raise MalformedInputError(refusals[0], source=path)
+    return resolved[0]
 
 
 def read_ros2_parameters(path, data):

@@ -422,7 +422,8 @@ ANSWERS = {
             {"name": "dock", "x": 3, "y": 4, "reachable": True, "heading_count": 7,
              "widest_radius_m": None, "limited_by": None},
             {"x": -3, "y": 4, "reachable": False, "heading_count": 0, "widest_radius_m": 0.31,
-             "limited_by": {"x": -2, "y": 1, "width_m": 0.62, "at": "passage"}},
+             "limited_by": {"x": -2, "y": 1, "width_m": 0.62, "at": "passage"},
+             "reason": "unknown", "nearest_open": {"x": -3, "y": 4.5}},
         ],
         "passages": [{"x": -2, "y": 1, "width_m": 0.62, "cuts_off_m2": 12.3, "open": False,
                       "ends": [[-2, 0.7], [-2, 1.3]]}],
@@ -548,7 +549,7 @@ FOOTPRINTS = [
 ]
 
 PARAMETERS = [
-    b"0.3", b"1e-3", b"90,70,50", b"yes", b"none", b"seed", b"square", b"254", b"1.5,-2",
+    b"0.3", b"1e-3", b"90,70,50", b"yes", b"none", b"per-map", b"square", b"254", b"1.5,-2",
     b"[[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]",
 ]  # fmt: skip
 

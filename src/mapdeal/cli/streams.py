@@ -77,14 +77,15 @@ def piped(values: Mapping[str, Any], marked: Mapping[str, bool]) -> Iterator[dic
     if sum(_dashes(values[name]) for name in inputs) > 1 and wanted:
         rule = "can be used for one input only: standard input is one file"
         raise ParameterError(rule, source="-")
-    from mapdeal.formats.streams import STDOUT, keep_npz, stream_folder
+    from mapdeal.formats.streams import STDOUT, keep_npz
+    from mapdeal.formats.temporary import temporary_folder
 
     if output is not None:
         terminal.leave_stdout_to_data()
     if wanted:
         terminal.refuse_keyboard()
     with ExitStack() as stack:
-        folder = stack.enter_context(stream_folder())
+        folder = stack.enter_context(temporary_folder())
         terminal.call_files({folder / f"{STDOUT}.npz": STDOUT})
         files = dict(values)
         for name in wanted:

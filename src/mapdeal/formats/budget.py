@@ -143,6 +143,14 @@ def memory_limit() -> tuple[int | None, str]:
     return budget.limit, budget.origin
 
 
+def room() -> int | None:
+    """Return the bytes that `claim` would grant; None if there is no limit."""
+    budget = _budget_of(None)
+    if budget.limit is None:
+        return None
+    return max(budget.limit - _INTERPRETER - budget.held, _LITTLE)
+
+
 def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:
     """Refuse what would take more memory than may be used.
 
@@ -162,10 +170,10 @@ def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> No
     MalformedInputError
         With both figures.
     """
-    budget = _budget_of(None)
-    needed = _INTERPRETER + budget.held + count
-    if budget.limit is None or needed <= budget.limit or count <= _LITTLE:
+    most, budget = room(), _budget_of(None)
+    if most is None or budget.limit is None or count <= most:
         return
+    needed = _INTERPRETER + budget.held + count
     amounts = f"{size_text(needed)} of memory, {size_text(budget.limit)} may be used"
     rule = f"{what} need {amounts}" if what else f"needs {amounts}"
     more = (
@@ -176,9 +184,19 @@ def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> No
     )
 
 
+def most_expanded(stored: int) -> int:
+    """Return the bytes that compressed data may expand to where they do not say to how many."""
+    most, budget = room(), _budget_of(None)
+    by_rule = max(_HARMLESS, MOST_EXPANSION * stored)
+    if most is None:
+        return by_rule
+    return most // 2 if not budget.origin else min(by_rule, most // 2)
+
+
 def check_expansion(
-    path: Path | str, stored: int, expanded: int, *, most: int = MOST_EXPANSION, place: str = ""
-) -> None:
+    path: Path | str, stored: int, expanded: int, *, most: int = MOST_EXPANSION, place: str = "",
+    on_disk: bool = False,
+) -> None:  # fmt: skip
     """Refuse compressed data that expand as those of no honest file do.
 
     Parameters
@@ -193,6 +211,8 @@ def check_expansion(
         Times the stored bytes that are allowed.
     place : str
         Where in the file they are.
+    on_disk : bool
+        Whether they are written to the disk, which no limit on memory keeps from filling up.
 
     Raises
     ------
@@ -200,12 +220,13 @@ def check_expansion(
         If they expand to more, to more than a few MB, and nobody chose how much may be used.
     """
     budget = _budget_of(None)
-    if expanded <= max(_HARMLESS, most * stored) or (
-        budget.limit is not None and not budget.origin
-    ):
+    is_chosen = budget.limit is not None and not budget.origin and not on_disk
+    if expanded <= max(_HARMLESS, most * stored) or is_chosen:
         return
     rule = f"{stored} bytes would expand to {expanded}, more than {most} times as many"
     hint = "--max-memory SIZE reads it within that size, if you trust the file"
+    if on_disk:
+        hint = "if you trust the file, expand it first: zstd -d"
     raise MalformedInputError(rule, source=path, place=place or None, hint=hint)
 
 

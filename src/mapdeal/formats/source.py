@@ -49,9 +49,11 @@ def access_to(path: Path, action: str = "read") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        rule = f"cannot be {action}: {error.strerror or error}"
-        problem = FileAccessError(rule, source=path)
-        problem.is_missing = isinstance(error, FileNotFoundError)
+        is_missing = isinstance(error, FileNotFoundError)
+        is_link = is_missing and path.is_symlink()
+        why = "it is a link to nothing" if is_link else error.strerror or error
+        problem = FileAccessError(f"cannot be {action}: {why}", source=path)
+        problem.is_missing = is_missing
         raise problem from None
 
 
@@ -153,23 +155,24 @@ def real_path(path: Path) -> Path:
 
 
 def contents_of(folder: Path) -> tuple[list[str], list[str]]:
-    """Return the names of the folders and of the regular files in a folder, each in order.
+    """Return the names of the folders in a folder and of all else, each in order.
 
-    Links count as what they lead to; those that lead to nothing that can be seen are left out.
+    Links count as what they lead to; one that leads to nothing that can be seen is no folder, and
+    whoever reads it says why not.
 
     Raises
     ------
     FileAccessError
         If it is no folder, or cannot be read.
     """
-    folders, files = [], []
+    folders: list[str] = []
+    files: list[str] = []
     with access_to(folder), os.scandir(folder) as entries:
         for entry in entries:
+            is_folder = False
             with suppress(OSError):  # of one entry: a circle of links, a link into a private folder
-                if entry.is_dir():
-                    folders.append(entry.name)
-                elif entry.is_file():
-                    files.append(entry.name)
+                is_folder = entry.is_dir()
+            (folders if is_folder else files).append(entry.name)
     return sorted(folders), sorted(files)
 
 

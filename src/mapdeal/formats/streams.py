@@ -7,12 +7,11 @@ of it is sent.
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
-from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
+from mapdeal.errors import MalformedInputError, MapdealError
 from mapdeal.formats.budget import claim, memory_limit
 from mapdeal.formats.kinds import kind_of
 from mapdeal.formats.source import LONGEST_STREAM, access_to
@@ -22,24 +21,6 @@ STDIN, STDOUT = "standard input", "standard output"
 _ZIP = b"PK\3\4"
 _LOOKED_AT = 1 << 16
 _HINT = "a map comes by a pipe as an npz: mapdeal convert MAP -o - makes one of any map"
-
-
-@contextmanager
-def stream_folder() -> Iterator[Path]:
-    """Yield a private folder for data from and to pipes, removed at the end.
-
-    Raises
-    ------
-    FileAccessError
-        If there can be none.
-    """
-    try:
-        folder = tempfile.TemporaryDirectory(prefix="mapdeal-", ignore_cleanup_errors=True)
-    except OSError as error:
-        rule = f"no temporary folder can be made: {error.strerror or error}"
-        raise FileAccessError(rule, hint="TMPDIR names where") from None
-    with folder as name:
-        yield Path(name)
 
 
 def keep_npz(chunks: Iterable[bytes], folder: Path) -> Path:

@@ -17,6 +17,12 @@ from mapdeal.formats.budget import claim
 from mapdeal.formats.source import access_to, status_of
 from mapdeal.records import dataclass
 
+OF_ENTRY, OF_LOOSE, OF_CHUNK, OF_CONNECTION = 160, 40, 600, 1500
+"""Bytes that are kept of an index record, a message outside of chunks, and so on, at most."""
+
+_TOGETHER = 1 << 16
+"""Entries of an index record that are read at once."""
+
 IN_THE_FILE = -1
 """The number of no chunk: a message that stands between them."""
 
@@ -73,6 +79,7 @@ class ChunkedBag(Bag):
         self._chunks: list[Chunk] = []
         self._found: dict[int, Connection] = {}
         self._loose = array("q")  # places, four numbers each
+        self._noted = 0
         with access_to(path):
             self._file = path.open("rb")
         try:
@@ -104,7 +111,10 @@ class ChunkedBag(Bag):
             if chunk.is_indexed:
                 yield from self._indexed(number, wanted)
                 continue
-            found = [one for one in self._messages_in(number) if one.connection in wanted]
+            found = array("q")
+            for one in self._messages_in(number):
+                if one.connection in wanted:
+                    found.extend(one)
             if found:
                 yield MessageIndex.of(found)
 
@@ -136,15 +146,14 @@ class ChunkedBag(Bag):
 
     def _indexed(self, number: int, wanted: set[int]) -> Iterator[MessageIndex]:
         for connection, start, count in self._chunks[number].entries:
-            if connection in wanted and count:
+            for first in range(0, count if connection in wanted else 0, _TOGETHER):
                 with access_to(self.path):
-                    self._file.seek(start)
-                    data = self._read(self._ENTRY * count)
+                    self._file.seek(start + self._ENTRY * first)
+                    data = self._read(self._ENTRY * min(count - first, _TOGETHER))
                 yield self._entries(data, number, connection)
 
     def _expanded(self, number: int) -> bytes:
         chunk = self._chunks[number]
-        claim(self.path, chunk.length, what="a chunk")
         with access_to(self.path):
             self._file.seek(chunk.start)
             data = self._read(chunk.length)
@@ -164,7 +173,19 @@ class ChunkedBag(Bag):
         if self._chunks:
             self._chunks[-1].is_indexed = False
 
+    def _note_index(self, connection: int, start: int, count: int) -> None:
+        """Take in an index record of the last chunk."""
+        self._note_memory(OF_ENTRY)
+        self._chunks[-1].entries.append((connection, start, count))
+        self._chunks[-1].is_indexed = True
+
+    def _note_memory(self, count: int) -> None:
+        """Refuse a file of which more is to be kept than there is memory for."""
+        self._noted += count
+        claim(self.path, self._noted, what="its connections and chunks")
+
     def _read(self, length: int) -> bytes:
+        claim(self.path, length, what=f"{length} bytes of a record")
         data = self._file.read(length)
         if len(data) < length:
             raise self.malformed("ends within a record, or was cut meanwhile")

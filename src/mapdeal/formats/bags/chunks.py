@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.budget import check_expansion, claim
+from mapdeal.formats.budget import check_expansion, claim, most_expanded
 
 _KEPT_BYTES = 1 << 25
 _KEPT = 8
-_UNKNOWN_SIZE = 1 << 32
 
 
 def expanded(
@@ -47,15 +46,22 @@ def expanded(
         raise MalformedInputError(rule, source=path, got=compression)
     if size is not None:
         check_expansion(path, len(data), size)
-        claim(path, len(data) + size, what="a chunk")
+        claim(path, len(data) + 2 * size, what=f"the {size} bytes of a chunk")
+    most = most_expanded(len(data)) if size is None else size
     try:
         # one byte more than it claims, so that a lie shows, and a bomb stays small
-        found = _EXPANDERS[compression](data, _UNKNOWN_SIZE if size is None else size + 1)
+        found = _EXPANDERS[compression](data, most + 1)
+    except MemoryError:  # what it expands to has been claimed: the chunk is not to blame
+        raise
     except Exception as error:  # noqa: BLE001 - each library has errors of its own
         if partly:
             return b""
         rule = f"a chunk is damaged: {error}"
         raise MalformedInputError(rule, source=path) from None
+    if size is None and len(found) > most:
+        rule = f"{len(data)} bytes of a message would expand to more than {most}"
+        hint = "--max-memory SIZE allows more, if that much is available"
+        raise MalformedInputError(rule, source=path, hint=hint)
     if size is not None and len(found) != size and not (partly and len(found) < size):
         rule = f"a chunk must expand to {size} bytes, and does not"
         raise MalformedInputError(rule, source=path)
@@ -112,10 +118,11 @@ class KeptChunks:
         if found is not None:
             self._kept.move_to_end(number)
             return found
+        while len(self._kept) >= _KEPT or self._bytes > _KEPT_BYTES:
+            _, old = self._kept.popitem(last=False)
+            self._bytes -= len(old)
+            del old  # before another is read
         chunk = self._read(number)
         self._kept[number] = chunk
         self._bytes += len(chunk)
-        while len(self._kept) > 1 and (len(self._kept) > _KEPT or self._bytes > _KEPT_BYTES):
-            _, old = self._kept.popitem(last=False)
-            self._bytes -= len(old)
         return chunk

@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.bags.bag import Bag, Connection, Place
 from mapdeal.formats.bags.extra import needs_bags
+from mapdeal.formats.bags.messages import TF_TYPES
+from mapdeal.formats.budget import claim
 
 _T = TypeVar("_T")
 
@@ -29,6 +31,11 @@ geometry_msgs/Pose origin
 """
 
 _SEPARATOR = "=" * 80
+_LONGEST_DEFINITION = 100_000
+"""Characters: those of the types that are read have some thousand."""
+_LONGEST_ARRAYS = 10_000
+_OF_ARRAYS, _OF_OBJECTS = 4, 30
+"""Times the length of a message that it takes when it is decoded."""
 
 
 class Decoder:
@@ -64,6 +71,9 @@ class Decoder:
             reader = self._reader_of(self._connections[place.connection])
             self._readers[place.connection] = reader
         data = self._bag.data(place)
+        has_objects = self._connections[place.connection].type in TF_TYPES
+        needed = (_OF_OBJECTS if has_objects else _OF_ARRAYS) * len(data)
+        claim(self._bag.path, needed, what=f"the {len(data)} bytes of a message")
         try:
             return reader(data)
         except Exception as error:  # noqa: BLE001 - decoders of damaged bytes fail in many ways
@@ -156,13 +166,32 @@ def _store(name: str, definition: str, is_idl: bool) -> Any:
         store = get_typestore(Stores.LATEST)
         store.register(costmap_types())
         return store
+    if len(definition) > _LONGEST_DEFINITION:
+        raise ValueError(f"{len(definition)} characters, the limit is {_LONGEST_DEFINITION}")
     store = get_typestore(Stores.EMPTY)
     if is_idl:
-        for text in _idl_parts(definition):
-            store.register(get_types_from_idl(text))
+        found = [get_types_from_idl(text) for text in _idl_parts(definition)]
     else:
-        store.register(get_types_from_msg(definition, name))
+        found = [get_types_from_msg(definition, name)]
+    for types in found:
+        _check_arrays(types)
+        store.register(types)
     return store
+
+
+def _check_arrays(types: Any) -> None:
+    """Refuse arrays of fixed lengths for which rosbags would write endless code, or none."""
+    from rosbags.interfaces import Nodetype
+
+    lengths = [
+        inner[1]
+        for _, fields in types.values()
+        for _, (kind, inner) in fields
+        if kind == Nodetype.ARRAY
+    ]
+    if min(lengths, default=1) < 1 or sum(lengths) > _LONGEST_ARRAYS:
+        rule = f"fixed lengths of arrays must be 1 or more, and {_LONGEST_ARRAYS} together at most"
+        raise ValueError(rule)
 
 
 def costmap_types() -> Any:

@@ -20,6 +20,8 @@ def needs_bags(source: Path | str, *modules: str) -> None:
         for module in ("rosbags.typesys", *modules):
             import_module(module)
     except ImportError as error:
+        if error.path and not error.path.endswith(".py"):
+            raise  # it is installed, and the system has no room for it
         missing = (error.name or "").partition(".")[0] in ("rosbags", "")
         why = "" if missing else f" ({error})"
         hint = "pip install 'mapdeal[bags]'"

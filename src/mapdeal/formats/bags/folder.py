@@ -8,7 +8,6 @@ compressed.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -30,7 +29,8 @@ from mapdeal.formats.bags.mcap import McapBag
 from mapdeal.formats.bags.sqlite import SqliteBag
 from mapdeal.formats.budget import check_expansion
 from mapdeal.formats.listing import natural_key
-from mapdeal.formats.source import access_to, contents_of, exists, is_regular, status_of
+from mapdeal.formats.source import access_to, check_readable, contents_of, exists, status_of
+from mapdeal.formats.temporary import temporary_folder
 from mapdeal.formats.yaml_text import Entry, YamlLimits, read_mapping
 from mapdeal.records import dataclass
 
@@ -38,7 +38,7 @@ METADATA = "metadata.yaml"
 TOP_KEY = "rosbag2_bagfile_information"
 ZSTD_SUFFIXES = (".zstd", ".zst")
 
-_LIMITS = YamlLimits(bytes=1 << 22, nodes=400_000, aliases=1000)
+_LIMITS = YamlLimits(bytes=1 << 22, nodes=100_000, aliases=1000)
 _STORAGES: dict[str, Callable[[Path], Bag]] = {"sqlite3": SqliteBag, "mcap": McapBag}
 _SUFFIXES = {".db3": "sqlite3", ".mcap": "mcap"}
 _PIECE = 1 << 20
@@ -174,20 +174,20 @@ class FolderBag(Bag):
             raise fields["compression_mode"].error("must be none, file or message")
         if mode in ("file", "message") and form not in ("zstd", "fake_comp"):
             raise fields["compression_mode"].error("can be read with compression_format zstd alone")
-        names = tuple(self._present(fields["relative_file_paths"]))
+        names = self._present(fields["relative_file_paths"])
         return _Metadata(storage, names, mode, _serializations(fields))
 
-    def _present(self, entry: Entry) -> Iterator[str]:
-        """Yield the names of the files that are there; older bags name them with folders."""
-        names = [
-            PurePosixPath(PureWindowsPath(one.text()).as_posix()).name for one in entry.items()
-        ]
-        missing = [name for name in names if not is_regular(self.path / name)]
+    def _present(self, entry: Entry) -> tuple[str, ...]:
+        """Return the names of the files that are there; older bags name them with folders."""
+        paths = [PurePosixPath(PureWindowsPath(one.text()).as_posix()) for one in entry.items()]
+        names, there = dict.fromkeys(path.name for path in paths), set(contents_of(self.path)[1])
+        missing = [name for name in names if name not in there]
         if names and len(missing) == len(names):
-            status_of(self.path / names[0])  # which says why not
-        for name in missing:
-            self.remark(f"its file {name} is missing; the others are read")
-        yield from (name for name in names if name not in missing)
+            check_readable(self.path / missing[0])  # which says why not
+        if missing:
+            more = f" and {len(missing) - 1} more are" if len(missing) > 1 else " is"
+            self.remark(f"its file {missing[0]}{more} missing; the others are read")
+        return tuple(name for name in names if name in there)
 
     def _guessed(self) -> _Metadata:
         names = sorted(contents_of(self.path)[1], key=natural_key)
@@ -221,15 +221,15 @@ def plain_file(path: Path) -> Iterator[Path]:
         return
     zstd = zstd_module()
     stored = status_of(path).st_size
-    with tempfile.TemporaryDirectory(prefix="mapdeal-") as folder:
-        file = Path(folder) / path.stem
+    with temporary_folder() as folder:
+        file = folder / path.stem
         with access_to(path), path.open("rb") as raw, file.open("wb") as out:
             try:
                 with zstd.open(raw, "rb") as source:
                     length = 0
                     while piece := source.read(_PIECE):
                         length += len(piece)
-                        check_expansion(path, stored, length)
+                        check_expansion(path, stored, length, on_disk=True)
                         out.write(piece)
             except (zstd.ZstdError, EOFError) as error:
                 rule = f"its compressed data are damaged: {error}"

@@ -7,6 +7,7 @@ mcap.dev, "MCAP Format Specification", version 0: records of an opcode, a length
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,15 +23,23 @@ from mapdeal.formats.bags.bag import (
     normalised_topic,
     normalised_type,
 )
-from mapdeal.formats.bags.chunked import IN_THE_FILE, Chunk, ChunkedBag, CutError
+from mapdeal.formats.bags.chunked import (
+    IN_THE_FILE,
+    OF_CHUNK,
+    OF_CONNECTION,
+    OF_LOOSE,
+    Chunk,
+    ChunkedBag,
+    CutError,
+)
 from mapdeal.formats.source import access_to
 
 MAGIC = b"\x89MCAP0\r\n"
 
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX = 1, 2, 3, 4, 5, 6, 7
 _DATA_END = 0x0F
-_LONGEST_RECORD = 1 << 26
-"""Bytes of a record that is read whole: a schema or a channel."""
+_LONGEST_RECORD = 1 << 24
+"""Bytes of a schema or a channel."""
 
 _BEFORE_DATA = 22
 """Bytes of a message's record before its data."""
@@ -82,7 +91,8 @@ class McapBag(ChunkedBag):
             if place.block == IN_THE_FILE:
                 self._file.seek(place.offset + 1)
                 (length,) = struct.unpack("<Q", self._read(8))
-                return self._read(length)[_BEFORE_DATA:]
+                self._file.seek(_BEFORE_DATA, os.SEEK_CUR)
+                return self._read(length - _BEFORE_DATA)
         chunk = self._kept[place.block]
         try:
             opcode, start, end = _record(chunk, place.offset)
@@ -122,9 +132,7 @@ class McapBag(ChunkedBag):
         """Take in the record at a position, behind which the file stands."""
         start = position + 9
         if opcode in (_SCHEMA, _CHANNEL):
-            if length > _LONGEST_RECORD:
-                raise self.malformed(f"a record at byte {position} is too long")
-            self._note(opcode, self._read(length))
+            self._note(opcode, self._read(min(length, _LONGEST_RECORD + 1)))
         elif opcode == _CHUNK:
             self._note_chunk(start, length)
         elif opcode == _INDEX and self._chunks:
@@ -132,10 +140,10 @@ class McapBag(ChunkedBag):
             channel, size = struct.unpack("<HI", head) if len(head) == 6 else (0, 1)
             if size % 16 or size > length - 6:
                 raise self.malformed(f"an index record at byte {position} is damaged")
-            self._chunks[-1].is_indexed = True
-            self._chunks[-1].entries.append((channel, start + 6, size // 16))
+            self._note_index(channel, start + 6, size // 16)
         elif opcode == _MESSAGE and length >= _BEFORE_DATA:
             channel, _, time = struct.unpack("<HIQ", self._read(14))
+            self._note_memory(OF_LOOSE)
             self._loose.extend((channel, _signed(time), IN_THE_FILE, position))
 
     def _note_chunk(self, start: int, length: int, *, is_cut: bool = False) -> None:
@@ -153,6 +161,7 @@ class McapBag(ChunkedBag):
         stored = int.from_bytes(word, "little")
         if not is_cut and stored > length - before:
             raise self.malformed("the head of a chunk is damaged")
+        self._note_memory(OF_CHUNK)
         self._chunks.append(
             Chunk(
                 name.decode("latin-1"), size, start + before, min(stored, length - before), crc,
@@ -162,32 +171,37 @@ class McapBag(ChunkedBag):
 
     def _note(self, opcode: int, data: bytes) -> None:
         """Take in a schema or a channel."""
+        if len(data) > _LONGEST_RECORD:
+            raise self.malformed("a schema or channel is too long")
         try:
             if opcode == _SCHEMA:
                 (number,) = struct.unpack_from("<H", data)
+                if number in self._schemas:
+                    return
+                self._note_memory(OF_CONNECTION + 2 * len(data))
                 name, position = _text(data, 2)
                 encoding, position = _text(data, position)
                 text, _ = _text(data, position)
                 self._schemas[number] = _Schema(name, encoding, text)
                 return
             number, schema_number = struct.unpack_from("<HH", data)
+            if number in self._found:
+                return
+            self._note_memory(OF_CONNECTION + 2 * len(data))
             topic, position = _text(data, 4)
             serialization, _ = _text(data, position)
         except (struct.error, CutError):
             raise self.malformed("a schema or channel is damaged") from None
         schema = self._schemas.get(schema_number, _Schema("", "", ""))
-        self._found.setdefault(
+        self._found[number] = Connection(
             number,
-            Connection(
-                number,
-                normalised_topic(topic),
-                normalised_type(schema.name),
-                _ENCODINGS.get(serialization, ""),
-                schema.text if schema.encoding in ("ros2msg", "ros1msg", *_IDL) else "",
-                schema.encoding in _IDL,
-                serialization,
-                schema.name,
-            ),
+            normalised_topic(topic),
+            normalised_type(schema.name),
+            _ENCODINGS.get(serialization, ""),
+            schema.text if schema.encoding in ("ros2msg", "ros1msg", *_IDL) else "",
+            schema.encoding in _IDL,
+            serialization,
+            schema.name,
         )
 
     def _find_connections_in(self, number: int) -> None:
@@ -231,7 +245,7 @@ def _record(data: bytes, position: int) -> tuple[int, int, int]:
     if position < 0 or position + 9 > len(data):
         raise CutError
     opcode, length = struct.unpack_from("<BQ", data, position)
-    if length > len(data) - position - 9:
+    if not opcode or length > len(data) - position - 9:  # there are no records of opcode 0
         raise CutError
     return opcode, position + 9, position + 9 + length
 

@@ -22,12 +22,23 @@ from mapdeal.formats.bags.bag import (
     normalised_topic,
     normalised_type,
 )
-from mapdeal.formats.bags.chunked import IN_THE_FILE, Chunk, ChunkedBag, CutError
+from mapdeal.formats.bags.chunked import (
+    IN_THE_FILE,
+    OF_CHUNK,
+    OF_CONNECTION,
+    OF_LOOSE,
+    Chunk,
+    ChunkedBag,
+    CutError,
+)
 from mapdeal.formats.source import access_to
 
 _MAGIC = re.compile(rb"#ROSBAG V(\d+)\.(\d+)\n")
 _MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _LONGEST_HEADER = 1 << 20
+_MOST_BEFORE = 100
+"""Descriptions of connections before a message that some writers count to it."""
+
 _SECOND = 10**9
 _U32 = struct.Struct("<I")
 
@@ -77,7 +88,9 @@ class Ros1Bag(ChunkedBag):
         chunk = self._kept[place.block]
         try:
             fields, start, end = _record(chunk, place.offset)
-            while fields.get(b"op") == bytes([_CONNECTION]):  # which some writers count to it
+            for _ in range(_MOST_BEFORE):
+                if fields.get(b"op") != bytes([_CONNECTION]):
+                    break
                 fields, start, end = _record(chunk, end)
         except CutError:
             raise self.malformed("an index record points to no message") from None
@@ -120,6 +133,7 @@ class Ros1Bag(ChunkedBag):
             compression = fields.get(b"compression", b"").decode("latin-1")
             size = _number(fields, b"size")
             there = min(length, self._size - start)
+            self._note_memory(OF_CHUNK)
             self._chunks.append(Chunk(compression, size, start, there, is_cut=is_cut))
         if is_cut:
             raise CutError(f"a record of {length} bytes at byte {position}")
@@ -129,6 +143,7 @@ class Ros1Bag(ChunkedBag):
             self._note_connection(fields, self._read(length))
         elif op == _MESSAGE:
             connection, time = _number(fields, b"conn"), _time(fields)
+            self._note_memory(OF_LOOSE)
             self._loose.extend((connection, time, IN_THE_FILE, position))
         elif op == _CHUNK_INFO:
             self._has_summary = True
@@ -140,14 +155,14 @@ class Ros1Bag(ChunkedBag):
         if end > self._size or not self._chunks:
             raise CutError(f"an index record at byte {start}")
         if _number(fields, b"ver") == 1:
-            self._chunks[-1].entries.append((_number(fields, b"conn"), start, count))
-            self._chunks[-1].is_indexed = True
+            self._note_index(_number(fields, b"conn"), start, count)
         return end
 
     def _note_connection(self, fields: Fields, data: bytes) -> None:
         number = _number(fields, b"conn")
         if number in self._found:
             return
+        self._note_memory(OF_CONNECTION + 4 * len(data))
         told = _fields_in(data)
         topic = fields.get(b"topic", told.get(b"topic", b""))
         spelled = told.get(b"type", b"").decode("utf-8", "replace")

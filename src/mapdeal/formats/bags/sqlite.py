@@ -9,15 +9,15 @@ rosbag2_storage_sqlite3: tables ``topics`` and ``messages``, from its schema 4 o
 from __future__ import annotations
 
 import sqlite3
-import tempfile
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 
+from mapdeal.errors import MalformedInputError
 from mapdeal.formats.bags.bag import (
     Bag,
     Connection,
@@ -27,22 +27,44 @@ from mapdeal.formats.bags.bag import (
     normalised_topic,
     normalised_type,
 )
+from mapdeal.formats.budget import claim, room
 from mapdeal.formats.source import (
     absolute_path,
     access_to,
     check_readable,
     chunks_of,
-    exists,
     head_of,
+    is_regular,
     status_of,
 )
+from mapdeal.formats.temporary import temporary_folder
 
 MAGIC = b"SQLite format 3\0"
 
 _ROWS_TOGETHER = 1 << 14
+_ROW = 1000
+"""Bytes of a topic besides its texts, about."""
 _SMALLEST_PAGE = 512
 _SMALL_CACHE = "PRAGMA cache_size = -16384"
-_WORDS = {"not a database": "is not an SQLite file", "malformed": "is damaged, or cut"}
+_ENDLESS, _TOO_BIG = "interrupted", "too big"
+"""What SQLite says when a limit is reached."""
+
+_WORDS = {
+    "not a database": "is not an SQLite file",
+    "malformed": "is damaged, or cut",
+    _ENDLESS: "is damaged: its tables have more rows than fit into the file",
+    _TOO_BIG: "a row needs more memory than may be used",
+}
+_LONGEST = 10**9
+"""Bytes of a row, as SQLite has it by itself."""
+
+_LOOK = 1 << 14
+"""Steps of SQLite between two looks at how many it has taken."""
+_STEPS_PER_BYTE = 8
+"""More than a query takes: a row has some 20 bytes, and takes some 50 steps."""
+
+_PLAIN = ("TABLE ", "INDEX ", "UNIQUE INDEX ")
+_WHOLE = "CASE typeof({0}) WHEN 'integer' THEN {0} END"
 
 
 class SqliteBag(Bag):
@@ -58,7 +80,8 @@ class SqliteBag(Bag):
     FileAccessError
         If it cannot be read.
     MalformedInputError
-        If it is no bag, or too damaged to know its topics.
+        If it is no bag, too damaged to know its topics, or has more than plain tables: SQLite
+        would compute what a view or a generated column contains, without end if so written.
 
     Warns
     -----
@@ -70,7 +93,10 @@ class SqliteBag(Bag):
         super().__init__(path, "a ROS 2 bag (SQLite)")
         check_readable(path)
         self._is_cut = False
+        self._looks = self._most_looks = 64 + _STEPS_PER_BYTE * status_of(path).st_size // _LOOK
         self._stack = ExitStack()
+        if head_of(path, len(MAGIC)) != MAGIC:
+            raise self.malformed("is not an SQLite file")
         with self._damage():
             self._db = self._connected(path)
         try:
@@ -96,13 +122,16 @@ class SqliteBag(Bag):
         wanted = ",".join(str(int(one)) for one in connections)
         # what of a cut file has a place in its tables need not have its data
         data = "LENGTH(data || '')" if self._is_cut else "0"
-        query = f"SELECT topic_id, timestamp, id, {data} FROM messages"  # noqa: S608
+        time, number = _WHOLE.format("timestamp"), _WHOLE.format("id")
+        query = f"SELECT topic_id, {time}, {number}, {data} FROM messages"  # noqa: S608
         try:
-            cursor = self._db.execute(f"{query} WHERE topic_id IN ({wanted})")
+            cursor = self._select(f"{query} WHERE topic_id IN ({wanted})")
             while rows := list(_until_damage(cursor, self._is_cut)):
                 topics, times, ids, _ = np.array(rows, dtype=np.int64).T
                 yield MessageIndex(topics, times, ids, np.zeros(len(ids), np.int64))
         except sqlite3.DatabaseError as error:
+            if _ENDLESS in str(error) or _TOO_BIG in str(error):
+                raise self._error(error) from None
             self.remark(f"{_told(error)}; the messages before that place are read")
         except (TypeError, ValueError, OverflowError):
             raise self.malformed("a time or topic of a message is not a whole number") from None
@@ -111,30 +140,51 @@ class SqliteBag(Bag):
         """Return how many messages each connection has, and when; see `Bag`."""
         if self._is_cut:
             return super().summary()
-        query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages"
+        found = {one.id: Recorded() for one in self._found}
+        wanted = ",".join(map(str, found))
+        time = _WHOLE.format("timestamp")
+        query = f"SELECT topic_id, COUNT(*), MIN({time}), MAX({time}) FROM messages"  # noqa: S608
         try:
-            rows = self._db.execute(f"{query} GROUP BY topic_id").fetchall()
-            found = {number: Recorded(*map(int, told)) for number, *told in rows}
+            rows = self._select(f"{query} WHERE topic_id IN ({wanted}) GROUP BY topic_id")
+            found |= {number: Recorded(*map(int, told)) for number, *told in rows}
         except (sqlite3.DatabaseError, TypeError, ValueError):
             return super().summary()  # up to the damaged place
-        return {one.id: found.get(one.id, Recorded()) for one in self._found}
+        return found
 
     def data(self, place: Place) -> bytes:
         """Return a message as it was serialized; see `Bag`."""
+        of_place = "FROM messages WHERE id = ? AND typeof(data) = 'blob'"
         with self._damage():
-            row = self._db.execute("SELECT data FROM messages WHERE id = ?", (place.block,))
-            (found,) = row.fetchone() or (None,)
-        if not isinstance(found, bytes):
+            told = self._select(f"SELECT length(data) {of_place}", place.block).fetchone()
+        if told is None:
             raise self.malformed("a message has no data")
-        return found
+        claim(self.path, 2 * told[0], what=f"{told[0]} bytes of a message")
+        with self._damage():
+            (found,) = self._select(f"SELECT data {of_place}", place.block).fetchone()
+        return bytes(found)
+
+    def _select(self, query: str, *values: int) -> sqlite3.Cursor:
+        """Start a query, which gets as many steps as a file of this size can need."""
+        self._looks = self._most_looks
+        return self._db.execute(query, values)
+
+    def _stops(self) -> bool:
+        """Return whether a query goes on for too long: pages may lead back to each other."""
+        self._looks -= 1
+        return self._looks < 0
 
     def _connected(self, path: Path) -> sqlite3.Connection:
         # Immutable: no lock, no journal, and files of others are not looked for. Recordings that
         # still run have some of their messages in such a file.
-        how = "mode=ro" if exists(path.with_name(path.name + "-wal")) else "immutable=1"
+        how = "mode=ro" if is_regular(path.with_name(path.name + "-wal")) else "immutable=1"
         address = f"file:{quote(str(absolute_path(path)))}?{how}"
         db = sqlite3.connect(address, uri=True, check_same_thread=False)
         db.text_factory = lambda text: text.decode("utf-8", "replace")
+        db.set_progress_handler(self._stops, _LOOK)
+        most = room()
+        if most is not None and hasattr(db, "setlimit"):  # from Python 3.11 on
+            db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(most // 2, _LONGEST))
+        db.execute("PRAGMA trusted_schema = OFF")
         return db
 
     def _read_all_connections(self) -> Iterator[Connection]:
@@ -153,21 +203,25 @@ class SqliteBag(Bag):
             yield from found
 
     def _read_connections(self) -> Iterator[Connection]:
-        names = {row[0] for row in self._db.execute("SELECT name FROM sqlite_master")}
-        if not {"topics", "messages"} <= names:
+        columns = self._columns()
+        if not columns["topics"] or not columns["messages"]:
             rule = "is an SQLite file without the tables topics and messages of a ROS 2 bag"
             raise self.malformed(rule)
+        if not columns["messages"].get("id"):  # each would be searched for among all others
+            raise self.malformed("table messages has no primary key id")
         texts: dict[str, tuple[str, bool]] = {}
-        if "message_definitions" in names:
-            query = "SELECT topic_type, encoding, encoded_message_definition"
-            with suppress(sqlite3.OperationalError):  # a table of other columns
-                for name, encoding, text in self._db.execute(f"{query} FROM message_definitions"):
-                    if encoding in ("ros2msg", "ros2idl"):
-                        texts[name] = (str(text), encoding == "ros2idl")
-        rows: list[tuple[Any, ...]] = self._db.execute(
-            "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
-        ).fetchall()
-        for number, topic, name, serialization in rows:
+        names = "topic_type", "encoding", "encoded_message_definition"
+        if columns["message_definitions"].keys() >= set(names):
+            query = f"SELECT {', '.join(names)} FROM message_definitions"  # noqa: S608
+            for name, encoding, text in self._rows(query):
+                if encoding in ("ros2msg", "ros2idl"):
+                    texts[name] = (str(text), encoding == "ros2idl")
+        query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+        seen: set[int] = set()
+        for number, topic, name, serialization in self._rows(query):
+            if number in seen:
+                raise self.malformed(f"is damaged: topic {number} is there twice")
+            seen.add(int(number))
             text, is_idl = texts.get(name, ("", False))
             yield Connection(
                 int(number),
@@ -180,13 +234,41 @@ class SqliteBag(Bag):
                 str(name),
             )
 
+    def _columns(self) -> dict[str, dict[str, int]]:
+        """Return the columns of each table, by their numbers in its key; none are computed."""
+        others = " AND ".join(f"sql NOT LIKE 'CREATE {one}%'" for one in _PLAIN)
+        # by their texts, which SQLite goes by: names and types beside them may be lies
+        if self._select(f"SELECT 1 FROM sqlite_master WHERE {others}").fetchone():  # noqa: S608
+            raise self.malformed("contains a view, a trigger or a virtual table; a bag has none")
+        found = {}
+        for table in ("topics", "messages", "message_definitions"):
+            rows = self._select(f"PRAGMA table_xinfo({table})").fetchall()
+            if any(hidden for *_, hidden in rows):
+                raise self.malformed(f"table {table} has generated columns; that of a bag has none")
+            found[table] = {name: key for _, name, *_, key, _ in rows}
+        return found
+
+    def _rows(self, query: str) -> Iterator[tuple[Any, ...]]:
+        """Yield rows that are kept, as long as there is memory for them."""
+        taken = 0
+        for row in self._select(query):
+            taken += _ROW + 2 * sum(len(value) for value in row if isinstance(value, str | bytes))
+            claim(self.path, taken, what="the topics and types")
+            yield row
+
+    def _error(self, error: sqlite3.Error) -> MalformedInputError:
+        found = self.malformed(_told(error))
+        if _TOO_BIG in str(error):
+            found.hint = "--max-memory SIZE allows more, if that much is available"
+        return found
+
     @contextmanager
     def _damage(self) -> Iterator[None]:
         """Turn what SQLite raises into one error that names the file."""
         try:
             yield
         except sqlite3.Error as error:
-            raise self.malformed(_told(error)) from None
+            raise self._error(error) from None
         except (TypeError, ValueError, OverflowError):
             raise self.malformed("is damaged: a table holds what it must not") from None
 
@@ -198,8 +280,8 @@ def _whole_pages(path: Path) -> Iterator[Path]:
     if not rest:
         yield path
         return
-    with tempfile.TemporaryDirectory(prefix="mapdeal-") as folder:
-        file, left = Path(folder) / "whole.db3", status_of(path).st_size - rest
+    with temporary_folder() as folder:
+        file, left = folder / "whole.db3", status_of(path).st_size - rest
         with access_to(path), file.open("wb") as out:
             for chunk in chunks_of(path):
                 out.write(chunk[:left])
@@ -222,8 +304,8 @@ def _until_damage(cursor: sqlite3.Cursor, is_cut: bool) -> Iterator[tuple[Any, .
             if row is None:
                 return
             yield row
-    except sqlite3.DatabaseError:
-        if not is_cut:
+    except sqlite3.DatabaseError as error:
+        if not is_cut or _ENDLESS in str(error):
             raise
 
 

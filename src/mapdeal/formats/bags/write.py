@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sqlite3
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +18,7 @@ from mapdeal.formats.bags.messages import NAV2_COSTMAP, OCCUPANCY_GRID
 from mapdeal.formats.bags.names import bag_paths, check_frame, check_topic, name_inside
 from mapdeal.formats.budget import claim
 from mapdeal.formats.source import access_to, chunks_of
+from mapdeal.formats.temporary import temporary_folder
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -71,7 +71,7 @@ def write_bag(
         If costs are published on another scale than their own.
     """
     needs_bags(output, "rosbags.rosbag1", "rosbags.rosbag2")
-    claim(output, _COPIES * grid.layer.size, what="a message of this size")
+    claim(output, _COPIES * grid.layer.size, what="messages of this size")
     is_ros1 = output.suffix == ".bag"
     if isinstance(grid, Costmap) and grid.scale == "costmap2d" and is_ros1:
         text = f"{output}: ROS 1 publishes costs as 0 to 100; those of costmap_2d are made so"
@@ -143,9 +143,9 @@ def _write_ros2(
 @contextmanager
 def _scratch(output: Path) -> Iterator[Path]:
     """Yield a folder for rosbags to write to, which accepts names but no open files."""
-    with access_to(output, "written"), tempfile.TemporaryDirectory(prefix="mapdeal-") as folder:
+    with access_to(output, "written"), temporary_folder() as folder:
         try:
-            yield Path(folder)
+            yield folder
         except sqlite3.Error as error:  # such as a full disk, or a map beyond its largest blob
             raise FileAccessError(f"cannot be written: {error}", source=output) from None
 

@@ -34,6 +34,9 @@ _GZIP = b"\x1f\x8b"
 _EXPANSION = 200
 """Largest ratio of a log's length to that of its gzip file; 4 to 10 is usual."""
 
+_SHORT_LINE = 20
+"""Bytes that a line counts as at least: a log of empty lines takes as long as one of others."""
+
 _BEFORE_TAG = b"\xef\xbb\xbf \t"
 _LARGEST_ANGLE = 100.0
 
@@ -196,7 +199,7 @@ class CarmenLog(ScanSource):
         is_start = True
         with self._opened() as file:
             while line := file.readline(LONGEST_LINE):
-                length += len(line)
+                length += max(len(line), _SHORT_LINE)
                 if length > most:
                     rule = f"the gzip data expand to more than {_EXPANSION} times their size"
                     raise MalformedInputError(rule, source=self._path)

@@ -15,6 +15,7 @@ from mapdeal.formats.bags.bag import Bag
 from mapdeal.formats.bags.decoding import Decoder
 from mapdeal.formats.bags.messages import LASER_SCAN, LaserScan, laser_scan_of
 from mapdeal.formats.bags.reader import chosen_connections, open_bag
+from mapdeal.formats.budget import claim
 from mapdeal.formats.scans.source import ScanArrays, ScanSource
 from mapdeal.mapping.posed_scans import Stances, beams_in_plane, stances
 from mapdeal.mapping.transforms import Posed
@@ -23,6 +24,8 @@ from mapdeal.pipeline.files import errors_named
 
 _SCANS_TOGETHER = 512
 _READINGS_TOGETHER = 1 << 18
+_OF_READING = 140
+"""Bytes of a reading, in all that is made of it."""
 
 
 class BagScans(ScanSource):
@@ -101,7 +104,9 @@ class BagScans(ScanSource):
                 self._unstamped += 1
                 scan = scan.at(place.time)
             together.append(scan)
-            readings += len(scan.ranges)
+            count = len(scan.ranges)
+            claim(self._bag.path, _OF_READING * count, what=f"the {count} readings of a scan")
+            readings += count
             if len(together) == _SCANS_TOGETHER or readings > _READINGS_TOGETHER:
                 yield from self._placed(together)
                 together, readings = [], 0
