@@ -31,9 +31,13 @@ NO_TEST_DATA = "needs files of public repositories in MAPDEAL_TEST_DATA: docs/te
 
 
 def pytest_configure(config):
-    """Answer Ctrl-C, and try fewer examples where only quick tests are asked for."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in jobs that shells run behind
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Answer signals, and try fewer examples where only quick tests are asked for."""
+    defaults = {"SIGINT": signal.default_int_handler, "SIGTERM": signal.SIG_DFL}
+    for name, default in {**defaults, "SIGHUP": signal.SIG_DFL}.items():
+        number = getattr(signal, name, None)
+        # ignored in jobs that shells run behind, and by nohup
+        if number is not None and signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, default)
     if "not slow" in config.option.markexpr:
         settings.load_profile("quick")
 

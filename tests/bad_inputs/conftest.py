@@ -35,7 +35,7 @@ def accepted(command, folder):
     def check(*words):
         code, out, err = command(*words)
         assert code == 0, err
-        assert all(line.startswith("warning: ") for line in err.splitlines()), err
+        assert all(line.startswith(("warning: ", "note: ")) for line in err.splitlines()), err
         assert not list(folder.rglob(".mapdeal-*"))
         return out, err.splitlines()
 

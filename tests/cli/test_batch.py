@@ -265,14 +265,15 @@ def wait_for_end_of(group):
 
 @pytest.mark.thorough
 @needs_proc
-def test_ctrl_c_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(large_maps):
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(large_maps, sent):
     one = (large_maps / "maps" / "0.yaml").read_text()
     for number in range(8, 20):  # so many that a slow machine is not done before it is told
         (large_maps / "maps" / f"{number}.yaml").write_text(one)
     process = start(large_maps, until=one_is_done)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: everyone gets it
+    os.killpg(process.pid, sent)  # as a terminal does: everyone gets it
     out, err = process.communicate(timeout=120)
-    assert (process.returncode, out) == (130, "")
+    assert (process.returncode, out) == (128 + sent, "")
     complete = len(list((large_maps / "o").rglob("manifest.json")))
     wait_for_end_of(process.pid)
     assert nothing_is_left(large_maps)
@@ -281,8 +282,9 @@ def test_ctrl_c_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(la
     done = statuses.count("done")
     assert done <= complete <= done + 2  # of which two may have been done that very moment
     assert statuses.count("interrupted") == 20 - done > 0
+    how = "interrupted" if sent == signal.SIGINT else f"terminated by {sent.name}"
     assert without_progress(err) == [
-        f"error: interrupted; {done} of 20 maps are done, run the same command to continue"
+        f"error: {how}; {done} of 20 maps are done, run the same command to continue"
     ]
     again = subprocess.run([*RUN, "maps", "-o", "o", "-j", "2"], capture_output=True, text=True)
     assert again.returncode == 0, again.stderr
@@ -290,14 +292,11 @@ def test_ctrl_c_ends_all_processes_and_leaves_a_summary_and_no_temporary_file(la
 
 
 @needs_proc
-@pytest.mark.parametrize(
-    "sent", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)]
-)
-def test_workers_whose_parent_is_gone_clean_up_and_end(large_maps, sent):
+def test_workers_whose_parent_is_gone_clean_up_and_end(large_maps):
     process = start(large_maps)
-    process.send_signal(sent)
+    process.kill()
     process.communicate(timeout=120)
-    assert process.returncode == -sent
+    assert process.returncode == -signal.SIGKILL
     wait_for_end_of(process.pid)
     assert nothing_is_left(large_maps)
 

@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -170,13 +171,14 @@ print(*set(sys.modules) - before)
     enum_takes = {"types", "operator", "functools", "collections", "keyword", "reprlib"}
     assert loaded - enum_takes <= {
         "mapdeal", "mapdeal.version", "mapdeal.cli", "mapdeal.cli.process",
-        "gc", "signal", "enum", "itertools", "os", "os.path", "stat", "abc",
+        "gc", "signal", "time", "enum", "itertools", "os", "os.path", "stat", "abc",
         "posixpath", "genericpath", "errno",  # the last from 3.14 on
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("sent", ["SIGINT", "SIGTERM", "SIGHUP"])
 @pytest.mark.parametrize("which", [1, 5, 20, 60, 120])
-def test_ctrl_c_during_the_start_is_one_line(tmp_path, which):
+def test_a_signal_during_the_start_is_one_line(tmp_path, which, sent):
     code = f"""
 import os, signal, sys
 from mapdeal.cli.process import run_process
@@ -186,7 +188,7 @@ def interrupt(event, _):
     global left
     left -= event == "import"
     if event == "import" and left == 0:
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.{sent})
 
 sys.addaudithook(interrupt)
 sys.argv = ["mapdeal", "inflate", {str(EXAMPLE)!r}, "-o", {str(tmp_path / "o.yaml")!r}]
@@ -195,7 +197,8 @@ run_process()
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
     )
-    assert (done.returncode, done.stderr) == (130, "error: interrupted\n")
+    how = "interrupted" if sent == "SIGINT" else f"terminated by {sent}"
+    assert (done.returncode, done.stderr) == (128 + signal.Signals[sent], f"error: {how}\n")
     assert list(tmp_path.iterdir()) == []
 
 

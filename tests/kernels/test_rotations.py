@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from mapdeal.kernels.rotations import (
     composed,
     from_yaw,
+    inverse_matrices,
     inverted,
     multiplied,
     normalised,
@@ -94,3 +95,10 @@ def test_yaws_turn_the_x_axis():
     ahead = rotated(from_yaw(yaws), np.array([1.0, 0.0, 0.0]))
     wanted = np.stack([np.cos(yaws), np.sin(yaws), np.zeros_like(yaws)], axis=-1)
     np.testing.assert_allclose(ahead, wanted, atol=1e-15)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (4, 5)])
+def test_a_matrix_times_its_inverse_is_one(shape):
+    matrices = np.random.default_rng(3).normal(size=(*shape, 3, 3)) + 3 * np.eye(3)
+    product = np.einsum("...ij,...jk", matrices, inverse_matrices(matrices))
+    assert product == pytest.approx(np.broadcast_to(np.eye(3), product.shape), abs=1e-12)

@@ -1,5 +1,6 @@
 """Threads that do what they are given, where there are enough, few, or none to be had."""
 
+import errno
 import threading
 import time
 from concurrent.futures import CancelledError
@@ -109,3 +110,14 @@ def test_kernels_take_the_threads_that_there_are(scarce_threads, available):
     with use_threads(7):
         in_parallel(lambda first, end: done.extend(range(first, end)), 1000)
     assert sorted(done) == list(range(1000))
+
+
+def test_no_thread_is_started_that_would_have_no_memory_to_begin(monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    monkeypatch.setattr("mmap.mmap", refuse)
+    names = []
+    with use_threads(4):
+        in_parallel(lambda *_: names.append(threading.current_thread().name), 8)
+    assert set(names) == {threading.current_thread().name}

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.alignment.walls import WallMap, pooled
+from mapdeal.grid.coordinates import turned
 from mapdeal.kernels.threads import in_parallel
 from mapdeal.records import dataclass
 
@@ -147,16 +148,14 @@ class _Plan:
 
     def best(self, yaw: float, offered: int, near: Near | None) -> list[list[list[float]]]:
         """Return of each weighing the best shifts of a turn, each as score, yaw, x, y."""
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        turn = np.array([[cos, sin], [-sin, cos]])
         half = self._diagonal / 2 + self.cell
         points, weight = self._walls
-        walls = np.minimum(self._splat(points @ turn + half, weight), np.float32(_FULL))
+        walls = np.minimum(self._splat(turned(points, yaw) + half, weight), np.float32(_FULL))
         points, weights = self._free
-        free = np.maximum(self._splat(points @ turn + half, weights) - walls, 0)
+        free = np.maximum(self._splat(turned(points, yaw) + half, weights) - walls, 0)
         spectra = np.conj(np.fft.rfft2(walls)), np.conj(np.fft.rfft2(free))
         # the corner of the array that the first map is in, less its middle, turned
-        base = half - self._middle @ turn
+        base = half - turned(self._middle[np.newaxis], yaw)[0]
         found = []
         for of_walls, of_free in self._spectra:
             scores = np.fft.irfft2(spectra[0] * of_walls + spectra[1] * of_free, s=self._shape)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapdeal.alignment.correlation import moved
 from mapdeal.alignment.walls import WallMap
+from mapdeal.kernels.rotations import inverse_matrices
 
 _FAR = 3.0
 """In scales: walls farther than this from any other do not pull."""
@@ -63,7 +64,7 @@ def refined(
         diagonal = np.arange(3)
         normal[:, diagonal, diagonal] *= 1 + _DAMPING
         normal[:, diagonal, diagonal] += _DAMPING
-        step = np.linalg.solve(normal, right[..., None])[..., 0]
+        step = (inverse_matrices(normal) * right[:, np.newaxis]).sum(axis=-1)
         poses -= step[:, [2, 0, 1]]
     return poses
 

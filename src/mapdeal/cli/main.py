@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import re
 import sys
@@ -21,15 +20,15 @@ from typer.models import TyperPath
 
 from mapdeal.cli import terminal
 from mapdeal.cli.help_pages import in_groups, lay_out, write_commands
-from mapdeal.cli.process import begin_work
+from mapdeal.cli.process import begin_work, ending
 from mapdeal.cli.streams import DASH
 from mapdeal.cli.usage import accept_spellings, usage_error
 from mapdeal.errors import (
     FileAccessError,
     FindingError,
-    MalformedInputError,
     MapdealError,
     ParameterError,
+    refusal_of_the_system,
 )
 
 # typer brings its own copy of click in new versions and uses the package in old ones; both
@@ -54,9 +53,6 @@ _INTERRUPTED, _INTERNAL = 130, 70
 _EPOCH = "SOURCE_DATE_EPOCH"
 _EPOCH_DIGITS = 11  # up to the year 5138
 
-_EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN)
-_LIMITS = "ulimit -a shows the limits of processes, memory and open files"
-
 
 def command_names() -> list[str]:
     """Return the names of all commands, in the order of ``--help``."""
@@ -74,7 +70,7 @@ class _ReaderGoneError(Exception):
 
 
 class _InterruptedError(Exception):
-    """Somebody has pressed Ctrl-C."""
+    """Somebody has pressed Ctrl-C, or ended the process by another signal."""
 
 
 @contextmanager
@@ -231,6 +227,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check_words(words)
         words = _spread_points(_joined_flags(words, _yes_or_no_options(command, words)))
         code = command.main(args=words or ["--help"], prog_name="mapdeal", standalone_mode=False)
+        if code == _INTERRUPTED:  # of a signal that came where only typer noticed it
+            raise KeyboardInterrupt
         terminal.finish()
     except MapdealError as error:
         problem = _worse_than(error)
@@ -244,15 +242,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         terminal.error(usage_error(error, command_names))
         return ParameterError.exit_code
     except (KeyboardInterrupt, _InterruptedError, typer.Abort) as interrupt:
-        terminal.error(MapdealError("; ".join(["interrupted", *interrupt.args])))
-        return _INTERRUPTED
+        what, code = ending()
+        terminal.error(MapdealError("; ".join([what, *interrupt.args])))
+        return code
     except _ReaderGoneError:
         return 0
-    except MemoryError:
-        terminal.error(MalformedInputError("not enough memory for a map of this size"))
-        return MalformedInputError.exit_code
     except Exception as error:  # noqa: BLE001 - the last resort, which says that it is one
-        refusal = _refusal_of_the_system(error)
+        refusal = refusal_of_the_system(error)
         if refusal is not None:
             terminal.error(refusal)
             return refusal.exit_code
@@ -274,21 +270,6 @@ def _check_words(words: Iterable[str]) -> None:
             is_possible = False
         if not is_possible:
             raise ParameterError("contains characters that no command line can hold", got=word)
-
-
-def _refusal_of_the_system(error: Exception) -> FileAccessError | None:
-    """Return what to say if the system has no more to give, or a library cannot be loaded.
-
-    Such errors can come from everywhere, also from imports within the libraries.
-    """
-    if isinstance(error, OSError) and error.errno in _EXHAUSTED:
-        return FileAccessError(f"the system has no more to give: {error.strerror}", hint=_LIMITS)
-    if isinstance(error, ImportError) and not (error.name or "").startswith("mapdeal"):
-        first: BaseException = error
-        while first.__cause__ is not None:  # numpy wraps it into advice of many lines
-            first = first.__cause__
-        return FileAccessError(f"a library cannot be loaded: {first}", hint=_LIMITS)
-    return None
 
 
 def _forget_odd_epoch() -> None:

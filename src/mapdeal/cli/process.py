@@ -12,43 +12,52 @@ try:
     import gc
     import signal
     import sys
+    import time
 except KeyboardInterrupt:  # so early that there is nothing to say
     os._exit(130)
 
 TYPE_CHECKING = False  # the module typing takes longer than the rest of this one
 if TYPE_CHECKING:
-    from typing import NoReturn
+    from typing import Any, NoReturn
 
-_INTERRUPTED = 130
+_ENDING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+_AT_ONCE = 5.0
+"""Seconds within which further signals count as the first: timeout(1) sends each twice."""
 _STDERR = 2
+
+_ended_by = signal.SIGINT
+_ended_at = float("-inf")
 
 
 def run_process() -> NoReturn:
     """Run the command line and end the process with its exit code."""
     # Ctrl-C in the middle of an import ends in a traceback, or in an error that hides it. So long
     # as nothing has begun, the process just ends.
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _end_at_once)
+    _answer(_end_at_once, (signal.default_int_handler, signal.SIG_DFL))
     occupy_standard_streams()
     gc.disable()  # until the command is imported, see `begin_work`
-    # numpy's linear algebra would start a thread per processor, for matrices of 3 x 3.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for name in ("stdout", "stderr"):  # None where the process was started without
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - open to the end
     try:
+        from mapdeal.kernels.room import prepare_libraries
+
+        prepare_libraries()
         code = 0 if _version_is_printed() else _code_of_main()
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it comes too late
-    except KeyboardInterrupt:  # once more, while main tells of the first one
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        code = _INTERRUPTED
+        _answer(signal.SIG_IGN, (_interrupt, _end_at_once))  # they come too late
+    except KeyboardInterrupt:  # such as once more, while main tells of the first one
+        _answer(signal.SIG_IGN, (_interrupt, _end_at_once))
+        code = ending()[1]
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
         except OSError:  # main has told of it; what is left is not to fail again
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    if "mapdeal.pipeline.processes" in sys.modules:
-        # multiprocessing takes away its folder and its servers when the interpreter ends
+    if "mapdeal.pipeline.processes" in sys.modules or _ended_at > 0:
+        # The end of the interpreter removes what multiprocessing has made, and what a signal has
+        # kept from being removed. Interrupted in a text that `exec` runs, as libraries do, Python
+        # would then die by SIGINT, whatever the code: running another text makes it forget that.
+        exec("")  # noqa: S102
         sys.exit(code)
     # All files are closed and all threads have ended: there is nothing to take apart.
     os._exit(code)
@@ -91,19 +100,41 @@ def occupy_standard_streams() -> None:
 
 
 def begin_work() -> None:
-    """End the start: Ctrl-C is an exception again, and garbage is looked for.
+    """End the start: signals become exceptions, and garbage is looked for.
 
     What the start has made is left out of that search.
     """
-    if signal.getsignal(signal.SIGINT) is _end_at_once:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    _answer(_interrupt, (_end_at_once,))
     if not gc.isenabled():
         gc.freeze()
         gc.enable()
 
 
-def _end_at_once(*_: object) -> NoReturn:
+def ending() -> tuple[str, int]:
+    """Return how to report the signal that has ended the command, and the exit code for it."""
+    what = "interrupted" if _ended_by == signal.SIGINT else f"terminated by {_ended_by.name}"
+    return what, 128 + _ended_by
+
+
+def _answer(handler: Any, those: tuple[Any, ...]) -> None:
+    """Set the handler of those signals that have one of the given handlers now."""
+    for number in _ENDING:
+        if signal.getsignal(number) in those:
+            signal.signal(number, handler)
+
+
+def _interrupt(number: int, _: object) -> None:
+    global _ended_by, _ended_at
+    if time.monotonic() - _ended_at > _AT_ONCE:
+        _ended_by, _ended_at = signal.Signals(number), time.monotonic()
+        raise KeyboardInterrupt
+
+
+def _end_at_once(number: int, _: object) -> NoReturn:
+    global _ended_by
+    _ended_by = signal.Signals(number)
+    what, code = ending()
     try:
-        os.write(2, b"error: interrupted\n")
+        os.write(2, f"error: {what}\n".encode())
     finally:  # whether or not there is anybody to read it
-        os._exit(_INTERRUPTED)
+        os._exit(code)

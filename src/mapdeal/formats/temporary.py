@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import hashlib
 import io
 import os
+import shutil
 import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from mapdeal.errors import FileAccessError
+from mapdeal.formats.signals import signals_put_off
 from mapdeal.kernels.blocks import Layer, swept
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 try:
     import fcntl
@@ -56,6 +63,17 @@ class RowsWriter:
         finish()
 
 
+class _File(io.BufferedRandom):
+    """A file whose writing, by a thread, can be stopped."""
+
+    is_discarded = False
+
+    def write(self, data: ReadableBuffer) -> int:
+        if self.is_discarded:
+            raise FileAccessError("was discarded")
+        return super().write(data)
+
+
 class Temporary:
     """A locked temporary file beside its destination.
 
@@ -68,7 +86,7 @@ class Temporary:
     def __init__(self, destination: Path) -> None:
         self.destination = destination
         self.path = destination
-        self._file: io.BufferedRandom | None = None
+        self._file: _File | None = None
         self._is_ours = False
 
     @property
@@ -97,7 +115,7 @@ class Temporary:
             if self.path.exists():
                 break
             os.close(descriptor)
-        self._file = os.fdopen(descriptor, "w+b")
+        self._file = _File(io.FileIO(descriptor, "r+b"))
         with contextlib.suppress(OSError):  # a replaced file that can be seen keeps its permissions
             self.path.chmod(stat.S_IMODE(self.destination.stat().st_mode))
 
@@ -150,6 +168,11 @@ class Temporary:
         """Take note that the file has its own name."""
         self._is_ours = False
         self._close()
+
+    def discard(self) -> None:
+        """Stop whoever writes the file."""
+        if self._file is not None:
+            self._file.is_discarded = True
 
     def remove(self) -> None:
         """Remove the file, unless it has its own name already."""
@@ -233,3 +256,30 @@ def folder_for_sockets() -> Path:
     import tempfile  # of use to few
 
     return Path(tempfile.gettempdir())
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a private folder in the system's folder for temporary files, removed at the end.
+
+    Raises
+    ------
+    FileAccessError
+        If it cannot be made.
+    """
+    import tempfile
+
+    try:
+        with signals_put_off():
+            folder = tempfile.mkdtemp(prefix="mapdeal-")
+            remove = partial(shutil.rmtree, folder, ignore_errors=True)
+            atexit.register(remove)
+    except OSError as error:
+        rule = f"no temporary folder can be made: {error.strerror or error}"
+        raise FileAccessError(rule, hint="TMPDIR names where") from None
+    try:
+        yield Path(folder)
+    finally:
+        with signals_put_off():
+            remove()
+            atexit.unregister(remove)

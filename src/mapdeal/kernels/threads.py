@@ -10,6 +10,8 @@ from contextvars import ContextVar, copy_context
 from itertools import pairwise, takewhile
 from threading import Thread
 
+from mapdeal.kernels.room import check_room
+
 _PARTS_PER_THREAD = 8
 """So that parts of uneven cost even out."""
 
@@ -21,6 +23,9 @@ _ROWS_CELLS = 1 << 16
 
 _MOST_THREADS = 1024
 """More are of no use anywhere, and libraries take no count that C cannot hold."""
+
+_STACK = 16 << 20
+"""Bytes to be free before a thread is started: its stack, and some more to begin with."""
 
 _chosen: ContextVar[int | None] = ContextVar("threads", default=None)
 
@@ -63,8 +68,9 @@ def use_threads(count: int | None) -> Iterator[None]:
 def is_started(thread: Thread) -> bool:
     """Start a thread; return whether the system has one to give."""
     try:
+        check_room(_STACK)  # Python waits for ever for a thread that begins without memory
         thread.start()
-    except RuntimeError:
+    except (OSError, RuntimeError):
         return False
     return True
 

@@ -127,7 +127,7 @@ def shared_folders(job: Job) -> list[Path]:
 def _client(address: str) -> Any:
     try:
         import distributed
-    except ImportError:
+    except ModuleNotFoundError:
         rule = "needs dask.distributed: pip install 'mapdeal[cluster]'"
         raise ParameterError(rule, source="--scheduler") from None
     _silence_logs()

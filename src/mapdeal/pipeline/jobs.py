@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mapdeal.errors import (
-    MalformedInputError,
     MapdealError,
     ParameterError,
     kept_warnings,
     one_line,
+    refusal_of_the_system,
+    strict_warnings,
 )
 from mapdeal.formats.map_listing import ListedMap
 from mapdeal.formats.source import ignores_case
@@ -123,7 +124,7 @@ class MapRun:
     def __call__(self, job: Job) -> RunReport:
         """Run the map of a job into its folder."""
         settings = replace(self.settings, force=self.settings.force or job.is_new)
-        with settings.memory(anew=True):
+        with settings.memory(anew=True), strict_warnings(settings.strict, job.path):
             return run_map(job.path, job.folder, self.recipe, settings, self.around)
 
 
@@ -139,11 +140,8 @@ def _result_of(run_one: Callable[[Any], Any], job: Job) -> Any:
         return run_one(job)
     except MapdealError as error:
         return error
-    except MemoryError:
-        rule = "not enough memory for a map of this size"
-        return MalformedInputError(rule, source=job.path)
     except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
-        return internal_error(job, problem)
+        return refusal_of_the_system(problem, job.path) or internal_error(job, problem)
 
 
 def internal_error(job: Job, problem: BaseException) -> MapdealError:
@@ -160,7 +158,7 @@ def _recorded_warnings() -> Iterator[list[str]]:
         try:
             yield texts
         finally:
-            texts += [one_line(str(one.message)) for one in kept]
+            texts += [one_line(str(one)) for one in kept]
 
 
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:

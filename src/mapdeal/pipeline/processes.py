@@ -7,6 +7,7 @@ by an exception, so that temporary files are removed.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import errno
 import multiprocessing
@@ -133,7 +134,7 @@ def _start_told() -> Iterator[None]:
 
 def _sent(executor: ProcessPoolExecutor, function: Callable[..., _T], *given: Any) -> Future[_T]:
     """Send work to a pool, which may start a process for it, not to be lost by a Ctrl-C."""
-    with signals_put_off(), _sigint_blocked():
+    with signals_put_off(), _terminal_blocked():
         return executor.submit(function, *given)
 
 
@@ -172,6 +173,13 @@ def _context() -> BaseContext:
     name or is none, each process starts afresh.
     """
     if "forkserver" in multiprocessing.get_all_start_methods():
+        from multiprocessing import resource_tracker
+
+        # Ctrl-C goes to all processes of a terminal. Here it is this one's to answer; a worker
+        # that is only starting would print a traceback. It inherits that the signal is blocked.
+        # The tracker comes first, since its start unblocks it again; it ignores all but SIGHUP.
+        with _terminal_blocked():
+            resource_tracker.ensure_running()
         try:
             return _context_of_server()
         except OSError as error:
@@ -181,19 +189,15 @@ def _context() -> BaseContext:
 
 
 def _context_of_server() -> BaseContext:
-    from multiprocessing import forkserver, resource_tracker, util
+    from multiprocessing import forkserver, util
 
     if len(os.fsencode(folder_for_sockets())) > _LONGEST_FOLDER:
         raise OSError("AF_UNIX path too long")  # asked before a folder is made, to be left there
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(_PRELOADED))
-    # Ctrl-C goes to all processes of a terminal. Here it is this one's to answer; a worker that
-    # is only starting would print a traceback. It inherits that the signal is blocked. The
-    # tracker comes first, since its start unblocks it again.
-    resource_tracker.ensure_running()
     with _own_folders_are_open():
         util.get_temp_dir()
-    with _sigint_blocked():
+    with _terminal_blocked():
         forkserver.ensure_running()
     return context
 
@@ -209,12 +213,12 @@ def _own_folders_are_open() -> Iterator[None]:
 
 
 @contextmanager
-def _sigint_blocked() -> Iterator[None]:
-    """Block Ctrl-C in this thread, and in processes that it starts within the block."""
+def _terminal_blocked() -> Iterator[None]:
+    """Block what a terminal sends to all its processes, here and in processes started within."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGHUP])
     try:
         yield
     finally:
@@ -250,7 +254,7 @@ def _watch(lifeline: Connection) -> NoReturn:
 
 
 def _stop(*_: object) -> None:
-    """Answer SIGTERM: end at once, or unwind what is being done, which is not to be disturbed."""
+    """End at once, or unwind what is being done, which is not to be disturbed."""
     global _is_stopping
     if not _is_busy:
         os._exit(_STOPPED)
@@ -269,4 +273,6 @@ def _stoppable(work: Work, job: Job) -> Outcome:
         finally:
             _is_busy = False
     except _StoppedError:
+        # removes what the exception came too early for, as multiprocessing itself does
+        atexit._run_exitfuncs()  # noqa: SLF001
         os._exit(_STOPPED)

@@ -13,6 +13,8 @@ import sys
 from multiprocessing import forkserver
 from pathlib import Path
 
+from mapdeal.kernels.room import prepare_libraries
+
 _SERVER, _COMMAND = os.getpid(), os.getppid()
 
 
@@ -34,5 +36,6 @@ def _fail_silently(*_: object) -> None:
     """Keep a server that cannot fork from printing a traceback: the command says what it lacks."""
 
 
+prepare_libraries()
 sys.excepthook = _fail_silently
 atexit.register(_remove_folder)

@@ -1,0 +1,83 @@
+"""Commands under limits of their address space: the full result or one line, never a hang."""
+
+import ast
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(sys.platform != "linux", reason="elsewhere such limits do not hold"),
+]
+
+MAPS = Path(__file__).parents[2] / "examples" / "maps"
+A, B = MAPS / "office.yaml", MAPS / "office_cartographer.yaml"
+COMMANDS = [
+    "--help", f"run {A} -o o", f"run {A} {B} -o o --jobs 2", f"inflate {A} -o o.yaml",
+    f"potential {A} --goal 1,1 -o o.npz", f"align {A} {B}", f"diff {A} {B}", f"score {A}",
+    f"clean {A} --min-obstacle 3 -o o.yaml", f"convert {A} -o o.mcap",
+]  # fmt: skip
+FEW = (80_000, 110_000, 160_000, 175_000, 190_000, 250_000)
+"""Limits, kB, at which the system lacks room for one of the libraries, or for its buffer."""
+
+
+def run(words, folder, limit=None):
+    def restrict():
+        if limit is not None:
+            resource.setrlimit(resource.RLIMIT_AS, (limit << 10, limit << 10))
+
+    folder.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "mapdeal", *words.split()], cwd=folder, preexec_fn=restrict,
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    written = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    return done, written
+
+
+def check(words, folder, limits):
+    usual, files = run(words, folder / "usual")
+    assert usual.returncode in (0, 1)
+    for limit in limits:
+        done, written = run(words, folder / str(limit), limit)
+        if done.returncode in (3, 4):
+            lines = done.stderr.splitlines()
+            assert lines[0].startswith("error: ")
+            assert all(line.startswith("hint: ") for line in lines[1:]), done.stderr
+            assert not written
+        elif "--jobs" not in words or done.returncode != 5:  # some maps failed, each with a reason
+            assert (done.returncode, written) == (usual.returncode, files), (limit, done.stderr)
+            assert done.stderr == usual.stderr
+        assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("words", [f"align {A} {B}", f"score {A}"])
+def test_a_library_without_room_is_told_in_one_line(tmp_path, words):
+    check(words, tmp_path, FEW)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("words", COMMANDS)
+def test_no_limit_of_memory_makes_a_command_hang_or_lie(tmp_path, words):
+    check(words, tmp_path, range(60_000, 350_000, 10_000))
+
+
+def test_matrices_are_not_left_to_openblas():
+    """For matrices of floats it maps 32 MB in each thread; for two vectors, or integers, nothing.
+
+    These modules multiply vectors or integers.
+    """
+    found = set()
+    for path in (MAPS.parents[1] / "src").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            name = node.attr if isinstance(node, ast.Attribute) else ""
+            of = ast.unparse(node.value) if name else ""
+            if isinstance(getattr(node, "op", None), ast.MatMult) or (
+                (of == "np.linalg" and name != "norm")
+                or (of == "np" and name in ("dot", "matmul", "tensordot", "inner"))
+            ):
+                found.add(path.stem)
+    assert found == {"terrain", "wall_directions", "gaps", "bit_map"}
