@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mapdeal import Costmap, OccupancyGrid, read_map, write_map
+from mapdeal import Costmap, OccupancyGrid, esdf, field_view, read_map, write_map
 from mapdeal.checks import lint
 from mapdeal.checks.check import check
 from mapdeal.checks.facts import GridFacts, PairFacts
@@ -171,8 +171,20 @@ def test_a_check_finds_what_it_is_about(checks, name, map_):
     assert ranks == sorted(ranks)
 
 
+@pytest.mark.parametrize("name", ["v.yaml", "v.npz"])
+@pytest.mark.parametrize("view", ["metric", "per-map"])
+def test_a_view_of_a_field_is_named_and_not_taken_for_a_map(tmp_path, name, view):
+    grid = OccupancyGrid([[100, 0, 0, -1], [100, 0, 0, 0]], 0.25, (1.0, 2.0, 0.3))
+    write_map(tmp_path / name, field_view(esdf(grid), view=view))
+    (found,) = [one for one in lint_file(tmp_path / name, radius=0.1) if "yaw" not in one.check]
+    assert (found.check, found.severity) == ("map.view", "warning")
+    end = {"metric": "2", "per-map": "0.75"}[view]
+    told = f"is the 0..100 view of a distance field ({view}, 0 at {end} m), not a map"
+    assert found.message == told
+
+
 def test_every_check_has_a_case():
-    covered = {name for name, _ in CASES} | {"image.depth", "image.outside-folder"}
+    covered = {name for name, _ in CASES} | {"image.depth", "image.outside-folder", "map.view"}
     covered |= {"run.no-manifest", "run.missing-file", "run.other-file", "run.uniform-cost"}
     covered |= {"map.disconnected", "lint.left-out"}  # test_room_checks.py
     covered |= {"lint.not-checked", "lint.unused-ignore"}  # tests/pipeline/test_lint.py

@@ -34,7 +34,7 @@ def test_a_folder_is_gated_by_one_line(command, maps):
     assert out.splitlines() == [
         f"maps/old/turned.yaml:4: warning: {told}", "2 maps: 0 errors, 1 warning, 0 notes",
     ]  # fmt: skip
-    assert err == "warning: 1 YAML file without the key image was left out: maps/params.yaml\n"
+    assert err == "note: 1 YAML file without the key image was left out: maps/params.yaml\n"
     assert command("lint", "maps", "--strict")[0] == 1
     assert command("lint", "maps", "-q") == (0, out.splitlines()[0] + "\n", "")
 
@@ -117,6 +117,29 @@ def test_stdout_holds_the_report_alone(maps, form, options):
         assert done.stdout.endswith(ends[form][1])
     said = "1 map was named more than once, and is checked once" in done.stderr
     assert said == (options != ["-q"])
+
+
+def test_a_link_to_nothing_beside_a_good_map_is_an_error(command, maps):
+    for name, target in {"gone.yaml": "x.yaml", "loop.yaml": "loop.yaml", "site": "y"}.items():
+        Path("maps", name).symlink_to(target)
+    code, out, _ = command("lint", "maps")
+    found = {
+        line.split(": ")[0]: line for line in out.splitlines() if ": error: file.access: " in line
+    }
+    assert code == 1
+    assert set(found) == {"maps/gone.yaml", "maps/loop.yaml", "maps/site"}
+    assert "cannot be read: it is a link to nothing" in found["maps/gone.yaml"]
+    assert "Too many levels of symbolic links" in found["maps/loop.yaml"]
+    assert command("lint", "maps/g*.yaml")[0] == 1
+    # a run of the folder, too, says so of each, and goes on with the others
+    assert command("run", "maps", "-o", "o", "--no-images")[0] == 5
+    told = json.loads(Path("o/summary.json").read_text())["maps"]
+    states = {one["map"]: (one["status"], one.get("exit_code")) for one in told}
+    assert states == {
+        "good.yaml": ("done", None), "old/turned.yaml": ("done", None),
+        **dict.fromkeys(("gone.yaml", "loop.yaml", "site"), ("failed", 4)),
+    }  # fmt: skip
+    assert command("info", "maps/gone.yaml")[0] == 4
 
 
 def test_a_repository_of_forty_maps_is_gated_by_one_line(command, tmp_path, monkeypatch):

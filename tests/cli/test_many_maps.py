@@ -24,5 +24,5 @@ def test_jobs_are_bounded_by_maps_and_processors(
     terminal.configure(quiet=False, verbose=False)
     monkeypatch.setattr(many_maps, "available_threads", lambda: processors)
     assert many_maps.jobs_at_once(wanted, maps) == size
-    warning = f"warning: --jobs {wanted}: using {most}, as there are {processors} cores\n"
-    assert capsys.readouterr().err == ("" if most is None else warning)
+    note = f"note: --jobs {wanted}: using {most}, as there are {processors} cores\n"
+    assert capsys.readouterr().err == ("" if most is None else note)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mapdeal import FileAccessError, MapdealWarning, ParameterError
 from mapdeal.formats import listing
 from mapdeal.formats.listing import files_matching, list_files, numbered_folders, sorted_naturally
-from mapdeal.formats.source import contents_of
+from mapdeal.formats.source import contents_of, status_of
 from odd_names import private
 
 SUFFIXES = (".pcd", ".ply")
@@ -122,16 +122,19 @@ def test_a_file_by_its_shortest_way(folder):
     assert [str(path) for path in list_files(["[ab]/*/2.pcd"], SUFFIXES)] == ["a/down/2.pcd"]
 
 
-def test_links_into_nothing_and_in_circles_match_nothing(folder):
+def test_links_into_nothing_and_in_circles_are_left_to_whoever_reads_them(folder):
     (folder / "x.pcd").symlink_to("y.pcd")
     (folder / "y.pcd").symlink_to("x.pcd")
     (folder / "z.pcd").symlink_to("nothing")
     assert [path.name for path in list_files(["*"], SUFFIXES)] == [
-        "odd[1].pcd", "s9.PLY", "s9.pcd", "s10.pcd",
+        "odd[1].pcd", "s9.PLY", "s9.pcd", "s10.pcd", "x.pcd", "y.pcd", "z.pcd",
     ]  # fmt: skip
+    assert [path.name for path in list_files(["**/z.pcd"], SUFFIXES)] == ["z.pcd"]
     for name in ("x.pcd", "z.pcd", "x.pcd/y"):
         with pytest.raises(FileAccessError, match="cannot be read"):
             list_files([name], SUFFIXES)
+    with pytest.raises(FileAccessError, match="cannot be read: it is a link to nothing"):
+        status_of(folder / "z.pcd")
 
 
 @pytest.mark.parametrize("pattern", ["*/*.pcd", "**/*.pcd", "**"])

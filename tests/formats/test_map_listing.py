@@ -1,6 +1,7 @@
 """Which maps names stand for, and where what is made of them goes."""
 
 import itertools
+import os
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,9 @@ def folder(tmp_path, monkeypatch):
     put(tmp_path / "maps/n.npz", "")
     put(tmp_path / "other/d.yaml", MAP)
     return tmp_path
+
+
+GOOD = {"maps/a.yaml", "maps/b10.yaml", "maps/b9.yml", "maps/deep/er/c.yaml"}
 
 
 def put(path, text):
@@ -165,9 +169,24 @@ def test_links_in_circles_end_and_give_each_map_once_f17(folder):
     (folder / "maps" / "deep" / "up").symlink_to(folder / "maps", target_is_directory=True)
     (folder / "maps" / "self").symlink_to("self")
     (folder / "linked").symlink_to(folder / "maps" / "deep", target_is_directory=True)
-    assert len(listed("maps").maps) == 4
+    assert len(listed("maps").maps) == 5
     assert "linked/er/c.yaml" in places(".")
-    assert len(listed(".").maps) == 5
+    assert len(listed(".").maps) == 6
+
+
+def test_what_cannot_be_followed_may_be_a_map_or_a_folder_of_maps(folder):
+    """In a folder beside good maps: whoever reads it says why it cannot be."""
+    for name in ("gone.yaml", "site", "deep/gone.yml", "notes.txt", "lost.pgm", ".hidden2"):
+        (folder / "maps" / name).symlink_to("nothing")
+    (folder / "maps" / "a-folder").symlink_to(folder / "other", target_is_directory=True)
+    os.mkfifo(folder / "maps" / "pipe.yaml")
+    os.mkfifo(folder / "maps" / "pipe")
+    broken = {"maps/gone.yaml", "maps/site", "maps/deep/gone.yml", "maps/pipe.yaml"}
+    assert set(map(str, (one.path for one in listed("maps").maps))) - GOOD == {
+        *broken, "maps/a-folder/d.yaml"
+    }  # fmt: skip
+    found = {str(one.path) for one in listed("maps/*.y*ml").maps}
+    assert found == {one for one in GOOD | broken if one.count("/") == 1} - {"maps/site"}
 
 
 @pytest.mark.parametrize("name", ["*.png", "maps/p*.yaml", "q[1]"])

@@ -1,6 +1,7 @@
 """Lint of many maps: what names stand for, which rules hold, and who does the work."""
 
 import contextlib
+import errno
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -269,6 +270,7 @@ def test_a_map_that_only_its_share_of_memory_refuses_is_checked_alone(many, work
     [
         (ZeroDivisionError("of mine"), "internal error: ZeroDivisionError: of mine; this is a bug"),
         (MemoryError(), "not enough memory for a map of this size"),
+        (OSError(errno.ENOMEM, "Cannot"), "the system has no more to give: Cannot"),
     ],
 )
 def test_a_bug_met_by_one_map_is_a_finding_of_it(maps, monkeypatch, problem, told):

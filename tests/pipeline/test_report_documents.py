@@ -243,7 +243,7 @@ def test_a_score_is_a_table_of_the_map_that_it_names(command, rooms, shut, tmp_p
         (table,) = tables[owner]
         assert table.title == "Score: does not pass"
         rows = dict(table.rows)
-        assert rows["truth"] == str(shut)
+        assert rows["truth"] == "shut.yaml"
         told = f"{100 * values['coverage']:.1f} %"
         assert rows["known area of the truth that the map knows (coverage)"] == told
         far = values["dist_truth_to_est_m"]["mean"]

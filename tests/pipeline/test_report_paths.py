@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,6 +55,104 @@ def report_of(*paths):
 
 def layer_names(entry):
     return [layer.name for layer in entry.layers]
+
+
+@pytest.fixture
+def machine(tmp_path, rooms, command):
+    """A folder of documents that name maps of this machine by absolute paths, and others."""
+    other = tmp_path / "other.yaml"
+    mapdeal.write_map(other, grid_from_text(ROOMS.replace(".", "#", 3)))
+    (tmp_path / "imageless.yaml").write_text(rooms.read_text().replace("rooms.pgm", "no.pgm"))
+    robot = tmp_path / "robots" / "nav2.yaml"
+    robot.parent.mkdir()
+    robot.write_text("global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.2}}}\n")
+    maps = [rooms, other, tmp_path / "imageless.yaml", tmp_path / "gone.yaml", robot]
+    documents = tmp_path / "documents"
+    documents.mkdir()
+    for name, words in {
+        "diff": ["diff", rooms, other, "--json"],
+        "score": ["score", rooms, "--truth", other, "--json"],
+        "lint": ["lint", *maps, "--format", "json"],
+        "params": ["lint", rooms, "--params-file", robot, "--format", "json"],
+    }.items():
+        (documents / f"{name}.json").write_text(command(*words)[1])
+    command("align", rooms, other, "-o", documents / "align.json")
+    at = ["--from", "2,-1.2", "--to", "4,-1.2", "--robot-radius", "0.05", "-q"]
+    command("reach", rooms, *at, "-o", documents / "reach.json")
+    command("route", rooms, *at, "-o", documents / "route.json")
+    command("run", tmp_path / "imageless.yaml", rooms, "-o", tmp_path / "batch", "-q")
+    return documents
+
+
+@pytest.mark.parametrize("state", ["there", "gone"])
+def test_pages_show_no_absolute_path(machine, command, state):
+    folder = machine.parent
+    maps = [folder / "rooms.yaml"]
+    pages = [[path] for path in sorted(machine.iterdir()) if path.stem not in ("reach", "route")]
+    pages += [[folder / "batch"], [*maps, *sorted(machine.iterdir())], [folder / "batch/rooms"]]
+    if state == "gone":
+        pages = pages[:5]
+        shutil.move(maps[0], folder / "elsewhere.yaml")
+        (folder / "batch/rooms/esdf.npz").write_bytes(b"torn")
+    assert len(pages) == (5 if state == "gone" else 8)
+    for paths in pages:
+        code, _, err = command("report", *paths, "-o", folder / "page.html", "--force")
+        assert code == 0, err
+        page = (folder / "page.html").read_text()
+        assert str(folder) not in page
+        assert "rooms" in page
+
+
+def test_documents_of_another_system_show_no_folder_of_it(machine):
+    told = json.loads((machine / "diff.json").read_text())
+    told["first"]["file"], told["second"]["file"] = "C:\\maps\\a.yaml", "/home/me/my maps/b.yaml"
+    (machine / "diff.json").write_text(json.dumps(told))
+    with pytest.warns(mapdeal.MapdealWarning, match="is not shown"):
+        (entry,) = report_of(machine / "diff.json")
+    rows = dict(row for table in entry.tables for row in table.rows)
+    assert (rows["first map"], rows["second map"]) == ("a.yaml", "b.yaml")
+    assert [text.split(":")[0] for text in entry.warnings] == ["a.yaml", "b.yaml"]
+
+
+def test_a_map_that_is_named_many_times_is_on_the_page_once(rooms, tmp_path, command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "deep").mkdir()
+    Path("link.yaml").symlink_to("rooms.yaml")
+    Path("hard.yaml").hardlink_to("rooms.yaml")
+    _, out, _ = command("lint", "rooms.yaml", "--format", "json")
+    told = json.loads(out)
+    names = ["rooms.yaml", "./rooms.yaml", "deep/../rooms.yaml", "link.yaml", "hard.yaml", rooms]
+    told["maps"] = [{**told["maps"][0], "file": str(names[k % 6])} for k in range(301)]
+    (tmp_path / "lint.json").write_text(json.dumps(told))
+    (tmp_path / "score.json").write_text(command("score", "link.yaml", "--json")[1])
+    (entry,) = report_of(tmp_path / "lint.json", tmp_path / "score.json")
+    assert layer_names(entry) == ["rooms"]
+    assert sum(table.title.startswith("Score") for table in entry.tables) == 1
+    (entry,) = report_of(*(tmp_path / name for name in names))
+    assert layer_names(entry) == ["rooms"]
+
+
+def test_a_run_that_is_named_many_times_is_on_the_page_once(run):
+    told = {"map": "rooms.yaml", "folder": "rooms", "status": "done"}
+    places = ["rooms", "./rooms", "rooms/."] * 100
+    summary = run.parent / "summary.json"
+    summary.write_text(json.dumps({"maps": [{**told, "folder": one} for one in places]}))
+    for paths in ([summary], [run, run / "manifest.json"], [run.parent, run]):
+        (entry,) = report_of(*paths)
+        assert layer_names(entry) == ["inflated", "esdf", "cost"]
+
+
+def test_a_method_that_has_many_names_is_on_the_page_once(command, tmp_path):
+    log = tmp_path / "log.clf"
+    scan = f"FLASER 180 {'2.0 ' * 180}0.5 0 0 0.5 0 0 {{0}} robot {{0}}\n"
+    log.write_text("".join(scan.format(time) for time in (1.0, 2.0)))
+    assert command("build", log, "-o", tmp_path / "c", "--compare")[0] == 0
+    document = tmp_path / "c" / "comparison.json"
+    told = json.loads(document.read_text())
+    told["methods"] |= {f"{k}/tsdf": told["methods"]["tsdf"] for k in range(301)}
+    document.write_text(json.dumps(told))
+    (entry,) = report_of(tmp_path / "c")
+    assert len(entry.layers) == 3
 
 
 def test_a_summary_stands_for_its_batch(run):

@@ -204,9 +204,9 @@ def test_the_script_never_makes_markup_or_code_of_text(word):
 
 
 def test_the_line_below_the_title_tells_the_figures_once_with_their_units():
-    figures = {"cells": "8 x 3", "m per cell": 0.25, "occupied %": 12.5, "recipe": "seed"}
+    figures = {"cells": "8 x 3", "m per cell": 0.25, "occupied %": 12.5, "recipe": "design-real"}
     page = parsed(Report("one", (entry_of(GRID, figures=figures),), "1.0"))
-    expected = "8 \u00d7 3 cells of 0.25 m, 2 \u00d7 0.75 m, occupied 12.5 %, recipe seed"
+    expected = "8 \u00d7 3 cells of 0.25 m, 2 \u00d7 0.75 m, occupied 12.5 %, recipe design-real"
     assert expected in page.text
     items = (Item("finding", "x", "error"), Item("finding", "y", "warning"))
     entries = (entry_of(GRID, "a", items=items, warnings=("w",)), Entry("b"))

@@ -58,7 +58,7 @@ def shown(layers):
 
 
 @pytest.mark.parametrize(
-    ("convention", "shape"), [("seed", (3, 5)), ("center", (9, 4)), ("border", (7, 12))]
+    ("convention", "shape"), [("fast-planner", (3, 5)), ("center", (9, 4)), ("border", (7, 12))]
 )
 def test_maps_and_fields_have_the_colours_of_their_pictures(convention, shape):
     random = np.random.default_rng(shape[0])

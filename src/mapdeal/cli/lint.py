@@ -38,6 +38,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False)
         "footprint": "Corners of the robot around its centre, metres: find rooms that it "
         "cannot enter, by its inscribed radius.",
         "robot_radius": "Radius of a round robot, metres: find rooms that it cannot enter.",
+        "strict": "Exit with 1 for warnings as well.",
     },
 )
 def lint(
@@ -78,9 +79,6 @@ def lint(
         list[str] | None,
         typer.Option(metavar="IDS", help="Checks, or areas of checks, to leave out."),
     ] = None,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with 1 for warnings as well.")
-    ] = False,
     config: Annotated[
         Path | None,
         typer.Option(
@@ -170,7 +168,7 @@ def lint(
         _write_copy(paths, output, settings)
         return
     say_listing(listing, "checked")
-    rules = LintRules(_names(select), _names(ignore), strict, config, is_isolated)
+    rules = LintRules(_names(select), _names(ignore), settings.strict, config, is_isolated)
     at_once = jobs_at_once(jobs, len(paths))
     problems: list[MapdealError] = []
     with ExitStack() as stack:

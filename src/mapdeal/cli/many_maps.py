@@ -31,9 +31,9 @@ def say_listing(listing: MapListing, done: str) -> None:
 
 def _say_some(paths: Sequence[Path], one: str, many: str) -> None:
     if len(paths) == 1:
-        terminal.warn(f"1 {one}: {paths[0]}")
+        terminal.remark([f"note: 1 {one}: {paths[0]}"])
         return
-    terminal.warn(f"{len(paths)} {many}, such as {paths[0]}; -v names all")
+    terminal.remark([f"note: {len(paths)} {many}, such as {paths[0]}; -v names all"])
     for path in paths:
         terminal.detail(f"{many.rsplit(' ', 2)[0]}: {path}")
 
@@ -43,5 +43,5 @@ def jobs_at_once(wanted: int | None, maps: int) -> int:
     processors = available_threads()
     most = max(_LEAST_CAP, _MOST_PER_PROCESSOR * processors)
     if wanted is not None and wanted > most:
-        terminal.warn(f"--jobs {wanted}: using {most}, as there are {processors} cores")
+        terminal.remark([f"note: --jobs {wanted}: using {most}, as there are {processors} cores"])
     return min(wanted or processors, maps, most)

@@ -16,7 +16,6 @@ from mapdeal.formats.source import (
     exists,
     identity_of,
     is_folder,
-    is_regular,
     status_of,
 )
 
@@ -82,7 +81,7 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
 
 
 def files_matching(pattern: str) -> list[Path]:
-    """Return the regular files that a pattern stands for.
+    """Return all but folders that a pattern stands for.
 
     Parameters
     ----------
@@ -118,7 +117,8 @@ def files_matching(pattern: str) -> list[Path]:
         return [one / name for one, files in folders_below(folders, _seen_in) for name in files]
     if has_magic(last):
         return [one / name for one in folders for name in _matching(_seen_in(one)[1], last)]
-    return [one / last for one in folders if is_regular(one / last)]
+    named = (one / last for one in folders)
+    return [one for one in named if os.path.lexists(one) and not is_folder(one)]
 
 
 def _one_part_on(folders: Iterable[Path], part: str) -> Iterator[Path]:

@@ -300,7 +300,7 @@ def _fixed_part(pattern: Path) -> Path:
 
 
 def _below_folder(folder: Path, rules: _Rules) -> tuple[list[Path], list[Path]]:
-    """Return the YAML files in a folder and below, and the folders that are listed themselves.
+    """Return what may be maps in a folder and below, and the folders that are listed themselves.
 
     Hidden ones and outputs are left aside.
     """
@@ -322,8 +322,13 @@ def _below_folder(folder: Path, rules: _Rules) -> tuple[list[Path], list[Path]]:
 
     walk = folders_below([folder], look_into, leave_out=lambda one: _lies_in(one, rules.output))
     files = [one / name for one, names in walk for name in names]
-    yamls = sorted_naturally(file for file in files if file.suffix.lower() in _YAML)
+    yamls = sorted_naturally(file for file in files if _may_be_maps(file))
     return yamls, sorted(listed, key=lambda one: natural_key(str(one)))
+
+
+def _may_be_maps(file: Path) -> bool:
+    """Return whether a file is a YAML file, or a link to nothing that may have been a folder."""
+    return file.suffix.lower() in _YAML or not (file.suffix or exists(file))
 
 
 def _is_map(path: Path) -> bool:

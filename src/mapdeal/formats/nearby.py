@@ -23,7 +23,7 @@ def file_meant(name: str) -> str | None:
 
     path = Path(name)
     try:
-        names = contents_of(path.parent)[1]
+        names = [one for one in contents_of(path.parent)[1] if one != path.name]
     except FileAccessError:
         return None
     near = [path.name + ending for ending in _MAPS if path.name + ending in names]

@@ -15,7 +15,7 @@ from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.figures import are_figures_of
-from mapdeal.pipeline.heard import heard_from, located, portable, refused
+from mapdeal.pipeline.heard import heard_from, located, portable
 from mapdeal.pipeline.products import (
     figures_of,
     passes_of,
@@ -126,8 +126,8 @@ class OutputFolder:
         figures: dict[str, Figures] = stored
         return figures if same else None
 
-    def repeat_warnings(self, filling: Filling) -> list[str]:
-        """Warn of what the run that has written the folder has warned of, and return all of that.
+    def repeat_warnings(self, filling: Filling) -> None:
+        """Warn of what the run that has written the folder has warned of.
 
         What reading has warned of, this time, too, is not said twice.
         """
@@ -137,7 +137,6 @@ class OutputFolder:
         for text in located(texts, filling.named):
             if text not in filling.heard:
                 emit_warning(text, stacklevel=2)
-        return texts
 
     def passes(self) -> int:
         """Return how often the rows of lazy products are gone through to write them."""
@@ -193,8 +192,6 @@ class OutputFolder:
                 overlay=_together(filling.overlay, robot_overlays(step, filling.robot)),
             )
         remarks = portable(texts, filling.named)
-        if self.settings.strict and remarks:
-            raise refused(remarks, filling.subject)
         made = transaction.checksums()
         sums = {path.name: digest for path, digest in made.items() if path.parent == self.path}
         document = json_of(

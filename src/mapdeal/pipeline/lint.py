@@ -14,7 +14,13 @@ from mapdeal.checks.lint import LEFT_OUT, checks_of, lint_file
 from mapdeal.checks.reports.report import LintReport, MapReport
 from mapdeal.checks.run_checks import RUN_FOLDERS
 from mapdeal.checks.selection import Selection, selection_of
-from mapdeal.errors import FileAccessError, MapdealError, ParameterError, kept_warnings
+from mapdeal.errors import (
+    FileAccessError,
+    MapdealError,
+    ParameterError,
+    kept_warnings,
+    refusal_of_the_system,
+)
 from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.budget import SHARE_OF_JOB
 from mapdeal.formats.lint_config import LintConfig, find_lint_config, read_lint_config
@@ -330,11 +336,9 @@ def _lint_one(path: Path, settings: Settings, radius: float | None = None) -> _F
         findings = lint_file(path, max_cells=settings.max_cells, radius=radius)
     except MapdealError as error:
         return _not_checked(path, str(error))
-    except MemoryError:
-        return _not_checked(path, "not enough memory for a map of this size")
     except Exception as problem:  # noqa: BLE001 - a bug met by one map is not to stop the rest
         text = f"internal error: {type(problem).__name__}: {problem}; this is a bug in mapdeal"
-        return _not_checked(path, text)
+        return _not_checked(path, str(refusal_of_the_system(problem) or text))
     has_comments = not is_folder(path) and path.suffix.lower() not in (".npz", BIT_MAP)
     comments = read_ignore_comments(path) if has_comments else []
     return _Found(tuple(findings), tuple(comments))

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapdeal.kernels.rotations import inverse_matrices
+
 Colours = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
@@ -131,11 +133,16 @@ def interpolated(anchors: list[tuple[int, int, int]], levels: int) -> Colours:
 
 def _oklab_from_rgb(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    lab: NDArray[np.float64] = np.cbrt(linear @ _LMS_FROM_RGB.T) @ _LAB_FROM_LMS.T
-    return lab
+    return _product(_LAB_FROM_LMS, np.cbrt(_product(_LMS_FROM_RGB, linear)))
 
 
 def _rgb_from_oklab(lab: NDArray[np.float64]) -> NDArray[np.float64]:
-    lms = (lab @ np.linalg.inv(_LAB_FROM_LMS).T) ** 3
-    linear = np.clip(lms @ np.linalg.inv(_LMS_FROM_RGB).T, 0, None)
+    lms = _product(inverse_matrices(_LAB_FROM_LMS), lab) ** 3
+    linear = np.clip(_product(inverse_matrices(_LMS_FROM_RGB), lms), 0, None)
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def _product(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the products of a matrix and vectors, shape (N, 3), without BLAS."""
+    product: NDArray[np.float64] = (vectors[:, np.newaxis] * matrix).sum(axis=-1)
+    return product

@@ -46,6 +46,9 @@ def methods_in(folder: Path, grids: Grids) -> Draft:
 
 def _add_method(draft: Draft, method: str, grids: Grids) -> None:
     path = draft.path / Path(f"{method}.yaml").name
+    if path in draft.paths:  # of a method of another name
+        return
+    draft.paths.append(path)
     try:
         opened = grids.open(path)
     except MapdealError as error:

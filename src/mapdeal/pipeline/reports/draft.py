@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import field, replace
+from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
-from mapdeal.errors import emit_warning
+from mapdeal.errors import emit_warning, one_line
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.pipeline.heard import portable
 from mapdeal.records import dataclass
@@ -18,6 +20,11 @@ Kind = TypeVar("Kind")
 
 _MOST = 5000
 """Items, tables, rows of a table, and warnings of an entry: browsers get slow beyond that."""
+
+_ABSOLUTE = re.compile(r"(?<![\w./\\-])(?=/|[A-Za-z]:[\\/]|\\\\)")
+_SEPARATOR = re.compile(r"[\\/]")
+_DEEPEST = 32
+"""Folders in one another that are looked for in a text, so that this takes linear time."""
 
 
 @dataclass
@@ -79,20 +86,55 @@ class Draft:
         names = (name if number == 1 else f"{name}-{number}" for number in range(1, len(taken) + 2))
         return next(one for one in names if one not in taken)
 
-    def entry(self) -> Entry:
-        """Return the entry as it is now; of very many items, tables and rows the first ones."""
+    def entry(self, folders: Collection[str] = ()) -> Entry:
+        """Return the entry as it is now; of very many items, tables and rows the first ones.
+
+        Texts name files without the absolute `folders`, of this machine or of a document's.
+        """
+
+        def shown(text: str) -> str:
+            return without_folders(text, folders)
+
+        items = _first(self.items, lambda rest: Item("finding", rest, "note"))
+        tables = _first([_shortened(one) for one in self.tables], lambda rest: Table(rest, ()))
         return Entry(
-            self.name,
+            shown(self.name),
             tuple(self.layers),
-            _first(self.items, lambda rest: Item("finding", rest, "note")),
-            _first([_shortened(one) for one in self.tables], lambda rest: Table(rest, ())),
-            _first(tuple(self.warnings), str),
+            tuple(replace(one, text=shown(one.text)) for one in items),
+            tuple(
+                Table(shown(one.title), tuple((shown(k), shown(v)) for k, v in one.rows))
+                for one in tables
+            ),
+            tuple(map(shown, _first(tuple(self.warnings), str))),
             self.status,
             dict(self.figures),
             self.curve,
             self.compared,
             extent_of(self.layers, self.items),
         )
+
+
+def folder_of(name: str) -> str | None:
+    """Return the folder of a file that is named absolutely, as any system writes it."""
+    end = max(name.rfind("/"), name.rfind("\\"))
+    return one_line(name[:end]) if end > 0 and _ABSOLUTE.match(name) else None
+
+
+def without_folders(text: str, folders: Collection[str]) -> str:
+    """Return a text in which names of files lack the folders they begin with.
+
+    Examples
+    --------
+    >>> without_folders("see /home/me/maps/a.pgm, /scan", {"/home/me", "/home/me/maps"})
+    'see a.pgm, /scan'
+    """
+    shown, done = "", 0
+    for start in (match.start() for match in _ABSOLUTE.finditer(text)):
+        parts = islice(_SEPARATOR.finditer(text, start + 1), _DEEPEST)
+        ends = [part.end() for part in parts if text[start : part.start()] in folders]
+        if ends and start >= done:
+            shown, done = shown + text[done:start], ends[-1]
+    return shown + text[done:]
 
 
 def _shortened(table: Table) -> Table:

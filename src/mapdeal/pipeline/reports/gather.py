@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -23,19 +23,20 @@ from mapdeal.formats.answers import (
 )
 from mapdeal.formats.kinds import SHAPES, kind_of
 from mapdeal.formats.score_json import ScoreAnswer
-from mapdeal.formats.source import exists, is_folder, real_path, status_of
+from mapdeal.formats.source import exists, identity_of, is_folder, status_of
 from mapdeal.grid.display import count_text
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.compare import DOCUMENT
 from mapdeal.pipeline.folder import MANIFEST
 from mapdeal.pipeline.jobs import SUMMARY
 from mapdeal.pipeline.reports.comparisons import aligned_maps, methods_in, two_maps
-from mapdeal.pipeline.reports.draft import Draft
+from mapdeal.pipeline.reports.draft import Draft, folder_of
 from mapdeal.pipeline.reports.findings import drafts_about
 from mapdeal.pipeline.reports.grids import Grids, Opened
 from mapdeal.pipeline.reports.items import finding_items, items_of, lint_table, tables_of
 from mapdeal.pipeline.reports.runs import (
     INPUT,
+    NOT_SHOWN,
     add_layers,
     columns_of,
     fill_from_run,
@@ -88,15 +89,17 @@ def gathered(
         Of all that is missing, or does not match; the report says it, too.
     """
     gathering = _Gathering(grids)
-    first_names: dict[Path, Path] = {}
+    first_names: dict[object, Path] = {}
     for path in paths:
-        first_names.setdefault(real_path(path), path)
+        first_names.setdefault(identity_of(path) or path, path)
     paths = list(first_names.values())
-    folders = {path: _entries_of(path, grids) for path in paths}
-    gathering.runs = [draft for found in folders.values() for draft in found]
+    seen: set[object] = set()
+    entries_of = {path: _entries_of(path, grids, seen) for path in paths}
+    gathering.runs = [draft for found in entries_of.values() for draft in found or ()]
     for path in paths:
-        if folders[path]:
-            gathering.drafts += folders[path]
+        found = entries_of[path]
+        if found is not None:
+            gathering.drafts += found
         elif _is_grid(path):
             gathering.add_grid(path)
         else:
@@ -104,26 +107,30 @@ def gathered(
     for path in inputs:
         with suppress(MapdealError):  # whoever made the run has told of it
             gathering.add_input(grids.open(path, quietly=True))
-    gathering.settle()
-    entries = tuple(draft.entry() for draft in gathering.drafts)
+    gathering.settle(paths[0])
+    files = {*paths, *grids.files, *(one for draft in gathering.drafts for one in draft.places)}
+    names = {*gathering.named, *map(str, files)}
+    folders = {folder for name in names if (folder := folder_of(name)) is not None}
+    entries = tuple(draft.entry(folders) for draft in gathering.drafts)
     if title is None:
         title = entries[0].name if len(entries) == 1 else count_text(len(entries), "map")
     return Report(title, entries, __version__)
 
 
-def _entries_of(path: Path, grids: Grids) -> list[Draft]:
-    """Return the entries in a folder; none if the path is that of a file of another kind."""
+def _entries_of(path: Path, grids: Grids, seen: set[object]) -> list[Draft] | None:
+    """Return the entries in a folder, but for runs that were `seen`; None of another file."""
     folder = path.parent if path.name in (MANIFEST, SUMMARY, DOCUMENT) else path
     status_of(folder)
     if not is_folder(folder):
-        return []
+        return None
     if exists(folder / DOCUMENT):
-        return [methods_in(folder, grids)]
+        return [methods_in(folder, grids)] if _is_first(folder, seen) else []
     found = runs_in(folder)
     if found is None:
         rule = f"contains no run: no {MANIFEST} in it or below"
         hint = "mapdeal run MAP -o DIR makes one; maps in a folder are named one by one"
         raise FileAccessError(rule, source=folder, hint=hint)
+    found = [one for one in found if one.status == NOT_SHOWN or _is_first(one.path, seen)]
     for draft in found:
         try:
             fill_from_run(draft, grids)
@@ -134,11 +141,29 @@ def _entries_of(path: Path, grids: Grids) -> list[Draft]:
     return found
 
 
+def _is_first(path: Path, seen: set[object]) -> bool:
+    """Return whether a file or folder, by whatever name, is met for the first time."""
+    key = identity_of(path) or path
+    is_first = key not in seen
+    seen.add(key)
+    return is_first
+
+
 def _is_grid(path: Path) -> bool:
     if path.suffix.lower() not in _GRIDS:
         return False
     kind = kind_of(path)
     return kind is None or kind.name != SHAPES
+
+
+def _files_in(answer: Answer) -> Iterator[str]:
+    """Yield the names of the files that a document is about."""
+    if isinstance(answer, DiffAnswer | AlignmentAnswer):
+        yield from (one.file for one in (answer.first, answer.second) if one is not None)
+    elif isinstance(answer, LintAnswer):
+        yield from (told.file for told in answer.files)
+    elif isinstance(answer, ScoreAnswer):
+        yield from (one for one in (answer.file, answer.truth) if one is not None)
 
 
 class _Gathering:
@@ -148,12 +173,16 @@ class _Gathering:
         self._grids = grids
         self.runs: list[Draft] = []
         self.drafts: list[Draft] = []
+        self.named: set[str] = set()
+        self._seen: set[object] = set()
         self._documents: list[tuple[Path, Answer, Draft | None]] = []
         self._linted: list[tuple[Path, LintAnswer]] = []
         self._scored: list[tuple[Path, ScoreAnswer]] = []
 
     def add_grid(self, path: Path) -> None:
-        """Add the grid of a file to the draft that it belongs to, or to a new one."""
+        """Add the grid of a file to the draft that it belongs to, or to a new one, once."""
+        if not _is_first(path, self._seen):
+            return
         opened = self._grids.open(path)
         if self.add_input(opened):
             return
@@ -197,6 +226,7 @@ class _Gathering:
     def add_document(self, path: Path) -> None:
         """Read a document; its content goes where it belongs, at the end."""
         answer = read_answer(path)
+        self.named |= set(_files_in(answer))
         if isinstance(answer, DiffAnswer):
             draft = two_maps(path, answer, self._grids, self._grids.settings)
             self.drafts.append(draft)
@@ -215,8 +245,8 @@ class _Gathering:
         else:
             self._documents.append((path, answer, self.drafts[-1] if self.drafts else None))
 
-    def settle(self) -> None:
-        """Add the content of documents to the entries that they belong to.
+    def settle(self, first: Path) -> None:
+        """Add the content of documents, `first` among them, to the entries that they belong to.
 
         Raises
         ------
@@ -227,11 +257,11 @@ class _Gathering:
             for _, linted in self._linted:
                 self._add_maps(Path(told.file) for told in linted.files if not told.is_parameters)
             places = (map_of(answer, path) for path, answer in self._scored)
-            self._add_maps(dict.fromkeys(place for place in places if place is not None))
-        for path, answer, draft in self._documents:
-            if draft is None and not self.drafts:
-                rule = "belongs to a map or a run, and none is named"
-                raise ParameterError(rule, source=path, hint="name it before this file")
+            self._add_maps(place for place in places if place is not None)
+        if not self.drafts:  # such as findings about parameter files alone
+            rule = "belongs to a map or a run, and none is named"
+            raise ParameterError(rule, source=first, hint="name it before this file")
+        for _, answer, draft in self._documents:
             owner = draft or self.drafts[0]
             owner.items += items_of(answer)
             owner.tables += tables_of(answer)

@@ -116,12 +116,15 @@ def goal_items(
         text = f"goal {one.goal.label}: {'reachable' if one.reachable else 'not reachable'}"
         if one.reachable and robot is not None and robot.vertices:
             text += f" in {one.heading_count} of {count_text(heading_count, 'heading')}"
-        if one.widest_radius == 0:
+        if one.reason is not None:
+            text += f": {one.stopped_by}"
+        elif one.widest_radius == 0:
             text += "; by no robot, however small"
         elif math.isfinite(one.widest_radius):
             text += f"; a round robot gets there with a radius below {_metres(one.widest_radius)}"
-        if one.limited_by is not None and math.isfinite(one.limited_by.width):
-            text += f": {one.limited_by.text}"
+        limit = one.limited_by
+        if one.reason is None and limit is not None and math.isfinite(limit.width):
+            text += f": {limit.text}"
         tone: Tone = "good" if one.reachable else "error"
         items.append(Item("goal", _text(text), tone, place, label=_text(one.goal.name or "goal")))
     return _shortened(items, "goal")

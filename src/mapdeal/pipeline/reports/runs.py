@@ -33,6 +33,9 @@ from mapdeal.report.layers import MAP
 INPUT = "input"
 """The name of the layer with the map that a run was given."""
 
+NOT_SHOWN = "not shown"
+"""The status of a run of a batch that is in no folder of it."""
+
 _GRIDS = (".npz", ".yaml")
 """The files of a product that hold its values, the most exact first."""
 
@@ -77,7 +80,7 @@ def _drafts_of_batch(folder: Path, told: Mapping[str, Any]) -> Iterator[Draft]:
     """Yield what a summary contains about a map, and about the local map beside it."""
     place, status = str(told.get("folder")), str(told.get("status"))
     if not _is_below(place):
-        draft = Draft(place, folder, status="not shown")
+        draft = Draft(place, folder, status=NOT_SHOWN)
         rule = "is in no folder of this batch, so it is not shown"
         draft.miss(f"{folder / SUMMARY}: {one_line(place)} {rule}", folder / SUMMARY)
         yield draft
