@@ -23,6 +23,7 @@ WALKS = {
     "formats/nearby.py:file_meant": "lists one folder",
     "formats/commit.py:_inside": "lists one folder",
     "formats/bags/folder.py:_guessed": "lists one folder",
+    "formats/bags/folder.py:_present": "lists one folder",
     "formats/bags/names.py:bag_paths": "lists one folder",
     "formats/kinds.py:_kind_of_folder": "lists one folder",
     "formats/temporary.py:remove_stale": "lists one folder",

@@ -112,6 +112,9 @@ REASONS = {
         ("fullmatch", "a point or an e stands between runs of digits"),
     ("pipeline/batch.py", r"(?<![\w./-])/some/folder/"):
         ("split", "a look back at one character, then fixed text"),
+    ("pipeline/reports/draft.py", r"(?<![\w./\\-])(?=/|[A-Za-z]:[\\/]|\\\\)"):
+        ("finditer match", "looks back at one character and ahead at three"),
+    ("pipeline/reports/draft.py", r"[\\/]"): ("finditer", "one character"),
     ("pipeline/recipe_file.py",
      r"(?:(?P<key>[^(]*) \()?line (?P<line>\d+)(?:, (?P<column>column \d+))?\)?"):
         ("fullmatch", "the first repeat ends at the bracket, the others are of digits"),

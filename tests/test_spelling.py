@@ -96,17 +96,19 @@ def test_former_names_of_recipes_are_accepted(kind, command, tmp_path, monkeypat
     assert manifests[0] == manifests[1]
 
 
-def test_files_keep_their_tag_and_are_read_with_either_name(tmp_path, monkeypatch):
+def test_files_have_the_names_of_today_and_are_read_with_former_ones(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_map("f.npz", esdf(grid_from_text("..#\n...")))
-    with np.load("f.npz") as file:
-        arrays = dict(file)
-    assert str(arrays["convention"]) == "seed"
-    np.savez("new.npz", **(arrays | {"convention": "fast-planner"}))
-    for name in ("f.npz", "new.npz"):
-        field = read_map(name)
-        assert isinstance(field, DistanceField)
-        assert field.convention == "fast-planner"
+    field = esdf(grid_from_text("..#\n..."))
+    view = field_view(field, view="per-map")
+    for grid, key, name in ((field, "convention", "fast-planner"), (view, "view", "per-map")):
+        write_map("new.npz", grid, force=True)
+        with np.load("new.npz") as file:
+            arrays = dict(file)
+        assert str(arrays[key]) == name
+        np.savez("old.npz", **(arrays | {key: "seed"}))
+        for file_name in ("new.npz", "old.npz"):
+            back = read_map(file_name)
+            assert getattr(getattr(back, "scale", back), key) == name
 
 
 def test_a_word_that_is_known_or_like_none_stays():

@@ -6,15 +6,13 @@ other place has to decide it. Anything else that escapes is a bug (exit 70).
 
 from __future__ import annotations
 
-import sys
+import errno
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from typing import ClassVar, Self
-
-from mapdeal.records import dataclass
 
 __all__ = [
     "BatchError",
@@ -26,6 +24,7 @@ __all__ = [
     "ParameterError",
 ]
 
+_EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN)
 _MISSING = object()
 _HINT = "hint: "
 
@@ -46,63 +45,69 @@ class MapdealWarning(UserWarning):
         self.check = check
 
 
-@dataclass(frozen=True)
-class KeptWarning:
-    """A warning that has not been emitted yet.
+_LISTENERS: ContextVar[tuple[tuple[list[MapdealWarning], bool], ...]] = ContextVar(
+    "mapdeal_listeners", default=()
+)
+"""Where the enclosing blocks collect warnings, and whether nobody further out gets them."""
 
-    Parameters
-    ----------
-    message : MapdealWarning
-        The warning.
-    filename : str
-        Source file that the warning refers to, as Python's warning filters see it.
-    line : int
-        Line in this file.
-    """
-
-    message: MapdealWarning
-    filename: str
-    line: int
-
-    def emit(self) -> None:
-        """Pass the warning to an enclosing `kept_warnings` block, else to Python's filters."""
-        kept = _KEPT.get()
-        if kept is None:
-            warnings.warn_explicit(self.message, MapdealWarning, self.filename, self.line)
-        else:
-            kept.append(self)
-
-
-_KEPT: ContextVar[list[KeptWarning] | None] = ContextVar("mapdeal_kept_warnings", default=None)
+_STRICT: ContextVar[tuple[list[MapdealWarning], ...]] = ContextVar("mapdeal_strict", default=())
 
 
 def emit_warning(message: str | MapdealWarning, *, stacklevel: int = 1) -> None:
-    """Emit a warning like `warnings.warn`, or add it to an enclosing `kept_warnings` block."""
-    kept = _KEPT.get()
+    """Emit a warning like `warnings.warn`, also to enclosing blocks that listen to warnings."""
     warning = MapdealWarning(message) if isinstance(message, str) else message
-    if kept is None:
-        warnings.warn(warning, stacklevel=stacklevel + 1)
-        return
-    try:
-        code = sys._getframe(stacklevel)  # noqa: SLF001 - as `warnings` itself does
-        kept.append(KeptWarning(warning, code.f_code.co_filename, code.f_lineno))
-    except ValueError:  # the stack is not as deep
-        kept.append(KeptWarning(warning, "sys", 1))
+    for heard, keeps in reversed(_LISTENERS.get()):
+        heard.append(warning)
+        if keeps:
+            return
+    warnings.warn(warning, stacklevel=stacklevel + 1)
 
 
 @contextmanager
-def kept_warnings() -> Iterator[list[KeptWarning]]:
+def heard_warnings(*, keep: bool = False) -> Iterator[list[MapdealWarning]]:
+    """Collect the warnings of the block, and of the threads that share its work, in a list."""
+    heard: list[MapdealWarning] = []
+    before = _LISTENERS.set((*_LISTENERS.get(), (heard, keep)))
+    try:
+        yield heard
+    finally:
+        _LISTENERS.reset(before)
+
+
+def kept_warnings() -> AbstractContextManager[list[MapdealWarning]]:
     """Keep the warnings of the block, and of the threads that share its work, in a list.
 
     Python's own means change the filters of the whole process: of two threads that read maps at
     once, one would receive the warnings of the other, and both would leave wrong filters behind.
     """
-    kept: list[KeptWarning] = []
-    before = _KEPT.set(kept)
-    try:
-        yield kept
-    finally:
-        _KEPT.reset(before)
+    return heard_warnings(keep=True)
+
+
+@contextmanager
+def strict_warnings(is_strict: bool = True, source: Path | str | None = None) -> Iterator[None]:
+    """Turn warnings of the block into a FindingError about `source`; no output appears then."""
+    if not is_strict:
+        yield
+        return
+    with heard_warnings() as heard:
+        before = _STRICT.set((*_STRICT.get(), heard))
+        try:
+            yield
+            refuse_warnings("")
+        except FindingError as error:
+            if source is not None:
+                error.found_in(source)
+            raise
+        finally:
+            _STRICT.reset(before)
+
+
+def refuse_warnings(consequence: str = "; nothing was written") -> None:
+    """Raise FindingError if an enclosing `strict_warnings` block has been warned of something."""
+    count = max(map(len, _STRICT.get()), default=0)
+    if count:
+        told = "1 warning" if count == 1 else f"{count} warnings"
+        raise FindingError(f"{told}, and --strict allows none{consequence}")
 
 
 class MapdealError(Exception):
@@ -206,6 +211,27 @@ class BatchError(MapdealError):
     """A batch finished, but some of its inputs failed."""
 
     exit_code = 5
+
+
+def refusal_of_the_system(error: Exception, source: Path | None = None) -> MapdealError | None:
+    """Return what to report if the system has no more to give, or a library cannot be loaded.
+
+    Such errors can come from anywhere, also from imports within libraries.
+    """
+    hint = "ulimit -a shows the limits of processes, memory and open files"
+    # Python itself raises SystemError where it has no memory for the exception.
+    is_out = isinstance(error, SystemError) and "without exception set" in str(error)
+    if is_out or isinstance(error, MemoryError):
+        return MalformedInputError("not enough memory for a map of this size", source=source)
+    if isinstance(error, OSError) and error.errno in _EXHAUSTED:
+        rule = f"the system has no more to give: {error.strerror}"
+        return FileAccessError(rule, source=source, hint=hint)
+    if isinstance(error, ImportError) and not (error.name or "").startswith("mapdeal"):
+        first: BaseException = error
+        while first.__cause__ is not None:  # numpy wraps it into advice of many lines
+            first = first.__cause__
+        return FileAccessError(f"a library cannot be loaded: {first}", source=source, hint=hint)
+    return None
 
 
 def _short(text: str, limit: int = 400) -> str:

@@ -110,7 +110,7 @@ def test_grids_and_files_are_compared_alike(files):
 def test_costs_are_compared_as_ros_publishes_them(files):
     grid = mapdeal.read_map(files[0])
     costs = mapdeal.exponential_cost(grid, inflation_radius=0.25)
-    with pytest.warns(mapdeal.MapdealWarning, match="map B contains costs"):
+    with pytest.warns(mapdeal.MapdealWarning, match="map B: contains costs"):
         report = mapdeal.diff(grid, costs)
     assert report.confusion["occupied"]["occupied"] == 2
     assert mapdeal.diff(grid, mapdeal.esdf(grid)).is_equal

@@ -293,11 +293,16 @@ def test_route_takes_costs_as_they_are(command, hall, tmp_path):
 
 def test_route_knows_the_robot_s_size(command, hall):
     words = ["route", hall, "--from", "1,1", "--to", "5,1"]
-    for radius in (0.5, 0.9):  # the recipe's own reach is 0.7
+    # 12 cells between the wall's end and the edge; the recipe's own reach is 0.7
+    for radius in (0.5, 0.599):
         code, out, err = command(*words, "--robot-radius", radius)
         assert (code, err) == (0, "")
         assert json.loads(out)["min_clearance_m"] > radius
-    assert command(*words, "--robot-radius", 1.3)[0] == 1
+        assert command("reach", *words[1:], "--robot-radius", radius)[0] == 0
+    for radius in (0.6, 0.9):
+        assert command(*words, "--robot-radius", radius)[0] == 1
+        assert command("reach", *words[1:], "--robot-radius", radius)[0] == 1
+    assert command(*words, "--robot-radius", 1.3)[0] == 2  # the start is 1.05 m from the edge
 
 
 def test_route_by_descent_reaches_the_goal_or_tells_the_local_minimum(command, hall, tmp_path):

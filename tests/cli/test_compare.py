@@ -131,6 +131,12 @@ def test_all_methods_take_their_own_numbers(command, run):
         used = document()["methods"][method]["parameters"]
         assert used.items() >= parameters.items()
     assert document()["methods"]["log-odds"]["parameters"]["log_free"] == -1
+    assert command("build", "hall.npz", "--compare", "-o", "w", *WORDS, "--as-written")[0] == 0
+    written = read_map("w/tsdf.yaml").occupancy
+    grid = build_map(*run, method="tsdf", as_written=True, **GRID).grid
+    assert np.array_equal(written, grid.occupancy)
+    used = document("w")["methods"]["tsdf"]["parameters"]
+    assert used == {"truncation": 2.0, "truncation_behind": 3.0, "as_written": True}
     # the grid holds what the method that reaches farthest behind hits does: 4.5 cells
     assert (
         command("build", "hall.npz", "--compare", "-o", "a", "--resolution", "0.1", *words)[0] == 0

@@ -161,7 +161,7 @@ def bombs(tmp_path_factory):
                "goal": np.array([2.0, 2.0])}  # fmt: skip
     zeros_npz(folder / "potential.npz", GEOMETRY | numbers, occupancy=((3000, 3000), "|i1"),
               repulsive=((3000, 3000), "<f8"))  # fmt: skip
-    zeros_npz(folder / "field.npz", GEOMETRY | {"convention": "seed", "strength": 1.0,
+    zeros_npz(folder / "field.npz", GEOMETRY | {"convention": "fast-planner", "strength": 1.0,
               "max_distance": 1.0, "lethal_threshold": 100, "unknown": "free"},
               distance=((4000, 4000), "<f4"), occupancy=((4000, 4000), "|i1"))  # fmt: skip
     zeros_npz(folder / "cost.npz", GEOMETRY | {"cost_scale": "costmap2d"}, cost=(layer, "|u1"))

@@ -132,7 +132,7 @@ def check(command, folder, monkeypatch, line, name, *, is_output):
     lines = err.splitlines()
     assert code in (0, 1, 2, 3, 4, 5), err
     assert "Traceback" not in err
-    assert all(one.startswith(("error: ", "hint: ", "warning: ")) for one in lines), err
+    assert all(one.startswith(("error: ", "hint: ", "warning: ", "note: ")) for one in lines), err
     errors = [one for one in lines if one.startswith("error: ")]
     if code != 5 and not BATCHES & set(words):  # each of whose maps tells its own
         assert len(errors) == (code > 1) or (code == 1 and len(errors) == 1), err

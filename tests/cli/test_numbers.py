@@ -126,6 +126,6 @@ def test_a_number_gives_a_result_or_one_line(command, folder, name):
                 check_failure(code, out, err, code, [], "")
             else:
                 lines = err.splitlines()
-                assert all(line.startswith(("warning: ", "error: ", "hint: ")) for line in lines), (
-                    tried
-                )
+                assert all(
+                    line.startswith(("warning: ", "note: ", "error: ", "hint: ")) for line in lines
+                ), tried

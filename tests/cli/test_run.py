@@ -12,7 +12,7 @@ def test_a_map_that_is_named_twice_is_run_once_and_said(command, tmp_path):
     path = tmp_path / "m.yaml"
     write_map(path, grid_from_text("#..\n..."))
     code, _, err = command("run", path, path, "-o", tmp_path / "o", "--no-images")
-    assert (code, err) == (0, f"warning: 1 map was named more than once, and is run once: {path}\n")
+    assert (code, err) == (0, f"note: 1 map was named more than once, and is run once: {path}\n")
     assert (tmp_path / "o" / "m" / "manifest.json").exists()
 
 

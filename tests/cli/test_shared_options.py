@@ -48,14 +48,14 @@ def test_shared_options_follow_those_of_the_command():
     @shared_options("image", "threads")
     def draw(source: Path, size: int = 3, *, settings: Settings) -> None: ...
 
-    assert _options(draw) == ["source", "size", "image", "threads", "quiet", "verbose"]
+    assert _options(draw) == ["source", "size", "image", "threads", "strict", "quiet", "verbose"]
 
 
 def test_an_own_option_that_is_named_stands_where_it_is_named():
     @shared_options("dialect", "jobs", "force")
     def draw(jobs: int = 1, *, source: Path, settings: Settings) -> None: ...
 
-    assert _options(draw) == ["source", "dialect", "jobs", "force", "quiet", "verbose"]
+    assert _options(draw) == ["source", "dialect", "jobs", "force", "strict", "quiet", "verbose"]
 
 
 def test_a_group_stands_for_all_of_its_options():
@@ -63,7 +63,7 @@ def test_a_group_stands_for_all_of_its_options():
     def draw(*, settings: Settings) -> None: ...
 
     files = ["image", "image_extent", "dialect", "max_cells", "force", "threads", "max_memory"]
-    assert _options(draw) == [*files, "image_max", "quiet", "verbose"]
+    assert _options(draw) == [*files, "image_max", "strict", "quiet", "verbose"]
 
 
 def test_annotations_and_signature_agree():
@@ -201,9 +201,9 @@ def test_own_options_can_be_made():
 
 
 @pytest.mark.parametrize("path", ALL_COMMANDS, ids=" ".join)
-def test_every_command_ends_with_quiet_and_verbose(path):
+def test_every_command_ends_with_strict_quiet_and_verbose(path):
     parameters = [parameter.name for parameter in ALL_COMMANDS[path].params]
-    assert parameters[-3:-1] == ["quiet", "verbose"] or parameters[-2:] == ["quiet", "verbose"]
+    assert [one for one in parameters if one != "help"][-3:] == ["strict", "quiet", "verbose"]
     assert path[0] in command_names()
 
 

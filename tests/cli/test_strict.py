@@ -1,12 +1,13 @@
 """What a map warns of reaches whoever asked, once; `run --strict` makes findings of it."""
 
 import json
+import warnings
 
 import numpy as np
 import pytest
 
 import mapdeal
-from mapdeal.cli.main import command_names
+from mapdeal.cli.main import command_names, main
 
 GREYS = np.full((40, 60), 254, dtype=np.uint8)
 GREYS[5, :] = 0
@@ -85,11 +86,137 @@ def test_every_command_that_reads_a_map_tells_of_freed_cells(name, command, maps
     assert err.count(FREED) == (2 if name in TWO else 1)
 
 
-@pytest.mark.parametrize("name", sorted(set(LINES) - {"active"}))  # which refuses such a map
-def test_and_that_nothing_is_known(name, command, maps):
-    words = [word.replace("m.yaml", "u.yaml") for word in LINES[name]]
-    _, _, err = command(*words)
-    assert err.count("u.yaml: every cell is unknown; are the") == (2 if name in TWO else 1)
+def tree(folder):
+    return {path: path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+def written(words):
+    """Return a command line whose outputs go to a new folder."""
+    words = [f"new/deep/{word}" if word.split(".")[0] == "o" else word for word in words]
+    if words[0] == "route":
+        words += ["-o", "new/deep/route.json"]
+    drawn = {"align", "clean", "diff", "merge", "reach", "rotate", "route", "score"}
+    return [*words, *(["--image", "new/deep/o.png"] if words[0] in drawn else [])]
+
+
+EDITS = {
+    "polygon": ["--point", "3,0", "--point", "4,0", "--point", "4,1", "--value", "100"],
+    "line": ["--point", "3,0", "--point", "4,0", "--value", "100"],
+    "reset": ["--at", "3,0", "--size", "0.5,0.5"],
+}
+STRICT = {
+    **{name: written(words) for name, words in LINES.items() if name not in {"info", "query"}},
+    **{f"edit {name}": ["edit", name, "m.yaml", "-o", "new/deep/o.yaml", *words]
+       for name, words in EDITS.items()},
+    "info": LINES["info"],
+    "query": LINES["query"],
+    "unpack": ["unpack", "bits.pbm", "-o", "new/deep/o.yaml"],
+    "build": ["build", "log.clf", "-o", "new/deep/o.yaml"],
+    "run many": ["run", "m.yaml", "good.yaml", "-o", "new", "--set", "cost.inscribed_radius=0.1"],
+    "run report": ["run", "m.yaml", "-o", "new", "--no-images", "--report"],
+    "to stdout": ["inflate", "m.yaml", "-o", "-"],
+}  # fmt: skip
+"""Command lines that warn, of every command that can."""
+
+STRICT_ALONE = {"lint", "completion"}
+"""Of lint the findings that are warnings count; nothing is warned of in a script."""
+
+
+def test_every_command_that_warns_is_run_strictly():
+    assert {name.split()[0] for name in STRICT} - {"to"} == set(command_names()) - STRICT_ALONE
+
+
+@pytest.mark.parametrize("name", STRICT)
+def test_a_strict_command_that_warns_ends_with_1_and_writes_nothing(name, capfdbinary, maps):
+    save_warned_bits_and_log()
+    before = tree(maps)
+    code, out, lines = run(capfdbinary, *STRICT[name], "--strict", "-q")
+    assert (code, tree(maps)) == (1, before)
+    warned = [line for line in lines if line.startswith("warning: ")]
+    count = "1 warning" if len(warned) == 1 else f"{len(warned)} warnings"
+    assert warned
+    assert lines[-1].split(";")[0].endswith(f"{count}, and --strict allows none")
+    if name == "to stdout":
+        assert out == b""
+        return
+    # without the option the same words write, and warn of the same
+    code, _, lenient = run(capfdbinary, *STRICT[name])
+    assert code == (1 if name in NOT_SURE else 0)
+    assert [line for line in lenient if line.startswith("warning: ")][: len(warned)] == warned
+    assert name in {"info", "query"} or (maps / "new").is_dir()
+
+
+@pytest.mark.parametrize("name", STRICT)
+def test_strictness_alone_is_no_reason(name, capfdbinary, maps):
+    save_warned_bits_and_log()
+    words = [word.replace("m.yaml", "good.yaml") for word in STRICT[name]]
+    code, _, lines = run(capfdbinary, *words, "--strict")
+    has_warned = any(line.startswith("warning: ") for line in lines)
+    assert code == (1 if has_warned or name in NOT_SURE else 0)
+
+
+def test_a_sequence_is_strict_cloud_by_cloud(command, maps):
+    (maps / "0.csv").write_text("x,y\n0.45,0.4\n")
+    (maps / "1.csv").write_text("x,y\n")  # no point marks a cell
+    (maps / "poses.txt").write_text("0 0 0\n1 0 0\n")
+    words = ["local", "--cloud", "0.csv", "--cloud", "1.csv", "--poses", "poses.txt", "--no-images"]
+    words += ["--size", "1,1"]
+    assert command(*words, "-o", "new")[0] == 0
+    for keep in ([], ["--keep", "2"]):
+        code, _, err = command(*words, *keep, "-o", "strict", "--strict", "--force")
+        assert code == 5
+        assert "error: 1.csv: 2 warnings, and --strict allows none; nothing was written" in err
+        assert sorted(path.name for path in (maps / "strict").iterdir()) == ["0000", "summary.json"]
+    (maps / "new" / "0007").mkdir()
+    before = tree(maps)
+    code, _, err = command(*words, "-o", "new", "--strict", "--force")
+    assert (code, tree(maps)) == (1, before)
+    assert "warning: 1 folders are not of this sequence" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "warning"),
+    [
+        (["reach", "good.yaml", "--robot-radius", "0.05", "-o", "new/o.json"], "no start is given"),
+        (["diff", "good.yaml", "part.yaml", "--max-differing", "100", "--image", "new/o.png"],
+         "part.yaml: does not cover"),
+        (["run", "good.yaml", "-o", "old", "--force"], "holds the local map of an earlier run"),
+    ],
+)  # fmt: skip
+def test_what_is_known_last_of_all_is_warned_of_before_anything_is_written(
+    command, maps, words, warning
+):
+    assert (
+        command("window", "good.yaml", "--corner", "3,0", "--size", "1,1", "-o", "part.yaml")[0]
+        == 0
+    )
+    assert command("run", "good.yaml", "-o", "old", "--pose", "3,0,0.2", "--no-images")[0] == 0
+    before = tree(maps)
+    code, _, err = command(*words, "--strict")
+    assert (code, tree(maps)) == (1, before)
+    assert warning in err
+    assert err.endswith("error: 1 warning, and --strict allows none; nothing was written\n") or (
+        words[0] == "run"
+    )
+    assert command(*words)[0] == 0
+    assert tree(maps) != before
+
+
+def save_warned_bits_and_log():
+    with open("bits.pbm", "wb") as file:
+        file.write(b"P4\n8 2\n\xff\x0f")
+    with open("bits.yaml", "w") as file:
+        file.write("image: bits.pbm\nresolution: 0.1\norigin: [0, 0, 0]\n")
+    scan = f"FLASER 180 {'2.0 ' * 180}0.5 0 0 0.5 0 0 {{0}} robot {{0}}\n"
+    with open("log.clf", "w") as file:
+        file.writelines(scan.format(time) for time in (2.0, 1.0, 3.0))
+
+
+def run(capfdbinary, *words):
+    with warnings.catch_warnings():  # a command sets how warnings are shown
+        code = main(words)
+    out, err = capfdbinary.readouterr()
+    return code, out, err.decode().splitlines()
 
 
 def test_manifests_and_summaries_keep_it(command, maps):

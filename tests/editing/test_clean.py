@@ -16,6 +16,7 @@ from mapdeal import (
     ParameterError,
     clean,
     esdf,
+    field_view,
     read_map,
 )
 from strategies import occupancies
@@ -289,7 +290,7 @@ def test_any_whole_number_will_do():
 def test_costs_and_fields_are_refused():
     grid = grid_from_text("...#")
     costs = Costmap(np.zeros((2, 3), dtype=np.uint8), 0.5)
-    for other in (costs, esdf(grid), grid.occupancy):
+    for other in (costs, esdf(grid), field_view(esdf(grid)), grid.occupancy):
         with pytest.raises(ParameterError, match="clean: takes a map with free"):
             clean(other)
 

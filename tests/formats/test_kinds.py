@@ -352,7 +352,9 @@ def test_commands_that_are_proposed_can_be_typed(command, tmp_path):
 @pytest.mark.parametrize(("name", "stack"), [("nav2.yaml", "Nav2"), ("ros1.yaml", "ROS 1")])
 def test_info_tells_what_parameter_files_come_to(command, here, name, stack):
     path = here / name
-    path.write_bytes(path.read_bytes().replace(b"footprint: []", b"robot_radius: 0.2"))
+    own = b"{global_costmap: {ros__parameters: {robot_radius: 0.2}}}"
+    data = path.read_bytes().replace(b"footprint: []", b"robot_radius: 0.2").replace(b"{}", own)
+    path.write_bytes(data)
     code, out, err = command("info", name)
     assert (code, err) == (0, "")
     assert out.splitlines()[1] == f"  kind          robot parameters of {stack}"

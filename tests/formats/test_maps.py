@@ -122,7 +122,7 @@ def test_the_keys_of_an_npz(tmp_path):
         assert str(data["format"]) == "mapdeal/1"
         assert (data["resolution"].shape, data["origin"].shape) == ((), (3,))
         assert (data["distance"].dtype, data["occupancy"].dtype) == (np.float32, np.int8)
-        assert (str(data["convention"]), str(data["unknown"])) == ("seed", "occupied")
+        assert (str(data["convention"]), str(data["unknown"])) == ("fast-planner", "occupied")
         assert float(data["strength"]) == 1.5
         assert (float(data["max_distance"]), int(data["lethal_threshold"])) == (0.6, 100)
     back = read_map(tmp_path / "field.npz")

@@ -1,6 +1,5 @@
 import contextlib
 import hashlib
-import io
 import os
 import signal
 import stat
@@ -291,15 +290,14 @@ def test_a_part_that_cannot_be_written_leaves_the_old_file(tmp_path, monkeypatch
     output = tmp_path / "a.txt"
     output.write_text("old")
 
-    class Full(io.BytesIO):
-        def write(self, _):
-            raise OSError(28, "No space left on device")
+    def fail(*_):
+        raise OSError(28, "No space left on device")
 
     with (
         pytest.raises(FileAccessError, match=r"a\.txt: cannot be written: No space left"),
         Transaction([output], force=True) as transaction,
     ):
-        monkeypatch.setattr(temporary.os, "fdopen", lambda opened, _: os.close(opened) or Full())
+        monkeypatch.setattr(temporary._File, "write", fail)
         transaction.write_parts(output, [b"new"])
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("a.txt", "old")]
 

@@ -73,26 +73,24 @@ def test_the_recipes_of_the_design_document():
         assert recipe["cost"]["model"] == "threshold"
 
 
-def test_thresholds_in_metres_say_which_values_take_effect():
+def test_thresholds_in_metres_take_the_place_of_values():
     arena = described("arena")["cost"]
-    assert (arena["down_distance"], arena["down"]) == (1.0, 50)
-    assert (arena["up_distance"], arena["up"]) == (0.5, 75)
-    per_map = described("arena", settings=["cost.view=per-map"])["cost"]
-    assert (per_map["down"], per_map["up"]) == (None, None)  # the map decides
+    assert (arena["down_distance"], arena["down"]) == (1.0, None)
+    assert (arena["up_distance"], arena["up"]) == (0.5, None)
     value = described("arena", settings=["cost.down=30"])["cost"]
-    assert (value["down_distance"], value["down"], value["up"]) == (None, 30, 75)
+    assert (value["down_distance"], value["down"], value["up"]) == (None, 30, None)
     metres = described("design-real", settings=["cost.view=metric", "cost.down_distance=1.5"])[
         "cost"
     ]
-    assert (metres["down_distance"], metres["down"], metres["up"]) == (1.5, 25, 54)
+    assert (metres["down_distance"], metres["down"], metres["up"]) == (1.5, None, 54)
 
 
 def test_a_threshold_is_a_value_or_a_distance(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("stages: [{cost: {model: threshold, down: 30, down_distance: 1.0}}]")
-    with pytest.raises(ParameterError, match=r"cost\.down: .*down_distance, which makes it 50"):
+    with pytest.raises(ParameterError, match=r"cost\.down: .*together with down_distance"):
         load_recipe(str(path))
-    path.write_text("stages: [{cost: {model: threshold, down: 50, down_distance: 1.0}}]")
+    path.write_text("stages: [{cost: {model: threshold, down: none, down_distance: 1.0}}]")
     load_recipe(str(path))  # as a manifest says it
 
 

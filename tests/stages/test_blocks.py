@@ -50,7 +50,7 @@ DRAWN = {
         "float32_resolution": [None, True],
     },
     ("cost", "threshold"): {
-        "down": [20.0, 40.0], "up": [60.0], "down_factor": [0.5], "view": ["seed", "metric"],
+        "down": [20.0, 40.0], "up": [60.0], "down_factor": [0.5], "view": ["per-map", "metric"],
     },
     ("cost", "layers"): {
         "layers": [
@@ -134,7 +134,7 @@ def test_every_stage_on_maps_and_fields(stage, data):
     assert getattr(expected, "circumscribed_cost", 0) == getattr(made, "circumscribed_cost", 0)
 
 
-@given(cases(), drawn(FIELDS), st.sampled_from(["seed", "metric"]))
+@given(cases(), drawn(FIELDS), st.sampled_from(["per-map", "metric"]))
 def test_the_view_of_a_field(case, parameters, view):
     grid, block_height, step = case
     whole, blocks = (

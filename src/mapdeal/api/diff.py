@@ -155,7 +155,8 @@ def diff(
     Warns
     -----
     MapdealWarning
-        If a choice had to be made while reading a file, or costs are compared.
+        If a choice had to be made while reading a file, costs are compared, or files are compared
+        within bounds and B does not cover all of A.
 
     Examples
     --------

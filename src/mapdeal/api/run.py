@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 
 from mapdeal.api.recipe import RecipeLike, load_recipe
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, strict_warnings
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.applied import RunReport
@@ -109,7 +109,8 @@ def run(
         image_extent=image_extent,
         canvas=canvas,
     )
-    loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim)
-    if settings.canvas == "full" and not loaded.is_smaller:
-        settings = replace(settings, canvas="crop")  # the same, as manifests tell it
-    return run_map(source, Path(output) / source.stem, loaded, settings)
+    with strict_warnings(strict, source):
+        loaded = load_recipe(recipe, changes, footprint=footprint, sim=sim)
+        if settings.canvas == "full" and not loaded.is_smaller:
+            settings = replace(settings, canvas="crop")  # the same, as manifests tell it
+        return run_map(source, Path(output) / source.stem, loaded, settings)

@@ -132,6 +132,7 @@ declare_check("image.transparent-colour", "warning", "a transparent colour (PNG 
 declare_check("image.dos-header", "warning", "DOS line ends in the header of a PNM image")
 declare_check("image.trailing-bytes", "warning", "bytes after the picture")
 declare_check("image.raw-values", "warning", "values without a meaning in mode raw")
+declare_check("map.view", "warning", "a 0..100 view of a distance field, which is not a map")
 declare_check("lint.not-checked", "error", "a map that could not be checked: no memory, or a bug")
 declare_check(
     "lint.unused-ignore", "note", "a comment that ignores nothing, or names a check that is none"

@@ -75,11 +75,6 @@ def diff(
     """
     bounds = Bounds(max_shift, max_differing)
     report = diff_files(first, second, settings, tolerance=tolerance, bounds=bounds)
-    if bounds and report.found.not_compared:
-        count = report.found.not_compared
-        terminal.warn(
-            f"{second}: does not cover {count} known cells of {first}, which are not compared"
-        )
     if as_json:
         terminal.result(json.dumps(report.document(), indent=2))
     else:

@@ -71,13 +71,6 @@ Background = Annotated[
         "effect outside its shapes.",
     ),
 ]
-Strict = Annotated[
-    bool,
-    typer.Option(
-        "--strict",
-        help="Draw nothing and exit with 1 if a shape would be clipped or has no area.",
-    ),
-]
 
 
 @app.callback()
@@ -99,7 +92,6 @@ def polygon(
     overlay: OverlayOption = "seq",
     blank: Blank = False,
     background: Background = None,
-    strict: Strict = False,
     *,
     settings: Settings,
 ) -> None:
@@ -108,7 +100,7 @@ def polygon(
     A convex polygon gets the cells that costmap_2d's setConvexPolygonCost sets.
     """
     own: list[Shape] = [Polygon(_points(point))] if point else []
-    drawing = _Drawing(_gathered(file, own), value, overlay, strict)
+    drawing = _Drawing(_gathered(file, own), value, overlay)
     _draw(source, output, settings, drawing, _start(blank, background), file)
 
 
@@ -131,14 +123,13 @@ def line(
     overlay: OverlayOption = "seq",
     blank: Blank = False,
     background: Background = None,
-    strict: Strict = False,
     *,
     settings: Settings,
 ) -> None:
     """Draw a line through points, or the shapes of a file."""
     _refuse_without_points("--thickness", thickness, point)
     own: list[Shape] = [Line(_points(point), thickness or 0.0)] if point else []
-    drawing = _Drawing(_gathered(file, own), value, overlay, strict)
+    drawing = _Drawing(_gathered(file, own), value, overlay)
     _draw(source, output, settings, drawing, _start(blank, background), file)
 
 
@@ -160,7 +151,6 @@ def circle(
     overlay: OverlayOption = "seq",
     blank: Blank = False,
     background: Background = None,
-    strict: Strict = False,
     *,
     settings: Settings,
 ) -> None:
@@ -169,7 +159,7 @@ def circle(
     if point and radius is None:
         raise ParameterError("is needed for a circle", source="--radius")
     own: list[Shape] = [Circle(center, radius or 0.0) for center in _points(point)]
-    drawing = _Drawing(_gathered(file, own), value, overlay, strict)
+    drawing = _Drawing(_gathered(file, own), value, overlay)
     _draw(source, output, settings, drawing, _start(blank, background), file)
 
 
@@ -190,7 +180,6 @@ def reset(
     ] = None,
     blank: Blank = False,
     background: Background = None,
-    strict: Strict = False,
     *,
     settings: Settings,
 ) -> None:
@@ -200,7 +189,7 @@ def reset(
     start = _start(blank, background)
 
     def change(grid: Drawable) -> Drawable:
-        return reset_region(start(grid), value=value, strict=strict, **region)
+        return reset_region(start(grid), value=value, **region)
 
     say_written(output, draw_on_file(source, output, settings, change, what="region reset"))
 
@@ -212,7 +201,6 @@ class _Drawing:
     shapes: list[Shape]
     value: int | None
     overlay: OverlayType
-    strict: bool
 
 
 def _points(texts: list[str] | None) -> list[Point]:
@@ -254,7 +242,6 @@ def _draw(
             drawing.shapes,
             value=drawing.value,
             overlay=drawing.overlay,
-            strict=drawing.strict,
         )
 
     kinds = dict.fromkeys(shape.kind for shape in drawing.shapes)

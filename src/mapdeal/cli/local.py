@@ -14,7 +14,13 @@ from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
 from mapdeal.cli.run_batch import lines_of_local
 from mapdeal.cli.shared_options import shared_options
-from mapdeal.errors import BatchError, MapdealError, ParameterError
+from mapdeal.errors import (
+    BatchError,
+    MapdealError,
+    ParameterError,
+    emit_warning,
+    strict_warnings,
+)
 from mapdeal.formats.kinds import is_bag
 from mapdeal.formats.poses import has_times
 from mapdeal.grid.footprint import Footprint
@@ -211,7 +217,7 @@ def local(
         raise ParameterError("applies to one cloud, not to a sequence", source="--pose")
     kept = _number_of_clouds(keep, is_sequence=is_sequence)
     if unknown == "keep" and global_map is None and kept is None:
-        terminal.warn(
+        emit_warning(
             "--unknown keep has no effect without --map or --keep: cells without points are free"
         )
     known = None if global_map is None else read_global_map(global_map, settings)
@@ -292,15 +298,19 @@ def _number_of_clouds(text: str | None, *, is_sequence: bool) -> Keep | None:
 
 
 def _run_sequence(sequence: list[LocalJob], output: Path, common: LocalCommon) -> None:
+    others = other_folders(sequence, output)
+    if others:
+        emit_warning(f"{len(others)} folders are not of this sequence, such as {others[0]}")
     numbers = {job.folder: number for number, job in enumerate(sequence)}
     rolling = None if common.keep is None else RollingRun(sequence, common)
     started = time.perf_counter()
 
     def run_one(job: Job) -> RunReport:
         number = numbers[job.folder]
-        if rolling is not None:
-            return rolling(number)
-        return make_local(sequence[number], common, skip=True)
+        with strict_warnings(common.settings.strict, job.path):
+            if rolling is not None:
+                return rolling(number)
+            return make_local(sequence[number], common, skip=True)
 
     with (
         terminal.progress(len(sequence), what="cloud") as bar,
@@ -328,9 +338,6 @@ def _run_sequence(sequence: list[LocalJob], output: Path, common: LocalCommon) -
     text = f"{output}: {done} done, {unchanged} unchanged, {failed} failed"
     if done == len(outcomes):
         text += f", {done / (time.perf_counter() - started):.3g} maps a second"
-    others = other_folders(sequence, output)
-    if others:
-        terminal.warn(f"{len(others)} folders are not of this sequence, such as {others[0]}")
     terminal.summary([text])
     if failed:
         raise BatchError(f"{failed} of {len(outcomes)} clouds failed")

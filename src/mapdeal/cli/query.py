@@ -15,7 +15,7 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
-from mapdeal.errors import FindingError, ParameterError
+from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.formats.points import PointLines, PoseLines, read_points, read_pose_lines
 from mapdeal.formats.source import chunks_of
 from mapdeal.grid.footprint import Footprint
@@ -79,6 +79,8 @@ _POSES = _Kind("poses", "pose", "X,Y,YAW", PoseLines, read_pose_lines)
         "costmap_2d.",
         "params_file": "The same for a robot's own parameters: a Nav2 file, or ROS 1's costmap "
         "files, which also define the costs of a map.",
+        "strict": "Exit with 1 if a point or a robot lies outside the map, or if there is a "
+        "warning.",
     },
 )
 def query(
@@ -134,10 +136,6 @@ def query(
         opt.stage_option(
             esdf_stage, "lethal_threshold", "With a map: least occupancy of an obstacle, 1..100."),
     ] = None,
-    strict: Annotated[
-        bool,
-        typer.Option("--strict", help="Exit with 1 if a point or a robot lies outside the map."),
-    ] = False,
     *,
     footprint: Footprint | None,
     robot: RobotParameters | None,
@@ -175,7 +173,7 @@ def query(
         costs = costs_to_ask(source, settings, parameters, robot)
         answer = partial(answers_at_poses, costs, footprint, rule=rule or "outline")
     with use_threads(settings.threads):
-        _answer_all(_asked(first, file, kind), answer, kind, file, source, strict=strict)
+        _answer_all(_asked(first, file, kind), answer, kind, file, source, strict=settings.strict)
 
 
 def _answer_all(
@@ -202,11 +200,9 @@ def _answer_all(
             break
     terminal.detail(f"{count} {kind.name}, {outside} of them outside of the map")
     if bad:
-        terminal.warn(f"{_name_of(file)}: {bad} of {count} hold no finite {kind.what}")
+        emit_warning(f"{_name_of(file)}: {bad} of {count} hold no finite {kind.what}")
     if turned:
-        terminal.warn(
-            f"{turned} of {count} poses have a yaw of more than a turn; is it in degrees?"
-        )
+        emit_warning(f"{turned} of {count} poses have a yaw of more than a turn; is it in degrees?")
     if strict and outside:
         rule = f"{outside} of {count} {kind.name} are not inside of the map"
         raise FindingError(rule, source=source)

@@ -17,7 +17,7 @@ from mapdeal.cli.many_maps import jobs_at_once, say_listing
 from mapdeal.cli.robot_options import say_queue
 from mapdeal.cli.run_batch import run_batch, run_single, say_plans
 from mapdeal.cli.shared_options import shared_options
-from mapdeal.errors import FindingError, ParameterError, one_line
+from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.source import absolute_path
 from mapdeal.grid.display import count_text
@@ -82,14 +82,6 @@ def run(
     update_golden: Annotated[
         bool,
         typer.Option("--update-golden", help="Store the runs in --golden instead of comparing."),
-    ] = False,
-    strict: Annotated[
-        bool,
-        typer.Option(
-            "--strict",
-            help="Warnings about a map or what is made of it are findings: exit 1, and nothing "
-            "is written.",
-        ),
     ] = False,
     jobs: Annotated[
         int | None,
@@ -160,10 +152,10 @@ def run(
     for one in loaded.steps:
         terminal.detail(opt.described(one.name, one.described()[one.name]))
     if canvas == "full" and not loaded.is_smaller:
-        terminal.warn("--canvas full: has no effect, no stage of the recipe crops the map")
+        emit_warning("--canvas full: has no effect, no stage of the recipe crops the map")
         canvas = "crop"
     # progress: of a single map alone, see `run_single`
-    settings = replace(settings, canvas=canvas, strict=strict, progress=None)
+    settings = replace(settings, canvas=canvas, progress=None)
     if footprint is None and robot is not None:
         footprint = robot.footprint
     standing = around.around_of(pose, cloud, frame, local_recipe, local_changes, footprint)

@@ -15,7 +15,7 @@ from mapdeal.cli import terminal
 from mapdeal.cli.options import size_of
 from mapdeal.cli.robot_options import robot_parameters, robot_shape
 from mapdeal.cli.streams import piped, streamed
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, strict_warnings
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.shown import ImageExtent
@@ -183,6 +183,13 @@ SHARED_OPTIONS = {
         field="images",
         value_of=lambda without: not without,
     ),
+    "strict": SharedOption(
+        bool,
+        typer.Option("--strict", help="Exit with 1, and write nothing, if there is a warning."),
+        default=False,
+        group="always",
+        field="strict",
+    ),
     "quiet": SharedOption(
         bool,
         typer.Option("--quiet", "-q", help="Print only errors and requested results."),
@@ -245,7 +252,7 @@ def shared_options(
     >>> @shared_options("force", "jobs", "threads")
     ... def count(source: Path, jobs: int = 1, *, settings: Settings) -> None: ...
     >>> list(signature(count).parameters)
-    ['source', 'force', 'jobs', 'threads', 'quiet', 'verbose']
+    ['source', 'force', 'jobs', 'threads', 'strict', 'quiet', 'verbose']
     """
 
     def decorate(function: Command) -> Command:
@@ -304,17 +311,18 @@ def with_shared_options(
     @wraps(function)
     def command(**values: Any) -> None:
         given = {name: values.pop(name) for name in shared}
-        _start(quiet=given["quiet"], verbose=given["verbose"])
-        values["settings"] = _settings_of(given)
-        if robot:
-            shape = {name: given[name] for name in robot if name not in _OF_FILES}
-            values["footprint"] = robot_shape(**shape)
-        if "params_file" in shared:
-            files = {name: given[name] for name in _OF_FILES}
-            is_shape, dialect = not makes_costs(values), values["settings"].dialect
-            values["robot"] = robot_parameters(**files, dialect=dialect, is_shape=is_shape)
-        with values["settings"].memory(anew=True), piped(values, marked) as piped_values:
-            function(**piped_values)
+        _start(quiet=given["quiet"], verbose=given["verbose"], strict=given["strict"])
+        values["settings"] = settings = _settings_of(given)
+        with strict_warnings(settings.strict):
+            if robot:
+                shape = {name: given[name] for name in robot if name not in _OF_FILES}
+                values["footprint"] = robot_shape(**shape)
+            if "params_file" in shared:
+                files = {name: given[name] for name in _OF_FILES}
+                is_shape, dialect = not makes_costs(values), settings.dialect
+                values["robot"] = robot_parameters(**files, dialect=dialect, is_shape=is_shape)
+            with settings.memory(anew=True), piped(values, marked) as piped_values:
+                function(**piped_values)
 
     typed: Any = command
     typed.__signature__ = Signature(parameters, return_annotation=None)
@@ -362,10 +370,10 @@ def _parameter(name: str, help_text: str | None) -> Parameter:
     )
 
 
-def _start(*, quiet: bool, verbose: bool) -> None:
+def _start(*, quiet: bool, verbose: bool, strict: bool) -> None:
     if quiet and verbose:
         raise ParameterError("cannot be given together with --quiet", source="--verbose")
-    terminal.configure(quiet=quiet, verbose=verbose)
+    terminal.configure(quiet=quiet, verbose=verbose, strict=strict)
 
 
 def _settings_of(given: Mapping[str, Any]) -> Settings:

@@ -16,7 +16,7 @@ from mapdeal.cli import terminal
 from mapdeal.cli.robot_options import say_queue
 from mapdeal.cli.shared_options import with_shared_options
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
-from mapdeal.errors import ParameterError
+from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.json_text import json_of
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.formats.source import absolute_path
@@ -266,7 +266,7 @@ def _warn_of_unused(step: Step, robot: RobotParameters) -> None:
     """Warn of a model, asked for by hand, that costs of a robot do not follow."""
     stage = step.stage
     if stage.robot is None and stage.of_layers(robot.costmap_layers) is None:
-        terminal.warn(
+        emit_warning(
             f"--params-file: model {stage.model} takes no shape and no costs of it, only which "
             "occupancy is lethal"
         )

@@ -31,14 +31,19 @@ _stdout_dropped = False
 _bar: Progress | None = None
 _quiet = False
 _verbose = False
+_strict = False
 _is_for_data = False
 _called: dict[str, str] = {}
 
 
-def configure(*, quiet: bool, verbose: bool) -> None:
-    """Set how much is said: quiet leaves errors and asked-for results only."""
-    global _quiet, _verbose, _stdout_dropped, _is_for_data
-    _quiet, _verbose, _stdout_dropped, _is_for_data = quiet, verbose, False, False
+def configure(*, quiet: bool, verbose: bool, strict: bool = False) -> None:
+    """Set how much is said: quiet leaves errors and asked-for results only.
+
+    A strict command ends because of its warnings, so they are always said.
+    """
+    global _quiet, _verbose, _strict, _stdout_dropped, _is_for_data
+    _quiet, _verbose, _strict = quiet, verbose, strict
+    _stdout_dropped = _is_for_data = False
     _called.clear()
 
 
@@ -143,8 +148,8 @@ def input_chunks() -> Iterator[bytes]:
 
 
 def warn(text: str) -> None:
-    """Print a warning, unless quiet."""
-    if not _quiet:
+    """Print a warning, unless quiet; `emit_warning` is what a strict command heeds."""
+    if _strict or not _quiet:
         _say(f"warning: {one_line(text)}")
 
 

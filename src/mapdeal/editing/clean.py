@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.display import OneLine, count_text
+from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
 from mapdeal.kernels.dilation import dilate_square
@@ -132,7 +133,8 @@ def clean(
     Raises
     ------
     ParameterError
-        If `grid` is not an occupancy grid, or a number of cells is negative or not an integer.
+        If `grid` is not a map of free, occupied and unknown cells, or a number of cells is
+        negative or not an integer.
 
     Warns
     -----
@@ -161,7 +163,7 @@ def clean(
     >>> cleaned.counts.specks, cleaned.counts.islands
     (Patches(components=1, cells=1), Patches(components=1, cells=1))
     """
-    if not isinstance(grid, OccupancyGrid):
+    if not isinstance(grid, OccupancyGrid) or isinstance(grid, FieldView):
         hint = "clean the map first, then compute costs or distances from it"
         raise ParameterError("takes a map with free, occupied and unknown cells", place="clean",
                              got=type(grid).__name__, hint=hint)  # fmt: skip

@@ -185,7 +185,7 @@ def _nearest_name(path: Path) -> str | None:
         return None
     import difflib
 
-    images = [n for n in names if not n.endswith((".yaml", ".yml"))]
+    images = [n for n in names if n != path.name and not n.endswith((".yaml", ".yml"))]
     lower = {n.lower(): n for n in images}
     near = [n for n in images if Path(n).stem.lower() == path.stem.lower()]
     near += [

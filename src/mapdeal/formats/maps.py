@@ -314,12 +314,11 @@ def open_map(
     states[image] = state_of(image)
     with ExitStack() as stack:
         pixels: PixelRows | None = None
-        with kept_warnings() as kept:
+        with kept_warnings() as remarks:
             # What is wrong with the header is the business of who reads the map.
             if metadata.cost_scale is None:
                 with suppress(MapdealError):
                     pixels = stack.enter_context(open_pixel_rows(image))
-        remarks = [one.message for one in kept]
         yield MapFile(
             path, dialect=dialect, max_cells=max_cells, metadata=metadata, image=image,
             pixels=pixels, remarks=remarks, states=states,
@@ -355,16 +354,16 @@ def _refuse_image(path: Path) -> None:
         raise MalformedInputError("looks like an image, not a map's YAML", source=path, hint=hint)
 
 
-def as_occupancy(grid: Grid, what: str = "the input") -> OccupancyGrid:
+def as_occupancy(grid: Grid, what: Path | str) -> OccupancyGrid:
     """Return the map in a grid: a field's own, a costmap's as ROS would publish it."""
     if isinstance(grid, (DistanceField, PotentialField, Reach)):
         return grid.grid
     if isinstance(grid, Costmap):
-        text = f"{what} contains costs; read as the occupancy that ROS would publish for them"
+        text = f"{what}: contains costs; read as the occupancy that ROS would publish for them"
         emit_warning(text, stacklevel=2)
         return grid.to_occupancy()
     if isinstance(grid, FieldView):
-        text = f"{what} is the 0..100 view of a distance field; its values are read as a map's"
+        text = f"{what}: is the 0..100 view of a distance field; its values are read as a map's"
         emit_warning(text, stacklevel=2)
         return grid.as_map()
     return grid

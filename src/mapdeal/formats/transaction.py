@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import stat
@@ -13,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, TypeVar
 
-from mapdeal.errors import FileAccessError, ParameterError
+from mapdeal.errors import FileAccessError, ParameterError, refuse_warnings
 from mapdeal.formats.commit import put_in_place, remove_kept, settle
 from mapdeal.formats.signals import signals_put_off
 from mapdeal.formats.source import holds, real_path
@@ -97,6 +98,7 @@ class Transaction:
             places.add(place)
 
     def __enter__(self) -> Transaction:
+        atexit.register(self._discard)  # a signal may keep `__exit__` from being called
         folders = dict.fromkeys(output.parent for output in self._outputs)
         try:
             for folder in folders:
@@ -212,6 +214,7 @@ class Transaction:
         try:
             if error is None:
                 self._finished()
+                refuse_warnings()
                 self._sync()
                 temporaries = [temporary for _, temporary, _ in self._pending]
                 put_in_place(temporaries, removed=self._removed, replaces=self._replaces)
@@ -252,8 +255,10 @@ class Transaction:
 
     def _discard(self) -> None:
         """Remove what was not renamed; after a success that is nothing."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
         with signals_put_off():
+            for temporary in self._temporaries:
+                temporary.discard()
+            self._pool.shutdown(wait=True, cancel_futures=True)
             for temporary in self._temporaries:
                 temporary.remove()
             self._temporaries.clear()
@@ -262,6 +267,7 @@ class Transaction:
                 with contextlib.suppress(OSError):  # somebody else has put a file there
                     folder.rmdir()
             self._made_folders.clear()
+            atexit.unregister(self._discard)
 
 
 def make_folder(folder: Path) -> None:

@@ -108,7 +108,7 @@ def align_files(
             sources.append(read_summed(path, options))
             stack.enter_context(holding(bytes_of(sources[-1].grid)))
     own, other = (
-        as_occupancy(source.grid, str(path))
+        as_occupancy(source.grid, path)
         for source, path in zip(sources, (first, second), strict=True)
     )
     with options.memory():

@@ -68,7 +68,7 @@ class Around:
         MapdealError
             If the cloud cannot be found, or the window is too large.
         """
-        grid = as_occupancy(source.grid, str(source.files[0]))
+        grid = as_occupancy(source.grid, source.files[0])
         known = GlobalMap(grid, source.files, dict(source.sums), heard)
         common = self._common(settings, known.grid.resolution, known)
         cloud = None if self.cloud is None else FileCloud(self.cloud)

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MapdealError
+from mapdeal.errors import MapdealError, refuse_warnings
 from mapdeal.formats.json_text import json_of
 from mapdeal.formats.source import exists
 from mapdeal.formats.transaction import Transaction, make_folder
@@ -70,6 +70,7 @@ def run_all(
         outcomes[index] = outcome
         on_done(jobs[index], outcome)
 
+    refuse_warnings()
     make_folder(output)
     try:
         if workers is None:

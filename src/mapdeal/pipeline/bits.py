@@ -102,7 +102,7 @@ def pack_file(
             bits = BitMap.from_mask(obstacles, field.resolution, field.origin)
             values = np.where(obstacles, np.int8(0), field.occupancy)
         else:
-            grid = as_occupancy(source.grid)
+            grid = as_occupancy(source.grid, path)
             bits = BitMap.from_occupancy(grid, lethal_threshold or DEFAULT_LETHAL_THRESHOLD)
             values = grid.occupancy
         lost = int(histogram(values)[UNKNOWN])

@@ -10,7 +10,7 @@ from typing import Any
 
 from mapdeal.checks.bounds import Bound, Bounds
 from mapdeal.checks.difference import STATES, Difference, WallShift, compare, frame_around
-from mapdeal.errors import one_line
+from mapdeal.errors import emit_warning, one_line
 from mapdeal.formats.budget import claim, holding
 from mapdeal.formats.maps import Source, as_occupancy
 from mapdeal.formats.png import write_indexed_png
@@ -135,7 +135,7 @@ def diff_files(
         with holding(bytes_of(source.grid)):
             sources = [source, read_summed(second, options)]
     grids = [
-        as_occupancy(source.grid, str(path))
+        as_occupancy(source.grid, path)
         for source, path in zip(sources, (first, second), strict=True)
     ]
     with options.memory(), errors_named(second):
@@ -152,6 +152,9 @@ def diff_files(
     with outputs_of([], files, options) as transaction:
         with use_threads(options.threads), errors_named(second):
             found = compare(*grids, tolerance=tolerance)
+        if bounds and found.not_compared:
+            text = f"does not cover {found.not_compared} known cells of {first}"
+            emit_warning(f"{second}: {text}, which are not compared", stacklevel=2)
         if options.image is not None:
             title = one_line(f"{first.stem} and {second.stem}: what differs")
             image = difference_image(

@@ -12,6 +12,7 @@ from mapdeal.formats.maps import Source, open_map, read_source
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import sums_of_reads
 from mapdeal.formats.transaction import Transaction
+from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
@@ -101,7 +102,8 @@ def warn_of_potential(grid: Grid, path: Path) -> None:
 def warn_of_published_costs(source: Source, path: Path) -> None:
     """Warn that of a map whose values may be published costs only obstacles are used."""
     grid, metadata = source.grid, source.metadata
-    if isinstance(grid, OccupancyGrid) and metadata is not None and metadata.mode == "raw":
+    is_view = isinstance(grid, FieldView)  # which is warned of, or refused, by this name
+    if isinstance(grid, OccupancyGrid) and metadata and metadata.mode == "raw" and not is_view:
         between = histogram(grid.occupancy)[FREE + 1 : OCCUPIED].sum()
         if between:
             text = f"{path}: {between} cells of 1..99 are not obstacles; costs are read from an npz"

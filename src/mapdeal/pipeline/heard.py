@@ -1,32 +1,25 @@
-"""Warnings that are heard on their way: manifests keep them, and strict runs end at them."""
+"""Warnings that are heard on their way: manifests and pages keep them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from mapdeal.errors import FindingError, KeptWarning, kept_warnings, one_line
+from mapdeal.errors import heard_warnings, one_line
 
 Item = TypeVar("Item")
 
 
 @contextmanager
 def heard(texts: list[str]) -> Iterator[None]:
-    """Add the texts of mapdeal's warnings in the block to a list; they are given in its end.
-
-    Also if it ends with an error. What becomes of them then is up to the filters of whoever
-    called.
-    """
-    kept: list[KeptWarning] = []
-    try:
-        with kept_warnings() as kept:
+    """Add the texts of mapdeal's warnings in the block to a list when it ends."""
+    with heard_warnings() as told:
+        try:
             yield
-    finally:
-        texts += [str(one.message) for one in kept]
-        for one in kept:
-            one.emit()
+        finally:
+            texts += map(str, told)
 
 
 def heard_from(items: Iterable[Item], texts: list[str]) -> Iterator[Item]:
@@ -61,9 +54,3 @@ def _renamed(texts: Iterable[str], names: dict[str, str]) -> list[str]:
         old = next((name for name in names if text.startswith(f"{name}:")), None)
         renamed[one_line(text if old is None else names[old] + text.removeprefix(old))] = None
     return list(renamed)
-
-
-def refused(texts: Sequence[str], source: Path | str) -> FindingError:
-    """Return the error of a strict run that was warned of something."""
-    told = "1 warning" if len(texts) == 1 else f"{len(texts)} warnings"
-    return FindingError(f"{told}, and --strict allows none; nothing was written", source=source)

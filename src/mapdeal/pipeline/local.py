@@ -147,7 +147,7 @@ def read_global_map(path: Path, settings: Settings) -> GlobalMap:
     ):
         source = file.read()
         named = file.sums_by_name(sums)
-        grid = as_occupancy(source.grid, str(path))
+        grid = as_occupancy(source.grid, path)
     return GlobalMap(grid, source.files, named, texts)
 
 

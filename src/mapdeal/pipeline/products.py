@@ -27,7 +27,6 @@ from mapdeal.grid.framed import Figures, Framed
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach
-from mapdeal.grid.values import tag_of
 from mapdeal.kernels.blocks import gathered
 from mapdeal.kernels.lookup import histogram
 from mapdeal.pipeline.one_pass import one_pass
@@ -324,5 +323,5 @@ def geometry_of_npy(grid: Framed, rule: Any, output: Path) -> dict[str, Any]:
         "distance": output.name,
         "resolution": grid.resolution,
         "origin": list(grid.origin),
-        **{name: tag_of(getattr(rule, name)) for name in names},
+        **{name: getattr(rule, name) for name in names},
     }

@@ -85,7 +85,7 @@ def field_to_ask(path: Path, options: Settings, parameters: Mapping[str, object]
         check_fits(path, source.grid.shape, [make_step("esdf", {})], None)
     warn_of_potential(source.grid, path)
     with use_threads(options.threads), errors_named(path):
-        return esdf(as_occupancy(source.grid), **parameters)  # type: ignore[arg-type]
+        return esdf(as_occupancy(source.grid, path), **parameters)  # type: ignore[arg-type]
 
 
 def answers_of(field: DistanceField, asked: PointLines) -> Answers:

@@ -16,6 +16,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.footprint_costs import FootprintRule, PoseSamples, sample_poses
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.scales import static_layer_cost_from_occupancy
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
@@ -111,13 +112,16 @@ def costs_to_ask(
     warn_of_potential(grid, path)
     with use_threads(options.threads), errors_named(path):
         if robot is None:
-            return _static_costs(grid, **accepted)
+            return _static_costs(as_occupancy(grid, path), **accepted)
         made: Any = step_for("cost", robot, {}).apply(grid, path)
         return cast("Costmap", made)
 
 
 def _static_costs(
-    grid: Any, *, lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD, unknown: str | None = None
+    occupancy: OccupancyGrid,
+    *,
+    lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
+    unknown: str | None = None,
 ) -> Costmap:
     """Return 254 for obstacles, 255 for unknown cells, or what these are to be, and 0."""
     table = static_layer_cost_from_occupancy(
@@ -125,7 +129,6 @@ def _static_costs(
     )
     of_unknown = {"free": FREE_SPACE, "occupied": LETHAL_OBSTACLE, None: NO_INFORMATION}
     table[UNKNOWN] = of_unknown[unknown]
-    occupancy = as_occupancy(grid)
     costs = look_up(occupancy.occupancy, table)
     return Costmap(costs, occupancy.resolution, occupancy.origin)
 

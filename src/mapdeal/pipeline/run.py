@@ -12,7 +12,7 @@ from mapdeal.formats.json_text import read_json
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.applied import RunReport, around_in, products_of
 from mapdeal.pipeline.folder import MANIFEST, Filling, OutputFolder, fill_together
-from mapdeal.pipeline.heard import heard, refused
+from mapdeal.pipeline.heard import heard
 from mapdeal.pipeline.memory import opened_map
 from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
@@ -62,8 +62,6 @@ def run_map(
                 )
             )
         remarks = [*recipe.remarks, *texts]
-        if settings.strict and remarks:
-            raise refused(remarks, path)
         target = output_folder(folder, source.sums, recipe, settings)
         canvas = source.grid.frame if settings.canvas == "full" else None
         products = products_of(recipe, source.grid, path, canvas=canvas)
@@ -94,9 +92,9 @@ def _filled(fillings: list[Filling], settings: Settings) -> RunReport:
     new = [filling for filling, old in zip(fillings, found, strict=True) if old is None]
     for filling, old in zip(fillings, found, strict=True):
         if old is not None:
-            texts = filling.folder.repeat_warnings(filling)
-            if settings.strict and texts:
-                raise refused(texts, filling.subject)
+            filling.folder.repeat_warnings(filling)
+    if len(fillings) == 1 and new:
+        _warn_of_another(around_in(new[0].folder.path))
     made = iter(fill_together(new, progress=settings.progress) if new else [])
     reports = [
         RunReport(filling.folder.path, "done", next(made))
@@ -105,11 +103,7 @@ def _filled(fillings: list[Filling], settings: Settings) -> RunReport:
         for filling, old in zip(fillings, found, strict=True)
     ]
     run, *local = reports
-    if local:
-        return RunReport(run.folder, run.status, run.figures, local[0])
-    if run.status == "done":
-        _warn_of_another(around_in(run.folder))
-    return run
+    return RunReport(run.folder, run.status, run.figures, local[0]) if local else run
 
 
 def _warn_of_another(folder: Path) -> None:

@@ -234,9 +234,7 @@ def score_files(
         for one in paths:
             sources.append(read_summed(one, options))
             stack.enter_context(holding(bytes_of(sources[-1].grid)))
-    grids = [
-        as_occupancy(source.grid, str(one)) for source, one in zip(sources, paths, strict=True)
-    ]
+    grids = [as_occupancy(source.grid, one) for source, one in zip(sources, paths, strict=True)]
     with options.memory(), use_threads(options.threads):
         _claim(paths[-1], sources, grids, options, aligns=asked.align)
     files = [file for source in sources for file in source.files]

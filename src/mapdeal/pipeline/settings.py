@@ -61,7 +61,7 @@ class Settings:
     progress : callable, optional
         Progress of a map that is processed block by block.
     strict : bool
-        Whether a run ends, before it writes anything, if there is anything to warn of.
+        Whether a warning is a finding, before anything is written.
     memory_is_chosen : bool
         Whether `max_memory` was asked for, rather than a job's share of what is free.
 

@@ -87,7 +87,7 @@ def apply_to_file(
             outputs_of(outputs, inputs, settings, curve=curve) as transaction,
             errors_named(path),
         ):
-            taken = step.taken(source.grid)
+            taken = step.taken(source.grid, path)
             grid = step.apply(taken, path)
             title = step.title
             costs = None

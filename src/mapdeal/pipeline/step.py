@@ -74,7 +74,7 @@ class Step:
     def apply(self, grid: Grid, source: Path | None) -> Grid:
         """Return what the stage makes of `grid`; errors name the file it came from, if any."""
         try:
-            made: Grid = self.stage.function(self.taken(grid), **self.parameters)
+            made: Grid = self.stage.function(self.taken(grid, source), **self.parameters)
         except MapdealError as error:
             raise error if source is None else error.found_in(source) from None
         return made
@@ -91,10 +91,10 @@ class Step:
         rule = "no cost depends on the distance from an obstacle, so it has no curve"
         return ParameterError(rule, source=what)
 
-    def taken(self, grid: Grid) -> Grid:
+    def taken(self, grid: Grid, source: Path | None = None) -> Grid:
         """Return what the stage works on: the grid, or the map in it, with a warning if need be."""
         kind = DistanceField if isinstance(grid, FieldView) else type(grid)
-        return grid if kind in self.stage.takes else as_occupancy(grid)
+        return grid if kind in self.stage.takes else as_occupancy(grid, source or "the input")
 
     def remark_on(self, figures: Figures) -> str | None:
         """Return what there is to warn of in what the step has made, None if nothing."""

@@ -82,7 +82,7 @@ class InPlaceOf:
         Parameter that is replaced.
     value : callable
         Returns the resulting value of the replaced parameter, given all parameters; None if it
-        depends on the map.
+        has no effect any more.
     """
 
     parameter: str
