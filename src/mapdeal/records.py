@@ -18,19 +18,7 @@ else:
     from reprlib import recursive_repr
 
     def dataclass(cls=None, /, *, frozen=False, eq=True, repr=True):  # noqa: A002 - as in the library
-        """Make a class a data class: `dataclasses.dataclass` without its generated code.
-
-        Parameters
-        ----------
-        cls : type, optional
-            The class, if the decorator is used without parentheses.
-        frozen : bool
-            Refuse to set or delete attributes, by `dataclasses.FrozenInstanceError`.
-        eq : bool
-            Compare the fields of two instances; if frozen, hash them, too.
-        repr : bool
-            Print the fields.
-        """
+        """Make a class a data class: `dataclasses.dataclass` without its generated code."""
         if cls is None:
             return lambda made: _made(made, frozen, eq, repr)
         return _made(cls, frozen, eq, repr)

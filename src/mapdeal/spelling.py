@@ -38,15 +38,7 @@ def _plain(word: str) -> str:
 
 
 def as_known(word: str, known: Iterable[str]) -> str:
-    """Return the known word that `word` is another spelling of; `word` itself if there is none.
-
-    Examples
-    --------
-    >>> as_known("centre", ["border", "center"]), as_known("log_odds", ["log-odds"])
-    ('center', 'log-odds')
-    >>> as_known("middle", ["border", "center"]), as_known("seed", ["fast-planner", "border"])
-    ('middle', 'fast-planner')
-    """
+    """Return the known word that `word` is another spelling of; `word` itself if there is none."""
     names = list(known)
     if word in names:
         return word
@@ -55,13 +47,7 @@ def as_known(word: str, known: Iterable[str]) -> str:
 
 
 def renamed(word: str, known: Iterable[str]) -> str:
-    """Return the known name that has replaced `word`; `word` itself if none has.
-
-    Examples
-    --------
-    >>> renamed("seed-sim", ["nav2", "design-sim"]), renamed("seed", ["nav2"])
-    ('design-sim', 'seed')
-    """
+    """Return the known name that has replaced `word`; `word` itself if none has."""
     return next((name for name in known if name in FORMER_NAMES.get(word, ())), word)
 
 
@@ -69,13 +55,6 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     """Return the known word that `word` is most like, or alone begins with it; None if none is.
 
     What begins with another letter must be more alike.
-
-    Examples
-    --------
-    >>> nearest("rnu", ["run", "route"]), nearest("zzz", ["run", "route"])
-    ('run', None)
-    >>> nearest("exp", ["exponential", "rings"]), nearest("real", ["arena", "default"])
-    ('exponential', None)
     """
     import difflib  # of use to mistakes alone
 
@@ -88,12 +67,6 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def meant(word: str, known: Iterable[str]) -> str | None:
-    """Return the hint that asks for the nearest known word, if there is one.
-
-    Examples
-    --------
-    >>> meant("inflaet", ["inflate", "esdf"])
-    'did you mean inflate?'
-    """
+    """Return the hint that asks for the nearest known word, if there is one."""
     near = nearest(word, known)
     return None if near is None else f"did you mean {near}?"

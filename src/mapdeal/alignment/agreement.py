@@ -34,21 +34,7 @@ Moves = tuple[WallMap, WallMap, Any]
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """Agreement of two maps at K places.
-
-    Parameters
-    ----------
-    agreeing : numpy.ndarray of float64, shape (K, T)
-        Metres of wall that lie on a wall of the other map within each of `TOLERANCES`, with
-        free space on the same side, if they have it on one; the mean of both maps.
-    contradicting : numpy.ndarray of float64, shape (K, T)
-        Metres of wall that lie in the other map's free space instead.
-    overlap : numpy.ndarray of float64, shape (K,)
-        Square metres that are free in one map and known in the other, the mean of both, as a
-        share of the free space of the map that has less; 1 at most.
-    piece : float
-        Metres of wall of which it is one piece of evidence that they agree.
-    """
+    """Agreement of two maps at K places."""
 
     agreeing: Floats
     contradicting: Floats
@@ -63,14 +49,7 @@ class Agreement:
         return shares
 
     def by_chance(self, is_wrong: Mask | None = None) -> Floats:
-        """Return which share agrees where maps only happen to lie well, shape (T,).
-
-        Parameters
-        ----------
-        is_wrong : numpy.ndarray of bool, shape (K,), optional
-            The places to judge by, all of them wrong; if not given the least that is found
-            anywhere is returned.
-        """
+        """Return which share agrees where maps only happen to lie well, shape (T,)."""
         if is_wrong is None or not is_wrong.any():
             return np.array(_BY_CHANCE)
         seen = (self.agreeing + self.contradicting)[is_wrong]
@@ -105,17 +84,7 @@ class Agreement:
 
 
 def agreement_at(first: WallMap, second: WallMap, poses: Poses, most: int) -> Agreement:
-    """Return the agreement of two maps at some places.
-
-    Parameters
-    ----------
-    first, second : WallMap
-        The maps.
-    poses : numpy.ndarray of float64, shape (K, 3)
-        yaw, x, y of the first map in the second, in metres along the cells of each.
-    most : int
-        How many faces and points of free space of each map are looked at.
-    """
+    """Return the agreement of two maps at some places."""
     agreeing = np.zeros((len(poses), len(TOLERANCES)))
     contradicting = np.zeros_like(agreeing)
     known = np.zeros(len(poses))

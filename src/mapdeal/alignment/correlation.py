@@ -30,15 +30,7 @@ Poses = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Near:
-    """Limits of the search to places near a given one.
-
-    Parameters
-    ----------
-    pose : numpy.ndarray of float64, shape (3,)
-        yaw, x, y, as in `Places`.
-    shift : float
-        Largest distance of the first map's middle from where `pose` puts it, metres.
-    """
+    """Limits of the search to places near a given one."""
 
     pose: Poses
     shift: float
@@ -46,15 +38,7 @@ class Near:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places of a first map in a second, the best of each weighing first.
-
-    Parameters
-    ----------
-    poses : numpy.ndarray of float64, shape (K, 3)
-        yaw, x, y: p_second = R(yaw) p_first + (x, y), in metres along the cells of each.
-    cell : float
-        Side of the cells that were looked at, metres: how well x and y are known.
-    """
+    """Places of a first map in a second, the best of each weighing first."""
 
     poses: Poses
     cell: float
@@ -71,21 +55,6 @@ def places_of(
     near: Near | None = None,
 ) -> Places:
     """Return the places where a map correlates best with another.
-
-    Parameters
-    ----------
-    first, second : WallMap
-        The maps.
-    yaws : numpy.ndarray of float, shape (N,)
-        The turns to look at, radians.
-    side : int
-        Cells of a side of the arrays that are correlated; fixes how fine they are.
-    offered : int
-        How many shifts of each turn are looked at.
-    kept : int
-        How many places are returned of each weighing; places beside a better one are left out.
-    near : Near, optional
-        What is known of the place.
 
     Notes
     -----

@@ -14,11 +14,5 @@ _PER_LOOKED_AT, _LOOKED_AT = 40, 2 * MOST_CELLS_A_SIDE**2
 
 
 def bytes_to_align(cells: Sequence[int]) -> int:
-    """Return the bytes that aligning two maps takes, besides the maps.
-
-    Parameters
-    ----------
-    cells : sequence of int
-        How many cells each of them has.
-    """
+    """Return the bytes that aligning two maps takes, besides the maps."""
     return _PER_CELL * max(cells) + _PER_LOOKED_AT * min(sum(cells), _LOOKED_AT)

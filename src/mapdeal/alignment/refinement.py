@@ -26,21 +26,6 @@ def refined(
 ) -> Poses:
     """Return places at which the walls of both maps lie as near to each other as they can.
 
-    Parameters
-    ----------
-    first, second : WallMap
-        The maps.
-    poses : numpy.ndarray of float64, shape (K, 3)
-        yaw, x, y of the first map in the second, in metres along the cells of each.
-    scales : sequence of float
-        Of each step, the distance, metres, from which on walls count for less.
-    most : int
-        How many faces of each map are looked at.
-
-    Returns
-    -------
-    numpy.ndarray of float64, shape (K, 3)
-
     Notes
     -----
     Gauss-Newton steps on the distances of the first map's walls to those of the second and the

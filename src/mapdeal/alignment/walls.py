@@ -36,23 +36,7 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class WallMap:
-    """The walls of a map, on its own lattice, of which the rows and columns around are cut off.
-
-    Parameters
-    ----------
-    frame : Frame
-        The cells, in the map frame. All else is in metres from their corner, along their axes.
-    free : numpy.ndarray of bool, shape of `frame`
-        Where nothing is.
-    known : numpy.ndarray of bool, shape of `frame`
-        Where there is free space or an obstacle.
-    distance : numpy.ndarray of float32, shape of `frame`
-        From each cell to the nearest face of a wall, metres.
-    faces_xy : numpy.ndarray of float32, shape (N, 2)
-        The centres of the cells that are faces of walls; empty if there are no walls.
-    normals_xy : numpy.ndarray of float32, shape (N, 2)
-        Of each face a vector of length 1 to its free side; 0, 0 where it has none, or two.
-    """
+    """The walls of a map, on its own lattice, of which the rows and columns around are cut off."""
 
     frame: Frame
     free: Mask
@@ -96,14 +80,6 @@ class WallMap:
 def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | None:
     """Return the walls of a map; None if it has no obstacle.
 
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    most : int
-        The longest side in cells. Cells of larger maps are put together: occupied if one of
-        them is, else free if at least half of them are.
-
     Notes
     -----
     A map that knows hardly any free space is one of walls alone, such as a drawing: all that is
@@ -130,20 +106,7 @@ def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | No
 
 
 def pooled(cells: Mask, factor: int) -> NDArray[np.int64]:
-    """Return how many cells of each block are set.
-
-    Parameters
-    ----------
-    cells : numpy.ndarray of bool, shape (H, W)
-        The cells.
-    factor : int
-        Side of a block; those at the upper edges may have fewer cells.
-
-    Examples
-    --------
-    >>> pooled(np.array([[True, True, False], [True, False, True]]), 2).tolist()
-    [[3, 1]]
-    """
+    """Return how many cells of each block are set."""
     height, width = (-(-side // factor) for side in cells.shape)
     padded = np.zeros((height * factor, width * factor), dtype=cells.dtype)
     padded[: cells.shape[0], : cells.shape[1]] = cells

@@ -30,17 +30,6 @@ Floats = NDArray[np.floating[Any]]
 def yaws_by_walls(first: WallMap, second: WallMap) -> Floats:
     """Return the turns that bring the walls of one map into the directions of another's.
 
-    Parameters
-    ----------
-    first, second : WallMap
-        The maps.
-
-    Returns
-    -------
-    numpy.ndarray of float64, shape (N,)
-        Radians, that which fits best first; each is followed by the one that is half a turn
-        from it, since walls have no beginning and no end.
-
     References
     ----------
     S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,

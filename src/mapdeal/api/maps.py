@@ -17,24 +17,7 @@ Map = str | PathLike[str] | Grid
 
 
 def occupancy_of(map_: Map, settings: Settings, *, place: str, name: str) -> OccupancyGrid:
-    """Return a map given as a file or a grid; fields and costs as the map that ROS would publish.
-
-    Parameters
-    ----------
-    map_ : path, str or grid
-        The map.
-    settings : Settings
-        Settings for reading files.
-    place : str
-        Function that was called, for errors.
-    name : str
-        Name of a map that is not a file, for warnings.
-
-    Raises
-    ------
-    ParameterError
-        If it is neither a path nor a grid.
-    """
+    """Return a map given as a file or a grid; fields and costs as ROS would publish them."""
     if isinstance(map_, str | PathLike):
         map_ = read_map(
             Path(map_),
@@ -48,14 +31,7 @@ def occupancy_of(map_: Map, settings: Settings, *, place: str, name: str) -> Occ
 
 
 def transform_of(given: object, *, place: str, or_file: bool = False) -> Transform | None:
-    """Return a transform that may be given as x, y and yaw; None if none is given.
-
-    Raises
-    ------
-    ParameterError
-        If it is something else; the error calls it `place`, and says that it may be a file, too,
-        if it may.
-    """
+    """Return a transform that may be given as x, y and yaw; None if none is given."""
     if given is None or isinstance(given, Transform):
         return given
     try:

@@ -46,20 +46,7 @@ class Bound:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds on the difference between two maps.
-
-    Parameters
-    ----------
-    max_shift : float, optional
-        Largest distance of an obstacle from the nearest one of the other map, metres.
-    max_differing : float, optional
-        Largest share of common cells that differ, beyond the tolerance if there is one, percent.
-
-    Raises
-    ------
-    ParameterError
-        If a bound is negative or not finite, or the percentage is more than 100.
-    """
+    """Bounds on the difference between two maps."""
 
     max_shift: float | None = None
     max_differing: float | None = None

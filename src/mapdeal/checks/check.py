@@ -23,31 +23,7 @@ CheckFunction = TypeVar(
 
 
 def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction], CheckFunction]:
-    """Add a function to the list of checks.
-
-    Parameters
-    ----------
-    name : str
-        ``area.name``, unique.
-    severity : {'error', 'warning', 'note'}
-        That of all its findings.
-    about : str
-        What it finds, as in docs/lint.md.
-
-    Returns
-    -------
-    callable
-        The decorator. The function takes the facts that its parameter is annotated with, one of
-        `PairFacts`, `GridFacts`, `RoomFacts`, `ParameterFacts` and `RobotFacts`, and yields its
-        remarks; it is not called for files that have no such facts.
-
-    Raises
-    ------
-    TypeError
-        If the parameter is annotated with another type, or not at all.
-    ValueError
-        If there is a check of this name.
-    """
+    """Add a function to the list of checks."""
 
     def added(function: CheckFunction) -> CheckFunction:
         add_check(Check(name, severity, about, function, _facts_of(name, function)))

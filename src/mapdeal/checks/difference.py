@@ -49,34 +49,7 @@ class WallShift:
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """Differences between two maps.
-
-    Parameters
-    ----------
-    geometry : dict
-        Both values of each of width, height, resolution and origin that differ.
-    common : int
-        Number of cells that both maps have.
-    confusion : numpy.ndarray of int64, shape (4, 4)
-        Number of common cells by their state in the first map (rows) and in the second
-        (columns), in the order of `STATES`.
-    differing : int
-        Number of common cells with different values.
-    beyond : int
-        Number of differing cells that the tolerance does not explain.
-    not_compared : int
-        Number of known cells of the first map that the second map does not cover.
-    walls : tuple of WallShift or None
-        Distances from the obstacles of the first map in the common area to the nearest of the
-        second, and from those of the second to the first; None if either map has none.
-    symmetry : str, optional
-        How to rotate or mirror the second map to make it much more like the first: one of
-        `SYMMETRIES`; None if it fits best as it is.
-    frame : Frame
-        Cells of the first map's lattice that cover both maps.
-    changes : numpy.ndarray of uint8, shape of `frame`
-        Kind of change in each cell, from `OUTSIDE` to `ADDED`.
-    """
+    """Differences between two maps."""
 
     geometry: dict[str, tuple[Any, Any]]
     common: int
@@ -96,37 +69,7 @@ class Difference:
 
 
 def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0.0) -> Difference:
-    """Compare two maps cell by cell.
-
-    Parameters
-    ----------
-    first, second : OccupancyGrid
-        The maps; size, origin, yaw and resolution may differ.
-    tolerance : float
-        Distance within which a cell of the same state in the other map makes up for a different
-        one, in both directions, cells of the first map.
-
-    Returns
-    -------
-    Difference
-        The differences in cells of the first map's lattice; the second map is sampled at their
-        centres.
-
-    Raises
-    ------
-    ParameterError
-        If the tolerance is not in 0..1000, or the maps are too far apart for one grid.
-
-    Examples
-    --------
-    >>> before = OccupancyGrid([[100, 0, 0, 0]], 0.5)
-    >>> after = OccupancyGrid([[0, 100, 0, -1]], 0.5)
-    >>> found = compare(before, after)
-    >>> found.differing, found.walls[0].largest
-    (3, 0.5)
-    >>> compare(before, after, tolerance=1).beyond  # the cell that is not known any more
-    1
-    """
+    """Compare two maps cell by cell."""
     if not 0 <= tolerance <= _MOST_TOLERANCE:  # refuses nan too
         rule = f"must be 0 to {_MOST_TOLERANCE:g} cells"
         raise ParameterError(rule, place="tolerance", got=tolerance)
@@ -170,13 +113,7 @@ def confusion_of(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray
 
 
 def frame_around(first: Frame, second: Frame) -> Frame:
-    """Return the cells of the first lattice that both maps lie in.
-
-    Raises
-    ------
-    ParameterError
-        If they lie so far apart that there are too many.
-    """
+    """Return the cells of the first lattice that both maps lie in."""
     other = region_around(first, second)
     row, col = min(other.row, 0), min(other.col, 0)
     height = max(other.row + other.height, first.height) - row

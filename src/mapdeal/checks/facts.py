@@ -50,15 +50,7 @@ _PIXELS_TOGETHER = 1 << 18
 
 @dataclass(frozen=True, eq=False)
 class GridFacts:
-    """The cells of a map, of whatever file, as dialect nav2 reads them.
-
-    Parameters
-    ----------
-    frame : Frame
-        Its geometry.
-    cells : CellTallies
-        What was counted of its cells, which are not kept.
-    """
+    """The cells of a map, of whatever file, as dialect nav2 reads them."""
 
     frame: Frame
     cells: CellTallies
@@ -88,15 +80,7 @@ class GridFacts:
 
 @dataclass(frozen=True, eq=False)
 class RoomFacts:
-    """A map in memory, and a robot that is to get through it.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map, as dialect nav2 reads it.
-    radius : float
-        The robot's inscribed radius, metres: a round robot of it gets wherever the robot may.
-    """
+    """A map in memory, and a robot that is to get through it."""
 
     grid: OccupancyGrid
     radius: float
@@ -104,27 +88,7 @@ class RoomFacts:
 
 @dataclass(frozen=True, eq=False)
 class PairFacts:
-    """A map_server pair.
-
-    Parameters
-    ----------
-    path : Path
-        The YAML file.
-    entries : dict of str to Entry
-        Its keys.
-    metadata : MapMetadata
-        What they mean.
-    image_path : Path
-        The image.
-    kind : Picture
-        What its pixels are, without any of them.
-    pixels : PixelTallies
-        What was counted of them, and of what each reader makes of them.
-    frame : Frame
-        The geometry of the map.
-    comments : list of str
-        Those in the header of the image.
-    """
+    """A map_server pair."""
 
     path: Path
     entries: dict[str, Entry]
@@ -146,24 +110,7 @@ class PairFacts:
 def gather(
     path: Path, *, max_cells: int | None = None
 ) -> tuple[PairFacts | None, GridFacts | None, list[Finding]]:
-    """Return what there is to check of a file, and what was found while it was read.
-
-    Parameters
-    ----------
-    path : Path
-        A map_server YAML, a ``.pbm`` beside its YAML, or an npz.
-    max_cells : int, optional
-        Cells up to which an image is read.
-
-    Returns
-    -------
-    pair : PairFacts or None
-        Of a YAML that could be read.
-    cells : GridFacts or None
-        Of any map that could be read; None for costs and views of fields.
-    findings : list of Finding
-        Warnings and errors of the readers.
-    """
+    """Return what there is to check of a file, and what was found while it was read."""
     findings: list[Finding] = []
     pair: PairFacts | None = None
     cells: GridFacts | None = None
@@ -184,15 +131,7 @@ def gather(
 
 
 def gather_rooms(path: Path, radius: float, *, max_cells: int | None = None) -> RoomFacts:
-    """Return a map that `gather` has gone through, for checks that need all of it in memory.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read again.
-    MalformedInputError
-        If it takes too much memory.
-    """
+    """Return a map that `gather` has gone through, for checks that need all of it in memory."""
     with kept_warnings(), open_map(path, max_cells=max_cells) as file:
         height, width = file.shape()
         count = file.memory_to_read() + _OF_ROOMS[engine_name()] * height * width

@@ -51,19 +51,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Remark:
-    """Remark of a check about a map.
-
-    Parameters
-    ----------
-    message : str
-        One line.
-    key : str, optional
-        The key of the YAML that it is about.
-    at : ParameterValue, optional
-        The parameter that it is about, of a robot's files.
-    places : tuple of (x, y)
-        As of a `Finding`.
-    """
+    """Remark of a check about a map."""
 
     message: str
     key: str | None = None
@@ -73,21 +61,7 @@ class Remark:
 
 @dataclass(frozen=True)
 class Check:
-    """A check.
-
-    Parameters
-    ----------
-    name : str
-        ``area.name``.
-    severity : {'error', 'warning', 'note'}
-        That of all its findings.
-    about : str
-        What it finds.
-    run : callable, optional
-        Takes facts and yields remarks. A check without it is found while files are read.
-    facts : type, optional
-        The type of the facts that `run` takes.
-    """
+    """A check."""
 
     name: str
     severity: Severity

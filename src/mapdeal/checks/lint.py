@@ -30,19 +30,7 @@ declare_check(LEFT_OUT, "note", "a check that takes more memory than it may was 
 def lint_file(
     path: Path, *, max_cells: int | None = None, radius: float | None = None
 ) -> list[Finding]:
-    """Return what all checks find in a map or a folder of outputs, the worst first.
-
-    Parameters
-    ----------
-    path : Path
-        A map_server YAML, a ``.pbm``, which stands for the YAML beside it, an npz, or a folder
-        that a run has written.
-    max_cells : int, optional
-        Cells up to which an image is read.
-    radius : float, optional
-        Inscribed radius of the robot that is to get through the map, metres. Checks of that are
-        left out without one.
-    """
+    """Return what all checks find in a map or a folder of outputs, the worst first."""
     if is_folder(path):
         return lint_run(path)
     pair, cells, findings = gather(path, max_cells=max_cells)

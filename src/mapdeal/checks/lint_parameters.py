@@ -46,24 +46,7 @@ def lint_parameters(
     namespace: str | None = None,
     map_resolutions: Sequence[tuple[str, float]] = (),
 ) -> dict[Path, list[Finding]]:
-    """Return what all checks find in a robot's parameter files, by file, line by line.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The files, in the order in which they are loaded.
-    costmap : {'global', 'local'}, optional
-        The costmap to look at; both, as far as the files have them, if not given.
-    namespace : str, optional
-        The robot's, where files hold several.
-    map_resolutions : sequence of (str, float)
-        Names and resolutions, metres, of maps that the global costmap may be given.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    """
+    """Return what all checks find in a robot's parameter files, by file, line by line."""
     flavour = flavour_of(paths)
     names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
     looked_at = [_resolve(paths, one, namespace) for one in names]
@@ -86,13 +69,7 @@ def lint_parameters(
 def robot_in(
     paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None
 ) -> RobotParameters | None:
-    """Return the robot of parameter files, as its global costmap has it if there are both.
-
-    Parameters
-    ----------
-    paths, costmap, namespace
-        As of `lint_parameters`, which explains why there is none, if there is none.
-    """
+    """Return the robot of parameter files, as its global costmap has it if there are both."""
     names: tuple[CostmapName, ...] = ("global", "local") if costmap is None else (costmap,)
     for name in names:
         with suppress(MapdealError):

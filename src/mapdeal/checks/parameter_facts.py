@@ -13,19 +13,7 @@ from mapdeal.robot.values import Name
 
 @dataclass(frozen=True, eq=False)
 class ParameterFacts:
-    """The values of one costmap, whatever they mean.
-
-    Parameters
-    ----------
-    flavour : {'nav2', 'ros1'}
-        Whose parameters they are.
-    costmap : {'global', 'local'}
-        Which costmap this is.
-    values : mapping of names to ParameterValue
-        All parameters below it.
-    plugins : tuple of (str, str)
-        Names and classes of its layers and filters; a class is empty where the file has none.
-    """
+    """The values of one costmap, whatever they mean."""
 
     flavour: Flavour
     costmap: CostmapName
@@ -52,19 +40,7 @@ class ParameterFacts:
 
 @dataclass(frozen=True, eq=False)
 class RobotFacts:
-    """Effective parameters of one costmap.
-
-    Parameters
-    ----------
-    robot : RobotParameters
-        The robot and its costmap.
-    parameters : ParameterFacts
-        The values that they come from.
-    other : RobotParameters, optional
-        Its other costmap, once: of the two, the first one has it.
-    map_resolutions : tuple of (str, float)
-        Names and resolutions, metres, of the maps that are looked at together with it.
-    """
+    """Effective parameters of one costmap."""
 
     robot: RobotParameters
     parameters: ParameterFacts

@@ -75,15 +75,7 @@ declare_check("params.repeated", "note", "a key given twice, with one value")
 
 
 def finding_of(problem: Problem, file: str) -> Finding:
-    """Return a problem of a robot's parameters as a finding.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was found.
-    file : str
-        The file that it is reported for if it does not name one.
-    """
+    """Return a problem of a robot's parameters as a finding."""
     message = f"{problem.parameter}: {problem.text}" if problem.parameter else problem.text
     if problem.got is not None:
         message += f", got {_short(problem.got)}"

@@ -34,31 +34,7 @@ _PER_CELL_OF_TURNED, _PER_NEW_CELL = 5, 3
 def repaired(
     path: Path, pair: PairFacts | None, *, max_cells: int | None = None
 ) -> tuple[OccupancyGrid, list[str]]:
-    """Return a map as it should be, and what was changed, a line each.
-
-    Parameters
-    ----------
-    path : Path
-        The file, which could be read as a map.
-    pair : PairFacts or None
-        Of a map_server pair.
-    max_cells : int, optional
-        Cells up to which it is read.
-
-    Returns
-    -------
-    grid : OccupancyGrid
-        With grey 205 unknown, resolution and origin without the noise of rounding, and no yaw:
-        the map is resampled on the lattice of its resolution, so that no obstacle is lost.
-        Written as a new pair it has a relative path and the usual thresholds.
-    done : list of str
-        What was changed.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        If the map cannot be read again.
-    """
+    """Return a map as it should be, and what was changed, a line each."""
     done: list[str] = []
     with kept_warnings():  # all was told when it was read first
         grid = _read_again(path, pair, max_cells, done)

@@ -20,21 +20,7 @@ EVERYTHING = "all"
 
 @dataclass(frozen=True)
 class Selection:
-    """Selection of the findings that count, and their severities.
-
-    Parameters
-    ----------
-    checks : frozenset of str
-        Names of the selected checks.
-    strict : bool
-        Whether warnings count as failures.
-    folder : Path, optional
-        Folder that the patterns of `per_file` are relative to.
-    per_file : tuple of (str, frozenset of str)
-        Patterns of names, each with the checks that do not apply to such maps.
-    severity : mapping of str to str
-        Severities that replace those of the checks.
-    """
+    """Selection of the findings that count, and their severities."""
 
     checks: frozenset[str]
     strict: bool = False
@@ -51,17 +37,6 @@ class Selection:
         without: Iterable[str] = (),
     ) -> tuple[tuple[Finding, ...], int]:
         """Return the findings of a map that count, the worst first, and how many were suppressed.
-
-        Parameters
-        ----------
-        file : Path
-            The map.
-        findings : iterable of Finding
-            All that were found.
-        comments : sequence of IgnoreComment
-            Those of its YAML file.
-        without : iterable of str
-            Names of checks that were not done: nobody knows what comments ignore of them.
 
         Notes
         -----
@@ -108,24 +83,7 @@ def selection_of(
     strict: bool = False,
     config: LintConfig | None = None,
 ) -> Selection:
-    """Return which findings count.
-
-    Parameters
-    ----------
-    select, ignore : sequence of str
-        Names of checks or areas, or ``all``, as a caller gives them. The more precise name wins,
-        of equal ones `ignore`. What is selected takes the place of all that the file says of it;
-        `ignore` alone is taken from that.
-    strict : bool
-        Whether warnings, too, are failures.
-    config : LintConfig, optional
-        What the project says.
-
-    Raises
-    ------
-    ParameterError
-        If a name is of no check.
-    """
+    """Return which findings count."""
     everything = frozenset(CHECKS)
     checks = everything
     per_file: tuple[tuple[str, frozenset[str]], ...] = ()
@@ -172,13 +130,7 @@ def _chosen(
 
 
 def _ranked(names: Iterable[str], source: Path | str, place: str | None = None) -> dict[str, int]:
-    """Return how precisely each check is named, at best: 0 by ``all``, 1 by its area, 2 by itself.
-
-    Raises
-    ------
-    ParameterError
-        If a name is of no check.
-    """
+    """Return how precisely each check is named, at best: 0 by all, 1 by its area, 2 by itself."""
     ranks: dict[str, int] = {}
     for text in names:
         matching = _matching(text)

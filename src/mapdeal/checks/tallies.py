@@ -25,18 +25,7 @@ _CELLS_TOGETHER = 1 << 18
 
 
 class CellTallies:
-    """Counts of the cells of a map, of which some rows come at a time, from whichever side.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the map.
-    from_north : bool
-        Whether the northernmost row comes first; what is told of places counts from the south.
-    of_values : numpy.ndarray of int64, shape (256,), optional
-        How often each byte occurs, where somebody else counts that: it is looked at when all cells
-        have come.
-    """
+    """Counts of the cells of a map, of which some rows come at a time, from whichever side."""
 
     def __init__(
         self,
@@ -145,13 +134,7 @@ class CellTallies:
         return self._free.sizes()
 
     def places_of_components(self, least: int, most: int) -> list[Place]:
-        """Return a cell of each of the largest components of free cells but the very largest.
-
-        Parameters
-        ----------
-        least, most : int
-            How many cells they have.
-        """
+        """Return a cell of each of the largest components of free cells but the very largest."""
         found = list(reversed(self._free.places().items()))
         if found:  # of several that are as large as the largest, one is that
             found[0] = found[0][0], found[0][1][1:]
@@ -161,13 +144,6 @@ class CellTallies:
 
 def _stretches(marked: NDArray[np.bool_], *, is_closed: bool) -> list[tuple[int, int]]:
     """Return where stretches of marked things begin, and how long they are.
-
-    Parameters
-    ----------
-    marked : numpy.ndarray of bool, shape (N,)
-        The things, one after the other.
-    is_closed : bool
-        Whether the first comes after the last.
 
     Examples
     --------
@@ -193,13 +169,7 @@ def tallies_of(occupancy: Layer) -> CellTallies:
 
 
 class PixelTallies:
-    """Counts of the pixels of a map's image, and of what each reader makes of them.
-
-    Parameters
-    ----------
-    metadata : MapMetadata
-        What the YAML file says; with ``cost_scale`` there are no readings.
-    """
+    """Counts of the pixels of a map's image, and of what each reader makes of them."""
 
     def __init__(self, metadata: MapMetadata) -> None:
         readers: tuple[Dialect, ...] = () if metadata.cost_scale is not None else tuple(DIALECTS)

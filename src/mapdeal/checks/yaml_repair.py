@@ -18,17 +18,7 @@ _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 
 @dataclass(frozen=True)
 class YamlRepair:
-    """Changes to make in a YAML file.
-
-    Parameters
-    ----------
-    values : mapping
-        New values by key.
-    done : tuple of str
-        Descriptions of the changes, one line each.
-    needs_cells : bool
-        Whether the map is turned, so that its cells must be computed again.
-    """
+    """Changes to make in a YAML file."""
 
     values: Mapping[str, Any]
     done: tuple[str, ...]
@@ -41,17 +31,7 @@ class YamlRepair:
 def yaml_repair(
     pair: PairFacts, frame: Frame | None, wanted: Collection[str]
 ) -> YamlRepair:  # fmt: skip
-    """Return what takes traps out of a map's YAML file.
-
-    Parameters
-    ----------
-    pair : PairFacts
-        The map.
-    frame : Frame, optional
-        Where its cells lie; None of costs, which are not turned.
-    wanted : collection of str
-        Checks whose findings are to be mended; others are left as they are.
-    """
+    """Return what takes traps out of a map's YAML file."""
     metadata, entries = pair.metadata, pair.entries
     values: dict[str, Any] = {}
     if "yaml.defaults" in wanted:

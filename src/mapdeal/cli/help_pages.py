@@ -29,11 +29,6 @@ _CONDITIONS = ("With a bag",)
 def in_groups(names: Iterable[str]) -> dict[str, list[str]]:
     """Return names of commands by the title of their group, in the order of ``--help``.
 
-    Parameters
-    ----------
-    names : iterable of str
-        All commands. Those in none of the groups, such as a new stage's, come last.
-
     Examples
     --------
     >>> in_groups(["esdf", "smooth", "run"])
@@ -49,15 +44,7 @@ def in_groups(names: Iterable[str]) -> dict[str, list[str]]:
 
 
 def lay_out(command: Any, name: str) -> None:
-    """Make the ``--help`` of a command list its options in groups, and end with examples.
-
-    Parameters
-    ----------
-    command : click.Command
-        A command, or a group of commands, all of which are laid out.
-    name : str
-        The words that call it, without ``mapdeal``.
-    """
+    """Make the ``--help`` of a command list its options in groups, and end with examples."""
     command.format_options = partial(_write_options, command, command.format_options)
     command.format_epilog = partial(_write_examples, name)
     for one, below in getattr(command, "commands", {}).items():
@@ -74,20 +61,7 @@ def write_commands(group: Any, context: Any, formatter: Any) -> None:
 
 
 def sections_of(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
-    """Return the arguments and options of a command by the title that they stand below.
-
-    Parameters
-    ----------
-    command : click.Command
-        A command.
-    context : click.Context
-        Its context.
-
-    Returns
-    -------
-    dict of str to list of tuple of str
-        Names and help texts, in the order of ``--help``.
-    """
+    """Return the arguments and options of a command by the title that they stand below."""
     parameters = command.get_params(context)
     sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
     for parameter in parameters:

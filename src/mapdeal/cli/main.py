@@ -85,13 +85,7 @@ def _own_endings() -> Iterator[None]:
 
 
 class _NotEmpty:
-    """Converts the name of a file or folder, unless it is empty: that would be the working folder.
-
-    Parameters
-    ----------
-    convert : callable
-        What converts names that are not.
-    """
+    """Converts the name of a file or folder; an empty one would be the working folder."""
 
     def __init__(self, convert: Callable[..., Any]) -> None:
         self._convert = convert
@@ -211,13 +205,7 @@ def mapdeal(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        The words behind ``mapdeal``; those of the process if not given.
-    """
+    """Run the command line and return its exit code."""
     terminal.accept_all_characters()
     terminal.show_warnings()
     _forget_odd_epoch()

@@ -110,13 +110,7 @@ def pair(text: str, name: str) -> tuple[float, float]:
 
 
 def size_of(text: str, name: str) -> int:
-    """Return a number of bytes: ``500M`` and ``4GiB`` are of 1024, ``4GB`` of 1000.
-
-    Raises
-    ------
-    ParameterError
-        If it is none; the error calls it `name`.
-    """
+    """Return a number of bytes: ``500M`` and ``4GiB`` are of 1024, ``4GB`` of 1000."""
     match = re.fullmatch(
         r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?", text.strip(), re.IGNORECASE
     )

@@ -34,21 +34,7 @@ _TURN = 2 * math.pi
 
 
 class _Kind(NamedTuple):
-    """What is asked for: points, or poses.
-
-    Parameters
-    ----------
-    name : str
-        What many are called.
-    what : str
-        What a line holds.
-    form : str
-        How one is written after ``--at``.
-    lines : callable
-        Makes lines of numbers, of the numbers of the lines, and of what is wrong with some.
-    read : callable
-        Reads them from the chunks of a file.
-    """
+    """What is asked for: points, or poses."""
 
     name: str
     what: str

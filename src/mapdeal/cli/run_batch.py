@@ -26,13 +26,7 @@ _ALL_AROUND = 2 * math.pi - 0.1
 
 
 def run_single(job: Job, run: MapRun, workers: Workers | None) -> None:
-    """Run one map, and end as it does.
-
-    Raises
-    ------
-    MapdealError
-        If it failed.
-    """
+    """Run one map, and end as it does."""
     if workers is None:
         settings = replace(run.settings, progress=terminal.blocks_done)
         terminal.summary(lines_of(job.path, replace(run, settings=settings)(job)))
@@ -53,13 +47,7 @@ def run_single(job: Job, run: MapRun, workers: Workers | None) -> None:
 def run_batch(
     jobs: Sequence[Job], output: Path, run: MapRun, workers: Workers | None
 ) -> None:  # fmt: skip
-    """Run all maps; report failures when they happen, and all maps at the end.
-
-    Raises
-    ------
-    BatchError
-        If any failed.
-    """
+    """Run all maps; report failures when they happen, and all maps at the end."""
     with (
         terminal.progress(len(jobs), what="map") as bar,
         terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,
@@ -196,11 +184,6 @@ def say_plans(
     """Print what a run would do, and end as it would as far as that is known.
 
     `size` is the number of jobs at the same time, None on a cluster.
-
-    Raises
-    ------
-    MapdealError
-        Of a single map why it would be refused; of a batch that some of its maps would be.
     """
     plans = [plan_of(job, run) for job in jobs]
     if not is_batch and plans[0].error is not None:

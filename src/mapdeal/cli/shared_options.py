@@ -29,24 +29,7 @@ _OF_FILES = ("params_file", "costmap", "namespace")
 
 
 class SharedOption(NamedTuple):
-    """An option that many commands have.
-
-    Parameters
-    ----------
-    kind : type
-        Type of the value, as in the annotation of a command's parameter.
-    option : typer.models.OptionInfo
-        What ``typer.Option`` returns.
-    default : object
-        Value if the option is not given.
-    group : str, optional
-        Name that stands for this option and the others of the group.
-    field : str, optional
-        Field of `Settings` that the option sets. Those of the group ``robot`` have none:
-        together they are the arguments of `robot_shape` and `robot_parameters`.
-    value_of : callable, optional
-        Converts what was given to the value of the field.
-    """
+    """An option that many commands have."""
 
     kind: Any
     option: Any
@@ -229,30 +212,6 @@ def shared_options(
     The command takes an argument ``settings``, and ``footprint`` and ``robot`` if the group
     ``robot`` is among the names; all its other arguments are options and arguments of the command
     line.
-
-    Parameters
-    ----------
-    *names : str
-        Shared options and groups of them, in the order of ``--help``. A command's own options
-        come first, except those that are named here, too.
-    help_texts : mapping, optional
-        Help texts that differ from the shared ones, by option.
-    makes_costs : callable
-        Whether the command, with these values of its own options, makes the costs of a robot's
-        parameter files; else it takes the shape alone.
-
-    Raises
-    ------
-    ValueError
-        When the command is defined: if it lacks one of these arguments, or as
-        `with_shared_options`.
-
-    Examples
-    --------
-    >>> @shared_options("force", "jobs", "threads")
-    ... def count(source: Path, jobs: int = 1, *, settings: Settings) -> None: ...
-    >>> list(signature(count).parameters)
-    ['source', 'force', 'jobs', 'threads', 'strict', 'quiet', 'verbose']
     """
 
     def decorate(function: Command) -> Command:
@@ -281,27 +240,6 @@ def with_shared_options(
 
     When it is called, it sets how much is said, makes `Settings`, the robot's shape and its own
     parameters, and hands them to the function with the values of its own options.
-
-    Parameters
-    ----------
-    function : callable
-        Takes the values of `own` as keywords, ``settings``, and ``footprint`` and ``robot`` if
-        the group ``robot`` is among the names. The command has its name and docstring.
-    own : iterable of inspect.Parameter
-        The command's own options, annotated for typer. They need not be in the signature of the
-        function, which may take any keywords.
-    names, help_texts, makes_costs
-        As for `shared_options`.
-
-    Returns
-    -------
-    callable
-        Typer reads its options from ``__signature__`` and ``__annotations__``.
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, or an option comes twice.
     """
     parameters = _spliced(function.__name__, {one.name: one for one in own}, names, help_texts)
     shared = [name for name in SHARED_OPTIONS if name in expanded([*names, _ALWAYS])]

@@ -82,13 +82,7 @@ _SCHEDULER = Annotated[
 
 
 def stage_app(name: str) -> typer.Typer:
-    """Return the command of a stage: its parameters as options, and those of all stages.
-
-    Parameters
-    ----------
-    name : str
-        A stage of the catalogue.
-    """
+    """Return the command of a stage: its parameters as options, and those of all stages."""
     models = models_of(name)
     first = next(iter(models.values()))
     has_robot = any(stage.robot is not None for stage in models.values())

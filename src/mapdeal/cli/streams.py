@@ -19,13 +19,7 @@ _OUTPUT = "output"
 
 
 class Streamed:
-    """Marks a parameter in whose place ``-`` stands for a standard stream.
-
-    Parameters
-    ----------
-    is_output : bool
-        Whether it is standard output.
-    """
+    """Marks a parameter in whose place ``-`` stands for a standard stream."""
 
     def __init__(self, *, is_output: bool) -> None:
         self.is_output = is_output
@@ -49,18 +43,6 @@ def piped(values: Mapping[str, Any], marked: Mapping[str, bool]) -> Iterator[dic
     """Give the values of a command with files in the place of standard streams.
 
     When the block ends without an error, the file that stands for standard output is sent.
-
-    Parameters
-    ----------
-    values : mapping
-        The values of parameters by name.
-    marked : mapping of str to bool
-        As `streamed` returns it.
-
-    Raises
-    ------
-    ParameterError
-        If a stream is a terminal, or standard input is asked for twice.
     """
     inputs = [
         name for name in values

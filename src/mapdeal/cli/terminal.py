@@ -48,13 +48,7 @@ def configure(*, quiet: bool, verbose: bool, strict: bool = False) -> None:
 
 
 def leave_stdout_to_data() -> None:
-    """Have all that is said go to stderr: a file goes to stdout.
-
-    Raises
-    ------
-    ParameterError
-        If stdout is a terminal.
-    """
+    """Have all that is said go to stderr: a file goes to stdout."""
     global _is_for_data
     if sys.stdout.isatty():
         hint = "pipe it into another command, or name a file"
@@ -128,15 +122,7 @@ def is_read() -> bool:
 
 
 def input_chunks() -> Iterator[bytes]:
-    """Yield what comes in on stdin, as soon as it comes.
-
-    Raises
-    ------
-    ParameterError
-        If there is none.
-    FileAccessError
-        If it cannot be read.
-    """
+    """Yield what comes in on stdin, as soon as it comes."""
     if sys.stdin is None:  # the process was started without
         raise ParameterError("is closed", source="standard input")
     try:
@@ -196,15 +182,7 @@ def detail(text: str) -> None:
 
 
 class Progress:
-    """How far a command is: a bar on a terminal, elsewhere a line now and then.
-
-    Parameters
-    ----------
-    length : int
-        Steps in all.
-    what : str, optional
-        What a step is, if steps are worth counting.
-    """
+    """How far a command is: a bar on a terminal, elsewhere a line now and then."""
 
     def __init__(self, length: int, what: str | None) -> None:
         self._length = length
@@ -324,13 +302,7 @@ def show_warnings() -> None:
 
 
 def finish() -> None:
-    """Write out what stdout still holds.
-
-    Raises
-    ------
-    FileAccessError
-        If it, or anything before, could not be written, other than because its reader has gone.
-    """
+    """Write out what stdout still holds."""
     global _stdout_problem
     _to_stdout(sys.stdout.flush)
     problem, _stdout_problem = _stdout_problem, None

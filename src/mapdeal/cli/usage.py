@@ -19,13 +19,7 @@ _NUMBERS = ("int", "float")
 
 
 class PlainNumber:
-    """Converts numbers of options, except those that only Python takes for one.
-
-    Parameters
-    ----------
-    convert : callable
-        What converts all others.
-    """
+    """Converts numbers of options, except those that only Python takes for one."""
 
     def __init__(self, convert: Callable[..., Any]) -> None:
         self._convert = convert
@@ -41,15 +35,7 @@ class PlainNumber:
 
 
 class SpelledChoice:
-    """Converts choices, whatever way of spelling them.
-
-    Parameters
-    ----------
-    convert : callable
-        What converts those that are spelled as they are known.
-    choices : iterable of str
-        These.
-    """
+    """Converts choices, whatever way of spelling them."""
 
     def __init__(self, convert: Callable[..., Any], choices: Iterable[object]) -> None:
         self._convert = convert
@@ -72,15 +58,7 @@ def accept_spellings(parameter: Any) -> None:
 
 
 def usage_error(error: Any, commands: Callable[[], Iterable[str]]) -> ParameterError:
-    """Return click's error as one of ours, on one line.
-
-    Parameters
-    ----------
-    error : click.ClickException
-        The error.
-    commands : callable
-        Returns the names of all commands.
-    """
+    """Return click's error as one of ours, on one line."""
     message = " ".join(error.format_message().split()).removesuffix(".")
     message = message[:1].lower() + message[1:] if not message.startswith("'") else message
     context = getattr(error, "ctx", None)

@@ -27,17 +27,7 @@ _LISTS = ("--select", "--ignore")
 
 @dataclass(frozen=True)
 class Value:
-    """What can stand for an option's value or an argument.
-
-    Parameters
-    ----------
-    words : tuple of str
-        Words to choose from.
-    endings : tuple of str, optional
-        Endings of names of files, none for any file; None if it is no file.
-    is_folder : bool
-        Whether it is a folder.
-    """
+    """What can stand for an option's value or an argument."""
 
     words: tuple[str, ...] = ()
     endings: tuple[str, ...] | None = None

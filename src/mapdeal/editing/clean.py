@@ -44,22 +44,7 @@ _NONE = Patches(0, 0)
 
 @dataclass(frozen=True)
 class CleanCounts:
-    """Changes made by each step of `clean`, in the order of the steps.
-
-    Parameters
-    ----------
-    free_holes : Patches
-        Unknown cells that are now free.
-    islands : Patches
-        Free cells that are now unknown.
-    wall_holes : Patches
-        Unknown cells that are now occupied.
-    specks : Patches
-        Occupied cells that are now free.
-    changed : int
-        Cells whose value differs from the original. This can be less than the sum of all steps,
-        because a cell inside a ring of obstacles may change more than once.
-    """
+    """Changes made by each step of `clean`, in the order of the steps."""
 
     free_holes: Patches
     islands: Patches

@@ -103,29 +103,7 @@ def states_of(values: NDArray[np.int8]) -> States:
 def compared(
     states: Sequence[States],
 ) -> tuple[NDArray[np.uint8], tuple[MapCounts, ...], int]:  # fmt: skip
-    """Return the conflicts of maps, the counts of each, and how many cells several know.
-
-    Parameters
-    ----------
-    states : sequence of numpy.ndarray of uint8, shape (H, W)
-        What the cells are in each map, as `states_of` returns it.
-
-    Returns
-    -------
-    conflicts : numpy.ndarray of uint8, shape (H, W)
-        `NO_CONFLICT`, `BY_FIRST`, `BY_OTHERS`, or `AMONG_OTHERS`.
-    counts : tuple of MapCounts
-        Of each map, in their order.
-    common : int
-        Cells that two or more of them know.
-
-    Examples
-    --------
-    >>> a, b = (states_of(np.array([cells], np.int8)) for cells in ([100, 0, -1], [0, 100, 100]))
-    >>> conflicts, counts, common = compared([a, b])
-    >>> conflicts.tolist(), common, counts[1]
-    ([[1, 2, 0]], 2, MapCounts(3 known, 2 in common, 2 added, 2 conflicts, 1 of 1 walls met))
-    """
+    """Return the conflicts of maps, the counts of each, and how many cells several know."""
     shape = states[0].shape
     occupied = _Marks((one == OCCUPIED for one in states), shape)
     free = _Marks((one == FREE for one in states), shape)
@@ -138,15 +116,7 @@ def compared(
 
 
 class _Marks:
-    """Cells that are marked in one of several masks, and in more than one.
-
-    Parameters
-    ----------
-    masks : iterable of numpy.ndarray of bool, shape (H, W)
-        One at a time.
-    shape : tuple of int
-        Of each.
-    """
+    """Cells that are marked in one of several masks, and in more than one."""
 
     def __init__(self, masks: Iterable[Mask], shape: tuple[int, ...]) -> None:
         self.once, self.twice = np.zeros((2, *shape), dtype=np.bool_)

@@ -35,14 +35,7 @@ _LOG_ODDS, _HITS, _MISSES = "log_odds", "hits", "misses"
 
 
 def chosen_layers(layers: Layers, shape: tuple[int, int]) -> ChosenLayers:
-    """Return those of a map's layers that say what beams have hit; none if there are none.
-
-    Raises
-    ------
-    ParameterError
-        If one of them has not the shape of the map, ``misses`` are missing, or numbers are not
-        finite, or below 0 for counts, or beyond 1e9.
-    """
+    """Return those of a map's layers that say what beams have hit; none if there are none."""
     if _LOG_ODDS in layers:
         wanted: tuple[str, ...] = (_LOG_ODDS,)
     elif _HITS in layers or _MISSES in layers:
@@ -79,24 +72,7 @@ def evidence_of(
     frames: Sequence[Frame],
     layers: Sequence[ChosenLayers],
 ) -> NDArray[np.int64]:
-    """Return the summed evidence of maps, in cells of a lattice.
-
-    Parameters
-    ----------
-    lattice : Frame
-        The cells.
-    states : sequence of numpy.ndarray of uint8, shape of `lattice`
-        Of each map what its cells are: what a map votes that has no layers.
-    frames : sequence of Frame
-        Where the maps lie.
-    layers : sequence of mapping
-        The layers of each map, as `chosen_layers` returns them.
-
-    Returns
-    -------
-    numpy.ndarray of int64, shape of `lattice`
-        Above 0 for obstacles; `in_beams` says how much that is.
-    """
+    """Return the summed evidence of maps, in cells of a lattice."""
     total = np.zeros(lattice.shape, dtype=np.int64)
     for state, frame, own in zip(states, frames, layers, strict=True):
         if own:

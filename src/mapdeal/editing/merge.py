@@ -175,13 +175,7 @@ def placed(
 
 
 def lattice_around(maps: Sequence[OccupancyGrid], frames: Sequence[Frame]) -> Frame:
-    """Return the cells of the first map's lattice that hold it, and the known cells of the others.
-
-    Raises
-    ------
-    ParameterError
-        If there are more than 1e9, or a map lies more than 1e12 m away.
-    """
+    """Return the cells of the first map's lattice that hold it and all known cells."""
     first = frames[0]
     low, high = np.zeros(2), np.array(first.shape, dtype=np.float64)
     for grid, frame in zip(maps[1:], frames[1:], strict=True):
@@ -244,21 +238,7 @@ def remarks_on(
     *,
     advice: str = "",
 ) -> Iterator[str]:
-    """Yield what there is to warn of.
-
-    Parameters
-    ----------
-    merged : Merged
-        The maps in one.
-    names : sequence of str
-        What to call each.
-    rule : {'occupied', 'newest', 'evidence'}
-        How they were merged.
-    layerless : sequence of int
-        Those that have no layers of evidence.
-    advice : str
-        What to do about a map that is hardly aligned.
-    """
+    """Yield what there is to warn of."""
     if rule == "evidence" and len(layerless) == len(names):
         yield "no map has evidence layers; each of their cells counts as one vote"
     elif rule == "evidence":
@@ -311,13 +291,7 @@ def _checked(
 
 
 def check_is_map(grid: object, name: str) -> OccupancyGrid:
-    """Return a map, refusing what is none.
-
-    Raises
-    ------
-    ParameterError
-        If it is a costmap, a field, or a field's view.
-    """
+    """Return a map, refusing what is none."""
     if not isinstance(grid, OccupancyGrid) or isinstance(grid, FieldView):
         rule = "is not a map; merge the maps, and compute costs and fields from the result"
         raise ParameterError(rule, source=name)

@@ -59,11 +59,6 @@ def rescale(grid: V, resolution: float, *, rule: ResamplingRule = "area") -> V:
 def rescaled_frame(frame: Frame, resolution: float) -> Frame:
     """Return the frame of the result of `rescale`.
 
-    Raises
-    ------
-    ParameterError
-        As `rescale`.
-
     Examples
     --------
     >>> rescaled_frame(Frame(3, 5, 0.05, (1.0, 2.0, 0.3)), 0.1)

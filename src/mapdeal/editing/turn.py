@@ -151,11 +151,6 @@ def yaw_to_straighten(grid: ValueGrid) -> float | None:
 def turn_of(yaw: float) -> Transform:
     """Return the transform by which `rotate` moves points of a map.
 
-    Raises
-    ------
-    ParameterError
-        If the angle is not finite.
-
     Examples
     --------
     >>> turn_of(1.5708)
@@ -167,18 +162,7 @@ def turn_of(yaw: float) -> Transform:
 
 
 def cells_when_turned(frame: Frame, yaw: float) -> int:
-    """Return how many cells the result of `rotate` has.
-
-    Raises
-    ------
-    ParameterError
-        If the angle is not finite.
-
-    Examples
-    --------
-    >>> cells_when_turned(Frame(1, 3, 0.5, (1.0, 0.0, 0.3)), 0.0)
-    8
-    """
+    """Return how many cells the result of `rotate` has."""
     turned, quarters = _turned(frame, yaw)
     if quarters is not None:
         return frame.height * frame.width

@@ -10,23 +10,7 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True)
 class AlignmentAnswer:
-    """Content of a document written by ``mapdeal align``.
-
-    Parameters
-    ----------
-    first, second : NamedMap, optional
-        The maps; None for a map that was not a file.
-    transform : Transform
-        From the first map's frame to the second's.
-    same_place : bool
-        Whether the placement is certain.
-    reason : str, optional
-        Why it is uncertain.
-    score, runner_up : float
-        Scores of the placement, and of the best one elsewhere.
-    overlap, agreement : float
-        Shares, 0..1.
-    """
+    """Content of a document written by ``mapdeal align``."""
 
     first: NamedMap | None
     second: NamedMap | None
@@ -40,13 +24,7 @@ class AlignmentAnswer:
 
 
 def alignment_answer(document: JsonValue) -> AlignmentAnswer:
-    """Return the content of a document of align.
-
-    Raises
-    ------
-    MalformedInputError
-        If something in it cannot be; the error names the key.
-    """
+    """Return the content of a document of align."""
     moved, reason = document["transform"], document["reason"]
     x, y, yaw = (moved[key].number() for key in ("x", "y", "yaw"))
     return AlignmentAnswer(

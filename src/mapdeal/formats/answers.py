@@ -51,21 +51,7 @@ _WANTED = (
 
 @dataclass(frozen=True)
 class ToldFinding:
-    """A finding of lint, as in its JSON.
-
-    Parameters
-    ----------
-    check : str
-        Name of the check, ``area.name``.
-    severity : {'error', 'warning', 'note'}
-        Severity of the finding.
-    message : str
-        Description, with any characters.
-    line : int, optional
-        Line number in the file, starting at 1.
-    places : tuple of (x, y)
-        Positions in the map frame, metres.
-    """
+    """A finding of lint, as in its JSON."""
 
     check: str
     severity: Severity
@@ -121,27 +107,7 @@ class RouteAnswer:
 
 @dataclass(frozen=True)
 class DiffAnswer:
-    """Content of a document printed by ``mapdeal diff --json``.
-
-    Parameters
-    ----------
-    first, second : NamedMap, optional
-        The maps; older documents do not name them.
-    is_equal, passes : bool
-        Verdicts of the comparison.
-    common_cells, differing, beyond_tolerance, known_only_in_first : int
-        Numbers of cells.
-    geometry, metadata : mapping of str to two texts
-        Both values of each key that differs, as JSON.
-    confusion : mapping of str to mapping of str to int
-        Number of cells by their state in the first map, and in the second.
-    symmetry : str, optional
-        How to rotate or mirror the second map.
-    walls : tuple of mapping of str to float, or None
-        Distances from first to second, and from second to first, by ``largest`` and so on, metres.
-    bounds : mapping of str to (float, float or None, bool)
-        Value allowed, value found, and whether the bound holds.
-    """
+    """Content of a document printed by ``mapdeal diff --json``."""
 
     first: NamedMap | None
     second: NamedMap | None
@@ -161,15 +127,7 @@ class DiffAnswer:
 
 @dataclass(frozen=True)
 class ComparedMethod:
-    """Result of one mapping method.
-
-    Parameters
-    ----------
-    figures : mapping of str to float or None
-        Figures by their names in the document.
-    vanished : tuple of (x, y, cells)
-        Positions (metres) and sizes of groups of hits missing from the map, largest first.
-    """
+    """Result of one mapping method."""
 
     figures: Mapping[str, float | None]
     vanished: tuple[tuple[float, float, int], ...]
@@ -202,21 +160,7 @@ Answer = (
 
 
 def read_answer(path: Path) -> Answer:
-    """Return what lint, reach, route, diff, align, score or build --compare wrote, or shapes.
-
-    Parameters
-    ----------
-    path : Path
-        A JSON document of 64 MiB at most; keys that are not known are passed over. Shapes may be
-        GeoJSON or YAML.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If it is none of these, or holds what they cannot; the error names the key.
-    """
+    """Return what lint, reach, route, diff, align, score or build --compare wrote, or shapes."""
     if not head_of(path, 1 << 10).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
         return ShapesAnswer(tuple(read_shapes(path)))
     document = read_document(path)

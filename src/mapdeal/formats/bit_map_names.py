@@ -13,13 +13,7 @@ BIT_MAP = ".pbm"
 
 
 def yaml_beside(path: Path) -> Path:
-    """Return the YAML file beside a ``.pbm``.
-
-    Raises
-    ------
-    FileAccessError
-        If there is none, or no ``.pbm``.
-    """
+    """Return the YAML file beside a ``.pbm``."""
     found = next((p for p in map(path.with_suffix, (".yaml", ".yml")) if exists(p)), None)
     if found is None:
         status_of(path)
@@ -30,15 +24,7 @@ def yaml_beside(path: Path) -> Path:
 
 
 def find_bits(path: Path, yaml_path: Path, metadata: MapMetadata) -> Path:
-    """Return the image that the YAML file beside a ``.pbm`` names, which must be that one.
-
-    Raises
-    ------
-    FileAccessError
-        If there is no such file.
-    MalformedInputError
-        If it names another image.
-    """
+    """Return the image that the YAML file beside a ``.pbm`` names, which must be that one."""
     status_of(path)
     image = find_image(yaml_path, metadata.image)
     if not is_same_file(image, path):

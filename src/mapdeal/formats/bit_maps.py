@@ -73,13 +73,7 @@ def read_bit_map_pair(
 
 
 def bit_map_paths(output: Path) -> tuple[Path, Path]:
-    """Return the files that writing a bit map to `output` makes, the picture first.
-
-    Raises
-    ------
-    ParameterError
-        If it does not end in ``.pbm``.
-    """
+    """Return the files that writing a bit map to `output` makes, the picture first."""
     if output.suffix != BIT_MAP:
         raise ParameterError("a bit map must end in .pbm", source=output, got=output.suffix)
     return output, output.with_suffix(".yaml")

@@ -44,17 +44,7 @@ _SMALL = 256_000_000
 
 @dataclass(frozen=True)
 class _Budget:
-    """Memory that may be used.
-
-    Parameters
-    ----------
-    limit : int, optional
-        Limit, bytes; None if there is none, because the free memory is unknown.
-    origin : str
-        Origin of the limit, for messages; empty if the user chose it.
-    held : int
-        Part of it that is permanently taken, bytes.
-    """
+    """Memory that may be used."""
 
     limit: int | None
     origin: str = ""
@@ -84,26 +74,7 @@ def default_limit(jobs: int = 1) -> int | None:
 def use_memory(
     limit: int | None, *, is_chosen: bool = True, anew: bool = False
 ) -> Iterator[None]:  # fmt: skip
-    """Limit the memory of readers within a ``with`` block.
-
-    Parameters
-    ----------
-    limit : int, optional
-        Bytes, what the program itself takes included. None leaves things as they are in a block
-        within another; else it stands for half of what is free.
-    is_chosen : bool
-        Whether somebody chose the limit. Data that expand as no honest file does are read then.
-    anew : bool
-        Whether None stands for half of what is free now, whatever block this one is in.
-
-    Examples
-    --------
-    >>> with use_memory(60_000_000):
-    ...     claim("map.npz", 20_000_000)
-    Traceback (most recent call last):
-    mapdeal.errors.MalformedInputError: map.npz: needs 70 MB of memory, 60 MB may be used
-    hint: --max-memory 70MB allows more, if that much is available
-    """
+    """Limit the memory of readers within a ``with`` block."""
     is_new = anew and limit is None
     token = _current.set(_by_default() if is_new else _budget_of(limit, is_chosen=is_chosen))
     try:
@@ -152,24 +123,7 @@ def room() -> int | None:
 
 
 def claim(path: Path | str, count: int, *, what: str = "", hint: str = "") -> None:
-    """Refuse what would take more memory than may be used.
-
-    Parameters
-    ----------
-    path : path or str
-        The file that asks for it.
-    count : int
-        Bytes that are about to be taken, those that the file takes already included.
-    what : str
-        What asks for them, such as a number of cells.
-    hint : str
-        What else to do about it.
-
-    Raises
-    ------
-    MalformedInputError
-        With both figures.
-    """
+    """Refuse what would take more memory than may be used."""
     most, budget = room(), _budget_of(None)
     if most is None or budget.limit is None or count <= most:
         return
@@ -197,28 +151,7 @@ def check_expansion(
     path: Path | str, stored: int, expanded: int, *, most: int = MOST_EXPANSION, place: str = "",
     on_disk: bool = False,
 ) -> None:  # fmt: skip
-    """Refuse compressed data that expand as those of no honest file do.
-
-    Parameters
-    ----------
-    path : path or str
-        The file.
-    stored : int
-        Bytes of the compressed data.
-    expanded : int
-        Bytes that they claim to expand to, as closely packed as the format packs them.
-    most : int
-        Times the stored bytes that are allowed.
-    place : str
-        Where in the file they are.
-    on_disk : bool
-        Whether they are written to the disk, which no limit on memory keeps from filling up.
-
-    Raises
-    ------
-    MalformedInputError
-        If they expand to more, to more than a few MB, and nobody chose how much may be used.
-    """
+    """Refuse compressed data that expand as those of no honest file do."""
     budget = _budget_of(None)
     is_chosen = budget.limit is not None and not budget.origin and not on_disk
     if expanded <= max(_HARMLESS, most * stored) or is_chosen:
@@ -231,13 +164,7 @@ def check_expansion(
 
 
 def size_text(count: int) -> str:
-    """Return a number of bytes as messages show it, rounded up, so that it is enough.
-
-    Examples
-    --------
-    >>> size_text(1_234_000_001), size_text(70_000_000), size_text(500)
-    ('1.24 GB', '70 MB', '0.0005 MB')
-    """
+    """Return a number of bytes as messages show it, rounded up, so that it is enough."""
     step = 10 ** max(len(str(count)) - 3, 0)
     rounded = -(-count // step) * step
     unit, name = (10**9, "GB") if rounded >= 10**9 else (10**6, "MB")

@@ -31,19 +31,7 @@ _LARGEST_JOURNAL = 1 << 24
 
 @dataclass(frozen=True)
 class _Change:
-    """Change to one name in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    name : str
-        The name.
-    new : FileState, optional
-        The file that it gets; None if the name only goes.
-    aside : str, optional
-        The second name of the old file; None if there is none to be kept.
-    """
+    """Change to one name in a folder."""
 
     folder: Path
     name: str
@@ -66,13 +54,7 @@ class _Change:
                 os.link(self.path, self.folder / self.aside, follow_symlinks=False)
 
     def make(self, source: Path | None) -> None:
-        """Replace the file of this name by `source`, or remove it.
-
-        Raises
-        ------
-        FileAccessError
-            If that cannot be done.
-        """
+        """Replace the file of this name by `source`, or remove it."""
         doing = "removed" if source is None else "replaced"
         try:
             if self.aside is not None and not os.path.lexists(self.folder / self.aside):
@@ -103,22 +85,7 @@ class _Change:
 def put_in_place(
     temporaries: Sequence[Temporary], *, removed: Iterable[Path] = (), replaces: bool = True
 ) -> None:
-    """Rename temporary files to their own names, in order, and remove other files.
-
-    Parameters
-    ----------
-    temporaries : sequence of Temporary
-        Files whose contents are on the disk.
-    removed : iterable of Path
-        Files that go.
-    replaces : bool
-        Whether files that have come meanwhile are replaced.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be replaced or removed; each name stands for what it did before then.
-    """
+    """Rename temporary files to their own names, in order, and remove other files."""
     sources: dict[Path, Path | None] = {one.destination: one.path for one in temporaries}
     sources.update(dict.fromkeys(removed))
     folders = list(dict.fromkeys(path.parent for path in sources))
@@ -141,18 +108,6 @@ def settle(folder: Path, name: str | None = None) -> None:
 
     To be called before anything in the folder is read or written. Where the disk has no locks,
     nobody can tell the two apart, and nothing is done.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    name : str, optional
-        The only file in it that matters, to somebody who reads.
-
-    Raises
-    ------
-    FileAccessError
-        If something that matters cannot be undone, for example in a folder without permissions.
     """
     if not os.path.lexists(folder / JOURNAL):
         return
@@ -236,13 +191,7 @@ def _change_all(
 
 
 def _undo(changes: Sequence[_Change]) -> None:
-    """Undo changes, the last one first.
-
-    Raises
-    ------
-    FileAccessError
-        If one cannot be undone; the journals stay then, for the next attempt.
-    """
+    """Undo changes, the last one first."""
     problem: FileAccessError | None = None
     for change in reversed(changes):
         try:

@@ -34,25 +34,7 @@ _END = b"\x03\x00"  # a last block without contents
 
 
 def deflated(parts: Iterable[Buffer]) -> Iterator[bytes]:
-    """Compress `parts` into one raw deflate stream (RFC 1951).
-
-    Parameters
-    ----------
-    parts : iterable of bytes or memoryview
-        Contiguous pieces of the data, of about `PART` bytes; they must not change until their
-        successor's compressed bytes have been returned.
-
-    Yields
-    ------
-    bytes
-        Pieces of the stream.
-
-    Examples
-    --------
-    >>> stream = b"".join(deflated([b"map", b"deal"]))
-    >>> zlib.decompress(stream, wbits=-15)
-    b'mapdeal'
-    """
+    """Compress `parts` into one raw deflate stream (RFC 1951)."""
     threads = thread_count()
     with ExitStack() as stack:
         pool = None

@@ -25,15 +25,7 @@ _BITS = 16
 
 
 class DistinctPixels:
-    """Counts the different pixels of pictures that are of one kind, such as strips of a picture.
-
-    Parameters
-    ----------
-    report : callable
-        ``report(pixels, counts)`` receives a row of different pixels, a picture of the same kind,
-        and how often each occurs, shape (N,). It is called in the end, and before where there are
-        more different pixels than should be kept; a pixel may come up again then.
-    """
+    """Counts the different pixels of pictures that are of one kind, such as strips of a picture."""
 
     def __init__(self, report: Callable[[Picture, Counts], None]) -> None:
         self.firsts: dict[int, int] = {}

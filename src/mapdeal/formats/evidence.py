@@ -17,15 +17,7 @@ _TYPES: dict[str, type[np.generic]] = {
 
 
 def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDArray[Any]]:
-    """Return the layers of an ``.npz`` that say what beams have hit; none if it has none.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If it is no npz file, or a layer is damaged, of another type, or has too many cells.
-    """
+    """Return the layers of an ``.npz`` that say what beams have hit; none if it has none."""
     with NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells) as reader:
         there = reader.names()
         return {name: reader.layer(name, kind) for name, kind in _TYPES.items() if name in there}

@@ -17,11 +17,6 @@ def free_memory(
 
     The smaller of what the machine has and what is left of the limits of the control groups
     (version 2) that the process is in, as containers set them.
-
-    Returns
-    -------
-    int or None
-        None where the system does not say, as on other systems than Linux.
     """
     match = re.search(r"^MemAvailable:\s+(\d+) kB", _text(meminfo), re.MULTILINE)
     if match is None:

@@ -23,13 +23,6 @@ def read_geojson(path: Path) -> list[Shape]:
     A Polygon is one, its inner rings are holes; a LineString is a line with the thickness that
     property ``thickness`` says; a Point is a circle with the radius that property ``radius``
     says. Property ``value`` is what they are drawn with. Other properties mean nothing.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If it is no GeoJSON, or a shape in it is none; the error names the feature.
     """
     return geojson_shapes(read_document(path))
 

@@ -22,24 +22,7 @@ from mapdeal.formats.strips import PixelRows, Strips
 
 @contextmanager
 def open_strips(path: Path, *, max_cells: int | None = None) -> Iterator[Strips]:
-    """Open an image file to go through its picture some rows at a time.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    max_cells : int, optional
-        Cells up to which an image is read; 2e8 for compressed formats and 1e9 for others if
-        not given. Held before memory is taken.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read: on opening, or while the strips are gone through.
-    MalformedInputError
-        If it is no image, damaged, too large, or of a kind that maps are not made of: on
-        opening, or while the strips are gone through.
-    """
+    """Open an image file to go through its picture some rows at a time."""
     with opened(path) as file:
         image_format, _ = _format_of(file)
         with _strips_in(file, image_format, max_cells) as strips:
@@ -53,14 +36,6 @@ def open_passing(
     """Open an image file to go through its picture once, without keeping any cells.
 
     Takes and raises what `open_strips` does.
-
-    Yields
-    ------
-    strips : Strips
-        The picture. Readers claim a byte for each cell that is made of its pixels: here they get
-        that back.
-    head : bytes
-        The first bytes of the file, its header among them.
     """
     with opened(path) as file:
         image_format, head = _format_of(file)
@@ -99,13 +74,6 @@ def open_pixel_rows(path: Path) -> Iterator[PixelRows | None]:
     """Open an image file whose rows can be read in any order; return None for every other.
 
     `strips_of_rows` must be gone through before rows are asked for if the image is compressed.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If its header is malformed.
     """
     with opened(path) as file:
         head = file.read(0, HEAD)
@@ -122,13 +90,7 @@ def strips_of_rows(pixels: PixelRows) -> Strips:
 
 
 def memory_to_read(path: Path) -> int:
-    """Return the bytes that reading an image and making cells of it takes, from its header.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        As `open_strips`, as far as the header shows it.
-    """
+    """Return the bytes that reading an image and making cells of it takes, from its header."""
     with opened(path) as file:
         image_format, head = _format_of(file)
         try:
@@ -138,13 +100,7 @@ def memory_to_read(path: Path) -> int:
 
 
 def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:
-    """Return height and width of the picture in an image file, of which the header is read.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        As `open_strips`, as far as the header shows it.
-    """
+    """Return height and width of the picture in an image file, of which the header is read."""
     head = head_of(path, HEAD)
     image_format = _recognised(head, path)
     try:

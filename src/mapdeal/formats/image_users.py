@@ -23,15 +23,7 @@ class ImageUsers:
         self._named: dict[Path, list[tuple[Identity, Path]]] = {}
 
     def others(self, image: Path, yaml_path: Path) -> list[Path]:
-        """Return the maps beside an image, or beside a map, that use the image, too.
-
-        Parameters
-        ----------
-        image : Path
-            The image.
-        yaml_path : Path
-            The map whose image it is, which is not among the others.
-        """
+        """Return the maps beside an image, or beside a map, that use the image, too."""
         identity = identity_of(image)
         folders = dict.fromkeys((image.parent, yaml_path.parent))
         users = [

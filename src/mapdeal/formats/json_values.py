@@ -23,17 +23,7 @@ _LARGEST_WHOLE = 1 << 53
 
 @dataclass(frozen=True, eq=False)
 class JsonValue:
-    """A value, and where it stands.
-
-    Parameters
-    ----------
-    source : Path
-        The file.
-    value : object
-        What `json` has made of it.
-    place : str
-        The keys that lead to it, as ``goals[2].x``; empty for the whole document.
-    """
+    """A value, and where it stands."""
 
     source: Path
     value: Any
@@ -160,16 +150,7 @@ def _is_pair(value: object) -> bool:
 
 
 def read_document(path: Path) -> JsonValue:
-    """Return the value in a JSON file.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If it is no JSON, larger than 64 MiB, or has a key twice or a NaN. A number that no float
-        can hold is infinite, which no method of the value lets pass.
-    """
+    """Return the value in a JSON file."""
     data = read_file(path, limit=LARGEST_DOCUMENT)
     claim(path, OF_JSON * len(data))
     return JsonValue(path, parse_document(path, data))

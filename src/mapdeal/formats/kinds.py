@@ -80,19 +80,7 @@ _DOCUMENTS = {
 
 @dataclass(frozen=True)
 class FileKind:
-    """Kind of a file.
-
-    Parameters
-    ----------
-    name : str
-        The kind, in a word or two.
-    what : str
-        The kind with an article and the format, for use in a sentence.
-    use : str
-        Hint that names the command that accepts it.
-    figures : callable
-        Reads its header: words and numbers by name.
-    """
+    """Kind of a file."""
 
     name: str
     what: str
@@ -104,11 +92,6 @@ def kind_of(path: Path) -> FileKind | None:
     """Return what a file or folder is; None if it is nothing that is known.
 
     The first bytes are read, of YAML and JSON the whole if it is short.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
     """
     if is_folder(path):
         kind = _kind_of_folder(path)
@@ -133,22 +116,7 @@ def is_bag(path: Path) -> bool:
 
 @contextmanager
 def recognised(path: Path, wanted: str, *kinds: str) -> Iterator[None]:
-    """Name the kind of a file in errors if it is not the one expected.
-
-    Parameters
-    ----------
-    path : Path
-        The file that is read within the block.
-    wanted : str
-        What it should be, with an article.
-    *kinds : str
-        The kinds that it can be: an error about one of them stays as it is.
-
-    Raises
-    ------
-    MalformedInputError
-        In the place of one about this file.
-    """
+    """Name the kind of a file in errors if it is not the one expected."""
     try:
         yield
     except (MalformedInputError, FileAccessError) as error:

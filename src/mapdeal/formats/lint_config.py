@@ -21,23 +21,7 @@ Names = tuple[str, ...]
 
 @dataclass(frozen=True)
 class LintConfig:
-    """The table of lint in a file.
-
-    Parameters
-    ----------
-    source : Path
-        The file.
-    table : str
-        The table's name in it.
-    select, ignore : tuple of str, optional
-        Checks that are wanted, or not, as they are written; None if the file does not say.
-    strict : bool
-        Whether warnings, too, are failures.
-    per_file_ignores : tuple of (str, tuple of str)
-        Patterns of names below the file's folder, and checks that such maps are spared.
-    severity : tuple of (str, str)
-        Checks, and the severity that their findings get.
-    """
+    """The table of lint in a file."""
 
     source: Path
     table: str
@@ -53,11 +37,6 @@ def find_lint_config(folder: Path) -> LintConfig | None:
 
     A ``mapdeal.toml`` comes before a ``pyproject.toml`` beside it; one of the latter without the
     table ``[tool.mapdeal.lint]`` is passed over.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError, ParameterError
-        As `read_lint_config`.
     """
     start = normal_path(folder)
     for place in (start, *start.parents):
@@ -71,23 +50,7 @@ def find_lint_config(folder: Path) -> LintConfig | None:
 
 
 def read_lint_config(path: Path) -> LintConfig | None:
-    """Return what a file says of lint; None if it has no such table.
-
-    Parameters
-    ----------
-    path : Path
-        A ``pyproject.toml``, whose table is ``[tool.mapdeal.lint]``; in a file of any other name
-        it is ``[lint]``.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If it is no TOML.
-    ParameterError
-        If a key is unknown, or its value is none for it.
-    """
+    """Return what a file says of lint; None if it has no such table."""
     document = _document_of(path)
     if path.name == PYPROJECT:
         tool = document.get("tool", {})

@@ -28,32 +28,7 @@ Contents = tuple[list[str], list[str]]
 def list_files(
     names: Iterable[str], suffixes: Sequence[str], *, not_in_folders: Sequence[str] = ()
 ) -> list[Path]:
-    """Return the files that names stand for.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Each a file; a folder, for all files directly in it that end in one of the suffixes; or
-        a pattern of ``*``, ``?``, ``[...]``, and ``**`` for folders below, for all such files
-        that match it.
-    suffixes : sequence of str
-        Endings, in small letters.
-    not_in_folders : sequence of str
-        Those of them that a folder's name alone does not stand for.
-
-    Returns
-    -------
-    list of Path
-        In the order of the names; those of a folder or pattern sorted, numbers by their value,
-        so that ``9.pcd`` comes before ``10.pcd``.
-
-    Raises
-    ------
-    ParameterError
-        If a name is empty, or a pattern matches none.
-    FileAccessError
-        If there is nothing of a name, a folder holds none, or a folder cannot be read.
-    """
+    """Return the files that names stand for."""
     return [path for name in names for path in _files_of(name, suffixes, not_in_folders)]
 
 
@@ -82,22 +57,6 @@ def _files_of(name: str, suffixes: Sequence[str], not_in_folders: Sequence[str])
 
 def files_matching(pattern: str) -> list[Path]:
     """Return all but folders that a pattern stands for.
-
-    Parameters
-    ----------
-    pattern : str
-        Parts of ``*``, ``?`` and ``[...]``, of which none stands for the dot that a hidden
-        name begins with, and ``**`` for any number of folders, also none, that are not hidden.
-
-    Returns
-    -------
-    list of Path
-        In no order, each once, by its shortest way.
-
-    Warns
-    -----
-    MapdealWarning
-        If a folder of the path cannot be read. It is left out, as by a shell.
 
     Notes
     -----
@@ -162,24 +121,7 @@ def folders_below(
     *,
     leave_out: Callable[[Path], bool] = lambda _: False,
 ) -> Iterator[tuple[Path, list[str]]]:
-    """Yield folders and all those below them, and the files in each.
-
-    Parameters
-    ----------
-    folders : iterable of Path
-        Where to begin.
-    look_into : callable
-        Returns the names of the folders and of the files in one, as `contents_of` does.
-    leave_out : callable
-        Returns whether a folder, and thereby what is below it, is none of those wanted.
-
-    Yields
-    ------
-    Path
-        A folder. One that links lead to again and again comes once, by its shortest way.
-    list of str
-        The names of the files in it, hidden ones left aside.
-    """
+    """Yield folders and all those below them, and the files in each."""
     seen: set[tuple[int, int] | None] = set()
     waiting = [(len(one.parts), k, one) for k, one in enumerate(folders)]
     heapq.heapify(waiting)

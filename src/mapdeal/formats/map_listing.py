@@ -47,16 +47,7 @@ _IMAGE_KEY = re.compile(rb"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""", re.MULTI
 
 @dataclass(frozen=True)
 class ListedMap:
-    """A map that names stand for.
-
-    Parameters
-    ----------
-    path : Path
-        Its file, relative if its name was.
-    name : str
-        Its path below the folder that all of a set have in common; of a map that was named
-        by itself the file's name.
-    """
+    """A map that names stand for."""
 
     path: Path
     name: str
@@ -70,17 +61,6 @@ class ListedMap:
 @dataclass(frozen=True)
 class WholeFolders:
     """Folders that count as one thing, listed as they are, rather than searched for maps.
-
-    Parameters
-    ----------
-    mark : str
-        The file that makes a folder one of them.
-    is_one : callable
-        Returns whether a folder with such a file is one of them indeed.
-    summary : str
-        A file that stands for the folder it is in, as `mark` does.
-    parts : tuple of str
-        Folders in one that belong to it.
 
     Notes
     -----
@@ -96,20 +76,7 @@ class WholeFolders:
 
 @dataclass(frozen=True)
 class MapListing:
-    """The maps that names stand for.
-
-    Parameters
-    ----------
-    maps : tuple of ListedMap
-        In the order of the names, each once; those of a folder or pattern sorted, numbers by
-        their value.
-    is_set : bool
-        Whether a folder, a pattern or a list was among the names.
-    left_out : tuple of Path
-        YAML files of folders and patterns that are no maps.
-    repeated : tuple of Path
-        Files that were met again.
-    """
+    """The maps that names stand for."""
 
     maps: tuple[ListedMap, ...]
     is_set: bool
@@ -141,34 +108,7 @@ def list_maps(
     *,
     whole_folders: WholeFolders | None = None,
 ) -> MapListing:
-    """Return the maps that names stand for.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Each a file; a folder, for all map_server YAMLs in it and below; a pattern of ``*``,
-        ``?``, ``[...]`` and ``**``; or ``@`` and the name of a text file with such names, one a
-        line, ``@-`` for standard input.
-    output : Path, optional
-        The folder of outputs: nothing in it is taken for an input of a folder or pattern.
-    standard_input : callable
-        Gives what comes in on stdin, bit by bit.
-    whole_folders : WholeFolders, optional
-        Folders that are listed beside the maps.
-
-    Returns
-    -------
-    MapListing
-        A file that is not there is among the maps: to say so is left to whoever reads it.
-
-    Raises
-    ------
-    ParameterError
-        If a pattern matches no map, or a list is empty or no text.
-    FileAccessError
-        If a list cannot be read; without `whole_folders`, if a folder holds no map or cannot be
-        read.
-    """
+    """Return the maps that names stand for."""
     rules = _Rules(None if output is None else real_path(output), whole_folders)
     found: list[_Found] = []
     for name in names:

@@ -37,15 +37,7 @@ NOTHING_KNOWN = "every cell is unknown; are the thresholds, mode and negate righ
 
 
 class FreedCells:
-    """Counts the cells of map_saver's grey for unknown that a reader takes for free.
-
-    Parameters
-    ----------
-    metadata : MapMetadata
-        What the YAML file says.
-    dialect : {'nav2', 'humble', 'ros1'}
-        The reader.
-    """
+    """Counts the cells of map_saver's grey for unknown that a reader takes for free."""
 
     def __init__(self, metadata: MapMetadata, dialect: Dialect) -> None:
         self.count = 0
@@ -64,17 +56,7 @@ class FreedCells:
         occupancy: NDArray[np.int8],
         times: NDArray[np.int64] | None = None,
     ) -> None:
-        """Count those of some rows.
-
-        Parameters
-        ----------
-        picture : Picture
-            The pixels, row 0 in the north.
-        occupancy : numpy.ndarray of int8
-            What the reader makes of them, row 0 in the south.
-        times : numpy.ndarray of int64, optional
-            How often each pixel occurs; once if not given.
-        """
+        """Count those of some rows."""
         if not self.are_possible(picture):
             return
         mask = of_map_saver_unknown(picture) & (occupancy[::-1] == FREE)
@@ -119,17 +101,7 @@ def of_map_saver_unknown(picture: Picture) -> NDArray[np.bool_]:
 def remark_on_freed(
     freed: Mapping[Dialect, FreedCells], cells: int, metadata: MapMetadata
 ) -> str | None:
-    """Return what to say of map_saver's unknown cells that are read as free, None if few are.
-
-    Parameters
-    ----------
-    freed : mapping of str to FreedCells
-        Those of one reader or several.
-    cells : int
-        All cells of the map.
-    metadata : MapMetadata
-        What the YAML file says.
-    """
+    """Return what to say of map_saver's unknown cells that are read as free, None if few are."""
     counts = {dialect: one.count for dialect, one in freed.items() if one.count}
     most = max(counts.values(), default=0)
     if most == 0 or most < FREED_SHARE * cells:
@@ -173,13 +145,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def percent(count: int, whole: int) -> str:
-    """Return a share for messages, which is neither none nor all unless it is exactly that.
-
-    Examples
-    --------
-    >>> percent(1, 8), percent(3, 900_000), percent(899_999, 900_000), percent(7, 7)
-    ('12.5 %', 'below 0.001 %', 'above 99.9 %', '100 %')
-    """
+    """Return a share for messages, which is neither none nor all unless it is exactly that."""
     share = 100 * count / whole
     if 0 < share < 0.001:
         return "below 0.001 %"
@@ -189,15 +155,7 @@ def percent(count: int, whole: int) -> str:
 
 
 class PixelRemarks:
-    """Warnings about the pixels of a map, found strip by strip.
-
-    Parameters
-    ----------
-    metadata : MapMetadata
-        What the YAML file says.
-    dialect : {'nav2', 'humble', 'ros1'}
-        The reader.
-    """
+    """Warnings about the pixels of a map, found strip by strip."""
 
     def __init__(self, metadata: MapMetadata, dialect: Dialect) -> None:
         self._metadata = metadata

@@ -30,28 +30,7 @@ def read_cells(
     dialect: Dialect = "nav2",
     max_cells: int | None = None,
 ) -> OccupancyGrid | Costmap:
-    """Return the map in an image, given what its YAML file says.
-
-    Parameters
-    ----------
-    yaml_path : Path
-        The YAML file, for warnings.
-    metadata : MapMetadata
-        What it says; with ``cost_scale`` the image holds costs.
-    image_path : Path
-        The image.
-    dialect : {'nav2', 'humble', 'ros1'}
-        Whose reading of pixels to follow.
-    max_cells : int, optional
-        Cells up to which the image is read, see `open_strips`.
-
-    Raises
-    ------
-    FileAccessError
-        If the image cannot be read.
-    MalformedInputError
-        If it is malformed.
-    """
+    """Return the map in an image, given what its YAML file says."""
     with open_strips(image_path, max_cells=max_cells) as strips:
         if metadata.cost_scale is not None:
             cost = np.empty(strips.shape, dtype=np.uint8)
@@ -100,11 +79,6 @@ def check_rows(
 
     Compressed images are: after that, any of their rows can be read. Others are only as long as
     there may be pixels that `read_cells` warns of.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        As `read_cells`.
     """
     remarks = PixelRemarks(metadata, dialect)
     for _, picture in strips_of_rows(pixels).placed():
@@ -128,11 +102,6 @@ def find_image(yaml_path: Path, image: str) -> Path:
     Relative names are relative to the YAML file. A name that only makes sense elsewhere, an
     absolute path of another machine or one with backslashes, falls back to what it must mean
     here, with a warning.
-
-    Raises
-    ------
-    FileAccessError
-        If there is no such file.
     """
     if _expanded(image) != image:
         _warn_path(yaml_path, f"{image} was expanded; map_server does not")
@@ -196,13 +165,7 @@ def _nearest_name(path: Path) -> str | None:
 
 
 def costs_of(picture: Picture, path: Path) -> NDArray[np.uint8]:
-    """Return the costs in a picture, row 0 in the north.
-
-    Raises
-    ------
-    MalformedInputError
-        If it is not an 8-bit grey one.
-    """
+    """Return the costs in a picture, row 0 in the north."""
     if picture.colour != "grey" or picture.maxval != 255 or picture.alpha is not None:
         rule = "an image of costs must have one 8-bit grey channel"
         raise MalformedInputError(rule, source=path, got=picture.colour)

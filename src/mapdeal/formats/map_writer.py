@@ -51,28 +51,7 @@ def write_pair(
     encoding: Encoding = "occupancy",
     extra: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a map or costmap as an image and its YAML.
-
-    Parameters
-    ----------
-    transaction : Transaction
-        What writes the files; the image comes first.
-    output : Path
-        The YAML file, or the image.
-    grid : OccupancyGrid or Costmap
-        The cells. Costs are always written in mode raw.
-    mode : {'trinary', 'scale', 'raw'}, optional
-        How values become pixels; raw if any lies in 1..99, else trinary.
-    encoding : {'occupancy', 'costmap2d'}
-        What pixels of costs hold: the value that ROS would publish, or the cost itself.
-    extra : mapping, optional
-        Further keys for the YAML.
-
-    Raises
-    ------
-    ParameterError
-        If the mode cannot hold the values in this image format.
-    """
+    """Write a map or costmap as an image and its YAML."""
     image, yaml_path = pair_paths(output)
     cost_scale: CostScale | None = None
     if isinstance(grid, Costmap):
@@ -112,17 +91,7 @@ def write_pair(
 
 
 def write_map_image(transaction: Transaction, image: Path, grid: OccupancyGrid) -> Mode:
-    """Write the image of a map, and return the mode that its YAML file has to name.
-
-    Parameters
-    ----------
-    transaction : Transaction
-        What writes the file.
-    image : Path
-        A .pgm or .png.
-    grid : OccupancyGrid
-        The cells.
-    """
+    """Write the image of a map, and return the mode that its YAML file has to name."""
     mode: Mode = "raw" if _has_between(grid.occupancy) else "trinary"
     transaction.write(image, _occupancy_writer(image, grid, mode))
     return mode

@@ -27,29 +27,7 @@ _VIEW_KEYS = ("layer", "view", "view_range", "farthest", "deepest")
 
 @dataclass(frozen=True)
 class MapMetadata:
-    """Content of a map's YAML file.
-
-    Parameters
-    ----------
-    image : str
-        The image's path as written, relative to the YAML file or absolute.
-    resolution : float
-        Metres per cell.
-    origin : tuple of float
-        x, y, yaw of the lower left corner.
-    mode : {'trinary', 'scale', 'raw'}
-        How pixels become occupancy.
-    negate : bool
-        Whether bright means occupied.
-    occupied_thresh, free_thresh : float
-        Thresholds on the darkness 0..1.
-    cost_scale : {'costmap2d'}, optional
-        Present where the pixels are costs rather than occupancy.
-    view : ViewScale, optional
-        Present where the values are the view of a distance field.
-    extra : mapping
-        Keys that map_server does not know, kept for a round trip.
-    """
+    """Content of a map's YAML file."""
 
     image: str
     resolution: float
@@ -64,29 +42,7 @@ class MapMetadata:
 
 
 def read_metadata(path: Path, *, dialect: Dialect = "nav2", mend: bool = False) -> MapMetadata:
-    """Return what a map's YAML file says, checked.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    dialect : {'nav2', 'humble', 'ros1'}
-        Whose reading of the keys.
-    mend : bool
-        Read a yaw that is no number, as some map savers write it, as 0, with a warning.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If it is not YAML, a key is missing or appears twice, or a value is not allowed.
-
-    Warns
-    -----
-    MapdealWarning
-        If a key that ROS requires had to be filled in, or a value reads differently elsewhere.
-    """
+    """Return what a map's YAML file says, checked."""
     return metadata_of(read_mapping(path), path, dialect=dialect, mend=mend)
 
 

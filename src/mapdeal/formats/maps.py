@@ -46,19 +46,7 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True)
 class Source:
-    """A grid that was read, and where it came from.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid, Costmap, DistanceField or PotentialField
-        The cells.
-    files : tuple of Path
-        All files that were read, the named one first.
-    metadata : MapMetadata, optional
-        What the YAML file said, if there is one.
-    sums : mapping of str to str
-        The names of the files and the sha256 of what was read of them, if it was asked for.
-    """
+    """A grid that was read, and where it came from."""
 
     grid: Grid
     files: tuple[Path, ...]
@@ -67,27 +55,7 @@ class Source:
 
 
 class MapFile:
-    """A map whose header is known and whose cells have yet to be read: all at once, or by rows.
-
-    Parameters
-    ----------
-    path : Path
-        The YAML file, or the npz.
-    dialect : {'nav2', 'humble', 'ros1'}
-        Whose reading of the image to follow.
-    max_cells : int, optional
-        Cells up to which it is read.
-    metadata : MapMetadata, optional
-        What the YAML file says, if it is one.
-    image : Path, optional
-        The image that it names.
-    pixels : PixelRows, optional
-        The pixels of the image, if their rows can be read one by one.
-    remarks : sequence of warning
-        What there is to warn of in the header of such an image.
-    states : mapping of Path to FileState
-        Which files these are, taken before anything was read of them.
-    """
+    """A map whose header is known and whose cells have yet to be read: all at once, or by rows."""
 
     def __init__(
         self,
@@ -131,25 +99,13 @@ class MapFile:
         return 0 if self._pixels is None else self._pixels.memory
 
     def memory_to_read(self) -> int:
-        """Return the bytes that `read` takes of memory at its peak, as far as headers show it.
-
-        Raises
-        ------
-        FileAccessError, MalformedInputError
-            As `read`, as far as headers show it.
-        """
+        """Return the bytes that `read` takes of memory at its peak, as far as headers show it."""
         if self._image is None:
             return npz_memory(self.path)
         return memory_to_read(self._image)
 
     def shape(self) -> tuple[int, int]:
-        """Return rows and columns from headers.
-
-        Raises
-        ------
-        FileAccessError, MalformedInputError
-            As `read`, as far as headers show it.
-        """
+        """Return rows and columns from headers."""
         if self._image is None:
             return npz_frame(self.path).shape
         return read_image_size(self._image, max_cells=self._max_cells)
@@ -167,15 +123,7 @@ class MapFile:
         return Frame(*self.shape(), self.metadata.resolution, self.metadata.origin)
 
     def read(self) -> Source:
-        """Return the map, all of it in memory.
-
-        Raises
-        ------
-        FileAccessError
-            If a file cannot be read, or is not the one any more whose header was read.
-        MalformedInputError
-            If a file is malformed.
-        """
+        """Return the map, all of it in memory."""
         if self.metadata is None or self._image is None:
             grid: Grid = read_npz(self.path, max_cells=self._max_cells)
             if type(grid) is OccupancyGrid and holds_reach(self.path):
@@ -202,24 +150,7 @@ class MapFile:
         budget: CacheBudget | None = None,
         warns_of_values: bool = True,
     ) -> Source:
-        """Return the map, its rows read when they are asked for; `shape_by_rows` must be known.
-
-        Parameters
-        ----------
-        block_height : int
-            Rows that are best read together.
-        budget : CacheBudget, optional
-            What layers that are made of it may take to keep their rows.
-        warns_of_values : bool
-            Whether cells are looked at now where they may be worth a warning, as `read` does.
-
-        Raises
-        ------
-        FileAccessError
-            If a file is not the one any more whose header was read.
-        MalformedInputError
-            If it has too many cells; of pixels, when they are read.
-        """
+        """Return the map, its rows read when they are asked for; `shape_by_rows` must be known."""
         self.check_unchanged()
         pixels, metadata = self._pixels, self.metadata
         if pixels is None or metadata is None:
@@ -245,18 +176,7 @@ class MapFile:
             warn_of_nothing_known(self.path, grid.occupancy)
 
     def sums_by_name(self, read: Mapping[Path, str]) -> dict[str, str]:
-        """Return the sha256 of each file, by its name, of what was or will be read of it.
-
-        Parameters
-        ----------
-        read : mapping of Path to str
-            The sums of those that were read as a whole.
-
-        Raises
-        ------
-        FileAccessError
-            If a file is not the one any more whose header was read.
-        """
+        """Return the sha256 of each file, by its name, of what was or will be read of it."""
         sums = {one.name: read.get(one) or self._sum_of(one) for one in self.files}
         self.check_unchanged()
         return sums
@@ -282,22 +202,6 @@ def open_map(
     """Open the map in a ``.yaml`` pair or an ``.npz``: its header is read, its cells are not.
 
     A ``.pbm`` stands for the ``.yaml`` beside it.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    dialect : {'nav2', 'humble', 'ros1'}
-        Whose reading of the image to follow.
-    max_cells : int, optional
-        Cells up to which it is read; by default 2e8 of compressed images, 1e9 of others.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    MalformedInputError
-        If a file is malformed, or not of these two kinds.
     """
     if path.suffix.lower() == ".npz":
         yield MapFile(path, max_cells=max_cells, states={path: state_of(path)})
@@ -328,15 +232,7 @@ def open_map(
 def read_source(
     path: Path, *, dialect: Dialect = "nav2", max_cells: int | None = None
 ) -> Source:  # fmt: skip
-    """Return the grid in a ``.yaml`` pair or an ``.npz``, with the files it came from.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    MalformedInputError
-        If a file is malformed, or not of these two kinds.
-    """
+    """Return the grid in a ``.yaml`` pair or an ``.npz``, with the files it came from."""
     with open_map(path, dialect=dialect, max_cells=max_cells) as file:
         return file.read()
 
@@ -416,13 +312,7 @@ def read_map(
 
 
 def output_paths(output: Path) -> tuple[Path, ...]:
-    """Return the files that writing a grid to `output` makes.
-
-    Raises
-    ------
-    ParameterError
-        If its ending is none that mapdeal writes.
-    """
+    """Return the files that writing a grid to `output` makes."""
     if output.suffix == ".npz":
         return (output,)
     if output.suffix in (".yaml", ".yml", ".pgm", ".png"):

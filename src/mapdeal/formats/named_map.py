@@ -10,15 +10,7 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True)
 class NamedMap:
-    """A map that a document is about.
-
-    Parameters
-    ----------
-    file : str
-        Its name, relative to the working directory of then.
-    sha256 : mapping of str to str
-        The names of the files that it was read from, without folders, and their checksums.
-    """
+    """A map that a document is about."""
 
     file: str
     sha256: Mapping[str, str]

@@ -31,13 +31,7 @@ def npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
 
 
 def begin_npy(path: Path, shape: tuple[int, int], dtype: np.dtype[Any]) -> int:
-    """Write what comes before the values, and make room for these; return where they begin.
-
-    Raises
-    ------
-    FileAccessError
-        If the file, which must be there, cannot be written.
-    """
+    """Write what comes before the values, and make room for these; return where they begin."""
     header = npy_header(shape, dtype)
     try:
         with path.open("r+b") as file:
@@ -49,13 +43,7 @@ def begin_npy(path: Path, shape: tuple[int, int], dtype: np.dtype[Any]) -> int:
 
 
 def write_rows(path: Path, offset: int, rows: NDArray[Any]) -> None:
-    """Write rows in their place, through to the disk: other processes may read them then.
-
-    Raises
-    ------
-    FileAccessError
-        If the file, which must be there, cannot be written.
-    """
+    """Write rows in their place, through to the disk: other processes may read them then."""
     try:
         with path.open("r+b") as file:
             file.seek(offset)

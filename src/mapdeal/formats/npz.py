@@ -102,13 +102,6 @@ def read_npz(path: Path, *, max_cells: int | None = None) -> Grid:
     A file with costs gives a `Costmap`, one with distances a `DistanceField`, one with a
     repulsive layer a `PotentialField`, else an `OccupancyGrid`: so does what was reached, whose
     other layers `read_reach` returns.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If it is not of mapdeal's format, damaged, or of more than `max_cells` cells (1e9).
     """
     with NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells) as reader:
         return _grid_in(reader, path)
@@ -119,20 +112,6 @@ def open_npz(
     path: Path, *, block_height: int = _BLOCK_HEIGHT, max_cells: int | None = None
 ) -> Iterator[Grid]:
     """Open an ``.npz`` file: give the grid that `read_npz` returns, of lazy layers.
-
-    Parameters
-    ----------
-    path : Path
-        The file. Rows can be requested within the ``with`` block.
-    block_height : int
-        Rows that are best read together.
-    max_cells : int, optional
-        Cells up to which a file is read, 1e9 if not given.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        As `read_npz`; of rows, when they are requested.
 
     Notes
     -----
@@ -158,25 +137,13 @@ def _grid_in(reader: NpzReader, path: Path) -> Grid:
 
 
 def holds_reach(path: Path) -> bool:
-    """Return whether an ``.npz`` file holds a `Reach`.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        If it is no npz file.
-    """
+    """Return whether an ``.npz`` file holds a `Reach`."""
     with NpzReader(path, LARGEST_CELLS) as reader:
         return _own_layer(reader.names()) == _OF_REACH
 
 
 def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
-    """Return what an ``.npz`` file holds of a `Reach`: all but its goals and passages.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        As `read_npz`.
-    """
+    """Return what an ``.npz`` file holds of a `Reach`: all but its goals and passages."""
     with NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells) as reader:
         _check_format(reader, path)
         try:
@@ -199,13 +166,7 @@ def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
 
 
 def npz_frame(path: Path) -> Frame:
-    """Return where the grid in an ``.npz`` file lies; of its layers headers are read.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        As `read_npz`, as far as headers show it.
-    """
+    """Return where the grid in an ``.npz`` file lies; of its layers headers are read."""
     with NpzReader(path, LARGEST_CELLS) as reader:
         _check_format(reader, path)
         own = _own_layer(reader.names())
@@ -221,13 +182,7 @@ def npz_frame(path: Path) -> Frame:
 
 
 def npz_memory(path: Path) -> int:
-    """Return the bytes that reading an ``.npz`` file takes; of its layers headers are read.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        As `read_npz`, as far as headers show it.
-    """
+    """Return the bytes that reading an ``.npz`` file takes; of its layers headers are read."""
     with NpzReader(path, LARGEST_CELLS) as reader:
         names = reader.names()
         own = _own_layer(names)

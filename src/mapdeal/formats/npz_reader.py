@@ -56,23 +56,7 @@ class _Entry(NamedTuple):
 
 
 class NpzReader:
-    """The entries of an npz file, each checked before its memory is taken.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    max_cells : int
-        Elements that a layer may have.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    MalformedInputError
-        If it is not an npz file; of the methods: if an entry is missing, damaged or of another
-        kind.
-    """
+    """The entries of an npz file, each checked before its memory is taken."""
 
     def __init__(self, path: Path, max_cells: int) -> None:
         self.path = path

@@ -22,15 +22,6 @@ _SKIPPED_TOGETHER = 1 << 22
 class NpzRows(NpzReader):
     """The entries of an npz file, of which layers are lazy.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it stays open until the context ends, and layers can be read as long.
-    max_cells : int
-        Cells that a layer may have.
-    block_height : int
-        Rows that are best read together.
-
     Notes
     -----
     What is compressed has but one order: rows before those that were read last are read by

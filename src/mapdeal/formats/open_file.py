@@ -25,15 +25,7 @@ _CHUNK = 1 << 20
 
 @dataclass(frozen=True)
 class OpenFile:
-    """A regular file that is open, of which any bytes can be read, by several threads at once.
-
-    Parameters
-    ----------
-    path : Path
-        Its name, for messages.
-    size : int
-        Bytes.
-    """
+    """A regular file that is open, of which any bytes can be read, by several threads at once."""
 
     path: Path
     size: int
@@ -45,12 +37,6 @@ class OpenFile:
         """Return some bytes, fewer at the end, which are those of the file that was opened.
 
         Not through a memory map: a file that gets shorter would end the process.
-
-        Raises
-        ------
-        FileAccessError
-            If they cannot be read, or the file has changed since it was opened. Asked each
-            time: in the end would be too late, since results are written by then.
         """
         if offset < HEAD and self._head:  # small files are no more than that
             known = self._head[0]
@@ -81,27 +67,13 @@ class OpenFile:
         return parts
 
     def check_length(self) -> None:
-        """Refuse a file of which more is to be read than any file has: sparse ones claim any size.
-
-        Raises
-        ------
-        FileAccessError
-            If it is larger than `LARGEST_FILE`.
-        """
+        """Refuse more than any file has: sparse ones claim any size."""
         if self.size > LARGEST_FILE:
             rule = f"cannot be read: larger than {LARGEST_FILE} bytes"
             raise FileAccessError(rule, source=self.path, got=self.size)
 
     def read_whole(self) -> bytes:
-        """Return all bytes.
-
-        Raises
-        ------
-        FileAccessError
-            As `read` and `check_length`.
-        MalformedInputError
-            If they take more memory than may be used.
-        """
+        """Return all bytes."""
         self.check_length()
         claim(self.path, self.size)
         try:
@@ -152,13 +124,7 @@ class _Stream(io.RawIOBase):
 
 @contextmanager
 def opened(path: Path) -> Iterator[OpenFile]:
-    """Open a regular file to read it piece by piece.
-
-    Raises
-    ------
-    FileAccessError
-        If it is missing, not a regular file, or not readable.
-    """
+    """Open a regular file to read it piece by piece."""
     check_readable(path)
     with access_to(path):
         descriptor = os.open(path, os.O_RDONLY)

@@ -25,15 +25,7 @@ _MOST_LINES = 200
 
 
 def compose_plain(text: str, most_nodes: int) -> yaml.MappingNode | None:
-    """Return the mapping in a text; None if it may be anything but the plainest YAML.
-
-    Parameters
-    ----------
-    text : str
-        The file.
-    most_nodes : int
-        How many keys and values there may be, the mapping included.
-    """
+    """Return the mapping in a text; None if it may be anything but the plainest YAML."""
     lines = text.split("\n", _MOST_LINES)
     if len(lines) > _MOST_LINES:
         return None

@@ -58,25 +58,6 @@ def is_pnm(data: bytes) -> bool:
 def decode_pnm(data: bytes, source: Path, max_cells: int = LARGEST_CELLS) -> Picture:
     """Return the picture in a netpbm file.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    source : Path
-        Its name, for messages.
-    max_cells : int
-        Cells from which it is refused.
-
-    Raises
-    ------
-    MalformedInputError
-        If the header or the data are damaged, too short, or hold several pictures.
-
-    Warns
-    -----
-    MapdealWarning
-        If bytes trail behind the picture, or the header has DOS line ends.
-
     Notes
     -----
     1 is black in P1 and P4, as netpbm says; the ROS 1 reader takes bits for grey levels.
@@ -100,24 +81,7 @@ def decode_pnm(data: bytes, source: Path, max_cells: int = LARGEST_CELLS) -> Pic
 def decode_pbm(
     data: bytes, source: Path, *, max_cells: int = LARGEST_CELLS
 ) -> tuple[NDArray[np.uint8], int]:
-    """Return the bits of a P1 or P4 file, packed, and the width of a row in bits.
-
-    Parameters
-    ----------
-    data, source, max_cells
-        As for `decode_pnm`.
-
-    Returns
-    -------
-    packed : numpy.ndarray of uint8, shape (H, ceil(W / 8))
-        Row 0 in the north, the first bit of a row in the highest of its first byte, 1 black.
-    width : int
-
-    Raises
-    ------
-    MalformedInputError
-        As `decode_pnm`, and if the picture is no bit map.
-    """
+    """Return the bits of a P1 or P4 file, packed, and the width of a row in bits."""
     header = _read_header(data, source)
     if header.magic not in (1, 4):
         rule = "must be a bit map, P1 or P4"
@@ -132,21 +96,7 @@ def decode_pbm(
 
 @dataclass(frozen=True)
 class LocatedPixels:
-    """Where the pixels of a binary netpbm file lie: of a P4, P5 or P6 file.
-
-    Parameters
-    ----------
-    width, height : int
-        Pixels.
-    maxval : int
-        Largest brightness.
-    start : int
-        Offset of the first pixel, the one in the north west.
-    channels : int
-        1, or 3 for red, green, blue.
-    is_packed : bool
-        Whether eight pixels are a byte, 1 black, rather than one.
-    """
+    """Where the pixels of a binary netpbm file lie: of a P4, P5 or P6 file."""
 
     width: int
     height: int
@@ -196,19 +146,7 @@ class LocatedPixels:
 def locate_pixels(
     head: bytes, size: int, trailing: Callable[[int], bytes], source: Path, *, max_cells: int
 ) -> LocatedPixels | None:
-    """Return where the pixels of a file are, if it is a binary netpbm file.
-
-    Parameters
-    ----------
-    head : bytes
-        The first bytes of the file, with the whole header.
-    size : int
-        Bytes of the file.
-    trailing : callable
-        Returns some bytes of the file, from an offset on.
-    source, max_cells
-        As for `decode_pnm`, which raises and warns of the same.
-    """
+    """Return where the pixels of a file are, if it is a binary netpbm file."""
     header = _read_header(head, source)
     if header.magic <= 3:
         return None
@@ -242,13 +180,7 @@ def check_pixels(samples: Samples, maxval: int, first: int, source: Path) -> Non
 
 
 def pnm_comments(head: bytes) -> list[str]:
-    r"""Return the comments of a picture's header, given its first bytes.
-
-    Examples
-    --------
-    >>> pnm_comments(b"P5 # CREATOR: map_saver.cpp 0.100 m/pix\n2 1\n255\n#!")
-    ['CREATOR: map_saver.cpp 0.100 m/pix']
-    """
+    r"""Return the comments of a picture's header, given its first bytes."""
     found: list[str] = []
     words = 0  # type, width, height, maxval: behind them there are pixels
     for line in head.split(b"\n"):
@@ -282,20 +214,7 @@ def write_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> None:
 
 
 def begin_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> Callable[[slice], None]:
-    """Begin a P5 file, and return what writes rows of its pixels in their place.
-
-    Parameters
-    ----------
-    file : binary file
-        It must be able to seek: rows come from the south, and lie in it from the north.
-    pixels, comment
-        As for `write_pgm`.
-
-    Returns
-    -------
-    callable
-        Takes a slice of rows. Together they must be all, in any order.
-    """
+    """Begin a P5 file, and return what writes rows of its pixels in their place."""
     height, width = pixels.shape
     _write_pgm_header(file, (height, width), comment)
     start = file.tell()
@@ -373,11 +292,6 @@ def pnm_memory(head: bytes, size: int, source: Path) -> int:
     """Return the bytes that the pixels of a file and their cells take, given its first bytes.
 
     Those of a binary file are read strip by strip.
-
-    Raises
-    ------
-    MalformedInputError
-        If the header is damaged.
     """
     header = _read_header(head, source)
     if header.magic <= 3:

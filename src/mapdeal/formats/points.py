@@ -27,17 +27,7 @@ _NO_NUMBERS = (ValueError, TypeError, LookupError, OverflowError, RecursionError
 
 @dataclass(frozen=True, eq=False)
 class PointLines:
-    """Points of some lines.
-
-    Parameters
-    ----------
-    points_xy : numpy.ndarray of float64, shape (N, 2)
-        A point for each line; nan where the line holds none.
-    lines : sequence of int
-        The number of each line, from 1 on; 0 of points that come from elsewhere.
-    errors : dict of int to str
-        By index, what is wrong with a line that holds no finite point.
-    """
+    """Points of some lines."""
 
     points_xy: NDArray[np.float64]
     lines: Sequence[int]
@@ -46,17 +36,7 @@ class PointLines:
 
 @dataclass(frozen=True, eq=False)
 class PoseLines:
-    """Poses of some lines.
-
-    Parameters
-    ----------
-    poses : numpy.ndarray of float64, shape (N, 3)
-        x, y and yaw for each line; nan where the line holds none.
-    lines : sequence of int
-        The number of each line, from 1 on; 0 of poses that come from elsewhere.
-    errors : dict of int to str
-        By index, what is wrong with a line that holds no finite pose.
-    """
+    """Poses of some lines."""
 
     poses: NDArray[np.float64]
     lines: Sequence[int]
@@ -65,17 +45,7 @@ class PoseLines:
 
 @dataclass(frozen=True)
 class PairLine:
-    """A start and a goal, or what is wrong with the line that should hold them.
-
-    Parameters
-    ----------
-    line : int
-        The number of the line, from 1 on.
-    start, goal : tuple of float
-        x and y, finite; None if there is an error.
-    error : str, optional
-        What is wrong.
-    """
+    """A start and a goal, or what is wrong with the line that should hold them."""
 
     line: int
     start: Point | None = None
@@ -85,19 +55,7 @@ class PairLine:
 
 @dataclass(frozen=True)
 class NamedPointLine:
-    """A point with a name if it has one, or what is wrong with the line that should hold it.
-
-    Parameters
-    ----------
-    line : int
-        The number of the line, from 1 on.
-    point : tuple of float
-        x and y, finite; None if there is an error.
-    name : str, optional
-        What the line calls the point.
-    error : str, optional
-        What is wrong.
-    """
+    """A point with a name if it has one, or what is wrong with the line that should hold it."""
 
     line: int
     point: Point | None = None
@@ -106,84 +64,25 @@ class NamedPointLine:
 
 
 def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[PointLines]:
-    """Yield the points of a text, those of each chunk as soon as its lines are complete.
-
-    Parameters
-    ----------
-    chunks : iterable of bytes
-        The text, cut anywhere. Each line holds ``x,y``, ``[x, y]`` or ``{"x": x, "y": y}``. A
-        first line ``x,y`` of words and lines that begin with ``#`` are skipped.
-    source : Path or str
-        What to call it in an error.
-
-    Raises
-    ------
-    MalformedInputError
-        If a line is longer than 65,536 bytes: that is no text with points.
-    """
+    """Yield the points of a text, those of each chunk as soon as its lines are complete."""
     for text, first in _complete_lines(chunks, source):
         yield PointLines(*_parsed(text, first, _POINT))
 
 
 def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[PoseLines]:
-    """Yield the poses of a text, those of each chunk as soon as its lines are complete.
-
-    Parameters
-    ----------
-    chunks : iterable of bytes
-        The text, cut anywhere. Each line holds ``x,y,yaw``, ``[x, y, yaw]`` or ``{"x": x, "y": y,
-        "yaw": yaw}``, or, as the benchmark tools of TUM have it, ``t x y z qx qy qz qw``. Between
-        numbers may be white space, commas or semicolons. A first line of names and lines that begin
-        with ``#`` are skipped.
-    source : Path or str
-        What to call it in an error.
-
-    Raises
-    ------
-    MalformedInputError
-        As `read_points`.
-    """
+    """Yield the poses of a text, those of each chunk as soon as its lines are complete."""
     for text, first in _complete_lines(chunks, source):
         yield PoseLines(*_parsed(text, first, _POSE))
 
 
 def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
-    """Yield pairs of points, each as soon as its line is complete.
-
-    Parameters
-    ----------
-    chunks : iterable of bytes
-        The text, cut anywhere. Each line holds ``x,y,x,y``, ``[[x, y], [x, y]]`` or
-        ``{"from": [x, y], "to": [x, y]}``, in which a point may be ``{"x": x, "y": y}``, too. A
-        first line of four words and lines that begin with ``#`` are skipped.
-    source : Path or str
-        What to call it in an error.
-
-    Raises
-    ------
-    MalformedInputError
-        As `read_points`.
-    """
+    """Yield pairs of points, each as soon as its line is complete."""
     for number, text in _told_lines(chunks, source, _is_header_of_pairs):
         yield _pair_line(number, text)
 
 
 def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
-    """Yield points that may have names, each as soon as its line is complete.
-
-    Parameters
-    ----------
-    chunks : iterable of bytes
-        The text, cut anywhere. Lines are those of `read_points`, or ``NAME=x,y`` and
-        ``{"name": NAME, "x": x, "y": y}``.
-    source : Path or str
-        What to call it in an error.
-
-    Raises
-    ------
-    MalformedInputError
-        As `read_points`.
-    """
+    """Yield points that may have names, each as soon as its line is complete."""
     for number, text in _told_lines(chunks, source, _POINT.is_header):
         yield _named_point_line(number, text)
 
@@ -244,17 +143,7 @@ def _text_of(line: bytes) -> str:
 
 
 class _Form(NamedTuple):
-    """Columns of a line.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the numbers.
-    how_many : str
-        Count of the numbers, in words.
-    more : str
-        Other forms of the line, in words, if it may be one of a file of poses.
-    """
+    """Columns of a line."""
 
     names: tuple[str, ...]
     how_many: str

@@ -86,17 +86,7 @@ def has_times(path: Path) -> bool:
 
 
 class Trajectory(NamedTuple):
-    """Poses with their times.
-
-    Parameters
-    ----------
-    times : numpy.ndarray of int64, shape (N,)
-        Nanoseconds.
-    translations : numpy.ndarray of float64, shape (N, 3)
-        Metres.
-    quaternions : numpy.ndarray of float64, shape (N, 4)
-        x, y, z, w.
-    """
+    """Poses with their times."""
 
     times: NDArray[np.int64]
     translations: Poses
@@ -104,25 +94,7 @@ class Trajectory(NamedTuple):
 
 
 def read_trajectory(path: Path | str) -> Trajectory:
-    """Return the poses in a file of TUM's benchmark tools, with their times.
-
-    Parameters
-    ----------
-    path : path or str
-        Text with ``t x y z qx qy qz qw`` on each line, t in seconds; see `read_poses`.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    MalformedInputError
-        As `read_poses`, and if its poses have no times.
-
-    Warns
-    -----
-    MapdealWarning
-        As `read_poses`.
-    """
+    """Return the poses in a file of TUM's benchmark tools, with their times."""
     path = Path(path)
     with recognised(path, "a file of poses", POSES, NUMBERS):
         rows = _rows_in(path)
@@ -140,14 +112,7 @@ def read_trajectory(path: Path | str) -> Trajectory:
 
 
 def planar_pose(numbers: Sequence[float]) -> tuple[float, float, float]:
-    """Return x, y and yaw of a pose as TUM's tools have it.
-
-    Raises
-    ------
-    MalformedInputError
-        If the quaternion is not of length 1 or leans by more than 10 degrees, so that the heading
-        means little.
-    """
+    """Return x, y and yaw of a pose as TUM's tools have it."""
     _, x, y, _, *quaternion = numbers
     length = math.hypot(*quaternion)
     if not math.isfinite(length):

@@ -26,17 +26,7 @@ def route_json(route: Route) -> str:
 
 
 def route_line(route: Route, *, pair: int, method: str) -> str:
-    """Return a route as JSON on one line, without its points.
-
-    Parameters
-    ----------
-    route : Route
-        The route.
-    pair : int
-        Which start and goal it is of.
-    method : str
-        By which of several methods it was found.
-    """
+    """Return a route as JSON on one line, without its points."""
     return json.dumps({"pair": pair, "method": method, **_entries(route)})
 
 

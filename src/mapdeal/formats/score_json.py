@@ -13,21 +13,7 @@ _LARGEST = FARTHEST**2
 
 @dataclass(frozen=True)
 class ToldBound:
-    """A bound on a figure, as in a document.
-
-    Parameters
-    ----------
-    name : str
-        The figure.
-    is_least : bool
-        Whether it is the least that is allowed, rather than the most.
-    allowed : float
-        The bound.
-    found : float or None
-        The figure; None if there was nothing to measure.
-    holds : bool
-        What was judged.
-    """
+    """A bound on a figure, as in a document."""
 
     name: str
     is_least: bool
@@ -38,29 +24,7 @@ class ToldBound:
 
 @dataclass(frozen=True)
 class ScoreAnswer:
-    """Content of a document printed by ``mapdeal score --json``.
-
-    Parameters
-    ----------
-    file, truth : str or None
-        The map and the ground truth, as named; None for one that was not a file or not given.
-    sums : mapping of str to str
-        Checksums of the files that the map was read from, by file name without folders.
-    width, height : int
-        Number of cells along each axis.
-    resolution : float
-        Side of a cell, metres.
-    transform : tuple of float or None
-        x, y (metres) and yaw (radians) from the map's frame to that of the truth.
-    has_truth : bool
-        Whether there was a ground truth.
-    figures : mapping of str to float or None
-        Figures by name, with dots into groups; None if one could not be measured.
-    bounds : tuple of ToldBound
-        Bounds on the figures.
-    passes : bool
-        Whether all bounds hold.
-    """
+    """Content of a document printed by ``mapdeal score --json``."""
 
     file: str | None
     truth: str | None
@@ -76,13 +40,7 @@ class ScoreAnswer:
 
 
 def score_answer(document: JsonValue) -> ScoreAnswer:
-    """Return the content of a document of score.
-
-    Raises
-    ------
-    MalformedInputError
-        If something in it cannot be; the error names the key.
-    """
+    """Return the content of a document of score."""
     own, truth, moved = document["map"], document["truth"], document["transform"]
     lattice = document["lattice"]
     return ScoreAnswer(

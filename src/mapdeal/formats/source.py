@@ -30,20 +30,7 @@ LONGEST_STREAM = 1 << 28
 
 @contextmanager
 def access_to(path: Path, action: str = "read") -> Iterator[None]:
-    """Turn what the system raises within a ``with`` block into one error that names a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file or folder.
-    action : str
-        What is done to it, as in "cannot be read".
-
-    Raises
-    ------
-    FileAccessError
-        For every `OSError`, and before anything is done for a name that no file can have.
-    """
+    """Turn what the system raises within a ``with`` block into one error that names a file."""
     if not _can_be_name(path):
         raise FileAccessError(f"cannot be {action}: no file has such a name", source=path)
     try:
@@ -69,11 +56,6 @@ def status_of(path: Path) -> os.stat_result:
     """Return the status of a file, or of what a link leads to.
 
     What a killed process has left in its folder is undone first.
-
-    Raises
-    ------
-    FileAccessError
-        If there is none, or no file can have such a name.
     """
     with access_to(path):
         settle(path.parent, path.name)
@@ -120,13 +102,7 @@ def is_same_file(one: Path, other: Path) -> bool:
 
 
 def absolute_path(path: Path) -> Path:
-    """Return a path from the root on.
-
-    Raises
-    ------
-    FileAccessError
-        If it starts from the working folder, and that is gone.
-    """
+    """Return a path from the root on."""
     if path.is_absolute():
         return path
     try:
@@ -142,13 +118,7 @@ def normal_path(path: Path) -> Path:
 
 
 def real_path(path: Path) -> Path:
-    """Return the absolute path without ``..`` and links; links in a circle stay as they are.
-
-    Raises
-    ------
-    FileAccessError
-        If no file can have such a name, or the working folder is gone.
-    """
+    """Return the absolute path without ``..`` and links; links in a circle stay as they are."""
     whole = absolute_path(path)
     with access_to(path):
         return Path(os.path.realpath(whole))
@@ -159,11 +129,6 @@ def contents_of(folder: Path) -> tuple[list[str], list[str]]:
 
     Links count as what they lead to; one that leads to nothing that can be seen is no folder, and
     whoever reads it says why not.
-
-    Raises
-    ------
-    FileAccessError
-        If it is no folder, or cannot be read.
     """
     folders: list[str] = []
     files: list[str] = []
@@ -197,25 +162,7 @@ def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
 def read_file(
     path: Path, *, limit: int = LARGEST_FILE, inspect: Callable[[bytes], None] | None = None
 ) -> bytes:
-    """Return the contents of a regular file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    limit : int
-        Bytes that it may have.
-    inspect : callable, optional
-        Is shown the first MiB, or the whole if that is less, before memory is taken for the
-        rest; raises if the file is not wanted.
-
-    Raises
-    ------
-    FileAccessError
-        If it is missing, not a regular file, not readable, or changed while it was read.
-    MalformedInputError
-        If it is longer than `limit` bytes, or than the memory that may be used.
-    """
+    """Return the contents of a regular file."""
     before = check_readable(path)
     try:
         with access_to(path), path.open("rb") as file:
@@ -241,13 +188,7 @@ def read_file(
 
 
 def check_readable(path: Path) -> os.stat_result:
-    """Return the status of a regular file: a pipe or a device would block or never end.
-
-    Raises
-    ------
-    FileAccessError
-        If it is missing, or not a regular file.
-    """
+    """Return the status of a regular file: a pipe or a device would block or never end."""
     status = status_of(path)
     if not stat.S_ISREG(status.st_mode):
         kind = "a directory" if stat.S_ISDIR(status.st_mode) else "no regular file"
@@ -263,13 +204,7 @@ def note_sum(path: Path, sum_of: Callable[[], str]) -> None:
 
 
 def chunks_of(path: Path) -> Iterator[bytes]:
-    """Yield the contents of a file bit by bit; it may be a pipe.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    """
+    """Yield the contents of a file bit by bit; it may be a pipe."""
     status_of(path)
     with access_to(path), path.open("rb", buffering=0) as file:
         while chunk := file.read(_CHUNK):
@@ -277,13 +212,7 @@ def chunks_of(path: Path) -> Iterator[bytes]:
 
 
 def state_of(path: Path) -> FileState:
-    """Return what becomes another if the file of a name is replaced or written to.
-
-    Raises
-    ------
-    FileAccessError
-        If there is none.
-    """
+    """Return what becomes another if the file of a name is replaced or written to."""
     return FileState.of_status(status_of(path))
 
 
@@ -294,13 +223,7 @@ def check_state(path: Path, state: FileState) -> None:
 
 
 def joined(chunks: Iterable[bytes], *, limit: int, source: Path | str) -> bytes:
-    """Return what comes in bit by bit as one.
-
-    Raises
-    ------
-    MalformedInputError
-        If it is more than `limit` bytes.
-    """
+    """Return what comes in bit by bit as one."""
     parts, length = [], 0
     for chunk in chunks:
         parts.append(chunk)
@@ -311,13 +234,7 @@ def joined(chunks: Iterable[bytes], *, limit: int, source: Path | str) -> bytes:
 
 
 def head_of(path: Path, length: int) -> bytes:
-    """Return the first bytes of a regular file.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    """
+    """Return the first bytes of a regular file."""
     size = check_readable(path).st_size
     with access_to(path), path.open("rb") as file:
         return file.read(min(length, size))  # room for more takes longer to be had than the bytes
@@ -342,13 +259,7 @@ def holds(path: Path, sha256: str) -> bool:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the sha256 of a file's contents, as hexadecimal digits.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read, or is no regular file.
-    """
+    """Return the sha256 of a file's contents, as hexadecimal digits."""
     check_readable(path)
     with access_to(path), path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -24,23 +24,7 @@ _HINT = "a map comes by a pipe as an npz: mapdeal convert MAP -o - makes one of 
 
 
 def keep_npz(chunks: Iterable[bytes], folder: Path) -> Path:
-    """Write what comes in on standard input to a file, and return its name.
-
-    Parameters
-    ----------
-    chunks : iterable of bytes
-        What comes in; it may have no end.
-    folder : Path
-        Where the file goes.
-
-    Raises
-    ------
-    MalformedInputError
-        If it is empty or not an npz by its first bytes, or longer than the memory that may be
-        taken.
-    FileAccessError
-        If it cannot be kept.
-    """
+    """Write what comes in on standard input to a file, and return its name."""
     path = folder / f"{STDIN}.npz"
     length = 0
     head = b""

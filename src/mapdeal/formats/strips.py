@@ -21,17 +21,7 @@ _PIXELS_TOGETHER = 1 << 22
 
 @dataclass(frozen=True, eq=False)
 class Strips:
-    """A picture whose rows are decoded some at a time, from the north to the south.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the whole picture.
-    pictures : callable
-        Called without arguments, it starts anew and yields one picture after the other: all of
-        the same width, colour, maxval and palette, whose rows make the whole, row 0 of each in
-        the north. What is damaged is found when its strip is asked for, or at the end.
-    """
+    """A picture whose rows are decoded some at a time, from the north to the south."""
 
     shape: tuple[int, int]
     pictures: Callable[[], Iterator[Picture]]
@@ -93,15 +83,7 @@ class PixelRows(Protocol):
         """
 
     def strips(self) -> Strips:
-        """Return all rows; what is wrong with the header is found here.
-
-        Raises
-        ------
-        FileAccessError
-            If the file cannot be read, or has changed since it was opened.
-        MalformedInputError
-            If it is damaged: now, or when the strips are gone through.
-        """
+        """Return all rows; what is wrong with the header is found here."""
 
     def part(self, rows: slice) -> Strips:
         """Return some rows, which are counted from the south; raises as `strips` does."""

@@ -41,16 +41,7 @@ PutRows = Callable[[slice], object]
 
 @dataclass(frozen=True, eq=False)
 class RowsWriter:
-    """A writer that takes rows as they come: one pass can serve several such files.
-
-    Parameters
-    ----------
-    layer : array or LazyLayer
-        Whose rows they are.
-    begin : callable
-        Begins the file; returns what takes each slice of rows, from the first to the last, and
-        what is to be called behind these.
-    """
+    """A writer that takes rows as they come: one pass can serve several such files."""
 
     layer: Layer
     begin: Callable[[BinaryIO], tuple[PutRows, Callable[[], object]]]
@@ -75,13 +66,7 @@ class _File(io.BufferedRandom):
 
 
 class Temporary:
-    """A locked temporary file beside its destination.
-
-    Parameters
-    ----------
-    destination : Path
-        What it becomes.
-    """
+    """A locked temporary file beside its destination."""
 
     def __init__(self, destination: Path) -> None:
         self.destination = destination
@@ -246,13 +231,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def folder_for_sockets() -> Path:
-    """Return the folder in which the system wants what is there for a while, as `TMPDIR` says.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none that can be written to.
-    """
+    """Return the folder in which the system wants what is there for a while, as `TMPDIR` says."""
     import tempfile  # of use to few
 
     return Path(tempfile.gettempdir())
@@ -260,13 +239,7 @@ def folder_for_sockets() -> Path:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a private folder in the system's folder for temporary files, removed at the end.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be made.
-    """
+    """Yield a private folder in the system's folder for temporary files, removed at the end."""
     import tempfile
 
     try:

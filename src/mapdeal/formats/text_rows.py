@@ -30,30 +30,7 @@ def read_rows(
     most: int | None = None,
     width: int | None = None,
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield columns of a table, some rows at a time.
-
-    Parameters
-    ----------
-    file : binary file
-        Read from where it stands, by lines; empty ones and those that begin with # are skipped.
-    columns : sequence of int
-        The columns to keep, in this order.
-    path : Path
-        The file's name, for errors.
-    first_line : int
-        The number of the next line, for errors.
-    delimiter : str, optional
-        What is between numbers; white space if not given.
-    most : int, optional
-        Rows after which to stop; what follows them is not touched.
-    width : int, optional
-        Numbers that every line must have.
-
-    Raises
-    ------
-    MalformedInputError
-        If a line is not made of numbers, or too short or long; names its number.
-    """
+    """Yield columns of a table, some rows at a time."""
     left = most
     blocks = _Blocks(file, columns, delimiter, width)
     while left is None or left > 0:

@@ -33,24 +33,6 @@ Begun = tuple[Path, BinaryIO, Writer]
 class Transaction:
     """A set of output files that appear together, at the end.
 
-    Parameters
-    ----------
-    outputs : iterable of Path
-        All files that may be written. They are checked before any work is done.
-    inputs : sequence of Path
-        Files that no output may be, by whatever name or link.
-    force : bool
-        Whether existing outputs are replaced.
-    hint : str
-        What an error says of an output that exists.
-    checksums : bool
-        Whether `checksums` will be asked for: each file is read again for that.
-
-    Raises
-    ------
-    FileAccessError
-        If an output exists and `force` is not set, cannot be written, or is an input.
-
     Notes
     -----
     Each file is written under a temporary name in its own folder, as many at the same time as
@@ -58,15 +40,6 @@ class Transaction:
     order of the calls to `write`, see `mapdeal.formats.commit`: the folders are locked meanwhile,
     signals wait, and a rename that fails undoes those before it. Temporary files are locked by
     their process, so that those of a killed run are told from those of a live one and removed.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> folder = Path(tempfile.mkdtemp())
-    >>> with Transaction([folder / "new" / "a.txt"]) as transaction:
-    ...     transaction.write(folder / "new" / "a.txt", lambda file: file.write(b"hello"))
-    >>> (folder / "new" / "a.txt").read_text()
-    'hello'
     """
 
     def __init__(
@@ -118,14 +91,7 @@ class Transaction:
 
     @contextmanager
     def together(self, write_all: Callable[[Sequence[Begun]], None]) -> Iterator[None]:
-        """Write all files passed to `write` within a ``with`` block by a single call.
-
-        Parameters
-        ----------
-        write_all : callable
-            Writes the files, in a thread, once the block has ended. It must raise a
-            `FileAccessError` if the disk is full, because only it knows which file failed.
-        """
+        """Write all files passed to `write` within a ``with`` block by a single call."""
         self._together = []
         try:
             yield
@@ -180,13 +146,7 @@ class Transaction:
         self._finished()
 
     def remove_if_unchanged(self, path: Path, sha256: str) -> None:
-        """Remove a file with the old ones, if it has exactly these contents and is not an input.
-
-        Raises
-        ------
-        FileAccessError
-            If it cannot be read.
-        """
+        """Remove a file with the old ones, if it has exactly these contents and is not an input."""
         if not _is_any_of(path, self._inputs) and holds(path, sha256):
             self._removed.append(path)
 
@@ -271,13 +231,7 @@ class Transaction:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it, unless it is there.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be made.
-    """
+    """Make a folder, and those above it, unless it is there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

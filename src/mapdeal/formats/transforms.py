@@ -15,16 +15,7 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True)
 class TransformFile:
-    """A transform that was read, and which maps it is between.
-
-    Parameters
-    ----------
-    transform : Transform
-        From the frame of the first map to that of the second.
-    first, second : mapping of str to str
-        The files of the two maps, by their names without folders, and their checksums
-        (sha256); empty if the document does not name them.
-    """
+    """A transform that was read, and which maps it is between."""
 
     transform: Transform
     first: Mapping[str, str]
@@ -32,13 +23,7 @@ class TransformFile:
 
 
 def transform_document(transform: Transform) -> dict[str, Any]:
-    """Return a transform as JSON can hold it.
-
-    Examples
-    --------
-    >>> transform_document(Transform(1.0, 2.0, 0.5))
-    {'x': 1.0, 'y': 2.0, 'yaw': 0.5, 'yaw_deg': 28.647889757}
-    """
+    """Return a transform as JSON can hold it."""
     degrees = round(math.degrees(transform.yaw), 9)
     return {"x": transform.x, "y": transform.y, "yaw": transform.yaw, "yaw_deg": degrees}
 
@@ -48,16 +33,6 @@ def read_transform(path: Path) -> TransformFile:
 
     The file is what ``mapdeal align`` has written, or an object with x, y (metres) and yaw
     (radians) written by hand.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        If the file cannot be read, or holds no transform.
-
-    Warns
-    -----
-    MapdealWarning
-        If align was not sure of it.
     """
     document = read_document(path)
     place = document.get("transform")

@@ -16,15 +16,7 @@ _NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*(,?)")
 
 @dataclass(frozen=True)
 class IgnoreComment:
-    """A comment ``# mapdeal: ignore ID[, ID]``.
-
-    Parameters
-    ----------
-    line : int
-        Where it stands, from 1 on.
-    names : tuple of str
-        What it names, as it is written; what follows the last name is for people.
-    """
+    """A comment ``# mapdeal: ignore ID[, ID]``."""
 
     line: int
     names: tuple[str, ...]
@@ -32,13 +24,6 @@ class IgnoreComment:
 
 def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreComment]:
     """Return the comments of a file that name checks of lint which are to be ignored.
-
-    Parameters
-    ----------
-    path : Path
-        The file; one that cannot be read, or is larger than the limit, has none.
-    limit : int
-        Bytes that are read; by default as many as the YAML of a map may have.
 
     Notes
     -----

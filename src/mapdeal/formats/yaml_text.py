@@ -32,17 +32,7 @@ _NULL, _MERGE = "tag:yaml.org,2002:null", "tag:yaml.org,2002:merge"
 
 @dataclass(frozen=True)
 class YamlLimits:
-    """Limits of a file: PyYAML takes 70 microseconds and a kilobyte for each value.
-
-    Parameters
-    ----------
-    bytes : int
-        Of the file.
-    nodes : int
-        Keys, values, lists and mappings; what an alias stands for counts again for each alias.
-    aliases : int
-        Uses of anchors, ``*name``.
-    """
+    """Limits of a file: PyYAML takes 70 microseconds and a kilobyte for each value."""
 
     bytes: int
     nodes: int
@@ -175,35 +165,13 @@ class Entry:
 
 
 def read_mapping(path: Path, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
-    """Return the entries of the mapping that a YAML file holds, by key.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    limits : YamlLimits
-        What it may hold.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If it is not one UTF-8 document with a mapping of distinct keys at its top, or holds
-        more than the limits allow.
-    """
+    """Return the entries of the mapping that a YAML file holds, by key."""
     data = read_file(path, limit=limits.bytes, inspect=lambda head: refuse_image(path, head))
     return parse_mapping(path, data, limits)
 
 
 def parse_mapping(path: Path, data: bytes, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
-    """Return the entries of the mapping that the contents of a YAML file hold, by key.
-
-    Raises
-    ------
-    MalformedInputError
-        As `read_mapping`.
-    """
+    """Return the entries of the mapping that the contents of a YAML file hold, by key."""
     text = decoded_text(path, data)
     node = _compose(path, text, limits)
     if node is None:
@@ -215,13 +183,7 @@ def parse_mapping(path: Path, data: bytes, limits: YamlLimits = OF_MAPS) -> dict
 
 
 def parse_value(text: str, name: str, limits: YamlLimits = OF_MAPS) -> Any:
-    """Return the value of a text that is no file, with decimal numbers; errors call it `name`.
-
-    Raises
-    ------
-    MalformedInputError
-        If it is not YAML, or holds more than the limits allow.
-    """
+    """Return the value of a text that is no file, with decimal numbers; errors call it `name`."""
     node = _compose(Path(name), text, limits)
     return None if node is None else Entry(Path(name), "value", node).plain_value()
 
@@ -277,13 +239,7 @@ def refuse_image(path: Path, data: bytes) -> None:
 
 
 def decoded_text(path: Path, data: bytes) -> str:
-    """Return what is written in a YAML file.
-
-    Raises
-    ------
-    MalformedInputError
-        If it is not UTF-8, or holds a zero byte.
-    """
+    """Return what is written in a YAML file."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -297,24 +253,7 @@ def decoded_text(path: Path, data: bytes) -> str:
 def compose_documents(
     path: Path, data: bytes, limits: YamlLimits, tags: frozenset[str] = frozenset()
 ) -> list[yaml.Node]:
-    """Return the nodes of all documents in the contents of a YAML file.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for errors.
-    data : bytes
-        Its contents.
-    limits : YamlLimits
-        What all documents together may hold.
-    tags : frozenset of str
-        Tags that are allowed besides those of plain YAML.
-
-    Raises
-    ------
-    MalformedInputError
-        If it is no UTF-8, no YAML, or holds more than the limits allow.
-    """
+    """Return the nodes of all documents in the contents of a YAML file."""
     text = decoded_text(path, data)
     with _as_malformed(path):
         composer = _Composer(text, path, limits, tags)
@@ -429,19 +368,6 @@ def _number_hint(text: str) -> str | None:
 
 def edited(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
     """Return the file that entries were read from with other values, all else as it is.
-
-    Parameters
-    ----------
-    entries : mapping of str to Entry
-        All entries of the mapping at the file's top.
-    changes : mapping
-        New values by key: text, whole numbers and floats, or a sequence of them. Keys that the
-        file does not have come behind the others.
-
-    Raises
-    ------
-    MalformedInputError
-        If a sequence is to take the place of one of another length.
 
     Notes
     -----

@@ -102,35 +102,7 @@ class layer_of_box(cached_property[NDArray[np.float64]]):  # noqa: N801 - a deco
 
 
 def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
-    """Return a grid extended to a larger frame of the same lattice.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid, Costmap, DistanceField, PotentialField or Reach
-        Any grid; its layers may be lazy.
-    frame : Frame
-        Geometry of the result.
-    fill : int, optional
-        Value of the other cells, on the grid's scale. By default they are unknown: -1 in maps,
-        255 or -1 in costs, nan in distances and potentials, and not reachable.
-
-    Returns
-    -------
-    OccupancyGrid, Costmap, DistanceField, PotentialField or Reach
-        Extended grid, of the same type as `grid`.
-
-    Raises
-    ------
-    ParameterError
-        If the lattices differ, or the frame does not contain all of the grid.
-
-    Examples
-    --------
-    >>> from mapdeal.grid.occupancy import OccupancyGrid
-    >>> grid = OccupancyGrid([[0, 100]], 0.5, (1.5, 2.0, 0.0))
-    >>> on_canvas(grid, Frame(2, 4, 0.5, (1.0, 2.0, 0.0))).occupancy.tolist()
-    [[-1, 0, 100, -1], [-1, -1, -1, -1]]
-    """
+    """Return a grid extended to a larger frame of the same lattice."""
     if frame == grid.frame:
         return grid
     place = region_on_lattice(frame, grid.frame)
@@ -202,13 +174,7 @@ def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> 
 
 
 def _box_of_numbers(layer: NDArray[Any], occupancy: NDArray[np.int8], name: str) -> Region | None:
-    """Return the box of the cells that hold numbers, None if all do.
-
-    Raises
-    ------
-    ParameterError
-        If they are no box, or anything is known around it.
-    """
+    """Return the box of the cells that hold numbers, None if all do."""
     if not np.isnan(layer.min()):  # min hands nan on
         return None
     has_number = (np.zeros(layer.shape[0], dtype=bool), np.zeros(layer.shape[1], dtype=bool))

@@ -200,22 +200,7 @@ class Costmap(ValueGrid):
 
 
 def figures_of_costs(counts: NDArray[np.int64], scale: CostScale) -> Figures:
-    """Return how many costs are of each kind, and which is the most common.
-
-    Parameters
-    ----------
-    counts : numpy.ndarray of int64, shape (256,)
-        How often each byte occurs.
-    scale : {'costmap2d', 'occupancy'}
-        What they mean.
-
-    Returns
-    -------
-    dict
-        ``cost_scale``; the numbers of ``free``, ``lethal``, ``inscribed`` (of costmap2d),
-        ``unknown`` and ``graded``, which are all others; ``most_common``, the cost that most open
-        cells have and which share of them, None if no cell is open.
-    """
+    """Return how many costs are of each kind, and which is the most common."""
     figures: Figures = {"cost_scale": scale, "free": int(counts[0])}
     if scale == "costmap2d":
         figures["lethal"] = int(counts[LETHAL_OBSTACLE])

@@ -92,17 +92,7 @@ CostmapLayer = StaticLayer | InflationLayer
 
 @dataclass(frozen=True)
 class CostmapLayers:
-    """The layers that turn a map into a costmap, from the first to the last.
-
-    Parameters
-    ----------
-    layers : tuple of StaticLayer or InflationLayer
-        Enabled layers, in the order in which they are applied.
-    default_cost : int
-        Cost of all cells before the first layer, 0 or 255.
-    circumscribed_radius : float, optional
-        Distance beyond which the robot cannot collide, metres.
-    """
+    """The layers that turn a map into a costmap, from the first to the last."""
 
     layers: tuple[CostmapLayer, ...]
     default_cost: int = 0

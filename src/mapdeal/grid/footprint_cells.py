@@ -24,36 +24,11 @@ _FARTHEST = float(1 << 40)
 def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> tuple[Spans, ...]:
     """Return the cells that a footprint covers in each heading, relative to the robot's cell.
 
-    Parameters
-    ----------
-    footprint : Footprint
-        The robot's shape; a circle is taken as Nav2 takes it, as `Footprint.sixteen_gon`.
-    frame : Frame
-        The grid: its resolution, its yaw and its size count.
-    heading_count : int
-        K; heading k is a yaw of 2 pi k / K in the map frame, not in the grid's.
-
-    Returns
-    -------
-    tuple of Spans
-        Of each heading the runs of cells, none of which overlap. Rows and columns are relative to
-        the robot's cell and may be negative. If the footprint is larger than the grid in
-        a heading, only its corners' cells: one of them is outside of the grid at any place.
-
     Notes
     -----
     The robot's centre is the middle of its cell. A corner is in the cell
     ``floor(0.5 + coordinate / resolution)``, and from there on cells are those that costmap_2d
     draws: the lines between the corners, and what is inside (`mapdeal.kernels.polygons`).
-
-    Examples
-    --------
-    >>> robot = Footprint.polygon([[0.4, 0.1], [0.4, -0.1], [-0.4, -0.1], [-0.4, 0.1]])
-    >>> along, across = footprint_spans(robot, Frame(9, 9, 0.25), 4)[:2]
-    >>> [column.tolist() for column in along]  # rows, starts, stops
-    [[0], [-2], [3]]
-    >>> [column.tolist() for column in across]
-    [[-2, -1, 0, 1, 2], [0, 0, 0, 0, 0], [1, 1, 1, 1, 1]]
     """
     shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
     vertices = np.array(shape.vertices, dtype=np.float64)

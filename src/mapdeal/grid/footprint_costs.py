@@ -19,15 +19,7 @@ FootprintRule = Literal["outline", "full"]
 
 
 class PoseSamples(NamedTuple):
-    """Costs of a footprint at poses.
-
-    Parameters
-    ----------
-    cost : numpy.ndarray of uint8, shape (N,)
-        Costs as returned by `footprint_costs`.
-    inside : numpy.ndarray of bool, shape (N,)
-        Whether all corners lie on the map.
-    """
+    """Costs of a footprint at poses."""
 
     cost: NDArray[np.uint8]
     inside: NDArray[np.bool_]

@@ -183,13 +183,7 @@ class ValueGrid(Framed):
         return self.with_values(values)
 
     def accept_value(self, value: float, name: str = "value") -> int:
-        """Return `value`, a whole number on the grid's scale.
-
-        Raises
-        ------
-        ParameterError
-            If it is anything else; the error calls it `name`.
-        """
+        """Return `value`, a whole number on the grid's scale."""
         lowest, highest = self.value_range
         if isinstance(value, bool) or not lowest <= value <= highest or value % 1:
             rule = f"must be a whole number from {lowest} to {highest}, the scale of this grid"

@@ -15,13 +15,7 @@ Cell = tuple[int, int]
 
 
 def cell_of_point(frame: Frame, point: Point, name: str) -> Cell:
-    """Return the row and column of the cell that a point of the map frame lies in.
-
-    Raises
-    ------
-    ParameterError
-        If it lies outside of the grid; the error calls the point `name`.
-    """
+    """Return the row and column of the cell that a point of the map frame lies in."""
     cells, inside = frame.bounded_rowcol_from_xy([check_point(point, name)])
     if not inside[0]:
         rule = "lies outside of the map"
@@ -39,17 +33,7 @@ def extent_text(frame: Frame) -> str:
 
 
 def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> str:
-    """Return where the open cell is that is nearest to a cell, as a hint.
-
-    Parameters
-    ----------
-    frame : Frame
-        The grid.
-    is_open : numpy.ndarray of bool, shape (H, W)
-        The open cells.
-    cell : tuple of int
-        Row and column.
-    """
+    """Return where the open cell is that is nearest to a cell, as a hint."""
     nearest = nearest_marked(is_open, cell)
     if nearest is None:
         return "no cell of the map is open"

@@ -16,24 +16,7 @@ from mapdeal.grid.coordinates import Point
 def checked_corners(
     points: Sequence[Sequence[float]], what: str, *, within: float, least: int, most: int
 ) -> tuple[Point, ...]:
-    """Return `points` as pairs of finite floats.
-
-    Parameters
-    ----------
-    points : sequence of (x, y)
-        Corners, metres.
-    what : str
-        What an error calls the shape: ``polygon`` gives ``polygon vertex 3``.
-    within : float
-        Largest coordinate, metres.
-    least, most : int
-        How many corners there may be.
-
-    Raises
-    ------
-    ParameterError
-        If there are too few or too many, or one is no such pair; the error names it.
-    """
+    """Return `points` as pairs of finite floats."""
     if not isinstance(points, Iterable) or isinstance(points, (str, bytes)):
         raise ParameterError(f"a {what} takes a list of vertices [x, y]", place=what, got=points)
     points = list(points)

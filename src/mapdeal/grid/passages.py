@@ -32,37 +32,7 @@ def passages(
     circumscribed_radius: float | None = None,
     is_reached: NDArray[np.bool_] | None = None,
 ) -> tuple[Passage, ...]:
-    """Return the passages that stop a robot or barely let it pass, the narrowest first.
-
-    Parameters
-    ----------
-    ways : Ways
-        Ways of the map and their widths.
-    is_open : numpy.ndarray of bool, shape (H, W)
-        Cells in which the robot can stand in some heading.
-    start : tuple of int
-        Row and column of the start, a cell that ways may use.
-    radius : float
-        Inscribed radius of the robot, metres.
-    margin : float
-        A passage barely lets the robot pass if it would stop a robot whose radius is larger by
-        this margin, metres.
-    min_area : float
-        Least area on each side of a passage, square metres, counting open cells that are connected
-        without it. The start's side may be smaller.
-    circumscribed_radius : float, optional
-        Circumscribed radius of the robot, metres. A robot that is not round may be stopped by
-        passages up to this radius.
-    is_reached : numpy.ndarray of bool, shape (H, W), optional
-        Cells that its centre can reach, for a robot that is not round.
-
-    Returns
-    -------
-    tuple of Passage
-        One for each pair of areas connected by a way: the narrowest place of the widest way. Where
-        the robot is stopped there, also that of each other door between such areas. Areas that no
-        way connects have none.
-    """
+    """Return the passages that stop a robot or barely let it pass, the narrowest first."""
     tree = ways.tree
     root = int(tree.basins[start])
     if root < 0 or not len(tree.squares):
@@ -116,20 +86,6 @@ def disconnected(
     """Return the passages that stop a round robot between areas of a map.
 
     If no way at all connects some parts of the map, each part is seen from its own largest area.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map; ways lead over free cells.
-    radius : float
-        Radius of the robot, metres.
-    min_area : float
-        Least area on each side of a passage, as for `passages`, square metres.
-
-    Returns
-    -------
-    list of Passage
-        The narrowest first; all of them are closed.
     """
     ways, is_open = _ways_of(grid, radius)
     counts, basins = _regions(ways, is_open, radius)
@@ -146,22 +102,7 @@ def disconnected(
 
 
 def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
-    """Return the narrowest place on the widest way from the start to a goal.
-
-    Parameters
-    ----------
-    from_start : WaysFrom
-        The ways from the start.
-    goal : tuple of int
-        Row and column of a cell in the grid.
-
-    Returns
-    -------
-    Bottleneck or None
-        A passage if one is at least as narrow as the start and the goal themselves; of several
-        equally narrow ones, the one nearest to the goal. None if nothing limits the way, or there
-        is no way.
-    """
+    """Return the narrowest place on the widest way from the start to a goal."""
     ways, start, rooted = from_start.ways, from_start.start, from_start.rooted
     tree, squared = ways.tree, ways.squared
     basin = int(tree.basins[goal])

@@ -41,30 +41,7 @@ def reach_on(
     margin: float,
     min_area: float,
 ) -> Reach:
-    """Compute where a robot can go; see the stage ``reach``.
-
-    Parameters
-    ----------
-    ground : Ground
-        The map that it moves on.
-    robot : Footprint, optional
-        Robot shape; None for a point.
-    start : sequence of float, optional
-        x, y or x, y, yaw in the map frame; by default the widest place of the largest open area.
-    goals : sequence of Goal
-        Places that it should reach.
-    headings : int
-        Number of headings for a robot with corners.
-    margin, min_area : float
-        Passages to report; see `passages`.
-
-    Raises
-    ------
-    ParameterError
-        If the start lies outside the map, or the robot cannot stand there.
-    MalformedInputError
-        If the robot cannot stand anywhere.
-    """
+    """Compute where a robot can go; see the stage ``reach``."""
     asked = None if start is None else _checked_pose(start)
     first = None if asked is None else cell_of_point(ground.frame, (asked[0], asked[1]), "start")
     points = [check_point((goal.x, goal.y), _name_of(goal)) for goal in goals]
@@ -136,21 +113,7 @@ class _RoundPoses:
 
 @dataclass(frozen=True, eq=False)
 class _Stood:
-    """Where a robot can stand, and where it gets to from its start.
-
-    Parameters
-    ----------
-    headings : numpy.ndarray of uint8, shape (H, W)
-        In how many headings it can stand in each cell.
-    start : tuple of float
-        The start in the map frame.
-    first : tuple of int
-        Row and column of the start.
-    reached : Reached
-        What it reaches.
-    ways : Ways, optional
-        The ways of round robots, if they are known already.
-    """
+    """Where a robot can stand, and where it gets to from its start."""
 
     headings: NDArray[np.uint8]
     start: tuple[float, ...]
@@ -167,15 +130,7 @@ def _stood(
     start: tuple[float, ...] | None,
     cells: Sequence[Cell],
 ) -> _Stood:
-    """Return where a robot can stand, and what it reaches from its start, or a chosen one.
-
-    Raises
-    ------
-    MalformedInputError
-        If it can stand nowhere.
-    ParameterError
-        If it cannot stand at its start.
-    """
+    """Return where a robot can stand, and what it reaches from its start, or a chosen one."""
     ways = None
     closed_up_to = largest_closed_square(reach_radius(robot), ground.frame)
     poses: _RoundPoses | ConfigurationSpace
@@ -229,13 +184,7 @@ def _headings_at(
     ground: Ground,
     robot: Footprint | None,
 ) -> list[int]:
-    """Return the headings to start in: the one that is asked for, or all that are open.
-
-    Raises
-    ------
-    ParameterError
-        If that is closed, or all are.
-    """
+    """Return the headings to start in: the one that is asked for, or all that are open."""
     is_open = poses.open_headings(*first)
     if not is_open.any():
         square = int(squares_to(ground.obstacles)[first])

@@ -33,13 +33,7 @@ class Region(NamedTuple):
         return self.height * self.width
 
     def shared_with(self, shape: tuple[int, int]) -> tuple[slice, slice]:
-        """Return the rows and columns of a grid that lie in the region; they may be none.
-
-        Examples
-        --------
-        >>> Region(-1, 2, 3, 9).shared_with((5, 4))
-        (slice(0, 2, None), slice(2, 4, None))
-        """
+        """Return the rows and columns of a grid that lie in the region; they may be none."""
         rows = _overlap(self.row, self.height, shape[0])
         return rows, _overlap(self.col, self.width, shape[1])
 
@@ -57,13 +51,7 @@ class Region(NamedTuple):
         )
 
     def frame_in(self, frame: Frame) -> Frame:
-        """Return the region's own frame.
-
-        Raises
-        ------
-        ParameterError
-            If it has more than `MOST_CELLS` cells.
-        """
+        """Return the region's own frame."""
         if self.height * self.width > MOST_CELLS:
             rule = f"a window must not have more than {MOST_CELLS} cells"
             raise ParameterError(rule, place="size", got=(self.width, self.height))
@@ -77,25 +65,7 @@ def region_of(
     corner_xy: Point | None = None,
     center_xy: Point | None = None,
 ) -> Region:
-    """Return the cells of a region in metres.
-
-    Parameters
-    ----------
-    frame : Frame
-        Geometry of the grid.
-    size_xy : tuple of float
-        Width and height, rounded up to whole cells, metres.
-    corner_xy : tuple of float, optional
-        Lower left corner in the map frame, metres; the region begins with the cell it lies in.
-    center_xy : tuple of float, optional
-        Center instead of the corner, which is half the size away, metres.
-
-    Raises
-    ------
-    ParameterError
-        If not exactly one of corner and center is given, a number is not finite, or the size is
-        not positive.
-    """
+    """Return the cells of a region in metres."""
     size_x, size_y = check_point(size_xy, "size")
     corner_xy, center_xy = (
         None if point is None else check_point(point, name)
@@ -117,13 +87,7 @@ def region_of(
 
 
 def region_around(frame: Frame, other: Frame) -> Region:
-    """Return the cells of a lattice that hold all of another grid.
-
-    Raises
-    ------
-    ParameterError
-        If it lies more than 1e12 m away.
-    """
+    """Return the cells of a lattice that hold all of another grid."""
     corners = [[row, col] for row in (0, other.height) for col in (0, other.width)]
     places = frame.continuous_rowcol_from_xy(other.xy_from_continuous_rowcol(corners))
     row, col = np.floor(places.min(axis=0) + _TOUCHING).astype(int).tolist()

@@ -25,43 +25,7 @@ V = TypeVar("V", bound=ValueGrid)
 
 
 def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
-    """Resample a map or costmap to the cells of another frame.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid or Costmap
-        Grid to resample.
-    frame : Frame
-        Geometry of the result, with any size, resolution, corner and yaw.
-    rule : {'area', 'nearest'}
-        ``area``: a cell gets the largest value, or cost, above 0 that overlaps it, however small
-        the overlap. No obstacle is lost and no gap opens in a wall, but walls become thicker on
-        each side by less than the diagonal of a cell. Cells without such a value are free or
-        unknown like the grid at their centre, so that neither grows at the expense of the other.
-        ``nearest``: a cell gets the value at its centre. Thin walls may get gaps or vanish.
-
-    Returns
-    -------
-    OccupancyGrid or Costmap
-        Resampled grid, of the same type; unknown where `grid` has no cell. Where the cells of both
-        frames coincide, up to quarter turns, the values are unchanged.
-
-    Raises
-    ------
-    ParameterError
-        If the rule is unknown, or the grid is a field, whose distances would be wrong.
-
-    Examples
-    --------
-    >>> from mapdeal import OccupancyGrid
-    >>> grid = OccupancyGrid([[0, 100, 0, -1], [0, 0, 30, -1]], 0.5)
-    >>> resampled(grid, Frame(1, 2, 1.0)).occupancy.tolist()
-    [[100, 30]]
-    >>> resampled(grid, Frame(1, 2, 1.0), rule="nearest").occupancy.tolist()
-    [[0, -1]]
-    >>> resampled(grid, Frame(4, 2, 0.5, (1.0, 0.0, math.pi / 2))).occupancy.tolist()
-    [[100, 0], [0, 0], [-1, -1], [-1, -1]]
-    """
+    """Resample a map or costmap to the cells of another frame."""
     check_rule(rule)
     check_values(grid)
     part = _under(frame, grid.values, grid.frame)
@@ -97,62 +61,12 @@ def check_values(grid: object) -> None:
 
 
 def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
-    """Return which cells of a frame overlap an obstacle of a grid with another frame.
-
-    Parameters
-    ----------
-    frame : Frame
-        The cells to be found.
-    obstacles : numpy.ndarray of bool, shape (H, W)
-        The obstacle cells of the other grid.
-    source : Frame
-        Where that grid lies; resolution, corner and yaw may be any.
-
-    Returns
-    -------
-    numpy.ndarray of bool, shape of `frame`
-        Where a cell and an obstacle share an area, however small: every point of an obstacle
-        lies in a cell that is set, so that no wall is lost and no gap opens in one. A cell that
-        is set may reach beyond its obstacle by less than its diagonal. Where both lattices are the
-        same this is a copy.
-
-    Examples
-    --------
-    >>> wall = np.array([[False, True, False]])
-    >>> obstacles_in(Frame(1, 7, 0.5), wall, Frame(1, 3, 1.0)).tolist()
-    [[False, False, True, True, False, False, False]]
-    >>> obstacles_in(Frame(1, 3, 1.0), wall, Frame(1, 3, 1.0, (0.25, 0.0, 0.0))).tolist()
-    [[False, True, True]]
-    """
+    """Return which cells of a frame overlap an obstacle of a grid with another frame."""
     return _largest(frame, obstacles.view(np.uint8), source).view(np.bool_)
 
 
 def wholly_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
-    """Return which cells of a frame lie, with all of their area, in cells of a grid that are set.
-
-    Parameters
-    ----------
-    frame : Frame
-        The cells to be found.
-    cells : numpy.ndarray of bool, shape (H, W)
-        The cells of the other grid.
-    source : Frame
-        Where that grid lies; resolution, corner and yaw may be any.
-
-    Returns
-    -------
-    numpy.ndarray of bool, shape of `frame`
-        Where a cell shares no area with a cell that is not set, and does not reach beyond the
-        grid. Where both lattices are the same this is a copy.
-
-    Examples
-    --------
-    >>> known = np.array([[True, True, False]])
-    >>> wholly_in(Frame(1, 3, 0.8), known, Frame(1, 3, 1.0)).tolist()
-    [[True, True, False]]
-    >>> wholly_in(Frame(1, 2, 1.0), known, Frame(1, 3, 1.0, (0.25, 0.0, 0.0))).tolist()
-    [[False, True]]
-    """
+    """Return which cells of a frame lie wholly in cells of a grid that are set."""
     if region_on_lattice(source, frame) is not None:
         return obstacles_in(frame, cells, source)
     return _inside(frame, source) & ~obstacles_in(frame, ~cells, source)
@@ -160,22 +74,6 @@ def wholly_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
 
 def sampled(frame: Frame, values: NDArray[np.int8], source: Frame) -> tuple[NDArray[np.int8], Mask]:
     """Return the values of a grid at the centres of another frame's cells, and where it has any.
-
-    Parameters
-    ----------
-    frame : Frame
-        Whose cells.
-    values : numpy.ndarray of int8, shape (H, W)
-        Of the grid.
-    source : Frame
-        Where the grid lies; resolution, corner and yaw may be any.
-
-    Returns
-    -------
-    values : numpy.ndarray of int8, shape of `frame`
-        0 where the grid has no cell.
-    inside : numpy.ndarray of bool, shape of `frame`
-        Where it has one.
 
     Examples
     --------

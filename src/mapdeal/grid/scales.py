@@ -25,20 +25,10 @@ from mapdeal.grid.values import (
 def occupancy_from_cost() -> NDArray[np.int8]:
     """Return the value that costmap_2d publishes for each of the 256 costs.
 
-    Returns
-    -------
-    numpy.ndarray of int8, shape (256,)
-        0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1.
-
     References
     ----------
     ``costmap_2d_publisher.cpp`` of both ROS navigation stacks: 1 + 97 (cost - 1) / 251 in
     integer division. Not invertible.
-
-    Examples
-    --------
-    >>> occupancy_from_cost()[[0, 1, 4, 128, 252, 253, 254, 255]].tolist()
-    [0, 1, 2, 50, 98, 99, 100, -1]
     """
     table = 1 + (97 * (np.arange(256) - 1)) // 251
     table[FREE_SPACE] = FREE
@@ -49,19 +39,7 @@ def occupancy_from_cost() -> NDArray[np.int8]:
 
 
 def cost_from_occupancy() -> NDArray[np.uint8]:
-    """Return the cost that Nav2's ``Costmap2D(OccupancyGrid)`` assigns to each value.
-
-    Returns
-    -------
-    numpy.ndarray of uint8, shape (256,)
-        0..100 -> round(254 v / 100), halves away from zero; -1 -> 255. Invalid occupancies are
-        unknown as well.
-
-    Examples
-    --------
-    >>> cost_from_occupancy()[[0, 1, 25, 75, 99, 100, -1]].tolist()
-    [0, 3, 64, 191, 251, 254, 255]
-    """
+    """Return the cost that Nav2's ``Costmap2D(OccupancyGrid)`` assigns to each value."""
     table = np.full(256, NO_INFORMATION, dtype=np.uint8)
     values = np.arange(OCCUPIED + 1)
     table[: OCCUPIED + 1] = (LETHAL_OBSTACLE * values + OCCUPIED // 2) // OCCUPIED
@@ -78,28 +56,9 @@ def static_layer_cost_from_occupancy(
 ) -> NDArray[np.uint8]:
     """Return the cost that costmap_2d's static layer assigns to each value.
 
-    Parameters
-    ----------
-    lethal_threshold, trinary, track_unknown, inscribed_value
-        See `mapdeal.Costmap.from_static_layer`.
-    unknown_value : int
-        ``unknown_cost_value`` as a byte: the value that means unknown, 255 for -1.
-
-    Returns
-    -------
-    numpy.ndarray of uint8, shape (256,)
-        In this order: `unknown_value` -> 255 (or 0); `inscribed_value` -> 253; at or above
-        `lethal_threshold`, and invalid occupancies, -> 254; else 0 or
-        trunc(254 v / lethal_threshold).
-
     References
     ----------
     ``interpretValue`` in ``static_layer.cpp``, which casts the value to unsigned char first.
-
-    Examples
-    --------
-    >>> static_layer_cost_from_occupancy(trinary=False)[[1, 50, 98, 99, 100, 101, -1]].tolist()
-    [2, 127, 248, 253, 254, 254, 255]
     """
     if not 0 <= lethal_threshold <= OCCUPIED or lethal_threshold % 1:
         rule = "must be a whole number from 0 to 100"

@@ -32,13 +32,7 @@ Convention = Literal["fast-planner", "center", "border"]
 
 
 def check_choice(value: object, choices: Any, name: str) -> None:
-    """Refuse a word that is none of the choices, a ``Literal``; the error calls it `name`.
-
-    Raises
-    ------
-    ParameterError
-        With all choices.
-    """
+    """Refuse a word that is none of the choices, a ``Literal``; the error calls it `name`."""
     known = get_args(choices)
     if value not in known:
         raise ParameterError(f"must be one of {', '.join(known)}", place=name, got=value)

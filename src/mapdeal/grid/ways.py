@@ -31,17 +31,7 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True, eq=False)
 class Ways:
-    """The widths of the ways between the cells of a map: its clearance tree, in metres.
-
-    Parameters
-    ----------
-    tree : ClearanceTree
-        Clearance tree of `squared` and the cells that ways may use.
-    squared : numpy.ndarray of int32 or int64, shape (H, W)
-        Squared distance of each cell to the nearest obstacle or cell outside the map, in cells.
-    frame : Frame
-        The map's geometry.
-    """
+    """The widths of the ways between the cells of a map: its clearance tree, in metres."""
 
     tree: ClearanceTree
     squared: SquaredDistances
@@ -128,17 +118,7 @@ class Ways:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The map that a robot moves on.
-
-    Parameters
-    ----------
-    occupancy : numpy.ndarray of int8, shape (H, W)
-        The map: 100 is an obstacle, -1 unknown.
-    frame : Frame
-        Geometry of the map.
-    through_unknown : bool
-        Whether ways may lead through unknown cells.
-    """
+    """The map that a robot moves on."""
 
     occupancy: NDArray[np.int8]
     frame: Frame
@@ -173,18 +153,7 @@ class Ground:
 
 @dataclass(frozen=True, eq=False)
 class WaysFrom:
-    """The ways from a start.
-
-    Parameters
-    ----------
-    ways : Ways
-        All ways.
-    start : tuple of int
-        Row and column.
-    rooted : RootedTree, optional
-        The tree, rooted at the start's basin; None if no way may use the start, so that there are
-        no ways. A robot whose centre lies outside its footprint can start there.
-    """
+    """The ways from a start."""
 
     ways: Ways
     start: Cell
@@ -243,18 +212,6 @@ def largest_closed_square(radius: float, frame: Frame) -> int:
     """Return the largest squared distance in cells that is closed to a round robot.
 
     Cells at this distance have cost 253 around an obstacle, those beyond it less.
-
-    Parameters
-    ----------
-    radius : float
-        Radius of the robot, metres.
-    frame : Frame
-        Geometry of the map.
-
-    Examples
-    --------
-    >>> largest_closed_square(0.25, Frame(20, 30, 0.05)), largest_closed_square(0.0, Frame(1, 1, 1))
-    (25, 0)
     """
     return largest_square_within(min(radius, max(frame.size_xy)), frame.resolution)
 

@@ -13,33 +13,11 @@ Floats = NDArray[np.float64]
 def interpolate(values: NDArray[np.float32], places_rowcol: Floats) -> tuple[Floats, Floats]:
     """Return the bilinear interpolant of a grid, and its slopes, at places between cells.
 
-    Parameters
-    ----------
-    values : numpy.ndarray of float32, shape (H, W)
-        The values at the centres of cells.
-    places_rowcol : numpy.ndarray of float64, shape (N, 2)
-        Continuous row and column; a cell's centre is at +0.5.
-
-    Returns
-    -------
-    between : numpy.ndarray of float64, shape (N,)
-        The values; nan for places more than a cell outside of the grid, or not finite.
-    slopes : numpy.ndarray of float64, shape (N, 2)
-        Their derivatives along rows and along columns, per cell; nan where a corner is not
-        finite. The value there is that of the nearest cell.
-
     Notes
     -----
     Beyond the outermost centres the nearest cells go on, so that the slope across the border
     is 0. The slopes are those of the interpolant itself: they jump where a line of centres is
     crossed.
-
-    Examples
-    --------
-    >>> values = np.array([[0, 1], [2, 5]], dtype=np.float32)
-    >>> interpolate(values, np.array([[1.0, 1.0], [0.0, 0.5]]))
-    (array([2., 0.]), array([[3., 2.],
-           [0., 1.]]))
     """
     between = np.empty(len(places_rowcol))
     slopes = np.empty((len(places_rowcol), 2))

@@ -35,13 +35,7 @@ _LOOKED_AT_TOGETHER = 1 << 20
 
 
 class CacheBudget:
-    """Memory that layers may take to keep what they have made: one for all layers of a map.
-
-    Parameters
-    ----------
-    size : int
-        Bytes.
-    """
+    """Memory that layers may take to keep what they have made: one for all layers of a map."""
 
     def __init__(self, size: int = 0) -> None:
         self._left = size
@@ -60,22 +54,6 @@ class LazyLayer:
     """A two-dimensional array whose rows are made when they are asked for, block by block.
 
     Any rows can be requested; the whole array exists only for who asks for all of it.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns.
-    dtype : numpy type
-        Of the values.
-    make : callable
-        Returns the rows of a slice, an array of shape (rows, W).
-    block_height : int
-        Rows of a block, the best number to request at a time.
-    keep : int
-        0: `make` is cheap and is called for exactly the rows that are requested. Otherwise it
-        is called for whole blocks, and this many of them are kept.
-    budget : CacheBudget, optional
-        What layers that are made of this one may take to keep all their blocks.
     """
 
     ndim = 2
@@ -207,13 +185,7 @@ def lazy_layer(
 
 
 def blocks_of(layer: Layer) -> Iterator[slice]:
-    """Yield the rows of each block of a layer; an array is one block.
-
-    Examples
-    --------
-    >>> list(blocks_of(np.zeros((4, 3))))
-    [slice(0, 4, None)]
-    """
+    """Yield the rows of each block of a layer; an array is one block."""
     if isinstance(layer, LazyLayer):
         yield from layer.blocks()
     else:
@@ -222,13 +194,7 @@ def blocks_of(layer: Layer) -> Iterator[slice]:
 
 @contextmanager
 def rows_reported(report: ReportRows) -> Iterator[None]:
-    """Have `swept` report its progress within a ``with`` block.
-
-    Parameters
-    ----------
-    report : callable
-        Called from whichever thread goes through a lazy layer.
-    """
+    """Have `swept` report its progress within a ``with`` block."""
     token = _reported_to.set(report)
     try:
         yield
@@ -251,26 +217,7 @@ def swept(layer: Layer) -> Iterator[slice]:
 
 
 def gathered(layer: Layer, *looks: Callable[[NDArray[Any]], Any]) -> list[list[Any]]:
-    """Return what functions find in the blocks of a layer, in one pass.
-
-    Parameters
-    ----------
-    layer : array or LazyLayer
-        The layer; an array is one block.
-    looks : callable
-        Each takes the values of a block. A lazy layer remembers what was found: what equals a
-        function that was asked for before is not called again. Results should therefore be small.
-
-    Returns
-    -------
-    list of list
-        For each function what it returned for each block, in their order.
-
-    Examples
-    --------
-    >>> gathered(np.array([[1, 2], [3, 4]]), len, lambda values: int(values.max()))
-    [[2], [4]]
-    """
+    """Return what functions find in the blocks of a layer, in one pass."""
     if not isinstance(layer, LazyLayer):
         return [[look(layer)] for look in looks]
     new: dict[Callable[[NDArray[Any]], Any], list[Any]] = {
@@ -292,29 +239,7 @@ def made_by_rows(
     shape: tuple[int, int] | None = None,
     is_kept: bool = False,
 ) -> Layer:
-    """Return a layer of the kind of `source`: made at once, or block by block when asked for.
-
-    Parameters
-    ----------
-    source : array or LazyLayer
-        What the layer is made of.
-    dtype : numpy type
-        Of its values.
-    make : callable
-        Returns the rows of a slice. Of an array it is called once, for all rows.
-    shape : tuple of int, optional
-        Rows and columns, those of `source` if not given.
-    is_kept : bool
-        Whether the rows are worth to be kept: they are made of whole blocks then. Cheap ones
-        are made again each time, exactly as many as are requested.
-
-    Examples
-    --------
-    >>> source = np.array([[1, 2], [3, 4]])
-    >>> made_by_rows(source, bool, lambda rows: source[rows] > 2)
-    array([[False, False],
-           [ True,  True]])
-    """
+    """Return a layer of the kind of `source`: made at once, or block by block when asked for."""
     if isinstance(source, LazyLayer):
         made = source.made_into(dtype, make, shape=shape, is_kept=is_kept)
         return cast("Layer", made)
@@ -324,19 +249,7 @@ def made_by_rows(
 def made_by_windows(
     source: Layer, dtype: Any, change: Callable[[slice], NDArray[Any]], *, halo: int
 ) -> Layer:
-    """Return what `change` makes of rows together with a halo on both sides.
-
-    Parameters
-    ----------
-    source : array or LazyLayer
-        What the layer is made of.
-    dtype : numpy type
-        Of its values.
-    change : callable
-        Returns the values of a slice of rows; those of the halo are cut off again.
-    halo : int
-        Rows beyond those requested that their values depend on.
-    """
+    """Return what `change` makes of rows together with a halo on both sides."""
     height = source.shape[0]
 
     def make(rows: slice) -> NDArray[Any]:
@@ -365,13 +278,7 @@ def counts_of(layer: Layer) -> NDArray[np.int64]:
 def holds_everywhere(
     layer: Layer, test: Callable[[NDArray[Any]], NDArray[np.bool_]]
 ) -> bool:  # fmt: skip
-    """Return whether a test holds for all cells; looks no further than it must.
-
-    Examples
-    --------
-    >>> holds_everywhere(np.array([[1, 2], [3, 4]]), lambda values: values > 1)
-    False
-    """
+    """Return whether a test holds for all cells; looks no further than it must."""
     step = max(1, _LOOKED_AT_TOGETHER // layer.shape[1])
     for block in blocks_of(layer):
         values = layer[block]

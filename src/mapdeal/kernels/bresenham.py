@@ -56,37 +56,14 @@ def edges_through(cells: Sequence[Cell], *, closed: bool = False) -> Edges:
 
 
 def line_spans(edges: Edges, shape: tuple[int, int]) -> Iterator[Spans]:
-    """Return the cells of lines, their ends included, that lie in a grid, in parts.
-
-    Parameters
-    ----------
-    edges : Edges
-        Their ends may lie anywhere at most `FARTHEST_CELL` from the grid.
-    shape : tuple of int
-        Rows and columns of the grid.
-
-    Examples
-    --------
-    >>> lines = edges_through([(0, 0), (2, 4)])  # (0,0) (1,1) (1,2) (2,3) (2,4)
-    >>> (spans,) = line_spans(lines, (3, 9))
-    >>> [column.tolist() for column in spans]  # rows, starts, stops
-    [[0, 1, 2], [0, 1, 3], [1, 3, 5]]
-    """
+    """Return the cells of lines, their ends included, that lie in a grid, in parts."""
     for bottom, top in bands(edges.bottom, edges.top + 1, shape[0]):
         _, spans = runs(edges, bottom, top)
         yield spans.clipped(shape[1])
 
 
 def runs(edges: Edges, bottom: int, top: int) -> tuple[Indices, Spans]:
-    """Return how far each line reaches within each of the rows `bottom` .. `top` - 1.
-
-    Returns
-    -------
-    which : numpy.ndarray of int64, shape (N,)
-        The edge that a run belongs to.
-    spans : Spans
-        The cells of that edge in one row, not clipped to any columns.
-    """
+    """Return how far each line reaches within each of the rows `bottom` .. `top` - 1."""
     which, rows = enumerated(np.maximum(edges.bottom, bottom), np.minimum(edges.top + 1, top))
     row, col, next_row, next_col = edges.chosen(which)
     across, along = np.abs(next_row - row), np.abs(next_col - col)

@@ -24,17 +24,7 @@ _MOST_ROWS = 1 << 16  # runs within a block are counted in 16 bits
 
 @dataclass(frozen=True, eq=False)
 class BlockRuns:
-    """What the blocks beside must know of a block.
-
-    Parameters
-    ----------
-    rows : int
-        Rows of the block.
-    first, last : numpy.ndarray of bool, shape (W,)
-        Its first and its last row.
-    up, down : numpy.ndarray of uint32, shape (W,)
-        Lengths of the runs of equal cells that start in the first row, and that end in the last.
-    """
+    """What the blocks beside must know of a block."""
 
     rows: int
     first: Mask
@@ -45,17 +35,7 @@ class BlockRuns:
 
 @dataclass(frozen=True, eq=False)
 class Halo:
-    """What a block must know of the rows before and after it.
-
-    Parameters
-    ----------
-    height : int
-        Rows of the whole grid.
-    before, after : tuple of numpy.ndarray, optional
-        The row halo, bool, and the lengths of the runs of equal cells that reach it from
-        farther off, uint32, both of shape (W,). Lengths above `height` stand for runs that start
-        at the border of the grid. None: there is no such row.
-    """
+    """What a block must know of the rows before and after it."""
 
     height: int
     before: tuple[Mask, Runs] | None
@@ -63,14 +43,7 @@ class Halo:
 
 
 def runs_of(marked: Mask) -> BlockRuns:
-    """Return what the blocks beside must know of a block, given its cells, shape (rows, W).
-
-    Examples
-    --------
-    >>> runs = runs_of(np.array([[True, False], [False, False], [False, False]]))
-    >>> runs.up.tolist(), runs.down.tolist()
-    ([1, 3], [2, 3])
-    """
+    """Return what the blocks beside must know of a block, given its cells, shape (rows, W)."""
     if not 1 <= len(marked) < _MOST_ROWS:
         raise ValueError(f"a block must have between 1 and {_MOST_ROWS - 1} rows")
     return BlockRuns(
@@ -89,15 +62,7 @@ def _run(marked: Mask) -> Runs:
 
 
 def halos_of(blocks: Sequence[BlockRuns]) -> list[Halo]:
-    """Return what each block must know of those beside it; together they are the grid.
-
-    Examples
-    --------
-    >>> cells = np.array([[True, False], [False, False], [False, False]])
-    >>> first, last = halos_of([runs_of(cells[:1]), runs_of(cells[1:])])
-    >>> first.before is None, [part.tolist() for part in last.before]
-    (True, [[True, False], [4294967292, 4294967292]])
-    """
+    """Return what each block must know of those beside it; together they are the grid."""
     height = sum(block.rows for block in blocks)
     width = len(blocks[0].first)
     endless = np.full(width, np.iinfo(np.uint32).max - height - 1, dtype=np.uint32)

@@ -30,15 +30,7 @@ _FEWEST_WAITING = 1024
 
 
 class OpenPoses:
-    """A bit for each heading of each cell; a word is 64 cells of a row.
-
-    Parameters
-    ----------
-    blocked : layer of bool, shape (H, W)
-        The cells that must not be touched.
-    footprints : sequence of Spans
-        Of each heading the cells that are covered, relative to the robot's cell.
-    """
+    """A bit for each heading of each cell; a word is 64 cells of a row."""
 
     def __init__(self, blocked: Layer, footprints: Sequence[Spans]) -> None:
         self.shape = blocked.shape

@@ -40,23 +40,7 @@ class _Front(NamedTuple):
 
 
 class Components:
-    """Measures the 8-connected components of marked cells, of which some rows come at a time.
-
-    Parameters
-    ----------
-    last_row : int, optional
-        The number of the row that comes first, if the last one does; else the first one is row 0.
-
-    Examples
-    --------
-    >>> components = Components()
-    >>> components.add(np.array([[True, False, True], [False, True, False]]))
-    >>> components.add(np.array([[False, False, False], [True, True, False]]))
-    >>> [listed.tolist() for listed in components.sizes()]
-    [[2, 3], [1, 1]]
-    >>> components.places()  # column 0 of row 3, column 0 of row 0
-    {2: [9], 3: [0]}
-    """
+    """Measures the 8-connected components of marked cells, of which some rows come at a time."""
 
     def __init__(self, last_row: int | None = None) -> None:
         nothing = np.zeros(0, dtype=np.int64)
@@ -66,43 +50,21 @@ class Components:
         self._row, self._step = (0, 1) if last_row is None else (last_row, -1)
 
     def add(self, marked: NDArray[np.bool_]) -> None:
-        """Take the next rows.
-
-        Parameters
-        ----------
-        marked : numpy.ndarray of bool, shape (H, W)
-            They follow those before, from one side of the grid to the other; W is always the same.
-        """
+        """Take the next rows."""
         height, width = marked.shape
         step = max(1, _CELLS_TOGETHER // width)
         for first in range(0, height, step):
             self._add_band(marked[first : first + step])
 
     def sizes(self) -> tuple[Cells, Cells]:
-        """Return the sizes of the components so far, and how many there are of each.
-
-        Returns
-        -------
-        sizes : numpy.ndarray of int64, shape (N,)
-            Cells, each size once, the smallest first.
-        counts : numpy.ndarray of int64, shape (N,)
-            A million specks of a cell are one number here.
-        """
+        """Return the sizes of the components so far, and how many there are of each."""
         found = self._closed + Counter(self._front.sizes.tolist())
         listed = sorted(found.items())
         sizes, counts = np.array(listed, dtype=np.int64).reshape(-1, 2).T
         return sizes, counts
 
     def places(self) -> dict[int, list[int]]:
-        """Return a cell of some components of each size, those with the lowest of such cells.
-
-        Returns
-        -------
-        dict of int to list of int
-            By size, the smallest first: at most `MOST_PLACES` cells, in ascending order. A cell is
-            its row times the width of the grid, and its column. It is the middle of the component's
-            longest run, of several the one with the lowest cell, from whichever side rows came.
-        """
+        """Return a cell of some components of each size, those with the lowest of such cells."""
         found = {size: list(listed) for size, listed in self._places.items()}
         for size, middle in zip(
             self._front.sizes.tolist(), self._front.middles.tolist(), strict=True
@@ -172,15 +134,7 @@ class Components:
 
 
 def _middles(least: Cells, lengths: Cells, middles: Cells) -> tuple[Cells, Cells]:
-    """Return the length and the middle of the longest run of each component.
-
-    Parameters
-    ----------
-    least : numpy.ndarray of int64, shape (N,)
-        The component of each run, one of 0 .. N - 1.
-    lengths, middles : numpy.ndarray of int64, shape (N,)
-        Of the runs.
-    """
+    """Return the length and the middle of the longest run of each component."""
     longest = np.zeros(len(least), dtype=np.int64)
     np.maximum.at(longest, least, lengths)
     is_longest = lengths == longest[least]

@@ -31,15 +31,7 @@ MOST_HEADINGS = 255
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """What can be reached from some poses.
-
-    Parameters
-    ----------
-    reachable : numpy.ndarray of uint8, shape (H, W)
-        1 where a cell is reached in any heading, else 0.
-    headings : numpy.ndarray of bool, shape (N, K)
-        Of each cell that was asked for, the headings in which it is reached.
-    """
+    """What can be reached from some poses."""
 
     reachable: NDArray[np.uint8]
     headings: NDArray[np.bool_]
@@ -48,36 +40,10 @@ class Reached:
 class ConfigurationSpace:
     """The poses in which a footprint touches no blocked cell and nothing outside of the grid.
 
-    Parameters
-    ----------
-    blocked : layer of bool, shape (H, W)
-        The cells that the footprint must not touch; an array, or a lazy layer. Not kept.
-    footprints : sequence of Spans
-        Of each heading the cells that the footprint covers, relative to the robot's cell; at
-        least one heading with at least one cell each, at most `MOST_HEADINGS`.
-
-    Raises
-    ------
-    ValueError
-        If there is no heading, or too many, or one without cells.
-
     Attributes
     ----------
     headings : numpy.ndarray of uint8, shape (H, W)
         In how many headings each cell is open.
-
-    Examples
-    --------
-    >>> blocked = np.array([[0, 0, 0, 0], [0, 0, 1, 0]], dtype=bool)
-    >>> along = Spans(np.array([0]), np.array([0]), np.array([2]))
-    >>> across = Spans(np.array([0, 1]), np.array([0, 0]), np.array([1, 1]))
-    >>> space = ConfigurationSpace(blocked, [along, across])
-    >>> space.headings
-    array([[2, 2, 1, 1],
-           [1, 0, 0, 0]], dtype=uint8)
-    >>> space.reach([(0, 1, 0)], [(0, 3)]).reachable
-    array([[1, 1, 1, 0],
-           [1, 0, 0, 0]], dtype=uint8)
     """
 
     def __init__(self, blocked: Layer, footprints: Sequence[Spans]) -> None:
@@ -91,13 +57,7 @@ class ConfigurationSpace:
         self.headings = self._poses.headings
 
     def open_headings(self, row: int, col: int) -> NDArray[np.bool_]:
-        """Return in which headings a cell is open, shape (K,).
-
-        Raises
-        ------
-        IndexError
-            If the grid has no such cell.
-        """
+        """Return in which headings a cell is open, shape (K,)."""
         self._check(row, col)
         return self._poses.at(row, col)
 
@@ -135,15 +95,6 @@ class ConfigurationSpace:
 
 def memory(shape: tuple[int, int], heading_count: int, extent: int) -> int:
     """Return how many bytes a `ConfigurationSpace` and what can be reached take at most.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the grid.
-    heading_count : int
-        K.
-    extent : int
-        Cells across the footprint, at most, in any heading.
 
     Notes
     -----

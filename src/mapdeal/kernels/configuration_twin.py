@@ -21,15 +21,7 @@ Mask = NDArray[np.bool_]
 
 
 class OpenPoses:
-    """A plane of bits for each heading.
-
-    Parameters
-    ----------
-    blocked : layer of bool, shape (H, W)
-        The cells that must not be touched.
-    footprints : sequence of Spans
-        Of each heading the cells that are covered, relative to the robot's cell.
-    """
+    """A plane of bits for each heading."""
 
     def __init__(self, blocked: Layer, footprints: Sequence[Spans]) -> None:
         self.shape = blocked.shape
@@ -80,14 +72,7 @@ class OpenPoses:
         return labels
 
     def _joined(self) -> tuple[list[int], NDArray[np.int64]]:
-        """Return how many components each heading has, and which touch the next heading's.
-
-        Returns
-        -------
-        counts : list of int
-        pairs : numpy.ndarray of int64, shape (2, N)
-            Counted through all headings.
-        """
+        """Return how many components each heading has, and which touch the next heading's."""
         counts, pairs = [], []
         before = first = self._labels(0)
         start = 0

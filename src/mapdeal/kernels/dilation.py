@@ -29,24 +29,7 @@ _HALOS_OF_A_BAND = 2
 
 
 def dilate_square(marked: Mask, reach: int) -> Mask:
-    """Return the cells within `reach` cells of a marked one along both axes.
-
-    Parameters
-    ----------
-    marked : numpy.ndarray of bool, shape (H, W)
-        The cells to grow.
-    reach : int
-        Chebyshev distance, cells; at least 0. Nothing wraps around the borders.
-
-    Returns
-    -------
-    numpy.ndarray of bool, shape (H, W)
-
-    Examples
-    --------
-    >>> dilate_square(np.array([[0, 0, 0, 1]], dtype=bool), 2).astype(int)
-    array([[0, 1, 1, 1]])
-    """
+    """Return the cells within `reach` cells of a marked one along both axes."""
     _check_mask(marked)
     if _is_drawn(marked, reach):
         return _covered(marked, np.full(reach + 1, reach, np.uint8), is_square=True)
@@ -55,25 +38,7 @@ def dilate_square(marked: Mask, reach: int) -> Mask:
 
 
 def within_distance(marked: NDArray[np.bool_], square: int) -> NDArray[np.bool_]:
-    """Return the mask of cells within a distance of a marked one.
-
-    Parameters
-    ----------
-    marked : numpy.ndarray of bool, shape (H, W)
-        The cells to measure to.
-    square : int
-        The square of the distance, at least 0; it belongs to what is within.
-
-    Returns
-    -------
-    numpy.ndarray of bool, shape (H, W)
-
-    Examples
-    --------
-    >>> within_distance(np.array([[True, False, False], [False, False, False]]), 2).astype(int)
-    array([[1, 1, 0],
-           [1, 1, 0]])
-    """
+    """Return the mask of cells within a distance of a marked one."""
     _check_mask(marked)
     if _is_drawn(marked, math.isqrt(square)):
         return _covered(marked, _half_widths(square), is_square=False)
@@ -94,29 +59,7 @@ def inflated(
     value: int,
     kept: int | None = None,
 ) -> NDArray[np.int8]:
-    """Return values with a value in all cells near those from a threshold on.
-
-    Parameters
-    ----------
-    values : numpy.ndarray of int8, shape (H, W)
-        The values.
-    threshold : int
-        From here on a cell is one of those in the middle.
-    reach : int
-        Of squares, cells; used without `square`.
-    square : int, optional
-        Of discs: the largest squared distance.
-    value : int
-        What cells become.
-    kept : int, optional
-        Cells of this value do not, unless they are in the middle.
-
-    Examples
-    --------
-    >>> values = np.array([[0, 0, -1, 0, 80]], np.int8)
-    >>> inflated(values, 80, reach=2, value=100, kept=-1)
-    array([[  0,   0,  -1, 100, 100]], dtype=int8)
-    """
+    """Return values with a value in all cells near those from a threshold on."""
     kept = value if kept is None else kept  # which then makes no difference
     reach = math.isqrt(square) if square is not None else reach
     if _is_drawn(values, reach):
@@ -142,27 +85,7 @@ def inflated(
 
 
 def ringed(values: NDArray[np.int8], marked: Mask, costs: Sequence[int]) -> NDArray[np.int8]:
-    """Return values with those of cells near marked ones replaced by the cost of their ring.
-
-    Parameters
-    ----------
-    values : numpy.ndarray of int8, shape (H, W)
-        What other cells keep.
-    marked : numpy.ndarray of bool, shape (H, W)
-        The cells in the middle.
-    costs : sequence of int
-        Of the marked cells, and of the rings at Chebyshev distance 1, 2, 3 and so on.
-
-    Returns
-    -------
-    numpy.ndarray of int8, shape (H, W)
-
-    Examples
-    --------
-    >>> values, marked = np.array([[7, 7, 7, 7]], np.int8), np.array([[1, 0, 0, 0]], bool)
-    >>> ringed(values, marked, [100, 90, 70])
-    array([[100,  90,  70,   7]], dtype=int8)
-    """
+    """Return values with those of cells near marked ones replaced by the cost of their ring."""
     reach = len(costs) - 1
     found = np.empty(values.shape, np.int8)
     if _is_drawn(marked, reach):

@@ -21,24 +21,7 @@ Position = tuple[float, float]
 def capsule_spans(
     start: Position, stop: Position, radius: float, shape: tuple[int, int]
 ) -> Spans:  # fmt: skip
-    """Return the cells whose centre lies within a distance of the segment between two points.
-
-    Parameters
-    ----------
-    start, stop : tuple of float
-        Row and column coordinates of the ends; cell centres are at +0.5. Where both are the
-        same, the shape is a disc.
-    radius : float
-        In cells; like the ends at most 2^30 from the grid.
-    shape : tuple of int
-        Rows and columns of the grid.
-
-    Examples
-    --------
-    >>> spans = capsule_spans((1.5, 1.5), (1.5, 3.5), 1.0, (3, 6))
-    >>> [list(column) for column in zip(*(c.tolist() for c in spans))]
-    [[0, 1, 4], [1, 0, 5], [2, 1, 4]]
-    """
+    """Return the cells whose centre lies within a distance of the segment between two points."""
     reach = radius + _TOLERANCE
     bottom = math.ceil(max(min(start[0], stop[0]) - reach - 0.5, 0))
     top = math.floor(min(max(start[0], stop[0]) + reach - 0.5, shape[0] - 1))

@@ -23,13 +23,7 @@ _BESIDE = ("_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_
 
 
 def engine_name() -> Engine:
-    """Return the engine's name, without importing scipy.
-
-    Raises
-    ------
-    ParameterError
-        If the environment variable asks for an engine that there is not.
-    """
+    """Return the engine's name, without importing scipy."""
     asked = os.environ.get(VARIABLE) or None
     if asked not in (None, "compiled", "scipy"):
         raise ParameterError("must be compiled or scipy", place=VARIABLE, got=asked)
@@ -62,13 +56,7 @@ def compiled_module() -> ModuleType | None:
 
 
 def version_text() -> str:
-    """Return what ``mapdeal --version`` prints.
-
-    Raises
-    ------
-    ParameterError
-        If the environment variable asks for an engine that there is not.
-    """
+    """Return what ``mapdeal --version`` prints."""
     from mapdeal.version import __version__
 
     return f"mapdeal {__version__} (kernels: {engine_name()})"

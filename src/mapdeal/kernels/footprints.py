@@ -38,15 +38,7 @@ _SEVERITY[[LETHAL, UNKNOWN]] = UNKNOWN, LETHAL
 
 
 class Lattice(NamedTuple):
-    """Where the cells of a costmap lie.
-
-    Parameters
-    ----------
-    resolution : float
-        Side of a cell.
-    x, y, yaw : float
-        The outer corner of cell (0, 0), and the angle by which the grid is turned.
-    """
+    """Where the cells of a costmap lie."""
 
     resolution: float
     x: float
@@ -59,42 +51,11 @@ def costs_at_poses(
 ) -> tuple[Bytes, Mask]:
     """Return what a footprint costs at each pose, and whether the grid holds all its corners.
 
-    Parameters
-    ----------
-    costs : numpy.ndarray of uint8, shape (H, W)
-        0 free .. 252, 253 inscribed, 254 lethal, 255 unknown.
-    lattice : Lattice
-        Where they lie.
-    corners : numpy.ndarray of float64, shape (K, 2)
-        x and y of the corners of the footprint around the robot's centre, in the lattice's unit.
-    poses : numpy.ndarray of float64, shape (N, 3)
-        x, y and yaw of the centre.
-    filled : bool
-        Whether cells inside of the outline count, too. Then 254 anywhere is the cost, whatever
-        is unknown.
-
-    Returns
-    -------
-    results : numpy.ndarray of uint8, shape (N,)
-        254 where a corner is outside of the grid, or a number is not finite.
-    inside : numpy.ndarray of bool, shape (N,)
-
     Notes
     -----
     The cells of a footprint that is filled are those of its outline and all that costmap_2d fills
     when it draws it (`mapdeal.kernels.polygons`). That draws the last line in the other
     direction, which may lead through other cells: both count.
-
-    Examples
-    --------
-    >>> costs = np.array([[0, 9, 0, 0], [0, 9, 254, 0]], dtype=np.uint8)
-    >>> corners = np.array([[0.4, 0.4], [0.4, -0.4], [-0.4, -0.4], [-0.4, 0.4]])
-    >>> poses = np.array([[0.5, 0.5, 0.0], [1.1, 0.5, 0.0], [1.5, 1.0, 1.6], [0.3, 0.5, 0.0]])
-    >>> results, inside = costs_at_poses(
-    ...     costs, Lattice(1.0, 0.0, 0.0, 0.0), corners, poses, filled=False
-    ... )
-    >>> results.tolist(), inside.tolist()
-    ([0, 9, 9, 254], [True, True, True, False])
     """
     results = np.empty(len(poses), dtype=np.uint8)
     inside = np.empty(len(poses), dtype=np.bool_)

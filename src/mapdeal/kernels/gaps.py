@@ -25,23 +25,6 @@ def gap_at(
 ) -> tuple[RowCol, RowCol]:
     """Return the two ends of the gap that a saddle lies in.
 
-    Parameters
-    ----------
-    squared : numpy.ndarray of int, shape (H, W)
-        Squared distance of each cell to the nearest obstacle, which has 0 itself, or cell outside
-        the grid.
-    basins : numpy.ndarray of int32, shape (H, W)
-        Negative where no way may lead, as of a `mapdeal.kernels.clearance_tree.ClearanceTree`.
-    cell : tuple of int
-        Row and column of the saddle: a narrowest cell of a way, at which none is wider.
-
-    Returns
-    -------
-    tuple of two (row, column)
-        The obstacle cells, or cells outside the grid, on both sides, half way along the narrowest
-        part. Where there is none on one side, the nearest cell there that is not traversable, or
-        the point opposite.
-
     Notes
     -----
     In a wall of some thickness all cells in the middle of the door are equally narrow, and any of

@@ -9,26 +9,7 @@ Cells = NDArray[np.int64]
 
 
 def touching_groups(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:
-    """Return marked cells, and which of the groups each of them is in.
-
-    Parameters
-    ----------
-    marked : numpy.ndarray of bool, shape (H, W)
-        The cells; those that touch over an edge or a corner are of one group.
-
-    Returns
-    -------
-    cells : numpy.ndarray of int64, shape (N, 2)
-        Row and column of each, row by row.
-    groups : numpy.ndarray of int64, shape (N,)
-        The groups, 0, 1, ... in the order of their first cells.
-
-    Examples
-    --------
-    >>> cells, groups = touching_groups(np.array([[1, 0, 0, 1], [0, 1, 0, 0]], dtype=bool))
-    >>> cells.tolist(), groups.tolist()
-    ([[0, 0], [0, 3], [1, 1]], [0, 1, 0])
-    """
+    """Return marked cells, and which of the groups each of them is in."""
     width = marked.shape[1]
     at = np.flatnonzero(marked)
     cells = np.stack([at // width, at % width], axis=1)
@@ -39,17 +20,6 @@ def touching_groups(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:
 
 def least_joined(first: Cells, second: Cells, count: int) -> Cells:
     """Return for each of some things the least of all that it is joined to, by whatever way.
-
-    Parameters
-    ----------
-    first, second : numpy.ndarray of int64, shape (M,)
-        Pairs of things that are joined.
-    count : int
-        The things are 0 .. `count` - 1.
-
-    Returns
-    -------
-    numpy.ndarray of int64, shape (`count`,)
 
     Examples
     --------

@@ -19,19 +19,6 @@ Cells = NDArray[np.int64]
 def queue_squares(seeds: NDArray[np.bool_], reach: int) -> NDArray[np.int64]:
     """Return each cell's squared distance to the seed that the queue reaches it from.
 
-    Parameters
-    ----------
-    seeds : numpy.ndarray of bool, shape (H, W)
-        The cells that costs spread from.
-    reach : int
-        Cells that the queue goes; at least 0.
-
-    Returns
-    -------
-    numpy.ndarray of int64, shape (H, W)
-        Squares of cells, never less than exact ones; `mapdeal.kernels.squares.unreachable` where
-        the queue does not come.
-
     Notes
     -----
     Cells wait in bins of the squared distance to their seed. Bins are emptied from the nearest
@@ -44,11 +31,6 @@ def queue_squares(seeds: NDArray[np.bool_], reach: int) -> NDArray[np.int64]:
     ----------
     ``updateCosts`` and ``enqueue`` in ``inflation_layer.cpp`` of ROS 1's costmap_2d, and in
     ``legacy_inflation_layer.cpp`` of nav2_costmap_2d.
-
-    Examples
-    --------
-    >>> queue_squares(np.array([[True, False, False, False]]), 2)[0, :3]
-    array([0, 1, 4])
     """
     queue = _Queue(seeds.shape, reach * reach)
     found = np.flatnonzero(seeds)
@@ -62,15 +44,7 @@ def queue_squares(seeds: NDArray[np.bool_], reach: int) -> NDArray[np.int64]:
 
 
 class _Queue:
-    """Bins of cells and of the seeds that they were reached from.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns.
-    limit : int
-        The largest square that has a bin.
-    """
+    """Bins of cells and of the seeds that they were reached from."""
 
     def __init__(self, shape: tuple[int, int], limit: int) -> None:
         self.height, self.width = shape

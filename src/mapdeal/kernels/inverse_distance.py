@@ -13,31 +13,12 @@ def sum_of_inverse_distances(
 ) -> NDArray[np.float64]:
     """Return for each cell the sum of 1 / distance over all marked cells.
 
-    Parameters
-    ----------
-    marked : numpy.ndarray of bool, shape (H, W)
-        The cells whose distances count.
-    scale : float
-        Length of a cell's side.
-    least : float
-        Distances up to this one are left out; that of a cell to itself always is.
-
-    Returns
-    -------
-    numpy.ndarray of float64, shape (H, W)
-        All 0 without marked cells.
-
     Notes
     -----
     The sum is the convolution of the mask with 1 / distance, taken as a product of Fourier
     transforms: H W log(H W) steps rather than H W times the number of marked cells. 1 / distance
     is symmetric along both axes, so that its transform is a real cosine transform of a quarter
     of it. What rounding adds is about 1e-16 of the largest values.
-
-    Examples
-    --------
-    >>> sum_of_inverse_distances(np.array([[True, False, True]]), scale=0.5).round(9)
-    array([[1., 4., 1.]])
     """
     if not marked.any():
         return np.zeros(marked.shape)

@@ -14,40 +14,20 @@ _CELLS_TOGETHER = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """The connected components of marked cells.
-
-    Parameters
-    ----------
-    cells : numpy.ndarray of int, shape (H, W)
-        The component of each cell, 1 .. N in the order of their first cells; 0 of unmarked cells.
-    sizes : numpy.ndarray of int64, shape (N + 1,)
-        How many cells each component has; 0 for the unmarked cells.
-    """
+    """The connected components of marked cells."""
 
     cells: NDArray[np.int32]
     sizes: NDArray[np.int64]
 
     def touched_by(self, marked: Mask) -> Mask:
-        """Return which components have a cell that is marked, shape (N + 1,).
-
-        Examples
-        --------
-        >>> groups = labelled(np.array([[True, False, True, True]]), corners=True)
-        >>> groups.touched_by(np.array([[False, True, False, True]])).tolist()
-        [False, False, True]
-        """
+        """Return which components have a cell that is marked, shape (N + 1,)."""
         touched = np.zeros(len(self.sizes), dtype=np.bool_)
         touched[self.cells[marked]] = True
         touched[0] = False
         return touched
 
     def cells_of(self, chosen: Mask) -> Mask:
-        """Return the cells of chosen components, shape (H, W).
-
-        Parameters
-        ----------
-        chosen : numpy.ndarray of bool, shape (N + 1,)
-        """
+        """Return the cells of chosen components, shape (H, W)."""
         found = np.empty(self.cells.shape, dtype=np.bool_)
         for rows in _bands(self.cells.shape):
             np.take(chosen, self.cells[rows], out=found[rows])
@@ -55,23 +35,7 @@ class Labels:
 
 
 def labelled(marked: Mask, *, corners: bool) -> Labels:
-    """Return the connected components of marked cells.
-
-    Parameters
-    ----------
-    marked : numpy.ndarray of bool, shape (H, W)
-        The cells.
-    corners : bool
-        Whether cells that share only a corner are connected.
-
-    Examples
-    --------
-    >>> marked = np.array([[1, 0, 1], [0, 1, 1]], dtype=bool)
-    >>> labelled(marked, corners=False).sizes.tolist()
-    [0, 1, 3]
-    >>> labelled(marked, corners=True).sizes.tolist()
-    [0, 4]
-    """
+    """Return the connected components of marked cells."""
     from scipy import ndimage
 
     cells, count = ndimage.label(marked, structure=np.ones((3, 3)) if corners else None)

@@ -15,26 +15,7 @@ Bytes = NDArray[np.uint8] | NDArray[np.int8]
 
 
 def look_up(values: Bytes, table: NDArray[Any]) -> NDArray[Any]:
-    """Return the table's entry for each value.
-
-    Parameters
-    ----------
-    values : numpy.ndarray of uint8 or int8, shape (H, W)
-        A negative value counts from the table's end, so -1 reads the last entry.
-    table : numpy.ndarray of uint8 or int8, shape (256,)
-        The result for each value.
-
-    Returns
-    -------
-    numpy.ndarray of the table's type, shape (H, W)
-
-    Examples
-    --------
-    >>> table = np.zeros(256, dtype=np.uint8)
-    >>> table[[0, 100, -1]] = [254, 1, 205]
-    >>> look_up(np.array([[0, 100, -1, 50]], dtype=np.int8), table)
-    array([[254,   1, 205,   0]], dtype=uint8)
-    """
+    """Return the table's entry for each value."""
     source, entries = values.view(np.uint8), np.ascontiguousarray(table).view(np.uint8)
     if entries.shape != (256,):
         raise ValueError("the table must have 256 entries of one byte")
@@ -55,41 +36,14 @@ def look_up(values: Bytes, table: NDArray[Any]) -> NDArray[Any]:
 
 
 def set_where(values: Bytes, mask: NDArray[np.bool_], value: int) -> None:
-    """Set the values that a mask marks, in place.
-
-    Examples
-    --------
-    >>> values = np.array([[0, -1, 50]], dtype=np.int8)
-    >>> set_where(values, np.array([[True, False, True]]), 100)
-    >>> values
-    array([[100,  -1, 100]], dtype=int8)
-    """
+    """Set the values that a mask marks, in place."""
     for_rows(lambda rows: np.copyto(values[rows], value, where=mask[rows]), values.shape)
 
 
 def raise_bytes(
     costs: NDArray[np.uint8], asked: NDArray[np.uint8], *, least: int, unknown: int
 ) -> None:
-    """Raise costs, in place, to those that are asked for.
-
-    Parameters
-    ----------
-    costs, asked : numpy.ndarray of uint8, shape (H, W)
-        The costs; the larger of both is kept.
-    least : int
-        The cost from which on an unknown cell takes what is asked for.
-    unknown : int
-        The cost of unknown cells: 255, the largest.
-
-    Examples
-    --------
-    >>> costs = np.array([[0, 255, 255, 9]], dtype=np.uint8)
-    >>> raise_bytes(
-    ...     costs, np.array([[5, 100, 253, 7]], dtype=np.uint8), least=253, unknown=255
-    ... )
-    >>> costs
-    array([[  5, 255, 253,   9]], dtype=uint8)
-    """
+    """Raise costs, in place, to those that are asked for."""
     is_compiled = engine_name() == "compiled" and unknown == np.iinfo(np.uint8).max
     is_compiled = is_compiled and costs.flags.c_contiguous and asked.flags.c_contiguous
 
@@ -120,26 +74,7 @@ def level_rows(
     below: int,
     faded_by: int,
 ) -> NDArray[np.uint8]:
-    """Return the levels of distances on an even scale, on the side of zero where the cell is.
-
-    Parameters
-    ----------
-    distance : numpy.ndarray of float32, shape (H, W)
-        Distances, none of which is nan.
-    obstacles, unknown : numpy.ndarray of bool, shape (H, W)
-        Cells that get a level below `below`, whatever rounding says, while others get one from
-        there on; and cells whose level is raised by `faded_by`.
-    low, factor : float
-        In float32, the level of a distance is ``(distance - low) * factor``, without its fraction.
-    levels : int
-        How many there are. What is beyond either end gets the level there.
-    first : int
-        The lowest level.
-
-    Returns
-    -------
-    numpy.ndarray of uint8, shape (H, W)
-    """
+    """Return the levels of distances on an even scale, on the side of zero where the cell is."""
     result = np.empty(distance.shape, dtype=np.uint8)
     compiled = engine_name() == "compiled"
 
@@ -167,13 +102,7 @@ def level_rows(
 
 
 def histogram(values: Bytes) -> NDArray[np.int64]:
-    """Return how often each value occurs, shape (256,); negative ones count from the end.
-
-    Examples
-    --------
-    >>> histogram(np.array([[0, 7, -1, 7]], dtype=np.int8))[[0, 7, -1]]
-    array([1, 2, 1])
-    """
+    """Return how often each value occurs, shape (256,); negative ones count from the end."""
     source = np.ascontiguousarray(values).view(np.uint8)
     parts: list[NDArray[np.int64]] = []
     compiled = engine_name() == "compiled"
@@ -201,26 +130,7 @@ def squares_of_distances(
     gain: float,
     clip: float,
 ) -> NDArray[np.float64]:
-    """Return the squared distances in cells that a field's distances stand for.
-
-    Parameters
-    ----------
-    distance : numpy.ndarray of float32, shape (H, W)
-        ``gain * (d - shift)`` with d the metres between the centres of cells.
-    obstacles : numpy.ndarray of bool, shape (H, W)
-        The cells that the distances are to.
-    scale : float
-        Side of a cell, metres.
-    shift, gain : float
-        What the distances were made with.
-    clip : float
-        Metres, before `gain`, from which on distances were clipped.
-
-    Returns
-    -------
-    numpy.ndarray of float64, shape (H, W)
-        Whole numbers; 0 on obstacles, +inf where the clip has hidden the distance.
-    """
+    """Return the squared distances in cells that a field's distances stand for."""
     metres = distance.astype(np.float64)
     metres /= gain
     clipped = metres >= clip
@@ -243,29 +153,7 @@ def bytes_of_distances(
     gain: float,
     clip: float,
 ) -> NDArray[np.uint8]:
-    """Return what a table says of the squares that `squares_of_distances` gives.
-
-    Parameters
-    ----------
-    distance, obstacles, scale, shift, gain, clip
-        As for `squares_of_distances`.
-    table : numpy.ndarray of uint8, shape (N,)
-        The result for the squares 0 .. N - 2, and for all larger ones.
-
-    Returns
-    -------
-    numpy.ndarray of uint8, shape (H, W)
-
-    Examples
-    --------
-    >>> bytes_of_distances(
-    ...     np.array([[0.0, 0.5, 1.0, 1.5]], dtype=np.float32),
-    ...     np.array([[True, False, False, False]]),
-    ...     np.array([99, 80, 70, 60, 50, 0], dtype=np.uint8),
-    ...     scale=0.5, shift=0.0, gain=1.0, clip=np.inf,
-    ... )
-    array([[99, 80, 50,  0]], dtype=uint8)
-    """
+    """Return what a table says of the squares that `squares_of_distances` gives."""
     result = np.empty(distance.shape, dtype=np.uint8)
     if engine_name() == "compiled":
         from mapdeal.kernels import _compiled

@@ -12,24 +12,7 @@ MOST_EXPANSION = 132
 
 
 def lzf_expanded(data: bytes, size: int) -> NDArray[np.uint8] | None:
-    r"""Return what LZF data expand to, or None if they are damaged.
-
-    Parameters
-    ----------
-    data : bytes
-        The compressed data.
-    size : int
-        Number of bytes that they must expand to.
-
-    Returns
-    -------
-    numpy.ndarray of uint8, shape (size,), or None
-
-    Examples
-    --------
-    >>> bytes(lzf_expanded(b"\x02abc" + b"\x80\x02", 9))
-    b'abcabcabc'
-    """
+    r"""Return what LZF data expand to, or None if they are damaged."""
     if size > MOST_EXPANSION * len(data):
         return None
     expanded = np.empty(size, dtype=np.uint8)

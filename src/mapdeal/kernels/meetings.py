@@ -21,22 +21,6 @@ def joined(
     The edges are taken one after the other, as Kruskal does: each joins what it links, unless a
     large node is part of both already.
 
-    Parameters
-    ----------
-    count : int
-        Number of nodes.
-    one, other : numpy.ndarray of int, shape (E,)
-        The nodes that each edge links; together they must be a forest.
-    is_large : numpy.ndarray of bool, shape (count,), optional
-        Which nodes are large; none by default, which gives the connected components.
-
-    Returns
-    -------
-    labels : numpy.ndarray of intp, shape (count,)
-        A node that stands for all that each node is joined with: the large one if there is one.
-    meetings : numpy.ndarray of intp, shape (M,)
-        The edges that joined nothing, increasing: there two large nodes meet.
-
     Notes
     -----
     A node that is not large is alone until its first edge comes. That edge joins it whatever else
@@ -91,25 +75,7 @@ def _follow(into: NDArray[np.intp], nodes: NDArray[np.intp]) -> None:
 def sums_behind(
     one: NDArray[np.intp], other: NDArray[np.intp], root: int, values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.intp]]:  # fmt: skip
-    """Return what lies behind each edge of a forest, seen from a node.
-
-    Parameters
-    ----------
-    one, other : numpy.ndarray of int, shape (E,)
-        The nodes that each edge links; together they must be a forest.
-    root : int
-        Where it is seen from.
-    values : numpy.ndarray of float64, shape (N, ...)
-        What each node adds.
-
-    Returns
-    -------
-    sums : numpy.ndarray of float64, shape (E, ...)
-        The sum of the values of all nodes behind each edge; nan where there is no way from the
-        root.
-    near, far : numpy.ndarray of int, shape (E,)
-        The nodes before and behind the edge; -1 where there is no way.
-    """
+    """Return what lies behind each edge of a forest, seen from a node."""
     edges_at: dict[int, list[int]] = {}
     for edge, pair in enumerate(zip(one.tolist(), other.tolist(), strict=True)):
         for node in pair:
@@ -135,30 +101,7 @@ def sums_behind(
 def saddles_between(
     squared: SquaredDistances, basins: NDArray[np.int32], labels: NDArray[np.intp]
 ) -> NDArray[np.int64]:
-    """Return the doors between regions of a grid: the widest places of the borders between them.
-
-    Parameters
-    ----------
-    squared : numpy.ndarray of int32 or int64, shape (H, W)
-        Squared distance of each cell to the nearest obstacle.
-    basins : numpy.ndarray of int32, shape (H, W)
-        The basin of each cell, 0 .. B - 1, or -1.
-    labels : numpy.ndarray of int, shape (B,)
-        The region of each basin.
-
-    Returns
-    -------
-    numpy.ndarray of int64, shape (D, 3)
-        The flat index of each door's narrowest cell, and the two regions. Where three or more meet
-        over one unbroken border, each is joined to the others once.
-
-    Examples
-    --------
-    >>> basins = np.array([[0, 0, 0], [-1, 0, -1], [-1, 1, -1], [2, 2, 2]], dtype=np.int32)
-    >>> squared = np.where(basins < 0, 0, 1).astype(np.int32)
-    >>> saddles_between(squared, basins, np.array([0, 2, 2])).tolist()
-    [[4, 0, 2]]
-    """
+    """Return the doors between regions of a grid: the widest places of the borders between them."""
     first, second = _borders(basins, np.append(labels, -1).astype(np.int32))
     square, beyond = squared.reshape(-1)[first], squared.reshape(-1)[second]
     is_narrower = square <= beyond

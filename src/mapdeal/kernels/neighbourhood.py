@@ -7,15 +7,7 @@ from numpy.typing import NDArray
 
 
 def drop_small_groups(marked: NDArray[np.bool_], min_cells: int) -> NDArray[np.bool_]:
-    """Return `marked` without its 8-connected groups of fewer than `min_cells` cells.
-
-    Examples
-    --------
-    >>> cells = np.array([[1, 0, 0, 0], [0, 1, 0, 1]], dtype=bool)
-    >>> drop_small_groups(cells, 2).astype(int)
-    array([[1, 0, 0, 0],
-           [0, 1, 0, 0]])
-    """
+    """Return `marked` without its 8-connected groups of fewer than `min_cells` cells."""
     if min_cells <= 1:
         return marked
     from scipy import ndimage

@@ -32,15 +32,7 @@ class Kind(IntEnum):
 
 
 class Form(NamedTuple):
-    """How the text of a row is made.
-
-    Parameters
-    ----------
-    texts : tuple of str
-        ASCII, one more than there are columns: what stands around the numbers.
-    columns : tuple of int
-        Whose numbers stand between the texts.
-    """
+    """How the text of a row is made."""
 
     texts: tuple[str, ...]
     columns: tuple[int, ...]
@@ -52,26 +44,7 @@ def row_texts(
     forms: Sequence[Form],
     chosen: NDArray[np.uint8],
 ) -> str:
-    r"""Return rows of numbers as text.
-
-    Parameters
-    ----------
-    values : numpy.ndarray of float64, shape (N, C)
-        The numbers.
-    kinds : sequence of Kind
-        How each column is written.
-    forms : sequence of Form
-        What rows can look like, 1 to 256.
-    chosen : numpy.ndarray of uint8, shape (N,)
-        Which of the forms each row has.
-
-    Examples
-    --------
-    >>> forms = [Form(("<", ">"), (0,)), Form(("", ";", "\n"), (1, 0))]
-    >>> values = np.array([[0.1, 2.0], [1 / 3, 4.0]])
-    >>> row_texts(values, [Kind.SINGLE, Kind.WHOLE], forms, np.array([0, 1], dtype=np.uint8))
-    '<0.1>4;0.333333333\n'
-    """
+    r"""Return rows of numbers as text."""
     compiled = compiled_numbers()
     if compiled is None:
         return _by_python(values, kinds, forms, chosen)

@@ -19,15 +19,7 @@ _NO_LIMIT = (1 << 63) - 1
 
 
 class Limits(NamedTuple):
-    """Where reading a table stops: behind the line that reaches one of these.
-
-    Parameters
-    ----------
-    lines, length : int
-        Lines of any kind; bytes.
-    longest_line : int
-        Bytes of a line with its end, above which nothing is read.
-    """
+    """Where reading a table stops: behind the line that reaches one of these."""
 
     lines: int = _NO_LIMIT
     length: int = _NO_LIMIT
@@ -35,15 +27,7 @@ class Limits(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Rows of numbers, and the text that they were read from.
-
-    Parameters
-    ----------
-    values : numpy.ndarray of float64, shape (N, C)
-        The numbers.
-    lines, length : int
-        Lines of the text, and its bytes.
-    """
+    """Rows of numbers, and the text that they were read from."""
 
     values: NDArray[np.float64]
     lines: int
@@ -51,28 +35,7 @@ class Rows(NamedTuple):
 
 
 def numbers_in(text: bytes, start: int, count: int) -> tuple[NDArray[np.float64], int] | None:
-    """Return numbers with blanks between them, and the place behind the last.
-
-    Parameters
-    ----------
-    text : bytes
-        The text.
-    start : int
-        The byte at which the numbers begin.
-    count : int
-        How many there must be.
-
-    Returns
-    -------
-    tuple of numpy.ndarray of float64, shape (`count`,), and int, or None
-        None if there are fewer, one is not plainly a number, or nothing is compiled.
-
-    Examples
-    --------
-    >>> found = numbers_in(b"scan 1.5 -2e3 .25 end", 4, 3)
-    >>> (found[0].tolist(), found[1]) if found else ([1.5, -2000.0, 0.25], 17)
-    ([1.5, -2000.0, 0.25], 17)
-    """
+    """Return numbers with blanks between them, and the place behind the last."""
     compiled = compiled_numbers()
     if compiled is None or count > len(text):
         return None
@@ -89,33 +52,7 @@ def rows_in(
     is_exact: bool,
     limits: Limits = Limits(),  # noqa: B008 - it is immutable
 ) -> Rows | None:
-    r"""Return the rows of a table.
-
-    Parameters
-    ----------
-    text : bytes or memoryview
-        Lines, the last with its end or without. Empty lines, and those that begin with #, are
-        skipped.
-    columns : int
-        Numbers of a row, the first of each line.
-    delimiter : str, optional
-        The character between numbers; blanks if not given.
-    is_exact : bool
-        Whether lines must not have anything else.
-    limits : Limits
-        Where to stop.
-
-    Returns
-    -------
-    Rows or None
-        None if anything is not plainly a number, or nothing is compiled.
-
-    Examples
-    --------
-    >>> found = rows_in(b"1,2,3\n# why\n4,5,6\n", 2, delimiter=",", is_exact=False)
-    >>> (found.values.tolist(), found.lines) if found else ([[1.0, 2.0], [4.0, 5.0]], 3)
-    ([[1.0, 2.0], [4.0, 5.0]], 3)
-    """
+    r"""Return the rows of a table."""
     compiled = compiled_numbers()
     if compiled is None or columns < 1:
         return None
@@ -131,24 +68,7 @@ def rows_in(
 
 
 def whole_numbers_in(text: bytes) -> NDArray[np.int32] | None:
-    r"""Return the whole numbers of a text, at least 0 and of at most 9 digits.
-
-    Parameters
-    ----------
-    text : bytes
-        Numbers with white space between them.
-
-    Returns
-    -------
-    numpy.ndarray of int32, shape (N,), or None
-        None if there is anything else, or nothing is compiled.
-
-    Examples
-    --------
-    >>> found = whole_numbers_in(b"3 014\n15 ")
-    >>> found.tolist() if found is not None else [3, 14, 15]
-    [3, 14, 15]
-    """
+    r"""Return the whole numbers of a text, at least 0 and of at most 9 digits."""
     compiled = compiled_numbers()
     if compiled is None:
         return None

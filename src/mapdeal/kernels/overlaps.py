@@ -32,20 +32,7 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Lattice:
-    """Where the cells that are asked for lie among the cells of an array.
-
-    Parameters
-    ----------
-    row, col : float
-        The outer corner of cell (0, 0), in rows and columns of the array.
-    side : float
-        Of a cell, in cells of the array.
-    turn : float
-        From the array's columns axis to that of the lattice, radians, -pi/4..pi/4; 0 where
-        no cell shows the difference.
-    slack : float
-        In cells of the array: coordinates that are off by less are the same on paper.
-    """
+    """Where the cells that are asked for lie among the cells of an array."""
 
     row: float
     col: float
@@ -79,30 +66,7 @@ class Lattice:
 
 
 def largest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> Bytes:
-    """Return the largest value that each cell of a lattice shares an area with.
-
-    Parameters
-    ----------
-    values : numpy.ndarray of uint8, shape (H, W)
-        Zeros cost least time where the lattice is turned.
-    shape : tuple of int
-        Rows and columns of the lattice.
-    lattice : Lattice
-        Where its cells lie.
-
-    Returns
-    -------
-    numpy.ndarray of uint8, of `shape`
-        0 in cells that only reach beyond the array.
-
-    Examples
-    --------
-    >>> values = np.array([[0, 3, 9]], dtype=np.uint8)
-    >>> largest_under(values, (1, 3), Lattice(0.0, 0.5, 1.0)).tolist()
-    [[3, 9, 9]]
-    >>> largest_under(values, (1, 1), Lattice(0.2, 0.6, 0.5, turn=0.3)).tolist()
-    [[3]]
-    """
+    """Return the largest value that each cell of a lattice shares an area with."""
     found = np.zeros(shape, dtype=np.uint8)
     if 0 in values.shape or 0 in shape or not values.any():
         return found
@@ -118,30 +82,7 @@ def largest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> By
 def nearest_under(
     values: Bytes, shape: tuple[int, int], lattice: Lattice
 ) -> tuple[Bytes, Mask]:  # fmt: skip
-    """Return the value at the centre of each cell of a lattice, and where there is any.
-
-    Parameters
-    ----------
-    values : numpy.ndarray of uint8, shape (H, W)
-        Of the array.
-    shape : tuple of int
-        Rows and columns of the lattice.
-    lattice : Lattice
-        Where its cells lie. A centre on a border belongs to the cell after it.
-
-    Returns
-    -------
-    values : numpy.ndarray of uint8, of `shape`
-        0 for centres beyond the array.
-    inside : numpy.ndarray of bool, of `shape`
-        Whether the centre lies in the array.
-
-    Examples
-    --------
-    >>> values = np.array([[7, 9]], dtype=np.uint8)
-    >>> nearest_under(values, (1, 3), Lattice(0.0, 0.0, 0.9))
-    (array([[7, 9, 0]], dtype=uint8), array([[ True,  True, False]]))
-    """
+    """Return the value at the centre of each cell of a lattice, and where there is any."""
     found = np.zeros(shape, dtype=np.uint8)
     inside = np.zeros(shape, dtype=np.bool_)
     if 0 not in values.shape and 0 not in shape:
@@ -277,11 +218,6 @@ def _overlap(right: Floats, up: Floats, lattice: Lattice) -> Mask:
     """Return which cells of the array overlap a cell of the lattice, given their distance.
 
     Two squares overlap unless a line along a side of one of them parts them.
-
-    Parameters
-    ----------
-    right, up : numpy.ndarray of float64, shape (N,)
-        From the centre of the lattice's cell to that of the array's, along its columns and rows.
     """
     cos, sin = math.cos(lattice.turn), math.sin(lattice.turn)
     along = 0.5 + lattice.side / 2 * lattice.wide - lattice.touching

@@ -12,17 +12,7 @@ from mapdeal.kernels.engine import engine_name
 
 
 class Precision(NamedTuple):
-    """How exactly coordinates are known.
-
-    Parameters
-    ----------
-    rounding : float
-        What is uncertain of a coordinate, as a share of it.
-    tolerance : float
-        The same in cells, at least.
-    farthest : float
-        Coordinates beyond it are refused.
-    """
+    """How exactly coordinates are known."""
 
     rounding: float
     tolerance: float
@@ -35,24 +25,7 @@ def cells_of_points(
     resolution: float,
     precision: Precision,
 ) -> NDArray[np.int64] | None:
-    """Return row and column of points, as if the grid went on for ever.
-
-    Parameters
-    ----------
-    points_xy : numpy.ndarray of float64, shape (N, 2)
-        Points.
-    origin : tuple of float
-        x, y and yaw (radians) of the corner of cell (0, 0).
-    resolution : float
-        Side of a cell, in the unit of the points.
-    precision : Precision
-        Points that only rounding keeps below a cell's edge lie in that cell.
-
-    Returns
-    -------
-    numpy.ndarray of int64, shape (N, 2), or None
-        None if a point is not finite or too far away, or nothing is compiled.
-    """
+    """Return row and column of points, as if the grid went on for ever."""
     if engine_name() != "compiled":
         return None
     from mapdeal.kernels import _rays

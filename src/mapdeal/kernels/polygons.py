@@ -18,14 +18,6 @@ _ONE_COUNT = (1 << _COUNT_BITS) - 1
 def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Iterator[Spans]:
     """Return the cells of a polygon of any form, with holes or without, in parts.
 
-    Parameters
-    ----------
-    rings : sequence of sequences of tuple of int
-        Row and column of each corner's cell, first of the outline and then of each hole; in the
-        grid or not, at most `mapdeal.kernels.bresenham.FARTHEST_CELL` away from it.
-    shape : tuple of int
-        Rows and columns of the grid.
-
     Notes
     -----
     The outline is costmap_2d's lines of cells between the corners; inside of it is every cell
@@ -37,12 +29,6 @@ def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> It
     each column from its lowest to its highest cell: a column meets just two of its edges, also
     after the corners were moved to their cells, since that keeps their order along both axes;
     and a cell between the two lines of cells lies between the edges.
-
-    Examples
-    --------
-    >>> (spans,) = polygon_spans([[(0, 0), (0, 4), (3, 0)]], (9, 9))
-    >>> [column.tolist() for column in spans]  # rows, starts, stops
-    [[0, 1, 2, 3], [0, 0, 0, 0], [5, 4, 3, 1]]
     """
     ring_of = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
     yield from _drawn(_edges_of(rings), ring_of, shape)
@@ -50,13 +36,6 @@ def polygon_spans(rings: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> It
 
 def stacked_spans(outlines: Sequence[Sequence[Cell]], shape: tuple[int, int]) -> Iterator[Spans]:
     """Return the cells of many polygons that share no rows: as `polygon_spans` does of each.
-
-    Parameters
-    ----------
-    outlines : sequence of sequences of tuple of int
-        Row and column of each corner's cell.
-    shape : tuple of int
-        Rows and columns of the grid.
 
     Examples
     --------

@@ -44,24 +44,7 @@ class Odds(NamedTuple):
 def count_rays(
     starts: Cells, ends: Cells, is_hit: NDArray[np.bool_], hits: Counts, misses: Counts
 ) -> None:
-    """Count, in place, the rays that hit each cell, and those that pass it.
-
-    Parameters
-    ----------
-    starts, ends : numpy.ndarray of int64, shape (N, 2)
-        Row and column of the first and last cell of each ray, at most 2^30 from the grid.
-    is_hit : numpy.ndarray of bool, shape (N,)
-        Whether the last cell is hit.
-    hits, misses : numpy.ndarray of int32, shape (H, W)
-        The counts.
-
-    Examples
-    --------
-    >>> hits, misses = np.zeros((2, 2, 4), dtype=np.int32)
-    >>> count_rays(np.array([[0, 0]]), np.array([[1, 3]]), np.array([True]), hits, misses)
-    >>> misses.tolist(), hits.tolist()
-    ([[1, 1, 0, 0], [0, 0, 1, 0]], [[0, 0, 0, 0], [0, 0, 0, 1]])
-    """
+    """Count, in place, the rays that hit each cell, and those that pass it."""
     starts, ends = _contiguous(starts, ends)
     if engine_name() != "compiled":
         ray_twin.count_rays(starts, ends, is_hit, hits, misses)
@@ -82,19 +65,7 @@ def weigh_rays(
     values: Counts,
     seen: NDArray[np.uint8],
 ) -> None:
-    """Add to cells, in place, what each ray says of them, clamping after each.
-
-    Parameters
-    ----------
-    starts, ends, is_hit
-        As for `count_rays`; one ray after the other.
-    odds : Odds
-        What is added, and the bounds, at most 2^30.
-    values : numpy.ndarray of int32, shape (H, W)
-        The values, within the bounds.
-    seen : numpy.ndarray of uint8, shape (H, W)
-        `SEEN` where anything was added, and `A_HIT` for each hit up to `MOST_HITS`; 0 elsewhere.
-    """
+    """Add to cells, in place, what each ray says of them, clamping after each."""
     starts, ends = _contiguous(starts, ends)
     if engine_name() != "compiled":
         ray_twin.weigh_rays(starts, ends, is_hit, odds, values, seen)
@@ -118,28 +89,7 @@ def measure_rays(
     weights: Counts,
     cell: float = 1.0,
 ) -> None:
-    """Add to cells, in place, their signed distances to what rays hit.
-
-    Parameters
-    ----------
-    starts, ends : numpy.ndarray of int64, shape (N, 2)
-        As for `count_rays`; here the last cell counts, too, unless means are kept.
-    sensors_rowcol : numpy.ndarray of float64, shape (N, 2)
-        Continuous row and column of each ray's sensor.
-    ranges : numpy.ndarray of float64, shape (N,)
-        The distance to what it hits; inf if it hits nothing.
-    truncation : float
-        Distances beyond it count as it, on both sides.
-    behind : float
-        Truncations behind what is hit up to which cells count.
-    sums : numpy.ndarray of int64 or float64, shape (H, W)
-        Sums of range minus distance from the sensor to the cell's centre, as share of the
-        truncation, in `DISTANCE_UNIT`; or, of float64, the mean of these shares so far.
-    weights : numpy.ndarray of int32, shape (H, W)
-        How many were added.
-    cell : float
-        Side of a cell, in the unit of `ranges` and `truncation`.
-    """
+    """Add to cells, in place, their signed distances to what rays hit."""
     starts, ends = _contiguous(starts, ends)
     sensors_rowcol = np.ascontiguousarray(sensors_rowcol)
     ranges = np.ascontiguousarray(ranges)

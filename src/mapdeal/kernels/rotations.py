@@ -16,25 +16,13 @@ _NEARLY_EQUAL = 1.0 - 1e-9
 
 
 def normalised(quaternions: ArrayLike) -> Floats:
-    """Return quaternions of length 1.
-
-    Examples
-    --------
-    >>> normalised([0.0, 0.0, 3.0, 4.0]).tolist()
-    [0.0, 0.0, 0.6, 0.8]
-    """
+    """Return quaternions of length 1."""
     found = np.asarray(quaternions, dtype=np.float64)
     return np.asarray(found / np.linalg.norm(found, axis=-1, keepdims=True))
 
 
 def from_yaw(yaw: ArrayLike) -> Floats:
-    """Return rotations around z, radians.
-
-    Examples
-    --------
-    >>> from_yaw(np.pi).round(9).tolist()
-    [0.0, 0.0, 1.0, 0.0]
-    """
+    """Return rotations around z, radians."""
     half = np.asarray(yaw, dtype=np.float64) / 2
     zero = np.zeros_like(half)
     return np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1)
@@ -72,11 +60,6 @@ def inverse_matrices(matrices: Floats) -> Floats:
 
     Computed from cross products. LAPACK and BLAS reserve 32 MB per thread; if the system refuses,
     OpenBLAS exits the process or tries again for ever.
-
-    Examples
-    --------
-    >>> inverse_matrices(np.diag([1.0, 2.0, 4.0])).diagonal().tolist()
-    [1.0, 0.5, 0.25]
     """
     a, b, c = np.moveaxis(matrices, -2, 0)
     adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
@@ -85,13 +68,6 @@ def inverse_matrices(matrices: Floats) -> Floats:
 
 def slerp(first: Floats, second: Floats, share: Floats) -> Floats:
     """Return rotations on the shorter arc between two, at a share of it from 0 to 1.
-
-    Parameters
-    ----------
-    first, second : numpy.ndarray of float64, shape (N, 4)
-        Of length 1.
-    share : numpy.ndarray of float64, shape (N,)
-        How far.
 
     References
     ----------

@@ -20,20 +20,7 @@ _NONE = np.iinfo(np.int64).max
 
 
 def squares_of_block(marked: Mask, halo: Halo) -> Squares:
-    """Return each cell's squared distance to the nearest cell of the other kind in the grid.
-
-    Parameters
-    ----------
-    marked : numpy.ndarray of bool, shape (rows, W)
-        The cells of the block.
-    halo : Halo
-        What lies before and after it.
-
-    Returns
-    -------
-    numpy.ndarray of int64, shape (rows, W)
-        `mapdeal.kernels.squares.unreachable` where there is no such cell.
-    """
+    """Return each cell's squared distance to the nearest cell of the other kind in the grid."""
     heights = np.minimum(_counts(marked, halo.before), _counts(marked[::-1], halo.after)[::-1])
     has_none = heights > halo.height
     own = np.where(has_none, 0, heights) ** 2
@@ -62,26 +49,7 @@ def _counts(marked: Mask, before: tuple[Mask, Runs] | None) -> Squares:
 
 
 def row_minima(values: Squares, exists: Mask) -> Squares:
-    """Return the smallest (x - i)^2 + values[row, i] over all i that exist, for each row and x.
-
-    Parameters
-    ----------
-    values : numpy.ndarray of int64, shape (H, W)
-        What each column adds.
-    exists : numpy.ndarray of bool, shape (H, W)
-        Which columns count.
-
-    Returns
-    -------
-    numpy.ndarray of int64, shape (H, W)
-        The largest int64 in rows of which no column counts.
-
-    Examples
-    --------
-    >>> values = np.array([[9, 0, 0, 1]])
-    >>> row_minima(values, np.array([[True, False, False, True]]))
-    array([[9, 5, 2, 1]])
-    """
+    """Return the smallest (x - i)^2 + values[row, i] over all i that exist, for each row and x."""
     height, width = values.shape
     minima = np.full(values.shape, _NONE)
     has_sites = exists.any(axis=1)

@@ -25,18 +25,7 @@ Cell = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class FoundPath:
-    """What a search has found.
-
-    Parameters
-    ----------
-    cells : numpy.ndarray of int64, shape (N, 2)
-        Rows and columns, the start first, the goal last; empty if there is no path.
-    cost : float
-        Sum over all steps of length, 1 or the root of 2, times the weight of the cell stepped
-        into; infinite if there is no path.
-    expanded : int
-        Cells whose neighbours were looked at. The goal's never are.
-    """
+    """What a search has found."""
 
     cells: NDArray[np.int64]
     cost: float
@@ -52,22 +41,6 @@ def cheapest_path(
 ) -> FoundPath:
     """Return the cheapest path over the eight neighbours of cells, by A*.
 
-    Parameters
-    ----------
-    weights : numpy.ndarray of float64, shape (H, W)
-        Cost of a step into each cell per cell of its length, at most 2^27; 0 or less if the
-        cell is closed. Rounded to multiples of 2^-24.
-    start, goal : tuple of int
-        Row and column of two open cells.
-    surcharges : numpy.ndarray of float64, shape (H, W), optional
-        Added to the estimate of what remains from each cell, in the same unit, at least 0.
-        They steer the search, and are no part of the cost.
-
-    Returns
-    -------
-    FoundPath
-        Without surcharges no path has a lower cost. With them there may be such paths.
-
     Notes
     -----
     Diagonal steps between two closed cells are not allowed: where walls touch at a corner
@@ -79,13 +52,6 @@ def cheapest_path(
     it is known. A cell that was expanded is not opened again: to correct its path afterwards
     would undo what the surcharges are for, and could expand cells many times. So each cell is
     expanded once at most, and a path is found if there is one.
-
-    Examples
-    --------
-    >>> weights = np.array([[1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
-    >>> found = cheapest_path(weights, (0, 0), (0, 2))
-    >>> found.cells.tolist(), round(found.cost, 6), found.expanded
-    ([[0, 0], [1, 1], [0, 2]], 2.828427, 2)
     """
     if not all(_holds(weights, cell) and weights[cell] > 0 for cell in (start, goal)):
         raise ValueError("start and goal must be open cells")

@@ -18,15 +18,7 @@ MOST_TOGETHER = 1 << 20
 
 
 class Spans(NamedTuple):
-    """Cells as runs along rows; runs may overlap.
-
-    Parameters
-    ----------
-    rows : numpy.ndarray of int64, shape (N,)
-        The row of each run.
-    starts, stops : numpy.ndarray of int64, shape (N,)
-        Its first column, and the one behind its last.
-    """
+    """Cells as runs along rows; runs may overlap."""
 
     rows: Indices
     starts: Indices
@@ -42,27 +34,7 @@ class Spans(NamedTuple):
 def paint(
     values: NDArray[Any], spans: Spans, value: int, *, over: NDArray[np.bool_] | None = None
 ) -> None:
-    """Give the cells of `spans` a value, in place.
-
-    Parameters
-    ----------
-    values : numpy.ndarray of uint8 or int8, shape (H, W)
-        The cells.
-    spans : Spans
-        Which of them.
-    value : int
-        What they become.
-    over : numpy.ndarray of bool, shape (256,), optional
-        For the byte of each value whether it is painted over; all are by default.
-
-    Examples
-    --------
-    >>> values = np.zeros((2, 5), dtype=np.int8)
-    >>> paint(values, Spans(np.array([1]), np.array([1]), np.array([4])), 7)
-    >>> values
-    array([[0, 0, 0, 0, 0],
-           [0, 7, 7, 7, 0]], dtype=int8)
-    """
+    """Give the cells of `spans` a value, in place."""
     long, short = _by_length(spans)
     for row, start, stop in zip(*(column.tolist() for column in long), strict=True):
         cells = values[row, start:stop]
@@ -78,24 +50,7 @@ def paint(
 
 
 def paint_bits(packed: NDArray[np.uint8], spans: Spans, value: bool) -> None:
-    """Set or clear the bits of `spans`, in place.
-
-    Parameters
-    ----------
-    packed : numpy.ndarray of uint8, shape (H, ceil(W / 8))
-        Eight cells a byte, the first in the highest bit.
-    spans : Spans
-        Within the W columns.
-    value : bool
-        Whether bits become 1.
-
-    Examples
-    --------
-    >>> packed = np.zeros((1, 3), dtype=np.uint8)
-    >>> paint_bits(packed, Spans(np.array([0]), np.array([6]), np.array([18])), True)
-    >>> [f"{byte:08b}" for byte in packed[0].tolist()]
-    ['00000011', '11111111', '11000000']
-    """
+    """Set or clear the bits of `spans`, in place."""
     long, short = _by_length(spans)
     for row, start, stop in zip(*(column.tolist() for column in long), strict=True):
         first, last = start >> 3, (stop - 1) >> 3
@@ -135,11 +90,6 @@ def enumerated(starts: Indices, stops: Indices) -> tuple[Indices, Indices]:
 def halves(spans: Spans) -> tuple[Indices, Indices, Indices]:
     """Return two runs for each, as long as a power of two, that overlap and together are it.
 
-    Returns
-    -------
-    rows, starts, exponents : numpy.ndarray of int64, shape (N,)
-        A run whose length is such a power comes once.
-
     Examples
     --------
     >>> spans = Spans(np.array([4, 5]), np.array([0, -1]), np.array([4, 4]))
@@ -158,15 +108,7 @@ def halves(spans: Spans) -> tuple[Indices, Indices, Indices]:
 
 
 def bands(starts: Indices, stops: Indices, height: int) -> Iterator[tuple[int, int]]:
-    """Return ranges of rows that hold about `MOST_TOGETHER` rows of all given ranges each.
-
-    Parameters
-    ----------
-    starts, stops : numpy.ndarray of int64, shape (N,)
-        Half open ranges of rows, of edges perhaps.
-    height : int
-        Rows of the grid; others are left out.
-    """
+    """Return ranges of rows that hold about `MOST_TOGETHER` rows of all given ranges each."""
     change = np.zeros(height + 1, dtype=np.int64)
     np.add.at(change, np.clip(starts, 0, height), 1)
     np.add.at(change, np.clip(np.maximum(starts, stops), 0, height), -1)

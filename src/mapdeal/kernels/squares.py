@@ -26,16 +26,6 @@ def dtype_of_squares(shape: tuple[int, ...]) -> type[np.int32] | type[np.int64]:
 def squares_between_cells(reach: int) -> NDArray[np.int64]:
     """Return the squared distances that occur between cell centres, up to `reach` cells.
 
-    Parameters
-    ----------
-    reach : int
-        Cells; memory and time grow with its square.
-
-    Returns
-    -------
-    numpy.ndarray of int64, shape (N,)
-        The sums of two squares, from 0 to ``reach ** 2``, increasing.
-
     Examples
     --------
     >>> squares_between_cells(3).tolist()

@@ -11,26 +11,10 @@ Lengths = NDArray[np.int64]
 def thickness_of(marked: NDArray[np.bool_]) -> Lengths:
     """Return how thick a structure is at each of its cells.
 
-    Parameters
-    ----------
-    marked : numpy.ndarray of bool, shape (H, W)
-        The cells.
-
-    Returns
-    -------
-    numpy.ndarray of int64, shape (N,)
-        For each marked cell, row by row, the shorter of two runs of marked cells that it lies in:
-        that along its row, and that along its column.
-
     Notes
     -----
     A straight wall has its thickness along its shorter axis, a slanted one of one cell is one
     cell thick. Where two walls cross, both runs may be long: the cells there count as thick.
-
-    Examples
-    --------
-    >>> thickness_of(np.array([[1, 1, 1, 1], [1, 0, 1, 1]], dtype=bool)).tolist()
-    [2, 1, 2, 2, 1, 2, 2]
     """
     height, width = marked.shape
     _, along = _runs(marked)

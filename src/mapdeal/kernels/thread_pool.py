@@ -17,20 +17,9 @@ _T = TypeVar("_T")
 class ThreadPool(Executor):
     """Threads that do what they are given; fewer where the system has no more to give.
 
-    Parameters
-    ----------
-    size : int
-        How many there are at most. With none, whoever gives work does it, at once.
-
     Notes
     -----
     `concurrent.futures.ThreadPoolExecutor` keeps work that it has refused for want of a thread.
-
-    Examples
-    --------
-    >>> with ThreadPool(2) as pool:
-    ...     [future.result() for future in [pool.submit(abs, -3), pool.submit(abs, 4)]]
-    [3, 4]
     """
 
     def __init__(self, size: int) -> None:

@@ -44,20 +44,7 @@ def thread_count() -> int:
 
 @contextmanager
 def use_threads(count: int | None) -> Iterator[None]:
-    """Have kernels and writers use at most `count` threads each within a ``with`` block.
-
-    Parameters
-    ----------
-    count : int, optional
-        At least 1, of which 1024 at most are taken; None leaves things as they are. Results do
-        not depend on it.
-
-    Examples
-    --------
-    >>> with use_threads(1):
-    ...     thread_count()
-    1
-    """
+    """Have kernels and writers use at most `count` threads each within a ``with`` block."""
     token = _chosen.set(min(count, _MOST_THREADS) if count else _chosen.get())
     try:
         yield
@@ -76,16 +63,7 @@ def is_started(thread: Thread) -> bool:
 
 
 def in_parallel(work: Callable[[int, int], object], count: int) -> None:
-    """Call `work` on parts of ``range(count)`` that together are all of it.
-
-    Parameters
-    ----------
-    work : callable
-        Takes the first index of a part and the one after its last. An exception ends the work
-        and is raised here.
-    count : int
-        Number of pieces of work. The caller's thread takes its share.
-    """
+    """Call `work` on parts of ``range(count)`` that together are all of it."""
     threads = min(thread_count(), count)
     if threads <= 1:
         if count:
@@ -117,25 +95,7 @@ def in_parallel(work: Callable[[int, int], object], count: int) -> None:
 
 
 def for_rows(work: Callable[[slice], object], shape: tuple[int, ...]) -> None:
-    """Call `work` on slices of rows that together are all of an array, in threads.
-
-    Parameters
-    ----------
-    work : callable
-        Takes a slice of rows, few enough for what it makes of them to stay in the cache.
-    shape : tuple of int
-        Of the array: (H, W).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> squares, numbers = np.empty((1000, 1000)), np.arange(1e6).reshape(1000, 1000)
-    >>> def square(rows):
-    ...     np.multiply(numbers[rows], numbers[rows], out=squares[rows])
-    >>> for_rows(square, squares.shape)
-    >>> print(squares[-1, -1] == 999_999**2)
-    True
-    """
+    """Call `work` on slices of rows that together are all of an array, in threads."""
     height, width = shape
     step = max(1, _ROWS_CELLS // max(width, 1))
     bands = -(-height // step)

@@ -30,32 +30,10 @@ Floats = NDArray[np.floating[Any]]
 def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
     """Return how much of a map's walls runs in each of some directions.
 
-    Parameters
-    ----------
-    points_xy : numpy.ndarray of float64, shape (N, 2)
-        Points on walls, any unit; N is at least 1.
-    angles : numpy.ndarray of float64, shape (K,)
-        Directions of walls, radians, anticlockwise from the x axis; a direction and the
-        opposite one are the same.
-    width : float
-        Width of the strips that are counted, in the unit of the points.
-
-    Returns
-    -------
-    numpy.ndarray of float64, shape (K,)
-        For each direction, the sum of the squares of how many points lie in each strip along
-        it. Each point is shared out between the two strips whose middles it lies between.
-
     References
     ----------
     S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 25,
     2008: the Hough spectrum, there from the Hough transform of all pixels.
-
-    Examples
-    --------
-    >>> wall = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
-    >>> hough_spectrum(wall, np.radians([45.0, 135.0]), 2**-0.5).round(9).tolist()
-    [9.0, 3.0]
     """
     points = points_xy - points_xy.mean(axis=0)
     middle = math.ceil(float(np.hypot(*points.T).max()) / width) + 1
@@ -76,27 +54,7 @@ def hough_spectrum(points_xy: Floats, angles: Floats, width: float) -> Floats:
 
 
 def main_direction(occupied: NDArray[np.bool_]) -> float | None:
-    """Return the direction that most walls run along, or across.
-
-    Parameters
-    ----------
-    occupied : numpy.ndarray of bool, shape (H, W)
-        The obstacle cells; row 0 is the south.
-
-    Returns
-    -------
-    float or None
-        Radians, anticlockwise from the columns' axis, within -pi/4..pi/4: a map turned by minus
-        this has its walls along its rows and columns. Exactly 0 if turning by it would move no
-        cell by more than a cell. None if there are no walls, or no direction stands out.
-
-    Examples
-    --------
-    >>> wall = np.zeros((9, 40), dtype=bool)
-    >>> wall[3, 2:38] = True
-    >>> main_direction(wall)
-    0.0
-    """
+    """Return the direction that most walls run along, or across."""
     points = _spread_out(edge_points(occupied))
     if len(points) < 2:
         return None

@@ -123,19 +123,7 @@ class BeamLimits:
 
 @dataclass(frozen=True)
 class BeamCounts:
-    """Number of beams of each kind.
-
-    Parameters
-    ----------
-    scans, beams : int
-        All scans and beams.
-    hits : int
-        Beams that hit something.
-    no_return : int
-        Beams without return below range_max.
-    bad : int
-        Invalid beams: nan, 0, negative, or below range_min.
-    """
+    """Number of beams of each kind."""
 
     scans: int = 0
     beams: int = 0
@@ -156,21 +144,7 @@ class BeamCounts:
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """Beams that hit something or clear cells, in the order of their scans.
-
-    Parameters
-    ----------
-    sensors_xy : numpy.ndarray of float64, shape (K, 2)
-        Start of each beam in the map frame, metres.
-    directions_xy : numpy.ndarray of float64, shape (K, 2)
-        Directions as unit vectors.
-    ranges : numpy.ndarray of float64, shape (K,)
-        Distance to the hit, or up to which the beam clears cells, metres.
-    is_hit : numpy.ndarray of bool, shape (K,)
-        Whether the beam ends at an obstacle.
-    counts : BeamCounts
-        Counts of these beams and of those left out.
-    """
+    """Beams that hit something or clear cells, in the order of their scans."""
 
     sensors_xy: Floats
     directions_xy: Floats
@@ -216,17 +190,7 @@ def _floats(array: object, name: str) -> Floats:
 
 
 def beams_of(scans: Scans, limits: BeamLimits) -> Beams:
-    """Return the beams of scans that hit something or clear cells.
-
-    Examples
-    --------
-    >>> scans = Scans([[1.0, 2.0, 0.0]], [0.0, 0.1, 0.2, np.pi / 2], [[3, 40, np.nan, 5]])
-    >>> beams = beams_of(scans, BeamLimits())
-    >>> beams.ends_xy().round(9).tolist()
-    [[4.0, 2.0], [1.0, 7.0]]
-    >>> beams.counts
-    BeamCounts(scans=1, beams=4, hits=2, no_return=1, bad=1)
-    """
+    """Return the beams of scans that hit something or clear cells."""
     ranges = scans.ranges
     with np.errstate(invalid="ignore"):
         is_hit = (ranges > 0) & (ranges >= limits.range_min) & (ranges < limits.range_max)

@@ -35,15 +35,7 @@ MARGIN = 2
 
 
 class Extent:
-    """The box around what beams reach: sensors, hits, and the ends of what is cleared.
-
-    Parameters
-    ----------
-    limits : BeamLimits
-        Which beams count.
-    beyond : float
-        Metres that hits have an effect behind themselves.
-    """
+    """The box around what beams reach: sensors, hits, and the ends of what is cleared."""
 
     def __init__(self, limits: BeamLimits, beyond: float = 0.0) -> None:
         self._limits = limits
@@ -97,13 +89,7 @@ class Extent:
 
 
 def frame_of(size: Point, origin: Point, resolution: float) -> Frame:
-    """Return the grid of a size in metres with a given corner.
-
-    Raises
-    ------
-    ParameterError
-        If a number is not allowed, or there would be too many cells.
-    """
+    """Return the grid of a size in metres with a given corner."""
     x, y = check_point(origin, "origin")
     width, height = check_point(size, "size")
     if not (width > 0 and height > 0):
@@ -235,13 +221,7 @@ def all_parameters(method: Method, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def reach_behind(method: str, resolution: float, parameters: Mapping[str, Any]) -> float:
-    """Return how far behind hits a method has an effect, metres.
-
-    Raises
-    ------
-    ParameterError
-        If the resolution, the method or one of its parameters is not allowed.
-    """
+    """Return how far behind hits a method has an effect, metres."""
     frame = Frame(1, 1, check_resolution(resolution))
     return _evidence(frame, method, parameters).reach_behind * frame.resolution
 

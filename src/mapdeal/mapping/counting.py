@@ -19,31 +19,10 @@ _UNIT = 1_000_000
 class Counting(Evidence):
     """Evidence as counts of the beams that hit each cell and of those that pass it.
 
-    Parameters
-    ----------
-    frame : Frame
-        Geometry of the map.
-    ratio : float
-        Share of hits above which a cell is occupied, 0 <= ratio < 1, rounded to 6 decimals;
-        gmapping uses 0.25.
-
-    Raises
-    ------
-    ParameterError
-        If the ratio is out of its bounds.
-
     References
     ----------
     gmapping's ``PointAccumulator``. As there, a cell that beams have reached is either occupied or
     free.
-
-    Examples
-    --------
-    >>> from mapdeal.mapping.beams import BeamLimits, Scans, beams_of
-    >>> evidence = Counting(Frame(1, 5, 1.0))
-    >>> evidence.add(beams_of(Scans([[0.5, 0.5, 0.0]], [0.0], [[3.0]]), BeamLimits()))
-    >>> evidence.occupancy().tolist()
-    [[0, 0, 0, 100, -1]]
     """
 
     def __init__(self, frame: Frame, *, ratio: float = 0.3) -> None:

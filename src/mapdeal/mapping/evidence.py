@@ -20,13 +20,7 @@ Layers = dict[str, NDArray[Any]]
 
 
 class Evidence(ABC):
-    """Evidence for and against obstacles, gathered cell by cell.
-
-    Parameters
-    ----------
-    frame : Frame
-        Geometry of the map.
-    """
+    """Evidence for and against obstacles, gathered cell by cell."""
 
     reach_behind = 0.0
     """Distance behind hits up to which beams have an effect, cells."""

@@ -28,15 +28,7 @@ NEAR = 2
 
 @dataclass(frozen=True, eq=False, repr=False)
 class HitGroups(OneLine):
-    """Groups of touching cells, the largest first.
-
-    Parameters
-    ----------
-    cells : numpy.ndarray of int64, shape (N, 2)
-        Row and column of each cell, group by group.
-    sizes : numpy.ndarray of int64, shape (M,)
-        Number of cells in each group.
-    """
+    """Groups of touching cells, the largest first."""
 
     cells: Cells
     sizes: Cells
@@ -68,45 +60,12 @@ class HitGroups(OneLine):
 
 
 def hit_groups(often_hit: Mask) -> HitGroups:
-    """Return the groups of `LEAST_CELLS` cells and more that were hit often.
-
-    Parameters
-    ----------
-    often_hit : numpy.ndarray of bool, shape (H, W)
-        Cells that were hit `OFTEN` times and more.
-
-    Examples
-    --------
-    >>> groups = hit_groups(np.array([[1, 0, 1, 1, 0], [0, 0, 0, 0, 1]], dtype=bool))
-    >>> groups.sizes.tolist(), groups.cells.tolist()
-    ([3], [[0, 2], [0, 3], [1, 4]])
-    """
+    """Return the groups of `LEAST_CELLS` cells and more that were hit often."""
     return _chosen(*touching_groups(often_hit))
 
 
 def vanished_groups(often_hit: Mask, occupied: Mask) -> HitGroups:
-    """Return the groups of hits that a map has nothing of.
-
-    Parameters
-    ----------
-    often_hit : numpy.ndarray of bool, shape (H, W)
-        As of `hit_groups`.
-    occupied : numpy.ndarray of bool, shape (H, W)
-        The map.
-
-    Returns
-    -------
-    HitGroups
-        Those of `hit_groups` with no occupied cell within `NEAR` cells of any of theirs. A wall
-        that is a cell beside its hits has not vanished.
-
-    Examples
-    --------
-    >>> often_hit = np.array([[0, 1, 1, 1, 0, 0, 0, 1, 1, 1]], dtype=bool)
-    >>> occupied = np.array([[0, 0, 1, 0, 0, 0, 0, 0, 0, 0]], dtype=bool)
-    >>> vanished_groups(often_hit, occupied).cells.tolist()
-    [[0, 7], [0, 8], [0, 9]]
-    """
+    """Return the groups of hits that a map has nothing of."""
     # the cells in question are few: they are listed, and looked around from one by one
     at = np.flatnonzero(often_hit & ~occupied)
     candidates = np.stack(np.divmod(at, occupied.shape[1]), axis=1)

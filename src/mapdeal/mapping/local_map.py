@@ -70,15 +70,7 @@ class LocalMap(Drawn):
 
 @dataclass(frozen=True, eq=False)
 class KnownMap:
-    """Obstacles and free space of a global map.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map, in memory or lazy.
-    lethal_threshold : int
-        Occupancy at or above which a cell is an obstacle, 1..100.
-    """
+    """Obstacles and free space of a global map."""
 
     grid: OccupancyGrid
     lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD
@@ -105,13 +97,7 @@ def lattice_of(options: LocalOptions, global_map: OccupancyGrid | None) -> Frame
 
 
 def window_around(pose: Pose, options: LocalOptions, lattice: Frame) -> Region:
-    """Return the cells of the local map around a pose.
-
-    Raises
-    ------
-    ParameterError
-        If there are too many cells.
-    """
+    """Return the cells of the local map around a pose."""
     region = region_of(lattice, options.size, center_xy=pose[:2])
     region.frame_in(lattice)
     return region

@@ -25,27 +25,6 @@ _EVEN = 50
 class LogOdds(Evidence):
     """Evidence as one number per cell, which starts at 50.
 
-    Parameters
-    ----------
-    frame : Frame
-        Geometry of the map.
-    log_free : float
-        Change for each beam that passes a cell, below 0. Like all numbers here, it is rounded to
-        a multiple of 2^-16.
-    log_occ : float
-        Change for each beam that hits a cell, above 0.
-    log_min, log_max : float
-        Bounds that are applied after each change: 0 <= log_min < 50 < log_max <= 100.
-    values : bool
-        Whether the map contains the rounded numbers; otherwise it is 0 below 50, 100 above, and
-        unknown at exactly 50, where the evidence is balanced. Cells that no beam has reached are
-        unknown.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of its bounds.
-
     References
     ----------
     H. Moravec and A. Elfes, "High Resolution Maps from Wide Angle Sonar", 1985, which sums

@@ -22,19 +22,7 @@ MOST_LEANING = math.radians(10)
 
 @dataclass(frozen=True, eq=False)
 class Stances:
-    """Poses and orientations of sensors.
-
-    Parameters
-    ----------
-    poses : numpy.ndarray of float64, shape (N, 3)
-        x, y (metres) and the heading of the x axis (radians).
-    is_flipped : numpy.ndarray of bool, shape (N,)
-        Whether they hang upside down: beams then go round clockwise.
-    is_level : numpy.ndarray of bool, shape (N,)
-        Whether their beams lie in the plane.
-    leans : numpy.ndarray of bool, shape (N,)
-        Whether they lean by more than 10 degrees, whichever side is up.
-    """
+    """Poses and orientations of sensors."""
 
     poses: Floats
     is_flipped: Flags
@@ -43,22 +31,7 @@ class Stances:
 
 
 def stances(translations: Floats, quaternions: Floats) -> Stances:
-    """Return the stances of sensors, given their poses in space.
-
-    Parameters
-    ----------
-    translations : numpy.ndarray of float64, shape (N, 3)
-        Metres.
-    quaternions : numpy.ndarray of float64, shape (N, 4)
-        x, y, z, w, of length 1.
-
-    Examples
-    --------
-    >>> half = math.sqrt(0.5)
-    >>> found = stances(np.array([[1.0, 2.0, 0.3]]), np.array([[half, half, 0.0, 0.0]]))
-    >>> found.poses.round(6).tolist(), found.is_flipped.tolist(), found.is_level.tolist()
-    ([[1.0, 2.0, 1.570796]], [True], [True])
-    """
+    """Return the stances of sensors, given their poses in space."""
     ahead = rotated(quaternions, np.array([1.0, 0.0, 0.0]))
     up = rotated(quaternions, np.array([0.0, 0.0, 1.0]))
     aside = np.hypot(up[:, 0], up[:, 1])
@@ -68,20 +41,7 @@ def stances(translations: Floats, quaternions: Floats) -> Stances:
 
 
 def beams_in_plane(quaternions: Floats, angles: Floats) -> tuple[Floats, Floats]:
-    """Return where beams go in the plane, and which part of their length lies in it.
-
-    Parameters
-    ----------
-    quaternions : numpy.ndarray of float64, shape (N, 4)
-        How the sensor of each beam stands.
-    angles : numpy.ndarray of float64, shape (N,)
-        Of the beams, from the sensor's heading, radians.
-
-    Returns
-    -------
-    tuple of numpy.ndarray of float64, shape (N,)
-        Headings, radians; factors of at most 1.
-    """
+    """Return where beams go in the plane, and which part of their length lies in it."""
     beams = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
     turned = rotated(quaternions, beams)
     shares = np.minimum(np.hypot(turned[:, 0], turned[:, 1]), 1.0)

@@ -19,30 +19,13 @@ _BINS = 1 << 14
 
 
 def wrapped(angle: float) -> float:
-    """Return an angle as one of -pi < angle <= pi.
-
-    Examples
-    --------
-    >>> wrapped(-math.pi) == math.pi, round(wrapped(7.0), 6)
-    (True, 0.716815)
-    """
+    """Return an angle as one of -pi < angle <= pi."""
     inside = math.remainder(angle, _TURN)
     return math.pi if inside <= -math.pi else inside
 
 
 def check_pose(pose: Sequence[float], name: str = "pose") -> Pose:
-    """Return a pose as x, y (metres) and a yaw of -pi < yaw <= pi; errors call it `name`.
-
-    Raises
-    ------
-    ParameterError
-        If it is not three finite numbers.
-
-    Warns
-    -----
-    MapdealWarning
-        If the yaw is more than a turn: it may be in degrees.
-    """
+    """Return a pose as x, y (metres) and a yaw of -pi < yaw <= pi; errors call it `name`."""
     try:
         x, y, yaw = (float(value) for value in pose)
     except (TypeError, ValueError):
@@ -62,13 +45,6 @@ class CoveredAngles:
 
     Kept are the first and the last angle of each of 16,384 bins, so that memory is bounded
     whatever is added. The arc is exact as soon as the gap is longer than a bin, 0.0004 rad.
-
-    Examples
-    --------
-    >>> covered = CoveredAngles()
-    >>> covered.add(np.array([3.0, -3.0, 3.1]))
-    >>> [round(angle, 6) for angle in covered.arc()]
-    [3.0, 3.283185]
     """
 
     def __init__(self) -> None:

@@ -25,21 +25,7 @@ _FARTHEST_KEY = 1 << 31
 
 @dataclass(frozen=True)
 class CloudCounts:
-    """Number of points of a cloud by outcome; a point counts only for the first that applies.
-
-    Parameters
-    ----------
-    points : int
-        All points.
-    not_finite : int
-        Points with a coordinate that is nan or infinite.
-    beyond_height, beyond_range : int
-        Points outside the limits.
-    outside : int
-        Points outside the window.
-    marking : int
-        Points that make their cell an obstacle.
-    """
+    """Number of points of a cloud by outcome; a point counts only for the first that applies."""
 
     points: int = 0
     not_finite: int = 0
@@ -50,21 +36,7 @@ class CloudCounts:
 
 
 class SeenCloud:
-    """The cells of a cloud whose points come some at a time.
-
-    Parameters
-    ----------
-    pose : tuple of float
-        x, y (metres) and yaw (radians) of the robot in the map frame.
-    options : LocalOptions
-        Which points count, and where they lie.
-    lattice : Frame
-        The cells, its own size aside.
-    window : Region
-        The cells of the local map; points elsewhere are counted as outside.
-    with_beams : bool
-        Whether `ends` and `marks` are wanted, also outside of the window.
-    """
+    """The cells of a cloud whose points come some at a time."""
 
     def __init__(
         self, pose: Pose, options: LocalOptions, lattice: Frame, window: Region, *, with_beams: bool
@@ -82,13 +54,7 @@ class SeenCloud:
         """Cells of the window with a point."""
 
     def add(self, points: ArrayLike) -> None:
-        """Take points, shape (N, 2) or (N, 3 or more).
-
-        Raises
-        ------
-        ParameterError
-            If they have another shape, or no z although heights are limited.
-        """
+        """Take points, shape (N, 2) or (N, 3 or more)."""
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] < 2:
             rule = "must be an array of shape (N, 2) or wider"

@@ -16,13 +16,6 @@ Cells = NDArray[np.int64]
 class Sightings:
     """Cells of a lattice in which clouds leave obstacles, and through which beams clear.
 
-    Parameters
-    ----------
-    region : Region
-        The cells that are remembered.
-    keep : int, optional
-        How many clouds count, the last included; all if not given.
-
     Notes
     -----
     A cell is what the last cloud says that has an end of a beam in it, an obstacle, or a beam
@@ -69,17 +62,7 @@ class Sightings:
         self._count += 1
 
     def add(self, sensor: Cells, ends: Cells, marks: Cells) -> None:
-        """Clear along beams, then mark obstacles.
-
-        Parameters
-        ----------
-        sensor : numpy.ndarray of int64, shape (2,)
-            Row and column in the lattice in which all beams begin.
-        ends : numpy.ndarray of int64, shape (K, 2)
-            Those in which they end; beams of more than 2^30 cells are left out.
-        marks : numpy.ndarray of int64, shape (M, 2)
-            Those with an obstacle.
-        """
+        """Clear along beams, then mark obstacles."""
         self._count += 1
         corner = np.array(self._region[:2])
         start = sensor - corner

@@ -25,17 +25,7 @@ _SLACK = 1000
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """Where a frame was at some times.
-
-    Parameters
-    ----------
-    translations : numpy.ndarray of float64, shape (N, 3)
-        Of its origin, metres.
-    quaternions : numpy.ndarray of float64, shape (N, 4)
-        x, y, z, w, of length 1.
-    known : numpy.ndarray of bool, shape (N,)
-        Whether all transforms of the chain are known at that time; where not, the rest is nan.
-    """
+    """Where a frame was at some times."""
 
     translations: Floats
     quaternions: Floats
@@ -44,19 +34,7 @@ class Posed:
 
 @dataclass(frozen=True)
 class Edge:
-    """A transform between two frames, as often as it was recorded.
-
-    Parameters
-    ----------
-    parent, child : str
-        The frames.
-    count : int
-        How often.
-    first, last : int
-        When, nanoseconds.
-    is_static : bool
-        Whether it holds at all times.
-    """
+    """A transform between two frames, as often as it was recorded."""
 
     parent: str
     child: str
@@ -147,16 +125,6 @@ class TransformTree:
     References
     ----------
     tf2's ``BufferCore`` and ``TimeCache``.
-
-    Examples
-    --------
-    >>> tree = TransformTree()
-    >>> for time, x in (0, 1.0), (100_000, 2.0):
-    ...     tree.add("odom", "base", time, (x, 0, 0), (0, 0, 0, 1), is_static=False)
-    >>> tree.add("base", "laser", 0, (0, 0.5, 0), (0, 0, 0, 1), is_static=True)
-    >>> found = tree.lookup("odom", "laser", np.array([25_000, 200_000]))
-    >>> found.translations[0].tolist(), found.known.tolist()
-    ([1.25, 0.5, 0.0], [True, False])
     """
 
     def __init__(self) -> None:
@@ -175,19 +143,7 @@ class TransformTree:
         *,
         is_static: bool,
     ) -> None:
-        """Take in a transform.
-
-        Parameters
-        ----------
-        parent, child : str
-            The frames; leading slashes are left out.
-        time : int
-            Nanoseconds.
-        translation, quaternion : sequence of float
-            x, y, z (metres) and x, y, z, w of the child in the parent.
-        is_static : bool
-            Whether it holds at all times, and takes the place of what was said before.
-        """
+        """Take in a transform."""
         parent, child = parent.lstrip("/"), child.lstrip("/")
         length = math.hypot(*quaternion)
         is_near = all(abs(value) <= FARTHEST for value in translation)  # refuses nan, too
@@ -254,20 +210,7 @@ class TransformTree:
         return any(not self._samples[edge].is_static for part in way for edge in part)
 
     def lookup(self, fixed: str, frame: str, times: Times) -> Posed:
-        """Return where a frame was in another one.
-
-        Parameters
-        ----------
-        fixed, frame : str
-            The transforms take points of `frame` into `fixed`.
-        times : numpy.ndarray of int64, shape (N,)
-            Nanoseconds.
-
-        Raises
-        ------
-        MalformedInputError
-            If no transforms lead from one to the other.
-        """
+        """Return where a frame was in another one."""
         fixed, frame = fixed.lstrip("/"), frame.lstrip("/")
         way = self._way(fixed, frame)
         if way is None:

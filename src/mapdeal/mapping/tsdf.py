@@ -27,20 +27,6 @@ _TENTHS_OF_THIN = 3
 class Tsdf(Evidence):
     """The mean of each cell's signed distances along the beams to what they hit.
 
-    Parameters
-    ----------
-    frame : Frame
-        Geometry of the map.
-    truncation : float
-        Truncation distance, at which larger distances are cut off, 1 to 1000 cells.
-    truncation_behind : float
-        Distance to which beams are followed behind their hits, in truncations; 1 to 1000 cells.
-
-    Raises
-    ------
-    ParameterError
-        If one of them is out of its bounds.
-
     Notes
     -----
     The distance is the range of the beam minus the distance from the sensor to the cell's centre:

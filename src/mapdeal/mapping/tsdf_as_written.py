@@ -15,11 +15,6 @@ from mapdeal.mapping.tsdf import Tsdf
 class TsdfAsWritten(Tsdf):
     """`Tsdf` with the rules of design document 004, to compare maps with its author's.
 
-    Parameters
-    ----------
-    frame, truncation, truncation_behind
-        As for `Tsdf`; beams are followed three truncations behind their hits, as in the document.
-
     Notes
     -----
     The distance is the range of the beam minus the distance from the centre of the sensor's cell to

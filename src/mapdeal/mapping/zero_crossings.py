@@ -12,19 +12,7 @@ Mask = NDArray[np.bool_]
 
 
 class Crossings(NamedTuple):
-    """Pairs of neighbours of different sign, and cells that are exactly zero.
-
-    Parameters
-    ----------
-    along_rows : numpy.ndarray of bool, shape (H, W - 1)
-        Whether the sign changes from a cell to the next column.
-    along_cols : numpy.ndarray of bool, shape (H - 1, W)
-        Whether it changes from a cell to the next row.
-    at_zero : numpy.ndarray of bool, shape (H, W)
-        Cells of value 0.
-    field : numpy.ndarray of float64, shape (H, W)
-        The values, nan where there are none.
-    """
+    """Pairs of neighbours of different sign, and cells that are exactly zero."""
 
     along_rows: Mask
     along_cols: Mask
@@ -49,13 +37,7 @@ class Crossings(NamedTuple):
 
 
 def crossings_of(field: Field) -> Crossings:
-    """Return where a field, nan where there are no values, changes its sign.
-
-    Examples
-    --------
-    >>> crossings_of(np.array([[0.5, -0.5, np.nan, -1.0, 0.0]])).places().tolist()
-    [[0.5, 4.5], [0.5, 1.0]]
-    """
+    """Return where a field, nan where there are no values, changes its sign."""
     with np.errstate(invalid="ignore"):
         positive, negative = field > 0, field < 0
     along_rows = positive[:, :-1] & negative[:, 1:] | negative[:, :-1] & positive[:, 1:]
@@ -69,12 +51,6 @@ def thin_surface(field: Field, crossings: Crossings) -> Mask:
     Of each pair that the sign changes between at least one cell is chosen: the one nearer to
     zero. Where a cell's partners are all chosen themselves it is not needed, and is left out, those
     farthest from zero first.
-
-    Examples
-    --------
-    >>> field = np.array([[0.9, 0.9, 0.9], [0.1, -0.2, 0.9], [-0.9, -0.9, -0.1]])
-    >>> thin_surface(field, crossings_of(field)).astype(int).tolist()
-    [[0, 0, 0], [1, 1, 0], [0, 0, 1]]
     """
     size = np.abs(field)
     chosen = crossings.at_zero.copy()

@@ -42,15 +42,7 @@ _UNKNOWN, _FREE = 1, 2
 
 @dataclass(frozen=True)
 class AlignReport:
-    """Where a map lies in the frame of another.
-
-    Parameters
-    ----------
-    found : Alignment
-        The place, and whether it is sure.
-    maps : tuple of ComparedMap
-        The first map and the second.
-    """
+    """Where a map lies in the frame of another."""
 
     found: Alignment
     maps: tuple[ComparedMap, ComparedMap]
@@ -88,19 +80,7 @@ def align_files(
     prior: Transform | None = None,
     rotations: Sequence[float] | None = None,
 ) -> AlignReport:
-    """Return where the map in a file lies in the frame of the map in another.
-
-    Parameters
-    ----------
-    first, second : Path
-        The maps; of fields and costs the map that ROS would have.
-    options : Settings
-        How they are read, and where a picture goes.
-    output : Path, optional
-        Where the report goes as JSON, whether or not it is sure.
-    prior, rotations
-        As of `align`.
-    """
+    """Return where the map in a file lies in the frame of the map in another."""
     with ExitStack() as stack:
         stack.enter_context(options.memory())
         sources: list[Source] = []

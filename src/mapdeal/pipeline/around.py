@@ -29,21 +29,7 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True)
 class Around:
-    """Where a robot stands on the map of a run, and how its local map is made.
-
-    Parameters
-    ----------
-    pose : tuple of float
-        x, y (metres) and yaw (radians) of the robot in the map frame, -pi < yaw <= pi.
-    recipe : Recipe
-        What is made of the local map.
-    options : LocalOptions
-        How it is made of the map and the cloud.
-    cloud : Path, optional
-        What the robot sees; without it the local map is the map's window.
-    takes_cells : bool
-        Whether its cells are as large as the map's, whatever the options say.
-    """
+    """Where a robot stands on the map of a run, and how its local map is made."""
 
     pose: Pose
     recipe: Recipe
@@ -62,11 +48,6 @@ class Around:
         """Return what goes into the local map's folder, given that of the run and its map.
 
         `heard` is what reading the map has warned of.
-
-        Raises
-        ------
-        MapdealError
-            If the cloud cannot be found, or the window is too large.
         """
         grid = as_occupancy(source.grid, source.files[0])
         known = GlobalMap(grid, source.files, dict(source.sums), heard)

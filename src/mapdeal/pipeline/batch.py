@@ -27,35 +27,7 @@ def run_all(
     workers: Workers | None = None,
     what: str = "map",
 ) -> list[Outcome]:
-    """Run every job, none stopped by another's failure, and write ``summary.json``.
-
-    Parameters
-    ----------
-    jobs : sequence of Job
-        The jobs.
-    output : Path
-        Where the summary goes.
-    run_one : callable
-        Does one job. If there are workers, it is sent to them.
-    on_done : callable
-        Called with each outcome when a job is done, in any order.
-    workers : Workers, optional
-        Who does the jobs; one after the other in this process if not given.
-    what : str
-        What the summary calls the input of a job.
-
-    Returns
-    -------
-    list of Outcome
-        In the order of the jobs, as is the summary, whose bytes do not depend on workers.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If there was one; the summary is written then, too.
-    MapdealError
-        If no more workers can be started; the summary shows what was done before.
-    """
+    """Run every job, none stopped by another's failure, and write ``summary.json``."""
     marked: dict[int, Job] = {}
     outcomes: dict[int, Outcome] = {}
 

@@ -46,21 +46,7 @@ _DISTANCE = np.dtype(np.float32)
 
 @dataclass(frozen=True)
 class BlockJob(Job):
-    """Some rows of a map.
-
-    Parameters
-    ----------
-    first, end : int
-        The rows, from the south.
-    halo : Halo, optional
-        What lies before and after them.
-    target : Path, optional
-        The file that their distances go into.
-    offset : int
-        Where in that file.
-    states : mapping of Path to FileState
-        Which files the map's are: those that other jobs see.
-    """
+    """Some rows of a map."""
 
     first: int = 0
     end: int = 0
@@ -72,17 +58,7 @@ class BlockJob(Job):
 
 @dataclass(frozen=True)
 class BlockWork:
-    """What a worker does with rows of a map; it is sent along with each job.
-
-    Parameters
-    ----------
-    rule : RowsAlone
-        How distances are made.
-    dialect : {'nav2', 'humble', 'ros1'}
-        Whose reading of the image to follow.
-    max_cells : int, optional
-        Cells up to which the map is read.
-    """
+    """What a worker does with rows of a map; it is sent along with each job."""
 
     rule: RowsAlone
     dialect: Dialect
@@ -114,27 +90,7 @@ class BlockWork:
 def apply_by_workers(
     path: Path, output: Path, step: Step, settings: Settings, scheduler: str
 ) -> Figures:
-    """Compute a distance field on workers into an ``.npy`` file; return its figures.
-
-    Parameters
-    ----------
-    path, output : Path
-        The map, a pair whose image is not compressed, and the field, both absolute: workers open
-        them, too.
-    step : Step
-        A stage whose rows workers can compute alone.
-    settings : Settings
-        How the map is read and the output written.
-    scheduler : str
-        The address of the workers' scheduler.
-
-    Raises
-    ------
-    ParameterError
-        If the map or the output is of another kind.
-    MapdealError
-        If the map cannot be read, or a worker has failed; no output is left then.
-    """
+    """Compute a distance field on workers into an ``.npy`` file; return its figures."""
     if step.stage.rows_alone is None:
         raise ParameterError("is computed on one machine", source="--scheduler", got=step.name)
     if output.suffix != ".npy" or settings.image is not None:

@@ -39,19 +39,7 @@ Advance = Callable[[int], object]
 
 @dataclass(frozen=True)
 class BuildSettings:
-    """How maps are made of scans.
-
-    Parameters
-    ----------
-    methods : mapping
-        How evidence becomes a map: the parameters of each method, one or several.
-    limits : BeamLimits
-        Which ranges are hits.
-    resolution : float
-        Side of a cell, metres.
-    size, origin : tuple of float, optional
-        Width and height, and the corner of cell (0, 0), metres; both or none.
-    """
+    """How maps are made of scans."""
 
     methods: Mapping[Method, Mapping[str, Any]]
     limits: BeamLimits
@@ -79,17 +67,7 @@ class BuildSettings:
 
 @dataclass(frozen=True)
 class Gathered:
-    """What scans have said of the cells of one grid.
-
-    Parameters
-    ----------
-    builders : dict
-        The evidence, by method.
-    seconds : dict
-        How long it took each method to take the scans in, once they were read.
-    counts : BeamCounts
-        How many beams there were of each kind.
-    """
+    """What scans have said of the cells of one grid."""
 
     builders: dict[Method, MapBuilder]
     seconds: dict[Method, float]
@@ -105,38 +83,7 @@ def build_file(
     layers: Path | None = None,
     advance: Advance = lambda _: None,
 ) -> Figures:
-    """Make a map of scans in files, and write it, and its evidence if `layers` is given.
-
-    Parameters
-    ----------
-    source : ScanSource
-        The scans.
-    output : Path
-        Where the map goes: ``.yaml``, ``.pgm``, ``.png`` or ``.npz``.
-    settings : BuildSettings
-        How it is made, by one method.
-    options : Settings
-        How files are written.
-    layers : Path, optional
-        An ``.npz`` for the map with its evidence.
-    advance : callable
-        Called with the number of scans that were read since the last call.
-
-    Returns
-    -------
-    dict
-        The figures of the map, and the counts of its beams.
-
-    Raises
-    ------
-    MapdealError
-        If the scans cannot be read or make no map, or outputs exist; nothing is changed then.
-
-    Warns
-    -----
-    MapdealWarning
-        If the map is unknown everywhere, or lacks groups of cells that were hit often.
-    """
+    """Make a map of scans in files, and write it, and its evidence if `layers` is given."""
     if layers is not None and layers.suffix != ".npz":
         raise ParameterError("layers are written as .npz", source=layers)
     (method,) = settings.methods
@@ -177,21 +124,7 @@ def gather(
     per_cell: int,
     advance: Advance,
 ) -> Gathered:
-    """Return what the scans in files say, by all methods that are asked for.
-
-    Parameters
-    ----------
-    source, settings, options, advance
-        As for `build_file`. Scans are read once, or twice if the grid is to size itself and they
-        are many, some at a time, whatever the number of methods.
-    per_cell : int
-        Bytes that will be needed for each cell.
-
-    Raises
-    ------
-    MapdealError
-        If the scans cannot be read or make no map, or the memory is not there.
-    """
+    """Return what the scans in files say, by all methods that are asked for."""
     # All files are read twice, or one after the other; a pipe can be read but once.
     states = {path: state_of(path) for path in source.files if is_regular(path)}
     try:

@@ -33,19 +33,7 @@ _FILLED = 7
 
 @dataclass(frozen=True, eq=False)
 class CleanReport:
-    """A map that was cleaned, and what has changed.
-
-    Parameters
-    ----------
-    file : str
-        The map, as it was given.
-    sha256 : mapping of str to str
-        The files that it was read from, by their names without folders, and their checksums.
-    limits : mapping of str to int
-        The least cells of what stays: min_obstacle, min_hole, min_free.
-    cleaned : Cleaned
-        The result.
-    """
+    """A map that was cleaned, and what has changed."""
 
     file: str
     sha256: Mapping[str, str]
@@ -64,17 +52,7 @@ class CleanReport:
 def clean_file(
     path: Path, output: Path, settings: Settings, limits: Mapping[str, int]
 ) -> CleanReport:
-    """Read a map, remove its small components, and write it.
-
-    Parameters
-    ----------
-    path, output : Path
-        The files.
-    settings : Settings
-        How they are read and written.
-    limits : mapping of str to int
-        The arguments of `clean`.
-    """
+    """Read a map, remove its small components, and write it."""
     outputs = output_paths(output)
     source = read_summed(path, settings)
     with settings.memory():

@@ -20,19 +20,7 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SummedCloud:
-    """A cloud as it was when its checksum was made.
-
-    Parameters
-    ----------
-    cloud : Cloud
-        Which one.
-    sums : mapping of str to str
-        The names of its files, and their sha256.
-    options : mapping of str to str
-        What tells it from other clouds in these files.
-    states : mapping of Path to FileState
-        The files, as they were.
-    """
+    """A cloud as it was when its checksum was made."""
 
     cloud: Cloud
     sums: Mapping[str, str]
@@ -72,13 +60,7 @@ class Cloud(ABC):
 
     @abstractmethod
     def summed(self) -> SummedCloud:
-        """Return the cloud with its checksum.
-
-        Raises
-        ------
-        FileAccessError
-            If it cannot be read.
-        """
+        """Return the cloud with its checksum."""
 
     @abstractmethod
     def chunks(self) -> Iterator[Points]:

@@ -36,17 +36,7 @@ _VERSION = "mapdeal.version.__version__"
 
 
 class ClusterWorkers:
-    """The workers of a cluster.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        The connection.
-    address : str
-        The scheduler's.
-    size : int, optional
-        Jobs to send at the same time; as many as there are if not given.
-    """
+    """The workers of a cluster."""
 
     def __init__(self, client: Any, address: str, size: int | None = None) -> None:
         self.size = size or _AT_ONCE
@@ -90,23 +80,7 @@ class ClusterWorkers:
 
 @contextmanager
 def connected(address: str, shared: Sequence[Path]) -> Iterator[Any]:
-    """Connect to a scheduler within a ``with`` block; give the client.
-
-    Parameters
-    ----------
-    address : str
-        Where the scheduler is, ``tcp://HOST:PORT``.
-    shared : sequence of Path
-        Files and folders, absolute, that each worker must see.
-
-    Raises
-    ------
-    ParameterError
-        If the address is none, distributed is not installed, or a worker has another version
-        of mapdeal, or none.
-    FileAccessError
-        If the scheduler does not answer, has no workers, or one of these does not see a file.
-    """
+    """Connect to a scheduler within a ``with`` block; give the client."""
     if _ADDRESS.fullmatch(address) is None:
         raise ParameterError("must be tcp://HOST:PORT", source="--scheduler", got=address)
     client = _client(address)
@@ -224,15 +198,7 @@ _one_at_a_time = threading.Lock()
 
 @dataclass(frozen=True)
 class _OnWorker:
-    """Function that does a job on a worker.
-
-    Parameters
-    ----------
-    work : callable
-        Does it.
-    version : str
-        The version of mapdeal that has sent it; a worker that came later may have another.
-    """
+    """Function that does a job on a worker."""
 
     work: Work
     version: str

@@ -48,19 +48,7 @@ _STATES = STATES[:3]
 
 @dataclass(frozen=True, eq=False)
 class MethodResult:
-    """Result of one mapping method.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    vanished : HitGroups
-        Groups of hits missing from the map.
-    bytes_per_cell : int
-        Memory of the evidence per cell, bytes.
-    seconds : float
-        Time taken without reading and writing, seconds.
-    """
+    """Result of one mapping method."""
 
     grid: OccupancyGrid
     vanished: HitGroups
@@ -70,15 +58,7 @@ class MethodResult:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of several mapping methods on the same scans.
-
-    Parameters
-    ----------
-    document : dict
-        All figures that the scans and the parameters determine, as values for JSON.
-    seconds : dict
-        Time that each method took, which varies from run to run.
-    """
+    """Comparison of several mapping methods on the same scans."""
 
     document: dict[str, Any]
     seconds: dict[Method, float]
@@ -100,32 +80,7 @@ def compare_methods(
     *,
     advance: Advance = lambda _: None,
 ) -> Comparison:
-    """Make maps of scans by several methods on one grid; write them, and what differs.
-
-    Parameters
-    ----------
-    source : ScanSource
-        The scans; they are read as for a single map, once for all methods.
-    folder : Path
-        Where everything goes: of each method the map and its picture, of each pair of methods a
-        picture of what differs, and the figures, ``comparison.json``.
-    settings : BuildSettings
-        The methods, and what they have in common.
-    options : Settings
-        How files are written.
-    advance : callable
-        Called with the number of scans that were read since the last call.
-
-    Raises
-    ------
-    MapdealError
-        If the scans cannot be read or make no map, or outputs exist; nothing is changed then.
-
-    Warns
-    -----
-    MapdealWarning
-        If the maps are unknown everywhere.
-    """
+    """Make maps of scans by several methods on one grid; write them, and what differs."""
     if folder.suffix in (".yaml", ".yml", ".pgm", ".png", ".npz", ".json"):
         rule = "must be a folder: a comparison writes several maps"
         raise ParameterError(rule, source="--output", got=str(folder))

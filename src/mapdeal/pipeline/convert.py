@@ -33,19 +33,7 @@ Scale = Literal["occupancy", "costmap2d", "amcl"]
 
 @dataclass(frozen=True)
 class BagTopic:
-    """Which topic of a bag is read or written.
-
-    Parameters
-    ----------
-    topic : str, optional
-        Its name. Not needed to read the only one that fits; written are /map and /costmap.
-    index : int, optional
-        Which of its messages is read, in the order of time; the last if not given.
-    read_as : {'map', 'costs'}, optional
-        What the values of an OccupancyGrid are that is read; see `GridTopic`.
-    frame : str, optional
-        The frame of what is written; map if not given.
-    """
+    """Which topic of a bag is read or written."""
 
     topic: str | None = None
     index: int | None = None
@@ -67,24 +55,7 @@ def convert_file(
     static_layer: Mapping[str, Any] | None = None,
     of_bag: BagTopic = ANY_TOPIC,
 ) -> Figures:
-    """Read a grid and write it in another format; return its figures.
-
-    Parameters
-    ----------
-    path, output : Path
-        The files.
-    options : Settings
-        How they are read and written.
-    encoding : {'occupancy', 'costmap2d', 'amcl'}, optional
-        The scale to convert values to. If none is given, an npz keeps the scale of its source,
-        and the pixels of costs hold what ROS would publish.
-    mode : {'trinary', 'scale', 'raw'}, optional
-        How values become pixels.
-    static_layer : mapping, optional
-        Parameters of `mapdeal.Costmap.from_static_layer`, which then turns a map into costs.
-    of_bag : BagTopic
-        Where the grid is in a bag, or is to be.
-    """
+    """Read a grid and write it in another format; return its figures."""
     writes_bag = output.suffix in BAG_OUTPUTS
     outputs = bag_paths(output) if writes_bag else output_paths(output)
     reads_bag = is_bag(path)
@@ -130,18 +101,7 @@ def convert_all(
     of_bag: BagTopic = ANY_TOPIC,
     progress: ProgressCallback = report_nothing,
 ) -> int:
-    """Write all maps or costmaps of a topic into a folder: ``0000.yaml``, ``0001.yaml`` and so on.
-
-    Returns
-    -------
-    int
-        How many there are.
-
-    Raises
-    ------
-    MapdealError
-        If the bag cannot be read, or an output exists; nothing is changed then.
-    """
+    """Write all maps or costmaps of a topic into a folder: 0000.yaml, 0001.yaml and so on."""
     from mapdeal.pipeline.bags.grids import grid_topic  # not loaded for maps
 
     _check_words(of_bag, reads_bag=is_bag(path), writes_bag=False)

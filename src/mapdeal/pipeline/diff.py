@@ -34,15 +34,7 @@ _METADATA = ("mode", "negate", "occupied_thresh", "free_thresh", "cost_scale")
 
 @dataclass(frozen=True)
 class ComparedMap:
-    """A map that was compared.
-
-    Parameters
-    ----------
-    file : str
-        Its name, as it was given.
-    sha256 : mapping of str to str
-        The files that it was read from, by their names without folders, and their checksums.
-    """
+    """A map that was compared."""
 
     file: str
     sha256: Mapping[str, str]
@@ -117,19 +109,7 @@ def diff_files(
     tolerance: float = 0.0,
     bounds: Bounds = NO_BOUNDS,
 ) -> DiffReport:
-    """Return what differs between the maps in two files; draw it if a picture is asked for.
-
-    Parameters
-    ----------
-    first, second : Path
-        The maps; of fields and costs the map that ROS would have.
-    options : Settings
-        How they are read.
-    tolerance : float
-        As of `compare`.
-    bounds : Bounds
-        What may differ.
-    """
+    """Return what differs between the maps in two files; draw it if a picture is asked for."""
     with options.memory():
         source = read_summed(first, options)
         with holding(bytes_of(source.grid)):

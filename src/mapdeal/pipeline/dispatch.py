@@ -41,19 +41,6 @@ def dispatch(
 ) -> None:  # fmt: skip
     """Distribute jobs among workers.
 
-    Parameters
-    ----------
-    count : int
-        The number of jobs.
-    job_of : callable
-        Gives the job of an index when its turn has come.
-    work : callable
-        Does one; it can be sent to another process.
-    workers : Workers
-        Who does them.
-    done : callable
-        Called with index and outcome of each, in the order in which they are done.
-
     Notes
     -----
     When a process dies, its pool is lost, and any of the jobs that were under way may be why.

@@ -53,21 +53,6 @@ def edit_file(
 
     Costs that were read as costmap_2d's bytes are written as such; keys of the YAML that
     map_server does not know are kept.
-
-    Parameters
-    ----------
-    path, output : Path
-        The files.
-    options : Settings
-        How they are read and written.
-    change : callable
-        Takes the grid and returns a new one of its kind.
-    what : str
-        What has been done, for the title of the picture.
-    inputs : sequence of Path
-        Files beside the map that no output may replace.
-    cells : callable, optional
-        Takes the grid and returns how many cells the new one has, if not as many.
     """
 
     def editable(grid: Grid) -> Editable:

@@ -78,13 +78,6 @@ def changes_between(old: Figures, new: Figures) -> list[str]:
 
     Goals that are not reached any more come first. Of what differs within a mapping each entry is
     listed by its own name.
-
-    Examples
-    --------
-    >>> changes_between({"goals": {"lift": True}, "m2": 8}, {"goals": {"lift": False}, "m2": 5})
-    ['lift no longer reachable', 'm2 8 -> 5']
-    >>> changes_between({"most_common": {"cost": 0}}, {"most_common": {"cost": 9}})
-    ['most_common.cost 0 -> 9']
     """
     texts = []
     before, after = (figures.get("goals") for figures in (old, new))
@@ -128,13 +121,7 @@ def _is_size(value: object) -> bool:
 
 
 def said(value: object) -> str:
-    """Return a value of a parameter, option or figure as a recipe would have it.
-
-    Examples
-    --------
-    >>> said(None), said(True), said({"radius": 0.25}), said("disc"), said([0.3, None])
-    ('none', 'yes', '{radius: 0.25}', 'disc', '[0.3, none]')
-    """
+    """Return a value of a parameter, option or figure as a recipe would have it."""
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
     if isinstance(value, Mapping):

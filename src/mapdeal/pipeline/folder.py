@@ -40,17 +40,7 @@ _PASSES_OF_INPUT = 2
 
 @dataclass(frozen=True)
 class Product:
-    """What a step has made.
-
-    Parameters
-    ----------
-    step : Step
-        The step.
-    grid : OccupancyGrid, Costmap, DistanceField or PotentialField
-        Its result.
-    figures : mapping
-        Figures of it besides those that every grid has.
-    """
+    """What a step has made."""
 
     step: Step
     grid: Grid
@@ -59,25 +49,7 @@ class Product:
 
 @dataclass(frozen=True)
 class OutputFolder:
-    """A folder, and what is to be in it.
-
-    Parameters
-    ----------
-    path : Path
-        Where it is, or will be.
-    steps : sequence of Step
-        Those whose products it gets.
-    inputs : mapping of str to str
-        The name of each file that was read, and its sha256.
-    options : mapping
-        What shaped the products beside the parameters of the steps, as JSON can hold it.
-    settings : Settings
-        How it is written: with which pictures, and whether outputs that exist are replaced.
-    robot : mapping, optional
-        The robot's parameters, as JSON can hold them.
-    shows_input : bool
-        Whether there is a picture of the map as it was read, if there are pictures.
-    """
+    """A folder, and what is to be in it."""
 
     path: Path
     steps: tuple[Step, ...]
@@ -95,11 +67,6 @@ class OutputFolder:
         """Refuse inputs that lie in the folder.
 
         They would be taken for its products one day, replaced by others or removed with them.
-
-        Raises
-        ------
-        FileAccessError
-            If one does, by its name or by what a link leads to.
         """
         for file in files:
             if any(is_same_file(one.parent, self.path) for one in (file, real_path(file))):
@@ -240,31 +207,7 @@ class OutputFolder:
 
 @dataclass(frozen=True)
 class Filling:
-    """What goes into a folder.
-
-    Parameters
-    ----------
-    folder : OutputFolder
-        Where it goes.
-    products : iterable of Product
-        One for each of its steps, made while others are being written.
-    stem : str
-        What pictures call the input.
-    files : tuple of Path
-        All that was read: none of it may be written.
-    subject : Path
-        What warnings of the products call the input.
-    overlay : Overlay, optional
-        What is drawn over each picture.
-    by_blocks : bool
-        Whether the products are made block by block, so that progress can be shown.
-    heard : sequence of str
-        What reading the files has warned of.
-    read : OccupancyGrid or other grid, optional
-        The map as it was read, where the folder shows it.
-    robot : Footprint, optional
-        The robot's shape, where it is known.
-    """
+    """What goes into a folder."""
 
     folder: OutputFolder
     products: Iterable[Product]
@@ -292,20 +235,7 @@ def _together(first: Overlay | None, others: Sequence[Overlay]) -> Overlay | Non
 def fill_together(
     fillings: Sequence[Filling], *, progress: ProgressCallback | None = None
 ) -> list[dict[str, Figures]]:
-    """Write the files of some folders: all appear, or none; return the figures of each.
-
-    Parameters
-    ----------
-    fillings : sequence of Filling
-        What goes where. The manifest of each folder comes after its other files.
-    progress : callable, optional
-        Progress of the writing of grids that are processed block by block.
-
-    Raises
-    ------
-    MapdealError
-        If products cannot be made or written, or outputs exist; nothing is changed then.
-    """
+    """Write the files of some folders: all appear, or none; return the figures of each."""
     read = tuple(dict.fromkeys(file for filling in fillings for file in filling.files))
     for filling in fillings:
         filling.folder.check_inputs(read)

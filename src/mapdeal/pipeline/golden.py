@@ -19,20 +19,7 @@ _PICTURE = ".png"
 
 
 def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
-    """Copy the manifest of a run into a folder of golden runs.
-
-    Parameters
-    ----------
-    folder, golden : Path
-        The run's folder, and that of golden runs.
-    place : str, optional
-        Where it goes in there; under the run's name if not given.
-
-    Returns
-    -------
-    Path
-        Where it is now.
-    """
+    """Copy the manifest of a run into a folder of golden runs."""
     manifest = manifest_in(folder)
     target = golden / (place or folder.name) / MANIFEST
     with Transaction([target], force=True) as transaction:
@@ -41,30 +28,7 @@ def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
 
 
 def differences_from_golden(folder: Path, golden: Path, place: str | None = None) -> list[str]:
-    """Return what differs between a run and its golden run, a line each stage.
-
-    Parameters
-    ----------
-    folder : Path
-        The run's folder.
-    golden : Path
-        A folder of golden runs: of what `store_golden` has stored, or of whole runs.
-    place : str, optional
-        Where the run is in there; it is the run's name if not given.
-
-    Returns
-    -------
-    list of str
-        Empty if all stages are there with the same parameters and the same bytes. Pictures do
-        not count, nor do names and sums of inputs, nor versions.
-
-    Raises
-    ------
-    FileAccessError
-        If there is no golden run.
-    MalformedInputError
-        If its manifest is none.
-    """
+    """Return what differs between a run and its golden run, a line each stage."""
     stored = golden / (place or folder.name) / MANIFEST
     try:
         status_of(stored)

@@ -48,13 +48,6 @@ def describe_file(
     run that wrote it. A folder of a run, or its manifest, is described as a whole. Of a file that
     is no map there is what it ``is``, the ``figures`` of its header, and its ``use``; of a
     bag what `describe_bag` returns.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    MalformedInputError
-        If a file is malformed, or nothing that is known.
     """
     is_run = path.name == MANIFEST or exists(path / MANIFEST)
     if is_run:

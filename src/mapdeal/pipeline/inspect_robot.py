@@ -29,11 +29,6 @@ def describe_robot(
     Beside all that was resolved, each layer has its ``effect`` on a map that is a file, and
     ``warnings`` are what reading has warned of. With a map there is ``on_map``: what inflation
     comes to there.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        If a file cannot be read, or the real node would not start with it.
     """
     with kept_warnings():
         robot = read_robot(paths, costmap=costmap, namespace=namespace, older=dialect != "nav2")
@@ -53,20 +48,7 @@ def describe_robot(
 def robots_among(
     paths: Sequence[Path], *, is_one: bool
 ) -> Iterator[tuple[bool, list[Path]]]:  # fmt: skip
-    """Yield files one by one, and parameter files that are of one robot together.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Files of any kind.
-    is_one : bool
-        Whether all are a robot's parameter files, and of one robot.
-
-    Yields
-    ------
-    tuple of bool and list of Path
-        Whether it is a robot, and its files: one of Nav2, or all of ROS 1 that follow each other.
-    """
+    """Yield files one by one, and parameter files that are of one robot together."""
     if is_one:
         yield True, list(paths)
         return

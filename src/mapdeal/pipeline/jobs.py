@@ -38,20 +38,7 @@ _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{d}{n}" for d in _DEVICES for n in 
 
 @dataclass(frozen=True)
 class Job:
-    """One input of a batch, and where what is made of it goes.
-
-    Parameters
-    ----------
-    path : Path
-        The input.
-    folder : Path
-        Where its outputs go.
-    name, place : str
-        What a summary calls the two, whatever folder one stands in.
-    is_new : bool
-        Whether the folder was not there when the batch came to the job. What is in it then is
-        of an attempt of this batch that was killed, and may be replaced.
-    """
+    """One input of a batch, and where what is made of it goes."""
 
     path: Path
     folder: Path
@@ -62,16 +49,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a job.
-
-    Parameters
-    ----------
-    result : MapdealError or other, optional
-        Error if the job failed; otherwise its result, such as the `RunReport` of a run; None if
-        it was interrupted.
-    warnings : tuple of str
-        Texts of the warnings.
-    """
+    """Outcome of a job."""
 
     result: Any
     warnings: tuple[str, ...] = ()
@@ -89,17 +67,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class MapRun:
-    """A run with all its options, as it is sent to workers: called with a job it does it.
-
-    Parameters
-    ----------
-    recipe : Recipe
-        The stages.
-    settings : Settings
-        How to read, compute, draw and write.
-    around : Around, optional
-        A robot around which a local map is made, too.
-    """
+    """A run with all its options, as it is sent to workers: called with a job it does it."""
 
     recipe: Recipe
     settings: Settings = DEFAULT_SETTINGS
@@ -162,22 +130,7 @@ def _recorded_warnings() -> Iterator[list[str]]:
 
 
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
-    """Return a job for each map.
-
-    Parameters
-    ----------
-    maps : sequence of ListedMap
-        The maps.
-    output : Path
-        Where their folders go.
-    outputs : collection of str
-        The names of the files that a run writes into its folder.
-
-    Raises
-    ------
-    ParameterError
-        If two maps would write into one place, or a map's name makes no name for a folder.
-    """
+    """Return a job for each map."""
     jobs: dict[Path, Job] = {}
     for one in maps:
         place = one.place

@@ -56,19 +56,7 @@ _CELLS_WORTH_WORKERS = 500_000_000
 
 @dataclass(frozen=True)
 class LintRules:
-    """Rules that decide which findings count.
-
-    Parameters
-    ----------
-    select, ignore : tuple of str
-        Names of checks or areas, see `selection_of`; an empty tuple chooses nothing.
-    strict : bool
-        Whether warnings count as failures.
-    config : Path, optional
-        Configuration file for all maps; if not given, the nearest one of each map.
-    is_isolated : bool
-        Whether to ignore all configuration files.
-    """
+    """Rules that decide which findings count."""
 
     select: tuple[str, ...] = ()
     ignore: tuple[str, ...] = ()
@@ -119,17 +107,7 @@ def _read_config(path: Path) -> LintConfig:
 
 @dataclass(frozen=True)
 class ParameterFiles:
-    """A robot's parameter files, and what to look at in them.
-
-    Parameters
-    ----------
-    paths : tuple of Path
-        The files, in the order in which ROS loads them.
-    costmap : {'global', 'local'}, optional
-        Which of its costmaps; both, as far as the files have them, if not given.
-    namespace : str, optional
-        The robot's, where files hold several.
-    """
+    """A robot's parameter files, and what to look at in them."""
 
     paths: tuple[Path, ...]
     costmap: CostmapName | None = None
@@ -161,38 +139,7 @@ def lint_maps(
     jobs: int = 1,
     done: Callable[[int], object] = lambda _: None,
 ) -> LintReport:
-    """Return what is wrong with maps, and with a robot's parameter files.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Maps and folders of runs.
-    rules : LintRules
-        Which findings count.
-    settings : Settings
-        How maps are read.
-    parameters : ParameterFiles, optional
-        A robot's parameter files.
-    footprint : Footprint, optional
-        The shape of the robot that is to get through the maps; that of the parameter files if not
-        given.
-    jobs : int
-        Processes to share the maps out to, if there is enough to be done.
-    done : callable
-        Called with 1 for each map that is done.
-
-    Returns
-    -------
-    LintReport
-        In the order of `paths`, whatever `jobs` is, after the parameter files.
-
-    Raises
-    ------
-    ParameterError
-        If a check that is named is none, or a file of configuration says what cannot be.
-    FileAccessError, MalformedInputError
-        If such a file cannot be read.
-    """
+    """Return what is wrong with maps, and with a robot's parameter files."""
     selections = _Selections(rules)
     wanted = [selections.of(path) for path in paths]
     reports = [] if parameters is None else _reports_of(parameters, paths, selections, settings)
@@ -250,18 +197,6 @@ def repair_maps(
 
     Only findings that count are mended: neither those of checks that are not wanted, nor
     suppressed ones.
-
-    Parameters
-    ----------
-    paths, rules, settings, jobs, done
-        As of `lint_maps`.
-
-    Returns
-    -------
-    report : LintReport
-        What is wrong now, and what was repaired.
-    problems : list of MapdealError
-        Why maps could not be written, or not be edited.
     """
     from mapdeal.formats.image_users import ImageUsers
     from mapdeal.pipeline.repair_in_place import repair_in_place

@@ -77,24 +77,7 @@ class GlobalMap:
 
 @dataclass(frozen=True)
 class LocalCommon:
-    """What all local maps of a command have in common.
-
-    Parameters
-    ----------
-    options : LocalOptions
-        How they are made of clouds.
-    recipe : Recipe
-        What is made of them.
-    settings : Settings
-        How to compute, draw and write.
-    global_map : GlobalMap, optional
-        What they take over.
-    require_points : bool
-        Whether a cloud without a point in the window is an error.
-    keep : int or 'all', optional
-        How many clouds of a sequence a map is made of; of its own alone if not given, and then no
-        beam clears anything.
-    """
+    """What all local maps of a command have in common."""
 
     options: LocalOptions
     recipe: Recipe
@@ -112,17 +95,7 @@ class LocalCommon:
 
 @dataclass(frozen=True)
 class LocalJob:
-    """A local map that is to be made.
-
-    Parameters
-    ----------
-    cloud : Cloud, optional
-        Its cloud; without one it is a window of the global map.
-    pose : tuple of float
-        x, y (metres) and yaw (radians) of the robot in the map frame.
-    folder : Path
-        Where outputs go.
-    """
+    """A local map that is to be made."""
 
     cloud: Cloud | None
     pose: Sequence[float]
@@ -152,28 +125,7 @@ def read_global_map(path: Path, settings: Settings) -> GlobalMap:
 
 
 def make_local(job: LocalJob, common: LocalCommon, *, skip: bool = False) -> RunReport:
-    """Make a local map of a cloud, apply the recipe and write everything into a folder.
-
-    Parameters
-    ----------
-    job : LocalJob
-        The cloud, the pose and the folder, which is made if missing. Outputs appear together, the
-        manifest last.
-    common : LocalCommon
-        The rest.
-    skip : bool
-        Whether nothing is done if the manifest shows that the folder holds all this already.
-
-    Raises
-    ------
-    MapdealError
-        If the cloud cannot be read or processed, or outputs exist; nothing is changed then.
-
-    Warns
-    -----
-    MapdealWarning
-        If no point marks a cell.
-    """
+    """Make a local map of a cloud, apply the recipe and write everything into a folder."""
     with common.settings.memory(), holding_map(common.global_map):
         filling = local_filling(job, common)
     return filled(filling, common.settings, skip=skip)
@@ -200,13 +152,7 @@ def holding_map(known: GlobalMap | None) -> Iterator[None]:
 
 
 def local_filling(job: LocalJob, common: LocalCommon) -> Filling:
-    """Return what goes into the folder of a local map; it is made when it is asked for.
-
-    Raises
-    ------
-    MapdealError
-        If the cloud cannot be found, the pose is not allowed, or the window is too large.
-    """
+    """Return what goes into the folder of a local map; it is made when it is asked for."""
     known = common.global_map
     check_window(job.source(common), common)
     mapper = LocalMapper(
@@ -364,22 +310,7 @@ def other_folders(sequence: Sequence[LocalJob], output: Path) -> list[Path]:
 
 
 def sequence_of(names: Sequence[str], poses_file: Path, output: Path) -> list[LocalJob]:
-    """Return the jobs of a sequence: its clouds in order, a pose and a numbered folder for each.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Files, folders and patterns.
-    poses_file : Path
-        A pose a line, in the order of the clouds.
-    output : Path
-        Where the folders go: ``0000``, ``0001``, ...
-
-    Raises
-    ------
-    MapdealError
-        If a name stands for nothing, the poses cannot be read, or there is not one for each.
-    """
+    """Return the jobs of a sequence: its clouds in order, a pose and a numbered folder for each."""
     clouds = [cloud for cloud in _clouds_of(names) if not is_same_file(cloud, poses_file)]
     poses = read_poses(poses_file)
     if len(poses) != len(clouds):
@@ -406,22 +337,7 @@ def numbered_jobs(
 
 
 def sequence_of_bag(source: BagClouds, poses_file: Path | None, output: Path) -> list[LocalJob]:
-    """Return the jobs of all clouds of a bag of which it is known where the robot was.
-
-    Parameters
-    ----------
-    source : BagClouds
-        The clouds.
-    poses_file : Path, optional
-        A pose a line, in the order of the clouds; by transforms if not given.
-    output : Path
-        Where the folders go: ``0000``, ``0001``, ...
-
-    Raises
-    ------
-    MapdealError
-        If the poses cannot be read, there is not one for each cloud, or none is known.
-    """
+    """Return the jobs of all clouds of a bag of which it is known where the robot was."""
     numbers = range(len(source))
     if poses_file is None:
         poses = source.poses(numbers)
@@ -444,13 +360,7 @@ def _clouds_of(names: Sequence[str]) -> list[Path]:
 
 
 def only_cloud(names: Sequence[str]) -> FileCloud:
-    """Return the one cloud that names stand for.
-
-    Raises
-    ------
-    ParameterError
-        If there are more: each then needs a pose.
-    """
+    """Return the one cloud that names stand for."""
     clouds = _clouds_of(names)
     if len(clouds) > 1:
         rule = f"applies to one cloud, there are {len(clouds)}"

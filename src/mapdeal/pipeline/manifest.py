@@ -13,13 +13,7 @@ from mapdeal.stages.catalogue import models_of
 
 
 def manifest_in(folder: Path) -> dict[str, Any]:
-    """Return the manifest of the run in a folder.
-
-    Raises
-    ------
-    MalformedInputError
-        If there is none, or it is not of the shape that a run gives it.
-    """
+    """Return the manifest of the run in a folder."""
     manifest = _manifest_or_none(folder)
     if manifest is None:
         raise MalformedInputError("is not the manifest of a run", source=folder / MANIFEST)
@@ -27,22 +21,7 @@ def manifest_in(folder: Path) -> dict[str, Any]:
 
 
 def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict[str, Any]] | None:
-    """Return the stages that have made a file, with their parameters, from its manifest.
-
-    Parameters
-    ----------
-    name : str
-        The file.
-    folder : Path
-        Where it is.
-    sums : mapping of str to str
-        The names of all files that were read with it, and their sha256.
-
-    Returns
-    -------
-    list of dict, optional
-        None if no run has written these bytes into the folder.
-    """
+    """Return the stages that have made a file, with their parameters, from its manifest."""
     manifest = _manifest_or_none(folder)
     if manifest is None or any(manifest["outputs"].get(key) != sums[key] for key in sums):
         return None

@@ -35,17 +35,7 @@ _READ = 1.0
 
 @dataclass(frozen=True)
 class _Demand:
-    """What an engine takes of memory.
-
-    Parameters
-    ----------
-    base : int
-        Bytes of the interpreter and its libraries.
-    more : float
-        Bytes for each cell of a map in memory, beside its layers.
-    block : int
-        Bytes for each cell of a block, in each thread: all layers of a recipe, some twice.
-    """
+    """What an engine takes of memory."""
 
     base: int
     more: float
@@ -71,21 +61,7 @@ def bytes_in_memory(
     canvas: Canvas = "crop",
     reading: int = 0,
 ) -> int:
-    """Return about how many bytes of memory it takes to apply stages to a map in memory.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the map.
-    steps : sequence of Step
-        The stages.
-    image_max : int, optional
-        Longest side of the pictures that will be drawn, 0 for a pixel per cell; None for none.
-    canvas : {'crop', 'full'}
-        What products are put onto.
-    reading : int
-        Bytes that reading the map takes, which is over when the stages begin.
-    """
+    """Return about how many bytes of memory it takes to apply stages to a map in memory."""
     products = sum(step.memory for step in steps)
     if canvas == "full":
         products *= 1 + _ON_CANVAS
@@ -130,28 +106,7 @@ def opened_map(
     image_max: int | None,
     with_sums: bool = False,
 ) -> Iterator[Source]:
-    """Open a map to which stages are to be applied: in memory if it fits, else block by block.
-
-    Parameters
-    ----------
-    path : Path
-        The map.
-    steps : sequence of Step
-        The stages.
-    settings : Settings
-        How it is read, and how much memory may be used.
-    image_max : int, optional
-        Longest side of the pictures that will be drawn, 0 for a pixel per cell; None for none.
-    with_sums : bool
-        Whether the checksums of the files are wanted.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    MalformedInputError
-        If a file is malformed, or the map is too large for the memory in either way.
-    """
+    """Open a map to which stages are to be applied: in memory if it fits, else block by block."""
     with ExitStack() as stack:
         stack.enter_context(settings.memory())
         with sums_of_reads(is_wanted=with_sums) as sums:
@@ -187,17 +142,7 @@ def _read(
 
 @dataclass(frozen=True)
 class _Blocks:
-    """How a map is processed of which not all layers fit the memory.
-
-    Parameters
-    ----------
-    is_by_rows : bool
-        Whether rows of the image are read when they are asked for, rather than all at once.
-    block_height : int
-        Rows that are processed together.
-    cache : CacheBudget
-        What layers may keep.
-    """
+    """How a map is processed of which not all layers fit the memory."""
 
     is_by_rows: bool
     block_height: int
@@ -216,11 +161,6 @@ def _way_of(
 
     Cells of a compressed image are kept if there is room for them: it takes time to get at its
     rows once more. Of others they are read again.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        If the header is damaged, or there is too little memory in any way.
     """
     reading = file.memory_to_read()
     needed = bytes_in_memory(shape, steps, image_max, canvas=canvas, reading=reading)
@@ -244,36 +184,13 @@ def _way_of(
 def check_fits(
     path: Path, shape: tuple[int, int], steps: Sequence[Step], image_max: int | None
 ) -> None:  # fmt: skip
-    """Refuse a map that is yet to be made, and stages on it, if they take too much memory.
-
-    Raises
-    ------
-    MalformedInputError
-        With both figures.
-    """
+    """Refuse a map that is yet to be made, and stages on it, if they take too much memory."""
     count = bytes_in_memory(shape, steps, image_max) - _DEMANDS[engine_name()].base
     claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
 
 def claim_work(path: Path, grid: Framed, per_cell: float, *, cells: int | None = None) -> None:
-    """Refuse what is about to be done with a grid that was read, if it takes too much memory.
-
-    Parameters
-    ----------
-    path : Path
-        Its file.
-    grid : Framed
-        The grid.
-    per_cell : float
-        Bytes for each cell, besides its layers.
-    cells : int, optional
-        How many cells these are; all of the grid's if not given.
-
-    Raises
-    ------
-    MalformedInputError
-        With both figures.
-    """
+    """Refuse what is about to be done with a grid that was read, if it takes too much memory."""
     height, width = grid.shape
     more = int(per_cell * (height * width if cells is None else cells))
     crop = _bytes_of_crop(grid)
@@ -305,15 +222,7 @@ def _in_blocks(grid: OccupancyGrid, block_height: int, cache: CacheBudget) -> Oc
 
 @dataclass(frozen=True)
 class Need:
-    """What a run takes of memory.
-
-    Parameters
-    ----------
-    memory : int
-        About how many bytes.
-    by_blocks : bool
-        Whether the map is processed block by block, since the whole would need too much.
-    """
+    """What a run takes of memory."""
 
     memory: int
     by_blocks: bool
@@ -327,13 +236,7 @@ def need_of(
     *,
     image_max: int | None,
 ) -> Need:
-    """Return the memory that `opened_map` and the stages will take, from headers.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        If the header is damaged, or there is too little.
-    """
+    """Return the memory that `opened_map` and the stages will take, from headers."""
     budget = memory_budget(settings.max_memory)
     with use_threads(settings.threads):
         way = _way_of(file, shape, steps, budget, image_max, settings.canvas)
@@ -364,11 +267,6 @@ def _cut(
     """Return how many rows make a block, and what of the budget the layers may keep.
 
     Blocks, what is kept of each, and `base`, which is taken anyhow, fit the budget.
-
-    Raises
-    ------
-    MalformedInputError
-        If nothing fits, or one of the steps needs the whole map in memory.
     """
     if any(step.is_whole for step in steps):
         raise too_large(path, shape, needed, budget)

@@ -48,19 +48,7 @@ By = Literal["frames", "align"]
 
 @dataclass(frozen=True)
 class MergeReport:
-    """What was merged, and how.
-
-    Parameters
-    ----------
-    merged : Merged
-        The map, and the counts.
-    maps : tuple of Known
-        The maps.
-    transforms : tuple of Transform
-        From the first map's frame to that of each, the first included.
-    rule : {'occupied', 'newest', 'evidence'}
-        What decided.
-    """
+    """What was merged, and how."""
 
     merged: Merged
     maps: tuple[Known, ...]
@@ -103,29 +91,7 @@ def merge_files(
     by: By | Sequence[Path] = "frames",
     rule: Rule = "occupied",
 ) -> MergeReport:
-    """Merge the maps in files into one, and write it.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The maps, two or more.
-    output : Path
-        Where the result goes. Keys of the first map's YAML that map_server does not know are kept.
-        An ``.npz`` made by rule ``evidence`` has the sum as its layer ``log_odds``.
-    options : Settings
-        How files are read and written.
-    by : {'frames', 'align'} or sequence of Path
-        How the maps lie to each other: all in one map frame; as their walls do; or as files say,
-        see `transforms_by_files`.
-    rule : {'occupied', 'newest', 'evidence'}
-        As of `merge`.
-
-    Raises
-    ------
-    MapdealError
-        If a file cannot be read or written, is no map, or the maps cannot be placed; nothing is
-        written then.
-    """
+    """Merge the maps in files into one, and write it."""
     outputs = output_paths(output)
     if len(paths) < FEWEST:
         raise ParameterError("takes two maps or more", source="merge", got=len(paths))

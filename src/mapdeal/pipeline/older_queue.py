@@ -18,27 +18,7 @@ _PER_CELL = 60.0
 
 
 def told_of_queue(path: Path, step: Step, settings: Settings) -> str | None:
-    """Return how costs of exact distances differ from those of an older inflation layer's queue.
-
-    Parameters
-    ----------
-    path : Path
-        The map, which is read once more.
-    step : Step
-        What has made the costs of it.
-    settings : Settings
-        How it is read.
-
-    Returns
-    -------
-    str, optional
-        None if no inflation layer of the step is one with a queue.
-
-    Raises
-    ------
-    MapdealError
-        If the map cannot be read, or is too large to be held as a whole.
-    """
+    """Return how costs of exact distances differ from those of an older inflation layer's queue."""
     if not _has_queue(step):
         return None
     with settings.memory(), kept_warnings():  # all of it was said when the costs were made

@@ -22,19 +22,6 @@ def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
 
     Its rows are then made once for all of them, where layers have no room to be kept. Files of a
     grid in memory are written as ever, at the same time.
-
-    Parameters
-    ----------
-    transaction : Transaction
-        What writes the files.
-    grid : OccupancyGrid or other grid
-        What they are made of.
-
-    Yields
-    ------
-    OccupancyGrid or other grid
-        The same grid, for a writer that asks for rows itself: those are handed to the other
-        writers, which are each a `RowsWriter` of `grid`.
     """
     if not grid.is_lazy:
         yield grid

@@ -18,15 +18,7 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True)
 class Known:
-    """Source files of a map that was read.
-
-    Parameters
-    ----------
-    path : Path
-        Its file.
-    sums : mapping of str to str
-        The files that hold it, by their names, and their checksums.
-    """
+    """Source files of a map that was read."""
 
     path: Path
     sums: Mapping[str, str]
@@ -38,25 +30,6 @@ class Known:
 
 def transforms_by_files(files: Sequence[Path], maps: Sequence[Known]) -> list[Transform]:
     """Return the transform from the first map's frame to that of each other map.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        What says how two maps lie to each other.
-    maps : sequence of Known
-        The maps.
-
-    Raises
-    ------
-    FileAccessError, MalformedInputError
-        If a file cannot be read, or holds no transform.
-    ParameterError
-        If there are too many, or no sequence of transforms leads to one of the maps.
-
-    Warns
-    -----
-    MapdealWarning
-        If a file names maps by checksums, and they are none of these.
 
     Notes
     -----
@@ -86,13 +59,6 @@ def transforms_by_walls(grids: Sequence[OccupancyGrid], paths: Sequence[Path]) -
     """Return the transforms that `transforms_by_files` returns, of maps that are aligned.
 
     A map that has too little in common with the first one is placed on another that is placed.
-
-    Raises
-    ------
-    FindingError
-        If it is not sure how a map lies to any of them.
-    MalformedInputError
-        If aligning them takes more memory than may be used.
     """
     from mapdeal.alignment.align import align
 

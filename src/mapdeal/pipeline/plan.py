@@ -16,23 +16,7 @@ from mapdeal.records import dataclass
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run would do with a map.
-
-    Parameters
-    ----------
-    job : Job
-        The map and its folder.
-    what : {'new', 'replace', 'unchanged', 'refused', 'failed'}
-        ``refused``: outputs exist that are not this run's. ``failed``: the map cannot be read.
-    height, width : int
-        Its cells; 0 if it cannot be read.
-    need : Need, optional
-        The memory that the run takes; None if there is none.
-    reads, writes : tuple of Path
-        The files.
-    error : MapdealError, optional
-        Why it would be refused or fail.
-    """
+    """What a run would do with a map."""
 
     job: Job
     what: Literal["new", "replace", "unchanged", "refused", "failed"]

@@ -50,26 +50,14 @@ _PRELOADED = (
 
 
 class ProcessWorkers:
-    """Worker processes on this machine.
-
-    Parameters
-    ----------
-    size : int
-        How many.
-    """
+    """Worker processes on this machine."""
 
     def __init__(self, size: int) -> None:
         self.size = size
 
     @contextmanager
     def started(self, size: int, work: Work) -> Iterator[Submit]:
-        """Run processes within a ``with`` block, stopped early if an exception leaves it.
-
-        Raises
-        ------
-        FileAccessError
-            If the system does not let any be started.
-        """
+        """Run processes within a ``with`` block, stopped early if an exception leaves it."""
         with ExitStack() as stack:
             with _start_told():
                 context = _context()
@@ -115,13 +103,7 @@ class ProcessWorkers:
 
 @contextmanager
 def _start_told() -> Iterator[None]:
-    """Turn what the system says to the start of processes within a block into one error.
-
-    Raises
-    ------
-    FileAccessError
-        For all that can be lacking: processes, threads, descriptors, semaphores, memory.
-    """
+    """Turn what the system says to the start of processes within a block into one error."""
     try:
         yield
     except (OSError, EOFError, RuntimeError, ImportError, NotImplementedError) as error:
@@ -145,13 +127,7 @@ def _shut_down(executor: ProcessPoolExecutor) -> None:
 
 
 def _wait_for_first(executor: ProcessPoolExecutor) -> None:
-    """Wait until the first process has started, and the threads that serve the pool.
-
-    Raises
-    ------
-    OSError, EOFError, RuntimeError
-        If one of these threads, or the process, could not be started.
-    """
+    """Wait until the first process has started, and the threads that serve the pool."""
     failures: list[object] = []
     before, threading.excepthook = threading.excepthook, failures.append
     try:

@@ -54,21 +54,7 @@ _FARTHEST = 100.0
 
 @dataclass(frozen=True)
 class GridFiles:
-    """Output files for one type of grid.
-
-    Parameters
-    ----------
-    metavar, about : str
-        What ``--help`` says of the output of a command that makes one.
-    endings : tuple of str
-        Those that the output of a command can have, the usual one first.
-    in_folder : tuple of str
-        The files in a folder of outputs, in the order of writing, the picture aside.
-    draw : callable
-        Returns the picture.
-    drawing : type of Drawing, optional
-        What makes the picture of rows as they come; None for grids that are always in memory.
-    """
+    """Output files for one type of grid."""
 
     metavar: str
     about: str
@@ -119,13 +105,7 @@ _FILES: dict[type[Any], GridFiles] = {
 
 
 def files_of(made: type[Any]) -> GridFiles:
-    """Return how grids of a type are written.
-
-    Raises
-    ------
-    TypeError
-        If the type has no row.
-    """
+    """Return how grids of a type are written."""
     if made not in _FILES:
         raise TypeError(f"it is not known how a {made.__name__} is written")
     return _FILES[made]
@@ -147,29 +127,14 @@ def passes_of(step: Step, endings: Iterable[str]) -> int:
 
 
 def figures_of(grid: Grid, *, box_of_known: bool) -> Figures:
-    """Return the figures of a grid.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid or other grid
-        The grid.
-    box_of_known : bool
-        Whether its picture will ask where its known cells lie: of a lazy layer that is found along
-        with the figures.
-    """
+    """Return the figures of a grid."""
     if box_of_known and isinstance(grid, (OccupancyGrid, Costmap)) and grid.is_lazy:
         gathered(grid.layer, histogram, KnownLines(OtherThan(grid.unknown_value)))
     return grid.figures()
 
 
 def output_of(step: Step, output: Path) -> list[Path]:
-    """Return the files that a step's product becomes if it is written to `output`.
-
-    Raises
-    ------
-    ParameterError
-        If it cannot be written to a file of that ending.
-    """
+    """Return the files that a step's product becomes if it is written to `output`."""
     endings = files_of(step.stage.makes).endings
     if output.suffix not in endings:
         hint = "--image writes a picture" if output.suffix == PICTURE else None
@@ -270,15 +235,7 @@ def write_picture(
 
 
 def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
-    """Return what the picture of a step's product shows of the robot that the step is about.
-
-    Parameters
-    ----------
-    step : Step
-        A stage that takes a robot's shape has it, or a radius of it.
-    robot : Footprint, optional
-        The robot's shape, where more than a radius is known of it.
-    """
+    """Return what the picture of a step's product shows of the robot that the step is about."""
     shape = step.stage.robot
     if shape is None or step.stage.makes is Reach:  # whose picture has it at its start
         return []
@@ -307,17 +264,7 @@ def write_curve(transaction: Transaction, path: Path, curve: CostCurve, title: s
 
 
 def geometry_of_npy(grid: Framed, rule: Any, output: Path) -> dict[str, Any]:
-    """Return what the YAML beside a bare ``.npy`` says of the field: geometry and parameters.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid or DistanceField
-        Whose geometry it has.
-    rule : DistanceField or FieldRule
-        What holds the parameters.
-    output : Path
-        The ``.npy``.
-    """
+    """Return what the YAML beside a bare ``.npy`` says of the field: geometry and parameters."""
     names = ("convention", "strength", "max_distance", "lethal_threshold", "unknown")
     return {
         "distance": output.name,

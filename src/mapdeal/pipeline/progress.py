@@ -13,15 +13,7 @@ _STEPS = 1000  # of one pass through a layer
 
 
 class Told:
-    """Reports how much of some passes through lazy layers is done.
-
-    Parameters
-    ----------
-    advance : callable
-        Called with the steps that were taken.
-    passes : int
-        How many passes there are, as far as is known beforehand.
-    """
+    """Reports how much of some passes through lazy layers is done."""
 
     def __init__(self, advance: Advance, passes: int) -> None:
         self._advance = advance

@@ -56,15 +56,7 @@ _FORMS = list(_forms())
 
 @dataclass(frozen=True)
 class Answers:
-    """Values of a field at some points, or of costs at some poses.
-
-    Parameters
-    ----------
-    text : str
-        One line with a JSON object for each.
-    count, outside : int
-        Number of points or poses, and of those outside the grid.
-    """
+    """Values of a field at some points, or of costs at some poses."""
 
     text: str
     count: int
@@ -117,17 +109,7 @@ def _states_at(
 
 
 def with_errors(text: str, errors: Mapping[int, str], lines: Sequence[int]) -> str:
-    """Return answers of which some say what is wrong with the line that was asked.
-
-    Parameters
-    ----------
-    text : str
-        The answers, a line each.
-    errors : mapping of int to str
-        What is wrong, by the answer's index.
-    lines : sequence of int
-        The number of the line that each answer is for; 0 if it is for none.
-    """
+    """Return answers of which some say what is wrong with the line that was asked."""
     if not errors:
         return text
     answers = text.splitlines(keepends=True)

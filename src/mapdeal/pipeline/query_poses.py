@@ -71,25 +71,7 @@ def costs_to_ask(
     parameters: Mapping[str, Any],
     robot: RobotParameters | None = None,
 ) -> Costmap:
-    """Return the costs in a file, or those of its map: a robot's, or of obstacles alone.
-
-    Parameters
-    ----------
-    path : Path
-        A costmap on scale ``costmap2d``, or a map.
-    options : Settings
-        How it is read.
-    parameters : mapping
-        Of a map, as `esdf` has them: ``lethal_threshold``, and ``unknown``; without the latter
-        unknown cells stay unknown.
-    robot : RobotParameters, optional
-        Whose costmap a map becomes. Without it there is what is lethal and what is unknown.
-
-    Raises
-    ------
-    ParameterError
-        If the file holds neither, or a parameter is not allowed.
-    """
+    """Return the costs in a file, or those of its map: a robot's, or of obstacles alone."""
     accepted = {name: parameters_of(esdf)[name].accept(one) for name, one in parameters.items()}
     source = read_input(path, options)
     grid = source.grid

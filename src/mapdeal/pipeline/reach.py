@@ -59,33 +59,7 @@ def reach_file(
     parameters: Mapping[str, Any] | None = None,
     also_read: Sequence[Path] = (),
 ) -> ReachReport:
-    """Find where a robot can go on the map or the costs in a file, and write what is asked for.
-
-    Parameters
-    ----------
-    path : Path
-        A map, a field or costs. With a robot's own parameters a map gets its costs, of which the
-        lethal and the unknown cells count.
-    output : Path, optional
-        Where the JSON goes.
-    options : Settings
-        How files are read and written.
-    layers : Path, optional
-        Where the layers go, an ``.npz``.
-    robot : RobotParameters, optional
-        The robot's own parameters.
-    footprint : Footprint, optional
-        Its shape, which wins over theirs.
-    parameters : mapping, optional
-        Parameters of the stage ``reach``.
-    also_read : sequence of Path
-        Files that no output may replace.
-
-    Returns
-    -------
-    ReachReport
-        Also if a goal is not reachable; `check_reached` then raises.
-    """
+    """Find where a robot can go on the map or the costs in a file, and write what is asked for."""
     for name, file, ending in (("--output", output, ".json"), ("--layers", layers, ".npz")):
         if file is not None and file.suffix != ending:
             rule = f"must end in {ending}"

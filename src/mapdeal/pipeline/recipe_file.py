@@ -25,15 +25,7 @@ _LINE = re.compile(
 
 
 class Given(dict[str, object]):
-    """The parameters that a stage is given, and where each comes from.
-
-    Parameters
-    ----------
-    values : mapping
-        The parameters.
-    sources : mapping of str to str
-        By name: file and line, or the option.
-    """
+    """The parameters that a stage is given, and where each comes from."""
 
     def __init__(
         self, values: Mapping[str, object] | None = None, sources: Mapping[str, str] | None = None
@@ -62,22 +54,7 @@ Draft = list[tuple[str, Given]]
 
 
 def read_recipe_file(path: Path, name: str) -> Draft:
-    """Return the stages of a recipe's file, of which only names and order are checked.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    name : str
-        What to call it, in front of the line.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    ParameterError
-        If it is malformed: a recipe is of the user's making, like an option.
-    """
+    """Return the stages of a recipe's file, of which only names and order are checked."""
     try:
         entries = _entries_in(path)
         for key, entry in entries.items():

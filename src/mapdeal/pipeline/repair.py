@@ -14,20 +14,7 @@ from mapdeal.pipeline.settings import Settings
 
 
 def repair_file(path: Path, output: Path, options: Settings) -> list[str]:
-    """Write a map without the traps that can be taken out of it; return what was changed.
-
-    Parameters
-    ----------
-    path, output : Path
-        The files.
-    options : Settings
-        How they are read and written.
-
-    Raises
-    ------
-    MalformedInputError
-        If the map cannot be read, or holds costs.
-    """
+    """Write a map without the traps that can be taken out of it; return what was changed."""
     outputs = output_paths(output)
     pair, cells, findings = gather(path, max_cells=options.max_cells)
     if cells is None:

@@ -33,24 +33,6 @@ def repair_in_place(
 ) -> list[str]:
     """Repair a map in its own files; return what was changed, a line each.
 
-    Parameters
-    ----------
-    path : Path
-        The map. Only a map_server pair is ever changed.
-    wanted : collection of str
-        Checks whose findings are to be mended, as far as that can be.
-    settings : Settings
-        How the map is read.
-    users : ImageUsers
-        Who else uses an image.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be written, has changed meanwhile, or is in the place of a new image.
-    MalformedInputError
-        If the YAML file is written in a way that cannot be edited.
-
     Notes
     -----
     In the YAML file the values that are traps are replaced where they stand, so that comments,
@@ -91,13 +73,7 @@ def repair_in_place(
 
 
 def _image_for(pair: PairFacts, users: ImageUsers) -> tuple[Path, str]:
-    """Return where the image of new cells goes, and what is said of that.
-
-    Raises
-    ------
-    FileAccessError
-        If there is something already.
-    """
+    """Return where the image of new cells goes, and what is said of that."""
     others = users.others(pair.image_path, pair.path)
     if not others and pair.image_path.suffix in _WRITTEN:
         return real_path(pair.image_path), f"{pair.image_path.name} written anew"

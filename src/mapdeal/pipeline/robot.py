@@ -21,17 +21,6 @@ def draft_for(robot: RobotParameters) -> Draft:
 
     Each stage knows whether it has a part in that; of several models the first one that can do
     all that the layers do is taken.
-
-    Parameters
-    ----------
-    robot : RobotParameters
-        The robot: its layers that are switched on, and its shape.
-
-    Returns
-    -------
-    list of (str, Given)
-        ``esdf`` and ``cost``, with their parameters. Without any layer that reads the map
-        there is no ``esdf``.
     """
     draft: Draft = []
     for name in STAGE_NAMES:
@@ -52,23 +41,7 @@ def planned_shape(robot: RobotParameters) -> Footprint:
 
 
 def step_for(name: str, robot: RobotParameters, given: Mapping[str, object]) -> Step:
-    """Return the step of one stage for a robot; what is given wins over the robot's parameters.
-
-    Parameters
-    ----------
-    name : str
-        A stage.
-    robot : RobotParameters
-        The robot. A stage, or a model of it, that has no part in its costmap gets its shape,
-        and which occupancy is lethal.
-    given : mapping of str to object
-        Parameters by name, ``model`` among them.
-
-    Raises
-    ------
-    ParameterError
-        If the model that is given cannot do what the robot's layers do; else as `make_step`.
-    """
+    """Return the step of one stage for a robot; what is given wins over the robot's parameters."""
     models = models_of(name)
     own = _own_of(name, robot, given.get("model"))
     if own is not None:
@@ -104,13 +77,6 @@ def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
 
     This sets the occupancy at which a cell is lethal, and whether unknown cells are free. Values
     set in the draft stay, and stages on a field or on costs do not need the first.
-
-    Parameters
-    ----------
-    draft : list of (str, Given)
-        The stages, which are changed.
-    robot : RobotParameters
-        The robot.
     """
     if not robot.static_layers:
         return
@@ -131,26 +97,7 @@ def put_map_rules(draft: Draft, robot: RobotParameters) -> None:
 def put_value(
     name: str, own: Given, key: str, value: object, source: str | None = None
 ) -> None:  # fmt: skip
-    """Set a parameter of a stage, or of one of its layers if only layers have it.
-
-    Parameters
-    ----------
-    name : str
-        The stage.
-    own : Given
-        Its parameters, which are changed.
-    key : str
-        The parameter.
-    value : object
-        What it is to be.
-    source : str, optional
-        Where that comes from.
-
-    Raises
-    ------
-    ParameterError
-        If it is not clear which layer is meant.
-    """
+    """Set a parameter of a stage, or of one of its layers if only layers have it."""
     model = own.get("model")
     stage = models_of(name).get(model if isinstance(model, str) else None)
     layers: Any = own.get("layers")

@@ -32,18 +32,6 @@ class RollingRun:
 
     A map is a function of the last clouds and their poses: those that are there already are
     skipped, and their clouds read only once a later map needs them.
-
-    Parameters
-    ----------
-    jobs : sequence of LocalJob
-        The sequence.
-    common : LocalCommon
-        The rest.
-
-    Raises
-    ------
-    MapdealError
-        If a pose is not allowed, or what is to be remembered takes too much memory.
     """
 
     def __init__(self, jobs: Sequence[LocalJob], common: LocalCommon) -> None:
@@ -73,13 +61,7 @@ class RollingRun:
         self._summed: list[SummedCloud | None] = []
 
     def __call__(self, index: int) -> RunReport:
-        """Make the map of a cloud; each is asked for after those before it, once.
-
-        Raises
-        ------
-        MapdealError
-            If the cloud cannot be read, or its outputs exist. The maps after it do without it.
-        """
+        """Make the map of a cloud; each is asked for after those before it, once."""
         job = self._jobs[index]
         self._summed.append(None)  # unless it can be read
         if job.cloud is None:

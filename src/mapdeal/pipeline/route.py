@@ -75,34 +75,7 @@ def route_file(
     weights: Mapping[str, Any] | None = None,
     gains: Mapping[str, Any] | None = None,
 ) -> RouteReport:
-    """Find a route through the map or the costs in a file, and write it if `output` is given.
-
-    Parameters
-    ----------
-    path : Path
-        A costmap, or a map or field, which gets the costs of the recipe ``nav2``.
-    output : Path, optional
-        Where the JSON goes.
-    options : Settings
-        How files are read and written.
-    start, goal : tuple of float
-        Points in the map frame, metres.
-    method : {'astar', 'descent'}
-        `shortest_route`, or `descend` on the `potential` of the lethal cells.
-    footprint : Footprint, optional
-        The robot's shape, for the costs of a map.
-    robot : RobotParameters, optional
-        The robot's own parameters, for the costs of a map, instead of the recipe's.
-    weights : mapping, optional
-        Parameters of `shortest_route` or `descend`.
-    gains : mapping, optional
-        Parameters of `potential`.
-
-    Returns
-    -------
-    RouteReport
-        Also if the goal was not reached; `check_reached` then raises.
-    """
+    """Find a route through the map or the costs in a file, and write it if `output` is given."""
     if output is not None and output.suffix != ".json":
         raise ParameterError("a route is written as .json", source=output)
     source = read_input(path, options)

@@ -31,19 +31,7 @@ _AVERAGED = ("mean_clearance", "min_clearance", "length", "cost", "expanded")
 
 @dataclass(frozen=True)
 class PairsReport:
-    """What has become of pairs of points.
-
-    Parameters
-    ----------
-    pairs : int
-        How many there were.
-    failed : int
-        Those without routes: no numbers, or an end that is outside or in a closed cell.
-    unreached : int
-        Those between which there is no way. All methods agree on that.
-    means : dict of str to dict of str to float
-        By method, the means of figures of `Route` over all others; empty if there is none.
-    """
+    """What has become of pairs of points."""
 
     pairs: int
     failed: int
@@ -109,40 +97,7 @@ def compare_pairs(
     heuristic_weight: float = HEURISTIC_WEIGHT,
     show: Callable[[str], object] = lambda _: None,
 ) -> PairsReport:
-    """Find routes of pairs of points by each method, and write a line of JSON for each.
-
-    Parameters
-    ----------
-    path : Path
-        A costmap, or a map or field, which gets the costs of the recipe ``nav2``.
-    asked : iterable of PairLine
-        The pairs, which may come one after the other.
-    output : Path, optional
-        Where the lines go, which is there once all are; to `show` if there is none, one by one.
-    options : Settings
-        How files are read and written.
-    asked_from : Path or str
-        Where the pairs come from: a file, which the output must not replace, or what to call it.
-    methods : sequence of {'plain', 'cost', 'heuristic'}
-        Which to compare.
-    footprint : Footprint, optional
-        The robot's shape, for the costs of a map.
-    robot : RobotParameters, optional
-        The robot's own parameters, for the costs of a map, instead of the recipe's.
-    weights : mapping, optional
-        Parameters of `Terrain.of`.
-    field_weight, heuristic_weight : float
-        Of the methods ``cost`` and ``heuristic``, see `shortest_route`.
-    show : callable
-        Takes the lines, if there is no output.
-
-    Raises
-    ------
-    ParameterError
-        If a parameter is not allowed. What is wrong with a pair stands in its line.
-    MalformedInputError
-        If there is no pair.
-    """
+    """Find routes of pairs of points by each method, and write a line of JSON for each."""
     if output is not None and output.suffix != ".jsonl":
         raise ParameterError("routes of pairs are written as .jsonl", source=output)
     if not methods or not set(methods) <= set(PLACES_OF_FIELD):

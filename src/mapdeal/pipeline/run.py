@@ -28,30 +28,7 @@ def run_map(
     settings: Settings = DEFAULT_SETTINGS,
     around: Around | None = None,
 ) -> RunReport:
-    """Read a map, apply a recipe and write everything into a folder.
-
-    Parameters
-    ----------
-    path : Path
-        The map.
-    folder : Path
-        Where outputs go; it is made if missing. They appear together, the manifest last.
-    recipe : Recipe
-        The stages.
-    settings : Settings
-        How to read, compute, draw and write.
-    around : Around, optional
-        A robot around which a local map is made, too. It goes into a folder in `folder`, together
-        with the rest: all is written or nothing.
-
-    Raises
-    ------
-    MapdealError
-        If the map cannot be read or processed, or outputs exist that the manifest does not
-        show to be these; nothing is changed then.
-    FindingError
-        If there is anything to warn of, and the settings are strict.
-    """
+    """Read a map, apply a recipe and write everything into a folder."""
     texts: list[str] = []
     with ExitStack() as stack:
         stack.enter_context(use_threads(settings.threads))

@@ -45,19 +45,7 @@ _HINT = "--align finds how the maps lie, --transform takes it from a file"
 
 @dataclass(frozen=True)
 class Asked:
-    """Bounds and placement requested for a score.
-
-    Parameters
-    ----------
-    minimum, maximum : mapping of str to float
-        Bounds by the names of figures.
-    transform : Transform, optional
-        From the map's frame to that of the truth.
-    transform_file : Path, optional
-        File that contains the transform.
-    align : bool
-        Whether to find the transform by aligning the maps.
-    """
+    """Bounds and placement requested for a score."""
 
     minimum: Mapping[str, float]
     maximum: Mapping[str, float]
@@ -92,27 +80,7 @@ class Asked:
 
 @dataclass(frozen=True, eq=False)
 class ScoreReport:
-    """A score.
-
-    Parameters
-    ----------
-    values : dict
-        The figures by name.
-    bounds : tuple of ScoreBound
-        What was asked of them.
-    frame : Frame
-        The lattice whose cells were counted: the truth's; without one the map's.
-    states : numpy.ndarray of uint8, shape of `frame`
-        What the map's cells are on it.
-    comparison : Comparison or None
-        The map beside the truth; None without one.
-    transform : Transform or None
-        From the map's frame to that of the truth; None without one.
-    way : str
-        Where that came from.
-    maps : tuple of ComparedMap or None
-        The map and the truth; None of what was no file, or is not there.
-    """
+    """A score."""
 
     values: dict[str, Any]
     bounds: tuple[ScoreBound, ...]
@@ -158,32 +126,7 @@ def score_grids(
     *,
     names: tuple[str, str] = ("the map", "the truth"),
 ) -> ScoreReport:
-    """Return the score of a map.
-
-    Parameters
-    ----------
-    estimate : OccupancyGrid
-        The map.
-    truth : OccupancyGrid, optional
-        The true one.
-    asked : Asked
-        How the two lie, and bounds.
-    names : tuple of str
-        What warnings call them.
-
-    Raises
-    ------
-    FindingError
-        If they are to be aligned, and may not show one place.
-    ParameterError
-        If a bound is not allowed.
-
-    Warns
-    -----
-    MapdealWarning
-        Where figures say little: without overlap, walls, or known cells, and of values that are
-        neither free nor occupied.
-    """
+    """Return the score of a map."""
     bounds = asked.bounds(with_truth=truth is not None)
     _warn_of_values(estimate, names[0])
     if truth is None:
@@ -210,19 +153,7 @@ def score_grids(
 def score_files(
     path: Path, truth: Path | None, options: Settings, asked: Asked
 ) -> ScoreReport:  # fmt: skip
-    """Return the score of the map in a file; draw it if a picture is asked for.
-
-    Parameters
-    ----------
-    path : Path
-        The map; of fields and costs the map that ROS would have.
-    truth : Path, optional
-        The true one.
-    options : Settings
-        How they are read.
-    asked : Asked
-        How the two lie, and bounds.
-    """
+    """Return the score of the map in a file; draw it if a picture is asked for."""
     asked.bounds(with_truth=truth is not None)  # before anything is read
     if truth is None and options.image is not None:
         raise ParameterError("needs --truth, a map to compare with", source="--image")

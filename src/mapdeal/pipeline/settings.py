@@ -32,44 +32,7 @@ def is_whole(value: object) -> bool:
 
 @dataclass(frozen=True)
 class Settings:
-    """How a command reads its inputs, computes, draws and writes its outputs.
-
-    Parameters
-    ----------
-    dialect : {'nav2', 'humble', 'ros1'}
-        Whose reading of the image to follow.
-    max_cells : int, optional
-        Cells up to which an input is read.
-    force : bool
-        Whether outputs that exist are replaced.
-    threads : int, optional
-        Threads to compute and write with; all processors if not given.
-    max_memory : int, optional
-        Bytes of memory that may be used; half of what is free if not given. A map that needs
-        more is processed block by block, with the same result, or refused.
-    image : Path, optional
-        Where a command that writes one result puts its picture.
-    images : bool
-        Whether a folder of outputs gets pictures.
-    image_max : int
-        Longest side of a picture in pixels; 0 for one pixel per cell.
-    image_extent : {'known', 'all'}
-        Whether pictures show the known cells and a margin, or all of a map.
-    canvas : {'crop', 'full'}
-        Whether a run writes what it has computed on a part of the map as it is, or puts it back
-        onto the whole map.
-    progress : callable, optional
-        Progress of a map that is processed block by block.
-    strict : bool
-        Whether a warning is a finding, before anything is written.
-    memory_is_chosen : bool
-        Whether `max_memory` was asked for, rather than a job's share of what is free.
-
-    Raises
-    ------
-    ParameterError
-        If a choice or a number is not allowed.
-    """
+    """How a command reads its inputs, computes, draws and writes its outputs."""
 
     dialect: Dialect = "nav2"
     max_cells: int | None = None

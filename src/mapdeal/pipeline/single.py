@@ -37,15 +37,7 @@ from mapdeal.stages.keepout import apply_keepout_mask
 
 @dataclass(frozen=True)
 class SingleResult:
-    """What one stage has made of a file.
-
-    Parameters
-    ----------
-    figures : dict
-        Those of the product.
-    curve : CostCurve, optional
-        The costs over the distance, if they were asked for.
-    """
+    """What one stage has made of a file."""
 
     figures: Figures
     curve: CostCurve | None = None

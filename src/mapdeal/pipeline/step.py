@@ -30,17 +30,7 @@ from mapdeal.stages.parameters import accept_parameters, unknown_name, unknown_p
 
 @dataclass(frozen=True)
 class Step:
-    """One stage of a recipe with all its parameters, checked.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage, in one of its models.
-    parameters : mapping
-        Every parameter of the stage's function, as it takes effect.
-    view : mapping
-        The parameters of its view, if it has one.
-    """
+    """One stage of a recipe with all its parameters, checked."""
 
     stage: Stage
     parameters: Mapping[str, Any]
@@ -114,21 +104,7 @@ class Step:
 
 
 def make_step(name: str, given: Mapping[str, object]) -> Step:
-    """Return the step of a stage with the given parameters, all checked.
-
-    Parameters
-    ----------
-    name : str
-        The stage.
-    given : mapping
-        Parameters, those of the view among them, and of a stage with several models ``model``.
-
-    Raises
-    ------
-    ParameterError
-        If the stage or a parameter is not known, a value not allowed, or a robot's shape and a
-        radius that is not its own are given.
-    """
+    """Return the step of a stage with the given parameters, all checked."""
     models = models_of(name)
     if not models:
         raise unknown_name("stage", name, STAGE_NAMES)

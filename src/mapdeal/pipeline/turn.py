@@ -29,33 +29,7 @@ def rotate_file(
     rule: ResamplingRule = "area",
     inputs: Sequence[Path] = (),
 ) -> tuple[Figures, Transform | None]:
-    """Turn a map or costmap as `rotate` does; return its figures, and how points turn with it.
-
-    Parameters
-    ----------
-    path, output : Path
-        The files.
-    options : Settings
-        How they are read and written.
-    yaw : float or None
-        Radians; None for what brings the walls along the axes.
-    rule : {'area', 'nearest'}
-        What a cell gets.
-    inputs : sequence of Path
-        Files beside the map that no output may replace.
-
-    Returns
-    -------
-    figures : dict
-        Of the new map.
-    transform : Transform or None
-        None if no direction of walls stands out, and the map is written as it is.
-
-    Warns
-    -----
-    MapdealWarning
-        If no direction of walls stands out.
-    """
+    """Turn a map or costmap as `rotate` does; return its figures, and how points turn with it."""
     turn = None if yaw is None else turn_of(yaw)
 
     def cells(grid: Editable) -> int:

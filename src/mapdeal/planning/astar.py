@@ -92,11 +92,6 @@ def surcharges_near_obstacles(
     """Return the heuristic's addition near obstacles, shape (H, W), or None.
 
     The unit is that of the search: cells of length and weight 1.
-
-    Raises
-    ------
-    ParameterError
-        If the number is negative, not finite or above 1e6.
     """
     if check_factor("heuristic_weight", heuristic_weight) == 0:
         return None
@@ -113,24 +108,7 @@ def route_over(
     weights: NDArray[np.float64] | None = None,
     surcharges: NDArray[np.float64] | None = None,
 ) -> Route:
-    """Search a terrain for the cheapest route, and measure the route on it.
-
-    Parameters
-    ----------
-    terrain : Terrain
-        Closed cells, and the weights that the cost of the route is measured with.
-    start_xy, goal_xy : tuple of float
-        Start and goal in the map frame, metres.
-    weights : numpy.ndarray of float64, shape (H, W), optional
-        Weights for the search instead of the terrain's own; 0 in the same cells.
-    surcharges : numpy.ndarray of float64, shape (H, W), optional
-        Additions to the heuristic, see `surcharges_near_obstacles`.
-
-    Raises
-    ------
-    ParameterError
-        If start or goal is outside the map or in a closed cell.
-    """
+    """Search a terrain for the cheapest route, and measure the route on it."""
     first = terrain.open_cell_of(start_xy, "start")
     last = terrain.open_cell_of(goal_xy, "goal")
     searched = terrain.weights if weights is None else weights

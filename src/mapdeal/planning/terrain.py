@@ -52,17 +52,7 @@ NO_WAY = Measures(math.nan, math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """A costmap as routes see it.
-
-    Parameters
-    ----------
-    costmap : Costmap
-        The costs.
-    weights : numpy.ndarray of float64, shape (H, W)
-        Cost per metre of a segment that ends in the cell, at least 1; 0 for closed cells.
-    field : DistanceField
-        Distances from the centres of cells to those of lethal cells.
-    """
+    """A costmap as routes see it."""
 
     costmap: Costmap
     weights: NDArray[np.float64]
@@ -116,13 +106,7 @@ class Terrain:
         return replace(terrain, weights=terrain.weights_near_obstacles(field_weight))
 
     def weights_near_obstacles(self, field_weight: float) -> NDArray[np.float64]:
-        """Return the weights of open cells and what nearness to obstacles adds, shape (H, W).
-
-        Raises
-        ------
-        ParameterError
-            If the number is negative, not finite or above 1e6.
-        """
+        """Return the weights of open cells and what nearness to obstacles adds, shape (H, W)."""
         if check_factor("field_weight", field_weight) == 0:
             return self.weights
         weights = self.nearness()
@@ -155,11 +139,6 @@ class Terrain:
         """Return whether a straight piece of way stays in open cells.
 
         From corner to corner it must not lead between two closed cells.
-
-        Parameters
-        ----------
-        start, end : tuple of float
-            Cell coordinates with fractions, row and column.
         """
         cells = list(_cells_on(start, end))
         return self.is_open(cells[0]) and all(
@@ -167,13 +146,7 @@ class Terrain:
         )
 
     def open_cell_of(self, point: Point, name: str) -> Cell:
-        """Return the cell of a point.
-
-        Raises
-        ------
-        ParameterError
-            If it lies outside of the map or is closed; the error calls the point `name`.
-        """
+        """Return the cell of a point."""
         frame = self.costmap.frame
         cell = cell_of_point(frame, point, name)
         if not self.is_open(cell):
@@ -224,13 +197,7 @@ class Terrain:
 
 
 def check_factor(name: str, value: float) -> float:
-    """Return a factor that is allowed, 0 to 1e6.
-
-    Raises
-    ------
-    ParameterError
-        If it is any other; the error calls it `name`.
-    """
+    """Return a factor that is allowed, 0 to 1e6."""
     if not 0 <= value <= _LARGEST_FACTOR:
         rule = f"must lie between 0 and {_LARGEST_FACTOR:g}"
         raise ParameterError(rule, place=name, got=value)

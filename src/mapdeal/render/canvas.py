@@ -30,26 +30,7 @@ def sheet(
     bar: ColourBar | None = None,
     swatches: Sequence[Swatch] = (),
 ) -> Image:
-    """Return the picture of a map on a sheet with everything that explains it.
-
-    Parameters
-    ----------
-    pixels : numpy.ndarray of uint8, shape (H, W)
-        Palette indices below `mapdeal.render.pen.MOST_COLOURS`, row 0 in the south.
-    colours : numpy.ndarray of uint8, shape (N, 3)
-        What the indices mean.
-    title, subtitle : str
-        Two lines above the map.
-    metres_per_pixel : float
-        For the scale bar.
-    corner_xy : tuple of float, optional
-        Where the lower left corner lies in the map frame, metres, for coordinates along the
-        edges and the names of the axes; None where the map's axes are not those of the map frame.
-    bar : ColourBar, optional
-        The colour scale, right of the map.
-    swatches : sequence of Swatch
-        Legend entries, below the colour bar.
-    """
+    """Return the picture of a map on a sheet with everything that explains it."""
     height, width = pixels.shape
     text_size = text_size_of(pixels.shape)
     pen = _Pen(text_size)
@@ -123,13 +104,7 @@ def corner_of(frame: Frame) -> tuple[float, float] | None:
 def ticks_between(
     start: float, pixels: int, metres_per_pixel: float, text_size: int
 ) -> list[tuple[int, str]]:  # fmt: skip
-    """Return the round coordinates along an edge, each with its pixel, as many as find room.
-
-    Examples
-    --------
-    >>> ticks_between(-1.3, 300, 0.01, 10)
-    [(30, '-1.0'), (80, '-0.5'), (130, '0.0'), (180, '0.5'), (230, '1.0'), (280, '1.5')]
-    """
+    """Return the round coordinates along an edge, each with its pixel, as many as find room."""
     widest = max(len(f"{value:.0f}") for value in (start, start + pixels * metres_per_pixel))
     room = text_size * max(4.0, 0.7 * widest + 2)  # pixels
     step = next(

@@ -22,15 +22,7 @@ Box = tuple[int, int, int, int]
 
 
 class Captions:
-    """Writes texts on the pixels of a map, each in a box of its own.
-
-    Parameters
-    ----------
-    pixels : numpy.ndarray of uint8, shape (H, W)
-        Palette indices, row 0 in the south, changed in place.
-    size : int
-        Pixels per em.
-    """
+    """Writes texts on the pixels of a map, each in a box of its own."""
 
     def __init__(self, pixels: NDArray[np.uint8], size: int) -> None:
         self._pixels = pixels
@@ -43,26 +35,7 @@ class Captions:
         self, text: str, place: NDArray[np.float64], index: int, *, away: float,
         towards: Sequence[float] = (1.0, 0.0),
     ) -> bool:  # fmt: skip
-        """Write a text beside a place, in a frame of a colour.
-
-        Parameters
-        ----------
-        text : str
-            One line.
-        place : numpy.ndarray of float64, shape (2,)
-            Column and row.
-        index : int
-            Palette index of the frame.
-        away : float
-            Pixels between the place and the text, at least.
-        towards : sequence of float
-            The direction along columns and rows where it had best be.
-
-        Returns
-        -------
-        bool
-            Whether there was room for it.
-        """
+        """Write a text beside a place, in a frame of a colour."""
         letters = self._letters(text)
         height, width = letters.shape
         found = self._free_box(place, width, height, away, towards)

@@ -117,13 +117,7 @@ def palette_of(*parts: ArrayLike) -> Colours:
 
 
 def interpolated(anchors: list[tuple[int, int, int]], levels: int) -> Colours:
-    """Return `levels` colours through the anchors, at even steps in OKLab.
-
-    Examples
-    --------
-    >>> interpolated([(0, 0, 0), (255, 255, 255)], 3).tolist()
-    [[0, 0, 0], [99, 99, 99], [255, 255, 255]]
-    """
+    """Return `levels` colours through the anchors, at even steps in OKLab."""
     lab = _oklab_from_rgb(np.array(anchors, dtype=np.float64) / 255)
     steps = np.linspace(0, len(anchors) - 1, levels)
     columns = [np.interp(steps, np.arange(len(anchors)), lab[:, c]) for c in range(3)]

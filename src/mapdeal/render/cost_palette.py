@@ -22,19 +22,7 @@ COST_LEVELS = 200
 
 @dataclass(frozen=True, eq=False)
 class CostPalette:
-    """Palette indices of the costs of a scale.
-
-    Parameters
-    ----------
-    by_value : numpy.ndarray of uint8, shape (256,)
-        The index of each cost, by its byte.
-    colours : numpy.ndarray of uint8, shape (N, 3)
-        What the indices mean.
-    highest_graded : int
-        The highest cost of the even scale.
-    lethal_cost : int
-        What an obstacle costs.
-    """
+    """Palette indices of the costs of a scale."""
 
     by_value: NDArray[np.uint8]
     colours: Colours

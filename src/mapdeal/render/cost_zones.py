@@ -35,17 +35,7 @@ class ZoneKind(Enum):
 
 @dataclass(frozen=True)
 class Zone:
-    """Distances of which the same is true.
-
-    Parameters
-    ----------
-    kind : ZoneKind
-        What that is.
-    start, end : float
-        Metres; the end belongs to the zone.
-    costs : tuple of int, optional
-        The highest and the lowest cost; None if no cell lies at such a distance.
-    """
+    """Distances of which the same is true."""
 
     kind: ZoneKind
     start: float

@@ -30,29 +30,7 @@ def difference_image(
     only_in: tuple[str, str] | None = None,
     style: LayerStyle | None = None,
 ) -> Image:
-    """Return a picture of changes.
-
-    Parameters
-    ----------
-    changes : numpy.ndarray of uint8, shape (H, W)
-        What each cell is: 0 outside of one map, 1 unknown and 2 free in both, 3 free in one and
-        unknown in the other, 4 a wall in both, 5 a wall that is gone, 6 a new one. Where cells
-        share a pixel the largest shows.
-    frame : Frame
-        The cells.
-    title : str
-        What stands above.
-    image_max : int
-        Longest side in pixels; 0 for one pixel per cell.
-    image_extent : {'known', 'all'}
-        Whether the cells that are known in one of the maps are drawn, or all.
-    only_in : tuple of str, optional
-        What to call the maps, if the second is not a later state of the first but made of the
-        same data: they differ by single cells, and the picture is larger.
-    style : LayerStyle, optional
-        What other kinds of cells are called, and their colours, of maps that differ by single
-        cells as well.
-    """
+    """Return a picture of changes."""
     is_fine = only_in is not None or style is not None
     more = {"small_side": _SMALL_SIDE} if is_fine else {}
     part = shown_part(changes, frame, image_extent, is_known=lambda kinds: kinds > _UNKNOWN)

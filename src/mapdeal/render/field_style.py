@@ -50,13 +50,7 @@ class FieldEnds:
 
 
 class EndsByRows:
-    """The ends of a field of which some rows are looked at at a time.
-
-    Parameters
-    ----------
-    field : DistanceField
-        A field all of whose cells have a distance.
-    """
+    """The ends of a field of which some rows are looked at at a time."""
 
     def __init__(self, field: DistanceField) -> None:
         self._field = field

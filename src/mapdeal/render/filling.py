@@ -15,17 +15,7 @@ _FARTHEST = 2.0**20  # pixels; beyond, products of coordinates need more than 64
 
 
 def fill_polygons(pixels: NDArray[np.uint8], corners: NDArray[np.float64], index: int) -> None:
-    """Fill convex polygons.
-
-    Parameters
-    ----------
-    pixels : numpy.ndarray of uint8, shape (H, W)
-        Changed in place.
-    corners : numpy.ndarray of float64, shape (N, K, 2)
-        Column and row of the K corners of each, in pixels.
-    index : int
-        What the pixels become.
-    """
+    """Fill convex polygons."""
     fixed = _fixed(corners)
     first, end = (_from_centre(reach) for reach in (fixed[..., 1].min(1), fixed[..., 1].max(1)))
     which, row = _rows(first, end, len(pixels))

@@ -18,13 +18,7 @@ from mapdeal.render.style import Swatch
 
 @dataclass(frozen=True, eq=False)
 class KeepoutOverlay:
-    """Cells that are lethal by a mask alone.
-
-    Parameters
-    ----------
-    closed : Layer of bool, shape (H, W)
-        Which cells these are.
-    """
+    """Cells that are lethal by a mask alone."""
 
     closed: Layer
 

@@ -39,25 +39,7 @@ def merge_image(
     image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "known",
 ) -> Image:
-    """Return a picture of a merged map with its conflicts over it.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    conflicts : numpy.ndarray of uint8, shape of the grid
-        What its cells are: 0 no conflict, 1 occupied in the first map and free in another, 2 the
-        other way round, 3 both among the others. Where cells share a pixel a conflict shows before
-        a wall, and a wall before free space.
-    names : sequence of str
-        What to call the maps. Of two, conflicts have two colours, of more maps they have one.
-    title : str, optional
-        What stands above; the names, if not given.
-    image_max : int
-        Longest side in pixels; 0 for one pixel per cell.
-    image_extent : {'known', 'all'}
-        Whether the known cells are drawn, or all.
-    """
+    """Return a picture of a merged map with its conflicts over it."""
     kinds = grid.occupancy.view(np.uint8) + np.uint8(1)  # of unknown, which is 255, it is 0
     if len(names) > _PAIR:
         legend = {_NO_CONFLICT + _ALIKE: "occupied in one map, free in another"}

@@ -87,13 +87,7 @@ def place_of(points_xy: ArrayLike, frame: Frame, raster: Raster) -> NDArray[np.f
 
 
 class Brush:
-    """Draws on pixels whose row 0 is the south; coordinates are in pixels, (column, row).
-
-    Parameters
-    ----------
-    pixels : numpy.ndarray of uint8, shape (H, W)
-        Palette indices, changed in place.
-    """
+    """Draws on pixels whose row 0 is the south; coordinates are in pixels, (column, row)."""
 
     def __init__(self, pixels: NDArray[np.uint8]) -> None:
         self._pixels = pixels

@@ -25,13 +25,7 @@ class Image:
 
 
 class Pen:
-    """Text and lines, in one size, on a white sheet of palette indices.
-
-    Parameters
-    ----------
-    size : int
-        Pixels per em of its text.
-    """
+    """Text and lines, in one size, on a white sheet of palette indices."""
 
     def __init__(self, size: int) -> None:
         self.size = size

@@ -43,11 +43,6 @@ class Raster:
 
         0 means one pixel per cell, whatever the size. The long side of a small map is enlarged
         to `small_side` pixels or a little more.
-
-        Examples
-        --------
-        >>> Raster.fitting((10, 20), 2048), Raster.fitting((5000, 10), 2048)
-        (Raster(enlarge=30, reduce=1, part=None), Raster(enlarge=1, reduce=3, part=None))
         """
         side = max(shape if part is None else (part.height, part.width))
         if image_max == 0:
@@ -77,15 +72,7 @@ class Raster:
         return self.pooling(layer, np.fmin).all()
 
     def pooling(self, layer: Layer, choose: np.ufunc) -> Pooling:
-        """Return what makes pixels of cells, some rows at a time.
-
-        Parameters
-        ----------
-        layer : array or LazyLayer
-            The values of the whole map.
-        choose : numpy.ufunc
-            Returns, of two values under a pixel, the one that counts: `numpy.fmax` or `fmin`.
-        """
+        """Return what makes pixels of cells, some rows at a time."""
         return Pooling(self, layer, choose)
 
     def enlarged(self, pixels: NDArray[Any]) -> NDArray[Any]:
@@ -96,17 +83,7 @@ class Raster:
 
 
 class Pooling:
-    """Cells that become pixels, some rows at a time.
-
-    Parameters
-    ----------
-    raster : Raster
-        How many cells are under a pixel, and which cells.
-    layer : array or LazyLayer
-        The values of the whole map.
-    choose : numpy.ufunc
-        Returns, of two values under a pixel, the one that counts.
-    """
+    """Cells that become pixels, some rows at a time."""
 
     def __init__(self, raster: Raster, layer: Layer, choose: np.ufunc) -> None:
         self._step = raster.reduce

@@ -44,17 +44,7 @@ _COLOURS = [
 
 
 def reach_codes(reach: Reach) -> tuple[NDArray[np.uint8], LayerStyle]:
-    """Return what each cell of a reach is, and how that is drawn.
-
-    Returns
-    -------
-    codes : numpy.ndarray of uint8, shape (H, W)
-        Reachable, cut off, too narrow, an obstacle, ...: the style's `labels` say which is which.
-        Where cells share a pixel the largest takes precedence. The largest areas that are open
-        to the robot, but out of its reach, have a code each.
-    style : LayerStyle
-        The colours; its legend has an entry for each code that occurs, with the area.
-    """
+    """Return what each cell of a reach is, and how that is drawn."""
     codes = _codes(reach)
     areas = _colour_areas(codes)
     counts = histogram(codes)

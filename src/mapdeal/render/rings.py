@@ -20,17 +20,7 @@ _CORNERS = 32
 
 @dataclass(frozen=True, eq=False)
 class RingOverlay:
-    """Rings around places.
-
-    Parameters
-    ----------
-    places_xy : numpy.ndarray of float64, shape (N, 2)
-        Their middles, metres in the map frame.
-    label : str
-        What the legend calls them.
-    text : str
-        What there is to know of them, for a subtitle.
-    """
+    """Rings around places."""
 
     places_xy: NDArray[np.float64]
     label: str

@@ -41,15 +41,7 @@ def outline_of(
 
 @dataclass(frozen=True)
 class RobotOverlay:
-    """A robot's shape, true to scale, in the corner of a picture where least is to be seen.
-
-    Parameters
-    ----------
-    robot : Footprint
-        The shape, drawn with its front to the right.
-    label : str
-        What the legend calls it.
-    """
+    """A robot's shape, true to scale, in the corner of a picture where least is to be seen."""
 
     robot: Footprint
     label: str = "robot, to scale"

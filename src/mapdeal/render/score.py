@@ -47,20 +47,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ScoredWalls:
-    """What there is to draw of a score.
-
-    Parameters
-    ----------
-    frame : Frame
-        The lattice of the truth.
-    estimate, truth : numpy.ndarray of uint8, shape of `frame`
-        What the cells of both maps are: 0 unknown, 1 free, 2 occupied.
-    distances : numpy.ndarray of float64, shape (N,)
-        Of the wall cells of the estimate, row by row, to the nearest of the truth, metres;
-        infinite if there is none.
-    missed : numpy.ndarray of float64, shape (M,)
-        The same of the wall cells of the truth.
-    """
+    """What there is to draw of a score."""
 
     frame: Frame
     estimate: NDArray[np.uint8]
@@ -138,11 +125,6 @@ def bins_of(
     """Return the middles of bins of a cell's side, metres, and the share of distances in each.
 
     The last bin is that of all that is farther than `top`; its middle is infinite.
-
-    Examples
-    --------
-    >>> bins_of(np.array([0.0, 0.5, 0.6, 0.7, 9.0]), 0.5, 1.0)
-    [(0.0, 0.2), (0.5, 0.6), (1.0, 0.0), (inf, 0.2)]
     """
     count = math.floor(top / resolution + _ROUNDING) + 1
     places = np.minimum(np.floor(metres / resolution + 0.5), count).astype(np.int64)

@@ -79,29 +79,7 @@ def shown_part(
     overlay: Overlay | None = None,
     places_xy: ArrayLike = (),
 ) -> Region | None:
-    """Return the part of a map that its picture shows, None for all of it.
-
-    Parameters
-    ----------
-    layer : Layer, shape of `frame`
-        Finds which cells are known.
-    frame : Frame
-        The map's geometry.
-    extent : {'known', 'all'}
-        What was asked for.
-    is_known : callable
-        Returns which values of the layer are of known cells.
-    overlay : Overlay, optional
-        What is drawn over it: it is to lie in the picture.
-    places_xy : array_like of float, shape (N, 2)
-        Other places that are to lie in it, as far as they lie on the map; metres.
-
-    Returns
-    -------
-    Region, optional
-        The known cells and a margin of a twentieth of their longer side, at least ten cells,
-        inside of the map. None if nothing is known, or the part is hardly smaller than the map.
-    """
+    """Return the part of a map that its picture shows, None for all of it."""
     if extent == "all":
         return None
     box = known_box(layer, is_known)

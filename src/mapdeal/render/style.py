@@ -56,29 +56,7 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class LayerStyle:
-    """How the values of a layer become colours.
-
-    Parameters
-    ----------
-    colours : numpy.ndarray of uint8, shape (N, 3)
-        The palette.
-    by_value : numpy.ndarray of uint8, shape (256,), optional
-        Of a layer of bytes: the palette index of each value.
-    scale : Scale, optional
-        Of a layer of numbers.
-    swatches : tuple of Swatch
-        The legend, of values that stand apart.
-    bar : ColourBar, optional
-        The legend of values that are on a scale.
-    labels : mapping of int to str
-        Of a layer of bytes: what single values are called.
-    nowhere : int, optional
-        Of a layer of numbers: the palette index of cells without a value (nan).
-    line : int, optional
-        Of a distance field: the palette index of the outline of obstacles.
-    faded_by : int, optional
-        Of a distance field: how far behind the indices of known cells those of unknown ones are.
-    """
+    """How the values of a layer become colours."""
 
     colours: Colours
     by_value: NDArray[np.uint8] | None = None

@@ -115,13 +115,7 @@ def potential_style(field: PotentialField) -> LayerStyle:
 
 
 def difference_style(only_in: tuple[str, str] | None = None) -> LayerStyle:
-    """Return the colours of the seven kinds of cells of a difference, 0 to 6.
-
-    Parameters
-    ----------
-    only_in : tuple of str, optional
-        What to call the maps, if the second is not a later state of the first.
-    """
+    """Return the colours of the seven kinds of cells of a difference, 0 to 6."""
     kinds = list(_KINDS_OF_DIFFERENCE)
     if only_in is not None:
         names = ["free by one of them, unknown by the other", "wall"]
@@ -142,13 +136,7 @@ def cleaning_style() -> LayerStyle:
 
 
 def alignment_style(names: tuple[str, str]) -> LayerStyle:
-    """Return the colours of the kinds of cells of two maps laid over each other, 0 to 5.
-
-    Parameters
-    ----------
-    names : tuple of str
-        What to call the maps.
-    """
+    """Return the colours of the kinds of cells of two maps laid over each other, 0 to 5."""
     _, unknown, free, _, wall, first, second = (colour for _, colour in _KINDS_OF_DIFFERENCE)
     kinds = [("outside of both", unknown), ("unknown", unknown), ("free in one of them", free)]
     kinds += [(f"wall of {names[0]}", first), (f"wall of {names[1]}", second)]
@@ -170,17 +158,7 @@ def _style_of_kinds(kinds: Sequence[tuple[str, Colour]]) -> LayerStyle:
 
 
 def number_style(low: float, high: float, unit: str, *, nowhere: str = "no value") -> LayerStyle:
-    """Return an even scale from pale to dark blue, of a layer of plain numbers.
-
-    Parameters
-    ----------
-    low, high : float
-        The ends of the scale, finite; values beyond take the colour of an end.
-    unit : str
-        What stands above the colour bar.
-    nowhere : str
-        What the legend calls cells without a value (nan).
-    """
+    """Return an even scale from pale to dark blue, of a layer of plain numbers."""
     if high <= low:
         high = low + 1.0
     ticks = [((value - low) / (high - low), f"{value:g}") for value in ticks_of(low, high, 6)]
@@ -194,13 +172,7 @@ def number_style(low: float, high: float, unit: str, *, nowhere: str = "no value
 
 
 def ticks_of(low: float, high: float, about: int) -> list[float]:
-    """Return the multiples of a round length from `low` to `high`, about so many.
-
-    Examples
-    --------
-    >>> ticks_of(-0.3, 2.1, 5)
-    [0.0, 0.5, 1.0, 1.5, 2.0]
-    """
+    """Return the multiples of a round length from `low` to `high`, about so many."""
     step = round_length((high - low) / about * 1.5)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     decimals = max(0, -math.floor(math.log10(step)))

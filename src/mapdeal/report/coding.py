@@ -51,13 +51,7 @@ class Way(Protocol):
 
 @dataclass(frozen=True)
 class Squares:
-    """Distances by their squares in cells: (sqrt(n) - offset) unit, negative ones alike.
-
-    Parameters
-    ----------
-    above, below : tuple of float
-        Offset and unit of numbers from 0 on, and of those below.
-    """
+    """Distances by their squares in cells: (sqrt(n) - offset) unit, negative ones alike."""
 
     above: tuple[float, float]
     below: tuple[float, float]
@@ -118,13 +112,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Bits:
-    """Numbers by the bits of float32, in an order that is that of the numbers.
-
-    Parameters
-    ----------
-    hidden : int
-        How many of the last bits are left out.
-    """
+    """Numbers by the bits of float32, in an order that is that of the numbers."""
 
     hidden: int = 0
 
@@ -156,19 +144,7 @@ class Bits:
 def ways_of(
     resolution: float, convention: Convention | None, strength: float, *, are_metres: bool
 ) -> tuple[Way, ...]:
-    """Return the codings of a layer's numbers, the best first, the last one always fitting.
-
-    Parameters
-    ----------
-    resolution : float
-        Side of a cell, metres.
-    convention : {'fast-planner', 'center', 'border'}, optional
-        Of a distance field.
-    strength : float
-        Factor of its positive distances.
-    are_metres : bool
-        Whether numbers are metres.
-    """
+    """Return the codings of a layer's numbers, the best first, the last one always fitting."""
     if not are_metres:
         return Bits(_HIDDEN_BITS), Bits()
     if convention is None:  # a clearance, or a width
@@ -181,24 +157,7 @@ def ways_of(
 
 
 def packed(values: Numbers, ways: Sequence[Way]) -> bytes:
-    """Return the bytes of a tile, in the first coding that holds all of its numbers.
-
-    Parameters
-    ----------
-    values : numpy.ndarray of float32, shape (H, W)
-        The numbers.
-    ways : sequence of Way
-        Of which the last one can hold any finite number.
-
-    Returns
-    -------
-    bytes
-        Four int32 (the way's index, bytes of a number, the largest number that has a value of
-        its own, and how many others follow), the others as float32, which are the values of the
-        numbers after the largest; then the lowest byte of each cell's number, row by row, the
-        next one of each, and so on. Of each number there is what it differs from left + below -
-        below left, with 0 for those outside, its sign in the lowest bit. All little endian.
-    """
+    """Return the bytes of a tile, in the first coding that holds all of its numbers."""
     for index, way in enumerate(ways):
         fit = _fit(values, way)
         if fit is not None:

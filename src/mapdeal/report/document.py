@@ -27,36 +27,7 @@ ItemKind = Literal["finding", "passage", "start", "goal", "route", "shape"]
 
 @dataclass(frozen=True, eq=False)
 class PageLayer:
-    """A layer that the page shows, with its values.
-
-    Parameters
-    ----------
-    name : str
-        One word, of which an entry has no two: ``cost``, ``esdf``.
-    title : str
-        What a person calls it, with what made it where that matters.
-    frame : Frame
-        Where it lies; layers of an entry may differ in it.
-    values : Layer of uint8 or float32, shape of `frame`
-        Bytes, or metres and other numbers; row 0 in the south. Read once, from row 0 on.
-    style : LayerStyle
-        How values become colours; `by_value` for bytes, `scale` for numbers.
-    unit : str
-        What is written behind a number: ``m``, or nothing.
-    pooled : {'largest', 'smallest'}
-        Which value shows where cells share a pixel. Of bytes the one with the largest `rank`.
-    rank : numpy.ndarray of uint8, shape (256,), optional
-        Of bytes: what `pooled` compares; the value itself if not given.
-    states : str, optional
-        Of a distance field: the name of the layer, on the same frame, with the map that it was
-        made from, as bytes of int8 (255 is unknown).
-    convention : {'fast-planner', 'center', 'border'}, optional
-        Of a distance field; None for other layers.
-    lethal_threshold : int
-        Of a distance field and of a map: from which occupancy on a cell is an obstacle.
-    strength : float
-        Of a distance field: what positive distances were multiplied by.
-    """
+    """A layer that the page shows, with its values."""
 
     name: str
     title: str
@@ -86,23 +57,7 @@ class PageLayer:
 
 @dataclass(frozen=True, eq=False)
 class Item:
-    """Something to be listed beside the map and, if it has a place, to be shown on it.
-
-    Parameters
-    ----------
-    kind : {'finding', 'passage', 'start', 'goal', 'route', 'shape'}
-        What it is.
-    text : str
-        What the list says, one line.
-    tone : {'error', 'warning', 'note', 'good', 'plain'}
-        How serious it is.
-    place : tuple of float, optional
-        x and y in the map frame, metres: where a click goes, and where a mark stands.
-    lines : tuple of numpy.ndarray of float64, shape (N, 2)
-        Lines to draw, in the map frame, metres; a closed one ends where it begins.
-    label : str
-        What stands beside it on the map, if anything.
-    """
+    """Something to be listed beside the map and, if it has a place, to be shown on it."""
 
     kind: ItemKind
     text: str
@@ -122,32 +77,7 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A map, and all that there is to show and to say of it.
-
-    Parameters
-    ----------
-    name : str
-        What it is called; in a report of several a row of the table.
-    layers : tuple of PageLayer
-        The lowest first; the page shows the last at first. May be empty, of a map that failed.
-    items : tuple of Item
-        Findings, passages, goals, routes, shapes.
-    tables : tuple of Table
-        Parameters, figures, checksums.
-    warnings : tuple of str
-        What was warned of, and what is wrong with the files of the report itself.
-    status : str
-        Of a run in a batch: what became of it.
-    figures : mapping of str to str or float
-        Columns of the table of several maps.
-    curve : CostCurve, optional
-        Costs over the distance, as the robot at hand has them.
-    compared : tuple of str, optional
-        Names of two layers to begin with side by side: before, and after.
-    extent : tuple of float, optional
-        Left, low, right and high end, in the map frame, metres, of what is shown at first: the
-        known cells. All of the layers if not given.
-    """
+    """A map, and all that there is to show and to say of it."""
 
     name: str
     layers: tuple[PageLayer, ...] = ()
@@ -163,17 +93,7 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """Content of a page.
-
-    Parameters
-    ----------
-    title : str
-        Title at the top of the page.
-    entries : tuple of Entry
-        Entries, at least one; the page has a table if there are several.
-    version : str
-        Version of mapdeal.
-    """
+    """Content of a page."""
 
     title: str
     entries: tuple[Entry, ...]

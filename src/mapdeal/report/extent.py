@@ -20,14 +20,7 @@ _UNKNOWN = 255
 def extent_of(
     layers: Sequence[PageLayer], items: Sequence[Item]
 ) -> tuple[float, float, float, float] | None:
-    """Return the box in the map frame of the known cells of all layers, and of all items.
-
-    Returns
-    -------
-    tuple of float, optional
-        Left, low, right and high end, metres; None if nothing is known, or no layer says what
-        is not.
-    """
+    """Return the box in the map frame of the known cells of all layers, and of all items."""
     points = []
     seen: set[Frame] = set()
     for layer in layers:

@@ -35,19 +35,7 @@ MAP = "map"
 
 @dataclass(frozen=True)
 class LayerKind:
-    """One of the layers that grids of a type become.
-
-    Parameters
-    ----------
-    ending : str
-        What its name has behind that of the grid; nothing for the grid's own layer.
-    title : str
-        What it is called; nothing for what the grid is called.
-    values : callable
-        Returns the values, uint8 or float32, given the grid.
-    about : callable
-        Returns the other arguments of `PageLayer`, given the grid.
-    """
+    """One of the layers that grids of a type become."""
 
     ending: str
     title: str
@@ -73,13 +61,7 @@ class LayerKind:
 
 
 def kinds_of(grid: Any) -> tuple[LayerKind, ...]:
-    """Return the layers that a grid becomes, the lowest first.
-
-    Raises
-    ------
-    TypeError
-        If its type has no row.
-    """
+    """Return the layers that a grid becomes, the lowest first."""
     if type(grid) not in _KINDS:
         raise TypeError(f"it is not known how a page shows a {type(grid).__name__}")
     return _KINDS[type(grid)]

@@ -30,27 +30,7 @@ Content = str | Markup
 
 
 def element(name: str, /, *content: Content, **attributes: Value) -> Markup:
-    """Return an element.
-
-    Parameters
-    ----------
-    name : str
-        Its name, as the program has it, never as input has it.
-    *content : str or Markup
-        What is inside; text is escaped, and characters that cannot be seen are spelled out.
-    **attributes : str, int, float, bool or None
-        Underscores in a name stand for hyphens; one at its end is dropped: ``class_``.
-
-    Raises
-    ------
-    ValueError
-        If an attribute could run or load something, or if the content would not be text.
-
-    Examples
-    --------
-    >>> element("td", "a < b", class_="name", data_value=3).text
-    '<td class="name" data-value="3">a &lt; b</td>'
-    """
+    """Return an element."""
     if name in _RAW:
         raise ValueError(f"no element {name} is made of parts")
     parts = [f"<{name}"]
@@ -71,11 +51,6 @@ def escaped(text: str) -> str:
 
     Such are control characters, those that turn the direction of what follows, and halves of
     surrogate pairs, which names of files can hold.
-
-    Examples
-    --------
-    >>> escaped("<b>\u202e&")
-    '&lt;b&gt;\\u202e&amp;'
     """
     return html.escape(one_line(text), quote=True)
 

@@ -37,15 +37,7 @@ begins."""
 
 
 def page_of(report: Report, *, size: int) -> Iterator[bytes]:
-    """Yield a page in pieces, the same bytes for the same report.
-
-    Parameters
-    ----------
-    report : Report
-        What it shows.
-    size : int
-        Bytes that the page may take, about: of large layers the finest levels are left out.
-    """
+    """Yield a page in pieces, the same bytes for the same report."""
     script, style = script_text(), _part("page.css")
     before, between, after = _part("page.html").split("<!-- split -->\n")
     fields = {

@@ -39,17 +39,7 @@ coarser cells, which differ more from their neighbours, there is less to gain.""
 
 @dataclass(frozen=True)
 class Level:
-    """A layer in one of its resolutions.
-
-    Parameters
-    ----------
-    reduce : int
-        How many of the layer's cells lie along a side of a cell of this level.
-    shape : tuple of int
-        Rows and columns.
-    tiles : tuple of bytes
-        Each tile's zlib stream in base64, row by row from the south-west.
-    """
+    """A layer in one of its resolutions."""
 
     reduce: int
     shape: tuple[int, int]
@@ -63,15 +53,7 @@ class Level:
 
 @dataclass(frozen=True)
 class EncodedLayer:
-    """A layer in its resolutions, the coarsest first.
-
-    Parameters
-    ----------
-    coding : dict
-        What a reader must know of how tiles hold values.
-    levels : tuple of Level
-        At least one.
-    """
+    """A layer in its resolutions, the coarsest first."""
 
     coding: dict[str, Any]
     levels: tuple[Level, ...]
@@ -84,13 +66,7 @@ class EncodedLayer:
 
 @dataclass(frozen=True)
 class Encoded:
-    """Layers in the encoding of a page.
-
-    Parameters
-    ----------
-    encoded : tuple of EncodedLayer
-        One for each layer.
-    """
+    """Layers in the encoding of a page."""
 
     encoded: tuple[EncodedLayer, ...]
 
@@ -126,18 +102,6 @@ class Encoded:
 def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
     """Return layers as levels of compressed tiles.
 
-    Parameters
-    ----------
-    layers : sequence of PageLayer
-        All layers of a page. Each is read once, some rows at a time.
-    size : int
-        Characters that they may take together, as far as coarser cells can bring them there.
-
-    Returns
-    -------
-    Encoded
-        The same for any number of threads.
-
     Notes
     -----
     A level is four times coarser than the next; the coarsest is 256 cells a side or less. The
@@ -158,13 +122,7 @@ def encoded(layers: Sequence[PageLayer], *, size: int) -> Encoded:
 
 
 def finest_reduce(shape: tuple[int, int]) -> int:
-    """Return how many cells share a side of the finest cells, as far as the shape shows.
-
-    Examples
-    --------
-    >>> finest_reduce((4096, 4096)), finest_reduce((10_000, 10_000)), finest_reduce((30_000, 9))
-    (1, 2, 1)
-    """
+    """Return how many cells share a side of the finest cells, as far as the shape shows."""
     height, width = shape
     reduce = 1
     if max(shape) > ALL_CELLS_SIDE:
@@ -277,15 +235,7 @@ def _encoded_layer(layer: PageLayer, compressor: _Compressor) -> EncodedLayer:
 
 @dataclass(frozen=True)
 class _Pooling:
-    """Rule for the value that represents several cells.
-
-    Parameters
-    ----------
-    choose : numpy.ufunc
-        Function that chooses one of two values.
-    order : numpy.ndarray of uint8, shape (256,), optional
-        Bytes in the order of comparison, if it is not their own.
-    """
+    """Rule for the value that represents several cells."""
 
     choose: np.ufunc
     order: NDArray[np.uint8] | None

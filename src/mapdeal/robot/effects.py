@@ -55,11 +55,6 @@ def reach_of(layer: InflationLayer, resolution: float) -> int:
 
     The resolution is that of the map's message: 0.45 m are 16 cells of 0.03 m, as float32(0.03)
     is a little less.
-
-    Examples
-    --------
-    >>> reach_of(InflationLayer(inflation_radius=0.45), 0.03)
-    16
     """
     return max(0, math.ceil(layer.inflation_radius / as_float32(resolution)))
 

@@ -34,16 +34,6 @@ class FootprintStringError(ValueError):
 def corners_of_string(text: str) -> Corners:
     """Return the corners that a text has, each coordinate a float32.
 
-    Parameters
-    ----------
-    text : str
-        ``[[x1, y1], [x2, y2], ...]``; commas are as good as blanks.
-
-    Raises
-    ------
-    FootprintStringError
-        If costmap_2d takes no footprint from it.
-
     Notes
     -----
     Numbers are read as a C++ stream reads them: ``0.3-0.2`` is two numbers, and behind ``0.3m``

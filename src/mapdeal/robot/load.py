@@ -29,40 +29,7 @@ def read_robot(
     older: bool = False,
     is_shape: bool = False,
 ) -> RobotParameters:
-    """Return what a robot's parameter files say of one of its costmaps.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Nav2 files, or ROS 1's costmap files; later ones win.
-    costmap : {'global', 'local'}
-        Which costmap.
-    namespace : str, optional
-        Which robot, where files hold several.
-    older : bool
-        Whether Nav2's costmap is that of Humble to Kilted.
-    is_shape : bool
-        Whether no costs are made with it: nothing is said of them then.
-
-    Returns
-    -------
-    RobotParameters
-        `RobotParameters.remarks` has what was warned of.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    MalformedInputError
-        If the real node would not start with these files; the error names the first reason.
-    ParameterError
-        If there is no file, or files of Nav2 and ROS 1 are mixed.
-
-    Warns
-    -----
-    MapdealWarning
-        Of what makes the costmap another one than its owner may think.
-    """
+    """Return what a robot's parameter files say of one of its costmaps."""
     robot, problems = found_in(paths, costmap=costmap, namespace=namespace, older=older)
     for one in problems:
         if one.level == "refused":

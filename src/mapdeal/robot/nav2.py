@@ -67,32 +67,7 @@ def nav2_robot(
     namespace: str | None = None,
     older: bool = False,
 ) -> tuple[RobotParameters | None, tuple[Problem, ...]]:
-    """Return what Nav2's parameter files say of a robot and one of its costmaps.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The files, in the order of ``--params-file``.
-    costmap : {'global', 'local'}
-        Which costmap.
-    namespace : str, optional
-        The robot's, where files hold several.
-    older : bool
-        Whether the costmap is that of Humble to Kilted: exact distances, no
-        ``inscribed_obstacle_cost_value``, no ``custom_inscribed_radius``.
-
-    Returns
-    -------
-    robot : RobotParameters or None
-        None if a problem leaves nothing to go on with.
-    problems : tuple of Problem
-        All that was found; the first that is refused ends the real node.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    """
+    """Return what Nav2's parameter files say of a robot and one of its costmaps."""
     try:
         parameters = read_ros2(paths)
     except MalformedInputError as error:

@@ -67,17 +67,7 @@ _SOURCE_PARAMETERS = {
 def listed_layers(
     values: Nav2Values, inscribed_radius: float, *, older: bool
 ) -> tuple[ListedLayer, ...] | None:
-    """Return all layers in their order, then the filters; None where one has no class.
-
-    Parameters
-    ----------
-    values : Nav2Values
-        The node's parameters; problems are added to it.
-    inscribed_radius : float
-        Of the padded footprint, metres.
-    older : bool
-        Whether the costmap is that of Humble to Kilted.
-    """
+    """Return all layers in their order, then the filters; None where one has no class."""
     names = tuple(values.get("plugins", "string_array", DEFAULT_PLUGINS))
     filters = tuple(values.get("filters", "string_array", ()))
     defaults = (

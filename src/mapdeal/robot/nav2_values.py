@@ -20,17 +20,7 @@ _ARTICLES = {
 
 
 class Nav2Values:
-    """The parameters that a node gets, and all problems that were found in them.
-
-    Parameters
-    ----------
-    values : mapping of str to ParameterValue
-        By name.
-    node : str
-        The node's full name.
-    files : sequence of Path
-        What was read; a problem without a place is about the last one.
-    """
+    """The parameters that a node gets, and all problems that were found in them."""
 
     def __init__(
         self, values: Mapping[str, ParameterValue], node: str, files: Sequence[Path]
@@ -48,17 +38,6 @@ class Nav2Values:
         """Return a declared parameter, or its default.
 
         A value of another type becomes a problem, and what it means is returned if that is clear.
-
-        Parameters
-        ----------
-        name : str
-            Its name below the node.
-        kind : str
-            The type that it is declared with, in ROS's words.
-        default : any
-            What it is otherwise.
-        level : {'refused', 'warning'}
-            What another type is: a warning if no cost depends on the node that ends there.
         """
         found = self.values.get(name)
         if found is None or found.kind == "not set":  # Nav2 never sees the latter

@@ -27,24 +27,7 @@ INJECTED = "injected_static"
 
 @dataclass(frozen=True)
 class ListedLayer:
-    """Layer or filter in a robot's list, and its effect on a map file.
-
-    Parameters
-    ----------
-    name : str
-        Name in the list.
-    plugin : str
-        Class of the plugin, as written in the file.
-    layer : StaticLayer or InflationLayer, optional
-        Settings of the layer; None if it has no effect on a map file, or mapdeal does not
-        support it.
-    is_enabled : bool
-        Whether the layer is enabled.
-    is_filter : bool
-        Whether it is one of the costmap's filters, which come after all layers.
-    why_ignored : str
-        Short reason why it has no effect on a map file; empty if it has one.
-    """
+    """Layer or filter in a robot's list, and its effect on a map file."""
 
     name: str
     plugin: str

@@ -51,30 +51,7 @@ _LIKE_THIS = 'write - {name: static_layer, type: "costmap_2d::StaticLayer"}'
 def ros1_robot(
     paths: Sequence[Path], *, costmap: CostmapName = "global", namespace: str | None = None
 ) -> tuple[RobotParameters | None, tuple[Problem, ...]]:
-    """Return what ROS 1's costmap files say of a robot and one of its costmaps.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The files, in the order in which a launch file loads them. One that has neither costmap's
-        name is loaded into the costmap that is asked for.
-    costmap : {'global', 'local'}
-        Which costmap.
-    namespace : str, optional
-        The robot's, where files hold several.
-
-    Returns
-    -------
-    robot : RobotParameters or None
-        None if a problem leaves nothing to go on with.
-    problems : tuple of Problem
-        All that was found; the first that is refused ends the real node.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    """
+    """Return what ROS 1's costmap files say of a robot and one of its costmaps."""
     server, is_whole = load_server(paths, costmap, namespace)
     if not is_whole:
         return None, tuple(server.problems)

@@ -35,21 +35,7 @@ Value = TypeVar("Value", bool, int, float, str)
 
 @dataclass
 class Ros1Server:
-    """The parameters of one robot, and what was found wrong while they were read.
-
-    Parameters
-    ----------
-    node : tuple of str
-        The full name of the node that has the costmaps, ``("robot1", "move_base")``.
-    costmap : {'global', 'local'}
-        The costmap that is asked for.
-    files : tuple of Ros1File
-        What was loaded, in order.
-    root : Ros1Namespace
-        All parameters, from the root on.
-    problems : list of Problem
-        What was found so far.
-    """
+    """The parameters of one robot, and what was found wrong while they were read."""
 
     node: Path1
     costmap: CostmapName
@@ -179,22 +165,7 @@ def type_hint(value: ParameterValue, kind: str) -> str | None:
 def load_server(
     paths: Sequence[Path], costmap: CostmapName, namespace: str | None
 ) -> tuple[Ros1Server, bool]:
-    """Return the parameter server after files were loaded, and whether the robot is in it.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The files, in the order in which a launch file loads them.
-    costmap : {'global', 'local'}
-        Where files without a costmap's name at their top are loaded.
-    namespace : str, optional
-        The robot's, where files hold several.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    """
+    """Return the parameter server after files were loaded, and whether the robot is in it."""
     files, problems = [], []
     for path in paths:
         try:

@@ -18,26 +18,14 @@ Name = tuple[str, ...]
 
 
 def flavour_of(paths: Sequence[Path]) -> Flavour:
-    """Return whose parameters files hold.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    """
+    """Return whose parameters files hold."""
     return "nav2" if any(is_ros2(path) for path in paths) else "ros1"
 
 
 def costmaps_in(
     paths: Sequence[Path], flavour: Flavour, namespace: str | None
 ) -> tuple[CostmapName, ...]:
-    """Return the costmaps to look at: those of ROS 1 that files are of, and of Nav2 both.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    """
+    """Return the costmaps to look at: those of ROS 1 that files are of, and of Nav2 both."""
     if flavour == "nav2":
         return ("global", "local")
     server, _ = load_server(paths, "global", namespace)
@@ -50,24 +38,6 @@ def costmap_values(
     """Return the parameters of a costmap by their names in parts; none of files that have none.
 
     Footprint and radius of ROS 1 are those that are found in the namespaces above, too.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The files, in the order in which they are loaded.
-    flavour : {'nav2', 'ros1'}
-        Whose they are.
-    costmap : {'global', 'local'}
-        Which costmap.
-    node : str
-        Its node's full name, for Nav2.
-    namespace : str, optional
-        The robot's, for ROS 1.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
     """
     if flavour == "nav2":
         try:

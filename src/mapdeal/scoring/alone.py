@@ -33,36 +33,10 @@ class Thickness:
 def score_alone(states: States, frame: Frame) -> Values:
     """Return what a map says of its own quality.
 
-    Parameters
-    ----------
-    states : numpy.ndarray of uint8, shape of `frame`
-        What its cells are.
-    frame : Frame
-        The map's geometry.
-
-    Returns
-    -------
-    dict
-        Figures by name: ``cells`` (rows and columns), ``resolution_m``; ``share_occupied``,
-        ``share_free`` and ``share_unknown`` of all cells, ``share_occupied_of_known``;
-        ``wall_cells``, ``wall_pieces`` of at least 5 cells that touch over edges or corners, and
-        ``specks``, which are smaller; ``wall_thickness_m`` with ``mean``, ``median``, ``p95`` and
-        ``max`` of `mapdeal.kernels.thickness.thickness_of` over all wall cells, and
-        ``share_one_cell_thick`` of them; ``corners`` of `corners_of`, without specks;
-        ``enclosed_areas``, ``enclosed_pockets`` and ``enclosed_m2`` of `enclosed_areas`.
-
     References
     ----------
     Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
     (arXiv:1708.02354): shares of cells, corners and enclosed areas.
-
-    Examples
-    --------
-    >>> room = np.full((20, 30), 1, dtype=np.uint8)
-    >>> room[4, 4:25] = room[15, 4:25] = room[4:16, 4] = room[4:16, 24] = 2
-    >>> found = score_alone(room, Frame(20, 30, 0.1))
-    >>> found["enclosed_areas"], found["corners"], found["wall_pieces"], found["specks"]
-    (1, 4, 1, 0)
     """
     unknown, free, occupied = histogram(states)[: OCCUPIED + 1].tolist()
     walls = states == OCCUPIED

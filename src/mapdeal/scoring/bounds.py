@@ -59,19 +59,7 @@ class ScoreBound:
 def checked_bounds(
     minimum: Mapping[str, float], maximum: Mapping[str, float], *, with_truth: bool
 ) -> list[tuple[str, Side, float]]:
-    """Return the bounds under the official names of their figures.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such figure, the number is not finite, or the two bounds of a figure
-        exclude each other.
-
-    Examples
-    --------
-    >>> checked_bounds({"Coverage": 0.9}, {}, with_truth=True)
-    [('coverage', 'min', 0.9)]
-    """
+    """Return the bounds under the official names of their figures."""
     found: list[tuple[str, Side, float]] = []
     for side, bounds in (("min", minimum), ("max", maximum)):
         for given, allowed in bounds.items():

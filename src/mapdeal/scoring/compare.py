@@ -26,22 +26,7 @@ Values = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A map beside the true one, on the lattice of that, and its score.
-
-    Parameters
-    ----------
-    frame : Frame
-        The lattice: that of the true map, with all of its cells.
-    estimate, truth : numpy.ndarray of uint8, shape of `frame`
-        What their cells are.
-    values : dict
-        The figures by name.
-    wall_squares : numpy.ndarray of int, shape (N,)
-        Of the wall cells of the estimate, row by row: the squared distance to the nearest one of
-        the truth, in cells.
-    missed : numpy.ndarray of int, shape (M,)
-        The same of the wall cells of the truth.
-    """
+    """A map beside the true one, on the lattice of that, and its score."""
 
     frame: Frame
     estimate: States
@@ -54,20 +39,7 @@ class Comparison:
 def compare_to_truth(
     estimate: OccupancyGrid, truth: OccupancyGrid, transform: Transform | None = None
 ) -> Comparison:
-    """Return the score of a map against the true one.
-
-    Parameters
-    ----------
-    estimate, truth : OccupancyGrid
-        The maps; size, origin, yaw and resolution may differ.
-    transform : Transform, optional
-        From the frame of the estimate to that of the truth; they are the same if not given.
-
-    Returns
-    -------
-    Comparison
-        Cells are those of the truth; of the estimate the cell at their centre is taken.
-    """
+    """Return the score of a map against the true one."""
     frame = truth.frame
     values = on_lattice(frame, estimate, transform or Transform())
     return compare_states(states_of(values), states_of(truth.occupancy), frame)
@@ -83,23 +55,7 @@ def on_lattice(
 
 
 def compare_states(estimate: States, truth: States, frame: Frame) -> Comparison:
-    """Return the score of a map that is on the lattice of the true one already.
-
-    Parameters
-    ----------
-    estimate, truth : numpy.ndarray of uint8, shape of `frame`
-        What their cells are: `UNKNOWN`, `FREE` or `OCCUPIED`.
-    frame : Frame
-        The lattice.
-
-    Examples
-    --------
-    >>> truth = np.array([[2, 1, 1, 1, 2], [2, 1, 1, 1, 0]], dtype=np.uint8)
-    >>> estimate = np.array([[1, 2, 1, 1, 2], [0, 2, 1, 1, 0]], dtype=np.uint8)
-    >>> values = compare_states(estimate, truth, Frame(2, 5, 0.5)).values
-    >>> values["dist_est_to_truth_m"]["mean"], values["iou_occupied"]
-    (0.3333333333333333, 0.2)
-    """
+    """Return the score of a map that is on the lattice of the true one already."""
     walls, true_walls = estimate == OCCUPIED, truth == OCCUPIED
     to_truth = squared_distance(true_walls)[walls]
     to_estimate = squared_distance(walls)[true_walls]

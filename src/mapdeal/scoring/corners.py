@@ -35,16 +35,6 @@ _HALO = 20
 def corners_of(walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return where walls have corners: bends, ends and crossings.
 
-    Parameters
-    ----------
-    walls : numpy.ndarray of bool, shape (H, W)
-        Occupied cells, without specks: a lone cell has corners, too.
-
-    Returns
-    -------
-    numpy.ndarray of bool, shape (H, W)
-        One cell for each corner; several that touch where they are as good as each other.
-
     Notes
     -----
     Harris's detector. Walls are 1 and all else is 0, the map's surroundings, too, smoothed by a

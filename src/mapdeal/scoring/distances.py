@@ -19,17 +19,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class WallDistances:
-    """Distances of the wall cells of one map to the nearest wall cell of another, metres.
-
-    Parameters
-    ----------
-    n : int
-        Wall cells that were measured from.
-    mean, median, p95, max : float or None
-        Of their distances; None where there is nothing to measure: no wall in one of the maps.
-    share_lt_0p1, share_le_0p1 : float or None
-        The share of them less than 0.1 m away, and of those at most so far.
-    """
+    """Distances of the wall cells of one map to the nearest wall cell of another, metres."""
 
     n: int
     mean: float | None = None
@@ -42,14 +32,6 @@ class WallDistances:
 
 def wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> WallDistances:
     """Return what there is to say of distances.
-
-    Parameters
-    ----------
-    squares : numpy.ndarray of int, shape (N,)
-        Squared distances of wall cells to the nearest wall cell of the other map, in cells, as
-        `mapdeal.kernels.distance.squared_distance` has them.
-    resolution : float
-        Side of a cell, metres.
 
     Notes
     -----
@@ -82,13 +64,7 @@ def wall_distances(squares: NDArray[np.signedinteger], resolution: float) -> Wal
 
 
 def metres_of(squares: NDArray[np.signedinteger], resolution: float) -> NDArray[np.float64]:
-    """Return squared distances in cells as metres; infinite where there is nothing to reach.
-
-    Examples
-    --------
-    >>> metres_of(np.array([0, 4, 2**31 - 1], dtype=np.int32), 0.05).tolist()
-    [0.0, 0.1, inf]
-    """
+    """Return squared distances in cells as metres; infinite where there is nothing to reach."""
     metres = np.sqrt(squares.astype(np.float64))
     metres *= resolution
     metres[squares == unreachable(squares)] = math.inf

@@ -17,17 +17,7 @@ _TOGETHER = 1 << 20
 
 
 class Enclosed(NamedTuple):
-    """Areas enclosed by walls.
-
-    Parameters
-    ----------
-    areas : int
-        Enclosed areas with at least `LEAST_AREA` of free cells.
-    pockets : int
-        Enclosed areas with fewer free cells, but at least one.
-    square_metres : float
-        Total area of the free cells in `areas`, square metres.
-    """
+    """Areas enclosed by walls."""
 
     areas: int
     pockets: int
@@ -36,13 +26,6 @@ class Enclosed(NamedTuple):
 
 def enclosed_areas(states: States, resolution: float) -> Enclosed:
     """Return the areas that the walls of a map enclose.
-
-    Parameters
-    ----------
-    states : numpy.ndarray of uint8, shape (H, W)
-        What its cells are.
-    resolution : float
-        Side of a cell, metres.
 
     Notes
     -----
@@ -57,16 +40,6 @@ def enclosed_areas(states: States, resolution: float) -> Enclosed:
     Filatov, Filatov, Krinkin, Chen and Molodan, "2D SLAM quality evaluation methods", 2017
     (arXiv:1708.02354): the number of enclosed areas, there by contours. Walls that are doubled
     or smeared enclose pockets that the place does not have.
-
-    Examples
-    --------
-    >>> room = np.full((5, 6), 2, dtype=np.uint8)
-    >>> room[1:4, 1:5] = 1
-    >>> enclosed_areas(room, 0.5)
-    Enclosed(areas=1, pockets=0, square_metres=3.0)
-    >>> room[0, 2] = 1  # a door
-    >>> enclosed_areas(room, 0.5)
-    Enclosed(areas=0, pockets=0, square_metres=0.0)
     """
     from scipy.ndimage import label
 

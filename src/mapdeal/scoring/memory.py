@@ -26,17 +26,7 @@ _PER_WALL_DRAWN = 40
 
 
 def bytes_to_compare(shape: tuple[int, int], walls: int, *, is_drawn: bool = False) -> int:
-    """Return about how many bytes it takes to compare a map with the truth, and to draw that.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the truth.
-    walls : int
-        Occupied cells of both.
-    is_drawn : bool
-        Whether there is to be a picture.
-    """
+    """Return about how many bytes it takes to compare a map with the truth, and to draw that."""
     per_wall = _PER_WALL_DRAWN if is_drawn else _PER_WALL
     return _bytes(shape, walls, _PER_CELL, per_wall, _OF_BAND, _AROUND, 1)
 

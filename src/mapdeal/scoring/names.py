@@ -80,13 +80,7 @@ _GROUPS_ALONE: dict[str, Group] = {THICKNESS: _OF_THICKNESS}
 
 
 def figures_named(*, with_truth: bool) -> dict[str, tuple[str, str]]:
-    """Return unit and meaning of each figure that can have a bound, by its dotted name.
-
-    Examples
-    --------
-    >>> figures_named(with_truth=True)["dist_est_to_truth_m.mean"]
-    ('m', 'walls of the map to those of the truth: mean')
-    """
+    """Return unit and meaning of each figure that can have a bound, by its dotted name."""
     plain = AGAINST_TRUTH if with_truth else ALONE
     groups = _GROUPS_WITH_TRUTH if with_truth else _GROUPS_ALONE
     titles = {**DISTANCES, **CONFUSIONS, THICKNESS: "thickness of walls"}

@@ -12,19 +12,7 @@ from mapdeal.scoring.states import FREE, OCCUPIED, UNKNOWN, States
 
 @dataclass(frozen=True)
 class Confusion:
-    """Cells by whether the estimate has them occupied, and whether the truth has.
-
-    Parameters
-    ----------
-    tp : int
-        Occupied in both.
-    tn : int
-        In neither.
-    fp : int
-        Occupied in the estimate alone.
-    fn : int
-        Occupied in the truth alone.
-    """
+    """Cells by whether the estimate has them occupied, and whether the truth has."""
 
     tp: int
     tn: int
@@ -57,13 +45,7 @@ class Confusion:
 
 @dataclass(frozen=True)
 class Overlap:
-    """Cells of two maps on one lattice, by what they are in each.
-
-    Parameters
-    ----------
-    counts : tuple of tuple of int
-        By what cells are in the truth, and then in the estimate: `UNKNOWN`, `FREE`, `OCCUPIED`.
-    """
+    """Cells of two maps on one lattice, by what they are in each."""
 
     counts: tuple[tuple[int, ...], ...]
 

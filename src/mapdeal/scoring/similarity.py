@@ -24,17 +24,6 @@ _SIGMA, _TRUNCATE, _GAUSSIAN = 1.5, 3.5, 11
 def uniform_similarity(first: States, second: States) -> float | None:
     """Return the mean structural similarity over windows of 7 x 7 cells.
 
-    Parameters
-    ----------
-    first, second : numpy.ndarray of uint8, shape (H, W)
-        What the cells of two maps on one lattice are; as pixels occupied is 0, unknown 0.5 and
-        free 1.
-
-    Returns
-    -------
-    float or None
-        At most 1, of maps that are the same; None if a window is larger than the maps.
-
     Notes
     -----
     With all pixels of a window weighted alike, sample variances (N - 1), K1 = 0.01, K2 = 0.03
@@ -46,12 +35,6 @@ def uniform_similarity(first: States, second: States) -> float | None:
     ----------
     Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment: from error visibility to
     structural similarity", IEEE Transactions on Image Processing 13(4), 2004.
-
-    Examples
-    --------
-    >>> rooms = np.full((7, 9), FREE, dtype=np.uint8)
-    >>> uniform_similarity(rooms, rooms), uniform_similarity(rooms[:5], rooms[:5])
-    (1.0, None)
     """
     count = _UNIFORM**2
     return _mean_similarity(first, second, _UNIFORM, _uniform_moments, count / (count - 1))
@@ -59,16 +42,6 @@ def uniform_similarity(first: States, second: States) -> float | None:
 
 def gaussian_similarity(first: States, second: States) -> float | None:
     """Return the mean structural similarity over windows of 11 x 11 cells, weighted by a bell.
-
-    Parameters
-    ----------
-    first, second : numpy.ndarray of uint8, shape (H, W)
-        As of `uniform_similarity`.
-
-    Returns
-    -------
-    float or None
-        At most 1; None if a window is larger than the maps.
 
     Notes
     -----

@@ -18,17 +18,6 @@ UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 def states_of(values: NDArray[np.int8]) -> States:
     """Return what cells are.
 
-    Parameters
-    ----------
-    values : numpy.ndarray of int8, shape (H, W)
-        -1 unknown, 0 free, 100 occupied. Values in between are unknown: no threshold of a map's
-        YAML file has made them free or occupied.
-
-    Returns
-    -------
-    numpy.ndarray of uint8, shape (H, W)
-        `UNKNOWN`, `FREE` or `OCCUPIED`.
-
     Examples
     --------
     >>> states_of(np.array([[-1, 0, 1, 99, 100]], np.int8)).tolist()

@@ -105,13 +105,7 @@ def _known_lines(grid: OccupancyGrid, min_component: int) -> tuple[Mask, Mask]:
 def box_around(
     rows: NDArray[np.bool_], cols: NDArray[np.bool_], margin: float, resolution: float
 ) -> tuple[slice, slice]:
-    """Return the rows and columns of a box, given in which of them anything is known.
-
-    Raises
-    ------
-    MalformedInputError
-        If nothing is known anywhere.
-    """
+    """Return the rows and columns of a box, given in which of them anything is known."""
     if not rows.any():
         raise MalformedInputError("no active cells: every cell is unknown")
     # A margin of more than the map is as good as one of the map.

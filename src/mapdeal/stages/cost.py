@@ -26,21 +26,7 @@ def cost_model(
     when_closed: str,
     **more: Any,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Turn a function into a cost model; see `mapdeal.stages.definition.Stage`.
-
-    Parameters
-    ----------
-    name : str
-        Name of the model.
-    title, memory
-        As for `Stage`.
-    advice : callable
-        Returns what to change if nearly all open cells have the same cost.
-    when_closed : str
-        What to change if no cell is open.
-    **more
-        Further entries of the `Stage`.
-    """
+    """Turn a function into a cost model; see `mapdeal.stages.definition.Stage`."""
 
     def remark(parameters: Parameters, figures: Figures) -> str | None:
         return _remark_on_uniform_costs(figures, parameters, advice, when_closed)

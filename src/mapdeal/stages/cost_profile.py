@@ -30,21 +30,7 @@ _RAISED_TOGETHER = 1 << 22  # cells: no more memory than for some of them
 
 @dataclass(frozen=True, eq=False)
 class CostProfile:
-    """The profile of costs around obstacles: what an inflation layer is set to, in cells.
-
-    Parameters
-    ----------
-    inscribed_radius, inflation_radius, cost_scaling_factor : float
-        As `exponential_cost` takes them.
-    inflate_unknown, inflate_around_unknown : bool
-        Likewise.
-    reach : int
-        Cells that the costs reach.
-    metres : float
-        The same in metres, by the resolution of the grid.
-    table : numpy.ndarray of uint8
-        The cost of each squared distance in cells, from `cost_table`.
-    """
+    """The profile of costs around obstacles: what an inflation layer is set to, in cells."""
 
     inscribed_radius: float
     inflation_radius: float
@@ -109,13 +95,7 @@ class CostProfile:
         )
 
     def is_in(self, field: DistanceField) -> bool:
-        """Return whether a field tells all distances apart that the costs depend on.
-
-        Raises
-        ------
-        ParameterError
-            If it was clipped below their reach.
-        """
+        """Return whether a field tells all distances apart that the costs depend on."""
         if reach_is_kept(field, self.metres):
             return True
         if field.max_distance is not None and field.max_distance < self.metres * (1 - 1e-6):
@@ -165,14 +145,7 @@ def cost_table(
     lookup: CostLookup = "exact",
     is_exact: bool = True,
 ) -> NDArray[np.uint8]:
-    """Return the cost of each squared distance in cells, 0 .. reach^2 and one 0 beyond.
-
-    Examples
-    --------
-    >>> table = cost_table(4, resolution=1.0, inscribed_radius=2.1, cost_scaling_factor=1.0)
-    >>> table[[0, 1, 4, 5, 9, 10, 16, 17]].tolist()
-    [254, 253, 253, 219, 102, 87, 37, 0]
-    """
+    """Return the cost of each squared distance in cells, 0 .. reach^2 and one 0 beyond."""
     table = costs_of_squares(
         np.arange(reach * reach + 2),
         resolution=resolution,
@@ -207,18 +180,7 @@ def costs_of_squares(
     lookup: CostLookup = "exact",
     is_exact: bool = True,
 ) -> NDArray[np.uint8]:
-    """Return the cost of squared distances in cells, however far costs reach.
-
-    Parameters
-    ----------
-    squares : numpy.ndarray of int64 or float64, shape (N,)
-        The squares, increasing.
-    resolution, inscribed_radius, cost_scaling_factor, lookup
-        As of a `CostProfile`.
-    is_exact : bool
-        Whether a distance that is the inscribed radius on paper is within it. ROS, with its
-        float32 resolutions, leaves that to the last bits.
-    """
+    """Return the cost of squared distances in cells, however far costs reach."""
     if lookup == "nav2":
         hundredths = _hundredths_of(squares)
         starts = np.flatnonzero(np.diff(hundredths, prepend=-1))
@@ -255,17 +217,7 @@ def _cost_of(metres: float, inscribed_radius: float, cost_scaling_factor: float)
 def raise_costs(
     cost: NDArray[np.uint8], spread: NDArray[np.uint8], *, inflate_unknown: bool = False
 ) -> None:
-    """Raise `cost`, in place, to what the distance to the nearest seed asks for.
-
-    Parameters
-    ----------
-    cost : numpy.ndarray of uint8, shape (H, W)
-        The costs before inflation.
-    spread : numpy.ndarray of uint8, shape (H, W)
-        The costs by distance alone.
-    inflate_unknown : bool
-        Whether unknown cells take any cost above 0, or only 253 and more.
-    """
+    """Raise `cost`, in place, to what the distance to the nearest seed asks for."""
     least = 1 if inflate_unknown else INSCRIBED_INFLATED_OBSTACLE
     raise_bytes(cost, spread, least=least, unknown=NO_INFORMATION)
 

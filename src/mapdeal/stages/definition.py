@@ -55,17 +55,7 @@ class RowsAlone(Protocol):
 
 @dataclass(frozen=True)
 class RobotShape:
-    """How a stage uses a robot's shape.
-
-    Parameters
-    ----------
-    replaces : str
-        Parameter that a shape replaces: only one of the two can be given.
-    sets : tuple of str
-        Parameters that a shape sets.
-    parameters : callable
-        Returns these parameters, given a footprint.
-    """
+    """How a stage uses a robot's shape."""
 
     replaces: str
     sets: tuple[str, ...]
@@ -74,16 +64,7 @@ class RobotShape:
 
 @dataclass(frozen=True)
 class InPlaceOf:
-    """How a parameter, if given, replaces another one.
-
-    Parameters
-    ----------
-    parameter : str
-        Parameter that is replaced.
-    value : callable
-        Returns the resulting value of the replaced parameter, given all parameters; None if it
-        has no effect any more.
-    """
+    """How a parameter, if given, replaces another one."""
 
     parameter: str
     value: Callable[[Parameters], float | None]
@@ -91,15 +72,7 @@ class InPlaceOf:
 
 @dataclass(frozen=True)
 class InSimulation:
-    """Effect of the option ``--sim`` on a stage.
-
-    Parameters
-    ----------
-    parameters : mapping
-        Parameters that it sets.
-    is_added : bool
-        Whether the stage is prepended to recipes that lack it.
-    """
+    """Effect of the option ``--sim`` on a stage."""
 
     parameters: Parameters
     is_added: bool = False
@@ -107,68 +80,7 @@ class InSimulation:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A stage of recipes, or one model of a stage that has several.
-
-    Parameters
-    ----------
-    function : callable
-        Takes a map, or a map or field, and the parameters as keyword arguments.
-    name : str
-        Name in recipes and on the command line.
-    summary : str
-        Description of its command, one sentence for ``--help``.
-    title : callable
-        Returns a description of the product for a picture's title, given all parameters.
-    memory : float
-        Bytes per cell of a map in memory, including outputs waiting to be written: the peak of
-        whole commands on 4000 x 4000 cells, measured and rounded up.
-    more_memory : callable
-        Returns the additional bytes per cell that the parameters require, given all parameters.
-    product : str, optional
-        Base name of its files, without extension; by default `name`.
-    details : str
-        Further sentences for ``--help``.
-    model : str, optional
-        Model of the stage, if it has several. The first one listed is the default.
-    view : callable, optional
-        Returns the map that is written as pixels, if the product itself is not a map. Its
-        parameters are parameters of the stage.
-    view_passes : callable
-        Returns the number of passes of the view over the product before it is written, given the
-        view's parameters.
-    passes : int
-        Number of passes over a map that is processed block by block before the stage returns.
-    is_whole : callable
-        Returns whether the whole map must be in memory at once, given all parameters.
-    is_smaller : callable
-        Returns whether the product may cover only a part of the map, given all parameters.
-    hands_on : bool
-        Whether the next stage works on the product; otherwise it works on this stage's input.
-    is_last : bool
-        Whether only stages that accept its product directly can follow.
-    robot : RobotShape, optional
-        How it uses a robot's shape; None if the shape does not matter.
-    radius_in : callable, optional
-        Returns name and length of the robot radius contained in the parameters, given all of them,
-        if it is not a parameter that a shape could replace.
-    in_simulation : InSimulation, optional
-        Effect of ``--sim``.
-    in_place_of : mapping of str to InPlaceOf
-        Parameters that replace others if given.
-    settled : callable
-        Returns the effective values of parameters that depend on others, given all parameters.
-    remark : callable
-        Returns a warning about the product, given all parameters and its figures; None if there is
-        nothing to warn about.
-    curve : callable
-        Returns the costs by distance from the nearest obstacle, given the input grid and the
-        parameters; None if these do not define a single cost for each distance.
-    rows_alone : callable, optional
-        Returns how workers of a cluster compute the stage, given its parameters.
-    of_layers : callable
-        Returns the parameters with which it does its share of the work of a robot's costmap layers;
-        None if it has no share, or cannot do it.
-    """
+    """A stage of recipes, or one model of a stage that has several."""
 
     function: Callable[..., Any]
     name: str
@@ -275,13 +187,7 @@ def stage_of(function: Callable[..., Any]) -> Stage:
 
 
 def stages_among(values: Mapping[str, object]) -> tuple[Stage, ...]:
-    """Return the stages whose functions are among some values, in their order.
-
-    Raises
-    ------
-    ValueError
-        If two have the same name and model.
-    """
+    """Return the stages whose functions are among some values, in their order."""
     found = [_STAGES[value] for value in values.values() if callable(value) and value in _STAGES]
     names = [" ".join(filter(None, (one.name, one.model))) for one in found]
     twice = {name for name in names if names.count(name) > 1}
@@ -320,21 +226,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
-    """Return the description of each parameter in a numpydoc docstring, on one line each.
-
-    Examples
-    --------
-    >>> def grow(*, radius=0.3):
-    ...     '''Grow.
-    ...
-    ...     Parameters
-    ...     ----------
-    ...     radius : float
-    ...         How far, metres.
-    ...     '''
-    >>> meanings_of(grow)
-    {'radius': 'How far, metres.'}
-    """
+    """Return the description of each parameter in a numpydoc docstring, on one line each."""
     text = inspect.getdoc(function) or ""
     indented = "\n".join(f"    {line}" if line else "" for line in text.splitlines()) + "\n"
     sections = _SECTION.split(indented)

@@ -81,17 +81,7 @@ def field_view(
 
 @dataclass(frozen=True)
 class Viewer:
-    """Converter of a field to its view, once everything that concerns the whole field is known.
-
-    Parameters
-    ----------
-    scale : ViewScale
-        Scale of the view.
-    shape : tuple of int
-        Number of rows and columns of the whole field.
-    has_obstacles, has_others : bool
-        Whether the field has any obstacle, and any other cell.
-    """
+    """Converter of a field to its view, once everything that concerns the whole field is known."""
 
     scale: ViewScale
     shape: tuple[int, int]

@@ -269,15 +269,7 @@ def exponential_cost(
 
 @dataclass(frozen=True, eq=False)
 class BaseCosts:
-    """Costs before inflation.
-
-    Parameters
-    ----------
-    source : OccupancyGrid or DistanceField
-        The map or field.
-    table : numpy.ndarray of uint8, shape (256,)
-        Cost of each value, as assigned by the static layer.
-    """
+    """Costs before inflation."""
 
     source: ObstacleSource
     table: NDArray[np.uint8]
@@ -348,13 +340,7 @@ def profile_of(
 
 
 def resolution_is_float32(lookup: CostLookup, asked: bool | None) -> bool:
-    """Return whether costs are computed with the float32 resolution of a map message.
-
-    Raises
-    ------
-    ParameterError
-        If it is False with lookup ``nav2``, which always uses it.
-    """
+    """Return whether costs are computed with the float32 resolution of a map message."""
     if lookup == "nav2" and asked is False:
         rule = "cannot be no with lookup nav2, which takes the resolution of a map message"
         raise ParameterError(rule, place="float32_resolution")

@@ -23,21 +23,6 @@ def squares_in(
 ) -> NDArray[np.float64]:
     """Return the squared distance to the nearest obstacle centre, in cells.
 
-    Parameters
-    ----------
-    field : DistanceField
-        The field.
-    obstacles : numpy.ndarray of bool, shape (H, W)
-        Its obstacles, from `DistanceField.obstacles`.
-    rows : slice
-        Rows to look at.
-
-    Returns
-    -------
-    numpy.ndarray of float64, shape (rows, W)
-        Whole numbers: 0 on obstacles; +inf where there is no obstacle, and where
-        `max_distance` has hidden the distance.
-
     Notes
     -----
     Undoes convention and strength, then rounds: distances between cell centres are square roots
@@ -66,25 +51,7 @@ def bytes_of_metres(
     constant_from: float,
     shape: tuple[int, int],
 ) -> NDArray[np.int8]:
-    """Return a function's values of each cell's distance between centres.
-
-    Parameters
-    ----------
-    field : DistanceField
-        The field.
-    obstacles : numpy.ndarray of bool, shape (H, W)
-        Its obstacles, from `DistanceField.obstacles`.
-    value_of : callable
-        Gives whole values 0 .. 127 of metres; called with float64 arrays, which may hold +inf.
-    constant_from : float
-        Metres from which on the value no longer changes.
-    shape : tuple of int
-        Rows and columns of the whole field, which bound its distances.
-
-    Returns
-    -------
-    numpy.ndarray of int8, shape (H, W)
-    """
+    """Return a function's values of each cell's distance between centres."""
     furthest = furthest_kept(field)
     cells = min(constant_from, furthest, math.hypot(*shape) * field.resolution) / field.resolution
     if cells * cells < _LARGEST_TABLE:

@@ -19,22 +19,7 @@ _LOOKS = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
 
 
 def accept_goals(name: str, value: object) -> tuple[Goal, ...]:
-    """Return the goals that a parameter is given, checked.
-
-    Parameters
-    ----------
-    name : str
-        The parameter, for errors.
-    value : object
-        A mapping of names and places; a list of places, of goals, or of mappings of one name and
-        its place; a single place. A place is ``[x, y]`` or text, ``7.1,3.2``; a text may also
-        hold several places with blanks between them.
-
-    Raises
-    ------
-    ParameterError
-        If it is nothing of that, a number is not finite, or a name is given twice.
-    """
+    """Return the goals that a parameter is given, checked."""
     goals = tuple(_goals(name, value))
     names = set()
     for goal in goals:
@@ -46,15 +31,7 @@ def accept_goals(name: str, value: object) -> tuple[Goal, ...]:
 
 
 def described_goals(goals: Sequence[Goal]) -> dict[str, list[float]] | list[Any]:
-    """Return goals as JSON or YAML can hold them, which `accept_goals` reads again.
-
-    Examples
-    --------
-    >>> described_goals([Goal(7.1, 3.2, "kitchen")])
-    {'kitchen': [7.1, 3.2]}
-    >>> described_goals([Goal(7.1, 3.2, "kitchen"), Goal(1.5, -2.0)])
-    [{'kitchen': [7.1, 3.2]}, [1.5, -2.0]]
-    """
+    """Return goals as JSON or YAML can hold them, which `accept_goals` reads again."""
     places = [(goal.name, [goal.x, goal.y]) for goal in goals]
     named = {name: place for name, place in places if name is not None}
     if named and len(named) == len(goals):

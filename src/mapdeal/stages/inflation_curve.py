@@ -25,19 +25,7 @@ def inflation_curve(
     circumscribed_radius: float | None = None,
     float32_resolution: bool = True,
 ) -> CostCurve:
-    """Return the cost curve of inflation layers around a lethal cell.
-
-    Parameters
-    ----------
-    layers : sequence of InflationLayer
-        The layers. Each raises the costs of those below it; the robot's radii are the last one's.
-    resolution : float
-        Side of a cell, metres.
-    circumscribed_radius : float, optional
-        Of the robot, metres.
-    float32_resolution : bool
-        Whether lengths are counted in cells of the float32 resolution of a map message.
-    """
+    """Return the cost curve of inflation layers around a lethal cell."""
     side = as_float32(resolution) if float32_resolution else resolution
     reaches = [
         reach_of(

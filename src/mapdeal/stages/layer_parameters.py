@@ -44,20 +44,7 @@ _LOOKS = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
 
 def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
-    """Return the layers that a parameter is given, checked.
-
-    Parameters
-    ----------
-    name : str
-        The parameter, for errors.
-    value : object
-        A list of layers, their mappings or just their kinds, which have costmap_2d's defaults.
-
-    Raises
-    ------
-    ParameterError
-        If it is not such a list, or something in it is unknown or not allowed.
-    """
+    """Return the layers that a parameter is given, checked."""
     if not isinstance(value, (list, tuple)):
         raise ParameterError(f"must be a list of layers such as {_LOOKS}", place=name, got=value)
     return tuple(_layer(f"{name} {number}", item) for number, item in enumerate(value, start=1))
@@ -78,28 +65,7 @@ def described_layer(layer: CostmapLayer) -> dict[str, dict[str, Any]]:
 def layers_with(
     layers: tuple[CostmapLayer, ...], name: str, value: object
 ) -> tuple[CostmapLayer, ...] | None:
-    """Return layers with a new value for the parameter of a name in model ``exponential``.
-
-    Parameters
-    ----------
-    layers : tuple of layers
-        All layers. The value is set in every static layer. In inflation layers, the lookup is set
-        in all, other parameters only if there is exactly one.
-    name : str
-        A parameter.
-    value : object
-        New value; it is checked.
-
-    Returns
-    -------
-    tuple of layers, optional
-        None if no kind of layer has such a parameter.
-
-    Raises
-    ------
-    ParameterError
-        If the value is not allowed, or it is not clear which layer is meant.
-    """
+    """Return layers with a new value for the parameter of a name in model ``exponential``."""
     name = _NAMES.get(name, name)
     made = next((one for one in _KINDS.values() if name in _parameters_of(one)), None)
     if made is None:

@@ -235,17 +235,7 @@ class LaidInflation:
 
 @dataclass(frozen=True, eq=False)
 class MasterGrid:
-    """The layers over a map that have an effect.
-
-    Parameters
-    ----------
-    source : OccupancyGrid or DistanceField
-        The map.
-    laid : tuple of LaidStatic and LaidInflation
-        Layers, the lowest first.
-    default_cost : int
-        Cost below all layers.
-    """
+    """The layers over a map that have an effect."""
 
     source: ObstacleSource
     laid: tuple[LaidStatic | LaidInflation, ...]

@@ -15,13 +15,7 @@ ObstacleSource = OccupancyGrid | DistanceField
 
 
 def check_lethal_threshold(source: ObstacleSource, lethal_threshold: int | None) -> int:
-    """Return the threshold to use: the field's own for a field, else the given or 100.
-
-    Raises
-    ------
-    ParameterError
-        If a field was made with another one, or the source is a view of a field.
-    """
+    """Return the threshold to use: the field's own for a field, else the given or 100."""
     refuse_view(source)
     if isinstance(source, DistanceField):
         if lethal_threshold not in (None, source.lethal_threshold):

@@ -40,15 +40,7 @@ HEADINGS = Bound("between 4 and 255", lambda value: 4 <= value <= 255)
 
 @dataclass(frozen=True)
 class Unit:
-    """Unit of a parameter.
-
-    Parameters
-    ----------
-    symbol : str
-        Symbol in tables.
-    metavar : str
-        Placeholder for a value in ``--help``.
-    """
+    """Unit of a parameter."""
 
     symbol: str
     metavar: str
@@ -106,11 +98,6 @@ class Parameter:
         """Convert `value` to the parameter's type.
 
         Text is read as written in a recipe or a shell: ``0.3``, ``yes``, ``90,70,50``.
-
-        Raises
-        ------
-        ParameterError
-            If it is of another type, not finite, or out of bounds.
         """
         if self.optional and (value is None or (isinstance(value, str) and value == "none")):
             return None
@@ -167,11 +154,6 @@ def is_plain(value: object) -> bool:
     """Return whether a value is not text, or is text that not only Python reads as a number.
 
     Python accepts ``1_000`` and digits of all scripts.
-
-    Examples
-    --------
-    >>> is_plain("1e3"), is_plain(1000), is_plain("1_000"), is_plain("\u0663")
-    (True, True, False, False)
     """
     return not isinstance(value, str) or (value.isascii() and "_" not in value)
 
@@ -207,22 +189,7 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, Parameter]:
 def accept_parameters(
     function: Callable[..., Any], given: Mapping[str, object], owner: str
 ) -> dict[str, Any]:
-    """Return all parameters of a stage: those given, checked, and the defaults of the rest.
-
-    Parameters
-    ----------
-    function : callable
-        The stage's function.
-    given : mapping
-        Parameters by name.
-    owner : str
-        Name of the stage in an error.
-
-    Raises
-    ------
-    ParameterError
-        If a name is unknown, or a value is not allowed.
-    """
+    """Return all parameters of a stage: those given, checked, and the defaults of the rest."""
     known = parameters_of(function)
     values = {name: parameter.default for name, parameter in known.items()}
     for name, value in given.items():
@@ -301,13 +268,5 @@ _STRUCTURED: dict[Any, Callable[[str, object], Any]] = {Footprint: _footprint}
 
 
 def structured(kind: Any, accept: Callable[[str, object], Any]) -> None:
-    """Allow parameters of a type that a function converts from YAML values.
-
-    Parameters
-    ----------
-    kind : type
-        The type, as used in annotations.
-    accept : callable
-        Converts a value, given the parameter's name and the value; raises ParameterError.
-    """
+    """Allow parameters of a type that a function converts from YAML values."""
     _STRUCTURED[kind] = accept

@@ -17,36 +17,14 @@ from mapdeal.stages.obstacle_source import ObstacleSource
 
 
 class QueueDifference(NamedTuple):
-    """How costs of exact distances differ from those of the queue.
-
-    Parameters
-    ----------
-    cells : int
-        Cells that differ.
-    largest : int
-        The largest difference of two costs.
-    """
+    """How costs of exact distances differ from those of the queue."""
 
     cells: int
     largest: int
 
 
 def queue_difference(source: ObstacleSource, parameters: Mapping[str, Any]) -> QueueDifference:
-    """Return how costs differ from those of ROS 1, and of Nav2 up to Kilted.
-
-    Parameters
-    ----------
-    source : OccupancyGrid or DistanceField
-        What the costs are made of. It is needed as a whole.
-    parameters : mapping
-        All parameters of the step: of model ``layers`` if they have ``layers``, else of
-        ``exponential``.
-
-    Returns
-    -------
-    QueueDifference
-        Nothing differs where ``lookup`` is ``nav2``, as that Nav2 has no queue.
-    """
+    """Return how costs differ from those of ROS 1, and of Nav2 up to Kilted."""
     made = _layered if "layers" in parameters else _exponential
     exact, queued = (
         made(source, parameters, spread).astype(np.int16)
@@ -65,12 +43,7 @@ def raise_by_queue(profile: CostProfile, cost: NDArray[np.uint8]) -> None:
 
 
 def costs_by_queue(source: ObstacleSource, parameters: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """Return the costs that a step with these parameters would make with the queue.
-
-    Returns
-    -------
-    numpy.ndarray of uint8, shape (H, W)
-    """
+    """Return the costs that a step with these parameters would make with the queue."""
     made = _layered if "layers" in parameters else _exponential
     return made(source, parameters, raise_by_queue)
 

@@ -25,27 +25,7 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Connection:
-    """One recorded publisher of a topic.
-
-    Parameters
-    ----------
-    id : int
-        Its number in the bag.
-    topic : str
-        With a leading slash, and no others that do nothing.
-    type : str
-        As ROS 2 spells it: ``sensor_msgs/msg/LaserScan``, for bags of ROS 1, too.
-    encoding : {'ros1', 'cdr', ''}
-        How its messages are serialized; empty for what cannot be read.
-    definition : str
-        The text of the type, empty where the bag has none.
-    is_idl : bool
-        Whether that text is IDL, and not a ``.msg``.
-    serialization : str
-        The name of the encoding, as the bag has it.
-    spelled : str
-        The type as the bag has it, for people; `type` if not given.
-    """
+    """One recorded publisher of a topic."""
 
     id: int
     topic: str
@@ -62,17 +42,7 @@ class Connection:
 
 
 class Place(NamedTuple):
-    """Where a message is.
-
-    Parameters
-    ----------
-    connection : int
-        The number of its connection.
-    time : int
-        When it was recorded, nanoseconds.
-    block, offset : int
-        The chunk or row, and the byte in it.
-    """
+    """Where a message is."""
 
     connection: int
     time: int
@@ -98,13 +68,7 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class MessageIndex:
-    """The places of messages, 32 bytes for each.
-
-    Parameters
-    ----------
-    connections, times, blocks, offsets : numpy.ndarray of int64, shape (N,)
-        As in `Place`.
-    """
+    """The places of messages, 32 bytes for each."""
 
     connections: Integers
     times: Integers
@@ -186,32 +150,14 @@ class Bag(ABC):
 
     @abstractmethod
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
-        """Yield the places of all messages of some connections, some at a time, as recorded.
-
-        Raises
-        ------
-        MalformedInputError
-            If the bag is damaged where they are.
-        """
+        """Yield the places of all messages of some connections, some at a time, as recorded."""
 
     @abstractmethod
     def data(self, place: Place) -> bytes:
-        """Return a message as it was serialized.
-
-        Raises
-        ------
-        MalformedInputError
-            If the bag is damaged there.
-        """
+        """Return a message as it was serialized."""
 
     def index(self, connections: Collection[int]) -> MessageIndex:
-        """Return the places of all messages of some connections, in the order of their times.
-
-        Raises
-        ------
-        MalformedInputError
-            If the bag is damaged where they are, or there are too many for the memory.
-        """
+        """Return the places of all messages of some connections, in the order of their times."""
         parts, taken = [], 0
         for part in self.pieces(connections):
             taken += len(part)
@@ -261,24 +207,12 @@ class Bag(ABC):
 
 
 def normalised_topic(topic: str) -> str:
-    """Return a topic's name with one leading slash.
-
-    Examples
-    --------
-    >>> normalised_topic("scan"), normalised_topic("//robot//scan/")
-    ('/scan', '/robot/scan')
-    """
+    """Return a topic's name with one leading slash."""
     return "/" + "/".join(part for part in topic.split("/") if part)
 
 
 def normalised_type(name: str) -> str:
-    """Return the name of a message type as ROS 2 spells it.
-
-    Examples
-    --------
-    >>> normalised_type("sensor_msgs/LaserScan"), normalised_type("tf2_msgs/msg/TFMessage")
-    ('sensor_msgs/msg/LaserScan', 'tf2_msgs/msg/TFMessage')
-    """
+    """Return the name of a message type as ROS 2 spells it."""
     match = re.fullmatch(r"([^/]+)/([^/]+)", name)
     return f"{match[1]}/msg/{match[2]}" if match else name
 

@@ -29,25 +29,7 @@ IN_THE_FILE = -1
 
 @dataclass
 class Chunk:
-    """A chunk of a file.
-
-    Parameters
-    ----------
-    compression : str
-        What the file calls it.
-    size : int
-        Bytes that it expands to.
-    start, length : int
-        Its data in the file.
-    crc : int
-        The checksum of what it expands to, 0 if there is none.
-    entries : list of tuple of int
-        Its index records: connection, where their entries start, and how many there are.
-    is_indexed : bool
-        Whether index records list all messages.
-    is_cut : bool
-        Whether the file ends within it.
-    """
+    """A chunk of a file."""
 
     compression: str
     size: int
@@ -64,15 +46,7 @@ class CutError(Exception):
 
 
 class ChunkedBag(Bag):
-    """A file of records, which are gone through once to find chunks, connections, and the rest.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    form : str
-        What it is, with an article.
-    """
+    """A file of records, which are gone through once to find chunks, connections, and the rest."""
 
     def __init__(self, path: Path, form: str) -> None:
         super().__init__(path, form)

@@ -19,26 +19,7 @@ _KEPT = 8
 def expanded(
     data: bytes, compression: str, size: int | None, path: Path, *, partly: bool = False
 ) -> bytes:
-    """Return what data of a bag expand to.
-
-    Parameters
-    ----------
-    data : bytes
-        As they stand in the bag.
-    compression : str
-        Its name there: none, bz2, lz4 (frames), zstd.
-    size : int, optional
-        Bytes that they claim to expand to.
-    path : Path
-        The bag, for errors.
-    partly : bool
-        Whether the data may end too early: what can be read of them is returned.
-
-    Raises
-    ------
-    MalformedInputError
-        If the data are damaged, claim another size, or are compressed in an unknown way.
-    """
+    """Return what data of a bag expand to."""
     if compression in ("", "none"):
         return data
     if compression not in _EXPANDERS:
@@ -99,13 +80,7 @@ _EXPANDERS: dict[str, Callable[[bytes, int], bytes]] = {
 
 
 class KeptChunks:
-    """The last few chunks: messages in the order of their times go to and fro between two or three.
-
-    Parameters
-    ----------
-    read : callable
-        Returns a chunk, given its number.
-    """
+    """The last few chunks: messages in order of time alternate between two or three."""
 
     def __init__(self, read: Callable[[int], bytes]) -> None:
         self._read = read

@@ -41,11 +41,6 @@ _OF_ARRAYS, _OF_OBJECTS = 4, 30
 class Decoder:
     """Makes messages of bytes.
 
-    Parameters
-    ----------
-    bag : Bag
-        Theirs.
-
     Notes
     -----
     A type is what the bag says it is; where it says nothing, as before ROS 2 Iron, what the
@@ -59,13 +54,7 @@ class Decoder:
         self._readers: dict[int, Callable[[bytes], Any]] = {}
 
     def message(self, place: Place) -> Any:
-        """Return the message at a place, an object with the fields of its type.
-
-        Raises
-        ------
-        MalformedInputError
-            If the bag is damaged there, or the bytes are no such message.
-        """
+        """Return the message at a place, an object with the fields of its type."""
         reader = self._readers.get(place.connection)
         if reader is None:
             reader = self._reader_of(self._connections[place.connection])
@@ -83,21 +72,7 @@ class Decoder:
             raise self._bag.malformed(rule, one.topic) from None
 
     def read(self, place: Place, make: Callable[[Any], _T]) -> _T:
-        """Return what a function makes of the message at a place.
-
-        Parameters
-        ----------
-        place : Place
-            Where it is.
-        make : callable
-            Takes the message.
-
-        Raises
-        ------
-        MalformedInputError
-            As `message`, and if the message lacks what the function looks for, or has numbers that
-            it refuses: a bag may describe a type of this name as it likes.
-        """
+        """Return what a function makes of the message at a place."""
         message = self.message(place)
         topic = self._connections[place.connection].topic
         try:
@@ -116,11 +91,6 @@ class Decoder:
         """Return time (nanoseconds) and frame of the header of the message at a place.
 
         The rest of the message is not decoded.
-
-        Raises
-        ------
-        MalformedInputError
-            If there is none.
         """
         data = self._bag.data(place)
         if self._connections[place.connection].encoding == "ros1":

@@ -9,13 +9,7 @@ from mapdeal.errors import ParameterError
 
 
 def needs_bags(source: Path | str, *modules: str) -> None:
-    """Import rosbags' types, and other modules of it.
-
-    Raises
-    ------
-    ParameterError
-        If it is not installed.
-    """
+    """Import rosbags' types, and other modules of it."""
     try:
         for module in ("rosbags.typesys", *modules):
             import_module(module)

@@ -60,23 +60,6 @@ class _Metadata:
 class FolderBag(Bag):
     """A folder with a ROS 2 bag in one file or several.
 
-    Parameters
-    ----------
-    path : Path
-        The folder.
-
-    Raises
-    ------
-    FileAccessError
-        If a file of it cannot be read.
-    MalformedInputError
-        If its metadata or a file is malformed, or of a storage or compression that is not known.
-
-    Warns
-    -----
-    MapdealWarning
-        If there is no metadata, as left by a recorder that was killed, or a file is missing.
-
     Notes
     -----
     Topics, counts and times are those of the files. A file that is compressed as a whole is
@@ -207,15 +190,7 @@ class FolderBag(Bag):
 
 @contextmanager
 def plain_file(path: Path) -> Iterator[Path]:
-    """Yield a file that is not compressed as a whole: the file itself, or a temporary one.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read, or there is no room to expand it.
-    MalformedInputError
-        If its compressed data are damaged.
-    """
+    """Yield a file that is not compressed as a whole: the file itself, or a temporary one."""
     if path.suffix.lower() not in ZSTD_SUFFIXES:
         yield path
         return

@@ -56,23 +56,6 @@ class _Schema(NamedTuple):
 class McapBag(ChunkedBag):
     """An MCAP file with messages of ROS 1 or 2.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    MalformedInputError
-        If it is no MCAP file.
-
-    Warns
-    -----
-    MapdealWarning
-        If it ends too early: the intact part is read.
-
     Notes
     -----
     Records are gone through from the start, and the data of chunks passed over: the summary at

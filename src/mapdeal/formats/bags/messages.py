@@ -32,19 +32,7 @@ _LARGEST_ANGLE = 1000.0
 
 
 class Stamped(NamedTuple):
-    """A transform with its time.
-
-    Parameters
-    ----------
-    parent, child : str
-        Names of frames, without leading slashes.
-    time : int
-        Nanoseconds.
-    translation : tuple of float
-        x, y, z, metres.
-    quaternion : tuple of float
-        x, y, z, w.
-    """
+    """A transform with its time."""
 
     parent: str
     child: str
@@ -55,21 +43,7 @@ class Stamped(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LaserScan:
-    """One sweep of a laser scanner.
-
-    Parameters
-    ----------
-    frame : str
-        That of the sensor.
-    time : int
-        Of the first beam, nanoseconds.
-    start, step : float
-        The angle of the first beam, and between two, radians.
-    between : float
-        Seconds between two beams.
-    ranges : numpy.ndarray of float64, shape (M,)
-        Metres; inf where nothing was hit, nan where a reading means nothing.
-    """
+    """One sweep of a laser scanner."""
 
     frame: str
     time: int
@@ -110,11 +84,6 @@ def frame_of(header: Any) -> str:
 
 def laser_scan_of(message: Any) -> LaserScan:
     """Return a ``sensor_msgs/LaserScan``.
-
-    Raises
-    ------
-    MalformedInputError
-        If its angles are none.
 
     References
     ----------
@@ -170,20 +139,6 @@ def odometry_of(message: Any) -> Stamped:
 def grid_of(message: Any, name: str, *, is_costs: bool) -> OccupancyGrid | Costmap:
     """Return a ``nav_msgs/OccupancyGrid`` or a ``nav2_msgs/Costmap``.
 
-    Parameters
-    ----------
-    message : object
-        The message.
-    name : str
-        Its type.
-    is_costs : bool
-        Whether the values of an OccupancyGrid are costs that were published, and no map.
-
-    Raises
-    ------
-    MalformedInputError
-        If its numbers do not fit, or it lies in no plane.
-
     Notes
     -----
     The resolution is a float32 in both: it becomes the number with the fewest digits that stands
@@ -232,23 +187,7 @@ def _planar(pose: Any) -> tuple[float, float, float]:
 
 
 def points_of(message: Any) -> NDArray[np.float64]:
-    """Return the points of a ``sensor_msgs/PointCloud2``.
-
-    Parameters
-    ----------
-    message : object
-        With fields of any layout, padding between points and rows, of either byte order.
-
-    Returns
-    -------
-    numpy.ndarray of float64, shape (N, 2) or (N, 3)
-        x, y and, if there is a field for it, z, metres; numbers that are not finite as they are.
-
-    Raises
-    ------
-    MalformedInputError
-        If x or y is missing, or sizes do not fit.
-    """
+    """Return the points of a ``sensor_msgs/PointCloud2``."""
     fields = {str(one.name): one for one in message.fields}
     if not {"x", "y"} <= fields.keys():
         raise MalformedInputError("must name x and y", place="fields", got=" ".join(fields))

@@ -19,13 +19,7 @@ _METADATA = "metadata.yaml"
 
 
 def bag_paths(output: Path) -> tuple[Path, ...]:
-    """Return the files of a bag: one for ``.bag`` and ``.mcap``, a folder with two for ``.db3``.
-
-    Raises
-    ------
-    FileAccessError
-        If a folder of that name holds anything else: it may be somebody's recording.
-    """
+    """Return the files of a bag: one for ``.bag`` and ``.mcap``, a folder with two for ``.db3``."""
     if output.suffix != ".db3":
         return (output,)
     paths = output / f"{name_inside(output)}.db3", output / _METADATA
@@ -50,11 +44,6 @@ def name_inside(output: Path) -> str:
 def check_topic(topic: str) -> str:
     """Return the name of a topic, with its leading slash.
 
-    Raises
-    ------
-    ParameterError
-        If ROS 1 or ROS 2 would refuse it.
-
     References
     ----------
     ROS wiki, "Names"; rmw's ``validate_full_topic_name``.
@@ -72,13 +61,7 @@ def check_topic(topic: str) -> str:
 
 
 def check_frame(frame: str) -> str:
-    """Return the name of a frame.
-
-    Raises
-    ------
-    ParameterError
-        If tf2 would refuse it.
-    """
+    """Return the name of a frame."""
     if not frame or not frame.isprintable() or frame.startswith("/"):
         rule = "must be the name of a frame, without a slash in front"
         raise ParameterError(rule, source="--frame-id", got=frame)

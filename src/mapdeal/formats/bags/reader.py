@@ -22,23 +22,7 @@ _NAMED = 12
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a bag for reading within a ``with`` block.
-
-    Parameters
-    ----------
-    path : Path
-        A ROS 1 ``.bag``; a folder of ROS 2, or its ``metadata.yaml``; a ``.db3`` or ``.mcap`` file,
-        also one compressed with zstd as a whole.
-
-    Raises
-    ------
-    ParameterError
-        If the extra ``bags`` is not installed.
-    FileAccessError
-        If a file cannot be read.
-    MalformedInputError
-        If it is no bag, too damaged, or nothing of it is serialized in a way that can be read.
-    """
+    """Open a bag for reading within a ``with`` block."""
     needs_bags(path)
     if path.name == METADATA:
         path = path.parent
@@ -78,24 +62,7 @@ def _check_serialization(bag: Bag) -> None:
 def chosen_connections(
     bag: Bag, topics: Sequence[str], types: Sequence[str], what: str
 ) -> list[Connection]:
-    """Return the connections of the topics that are asked for, or of the only one that fits.
-
-    Parameters
-    ----------
-    bag : Bag
-        The bag.
-    topics : sequence of str
-        Their names, with or without the leading slash; none for the only one that fits.
-    types : sequence of str
-        The types of messages that fit.
-    what : str
-        What they are, in the plural: ``laser scans``.
-
-    Raises
-    ------
-    MalformedInputError
-        If there is no such topic, one is of another type, or several fit and none was named.
-    """
+    """Return the connections of the topics that are asked for, or of the only one that fits."""
     if not bag.connections:
         raise bag.malformed("holds no messages")
     fitting = bag.of_types(*types)

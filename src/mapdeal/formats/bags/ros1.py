@@ -48,23 +48,6 @@ Fields = Mapping[bytes, bytes]
 class Ros1Bag(ChunkedBag):
     """A ROS 1 bag.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    MalformedInputError
-        If it is no bag of version 2.0, or encrypted.
-
-    Warns
-    -----
-    MapdealWarning
-        If it has no index, or ends too early: the intact part is read.
-
     Notes
     -----
     Records are gone through from the start, and the data of chunks passed over; so neither the

@@ -68,26 +68,7 @@ _WHOLE = "CASE typeof({0}) WHEN 'integer' THEN {0} END"
 
 
 class SqliteBag(Bag):
-    """A ROS 2 bag in one SQLite file.
-
-    Parameters
-    ----------
-    path : Path
-        The file; it is opened for reading only, and nothing is written beside it.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    MalformedInputError
-        If it is no bag, too damaged to know its topics, or has more than plain tables: SQLite
-        would compute what a view or a generated column contains, without end if so written.
-
-    Warns
-    -----
-    MapdealWarning
-        If messages behind a damaged place cannot be read.
-    """
+    """A ROS 2 bag in one SQLite file."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, "a ROS 2 bag (SQLite)")

@@ -44,32 +44,7 @@ def write_bag(
     topic: str | None = None,
     frame: str = FRAME,
 ) -> None:
-    """Write a bag with one message.
-
-    Parameters
-    ----------
-    transaction : Transaction
-        Where `bag_paths` of the output were announced.
-    output : Path
-        ``.bag`` for ROS 1, ``.mcap`` for an MCAP file, ``.db3`` for a folder with a bag of ROS 2.
-    grid : OccupancyGrid or Costmap
-        A map becomes a nav_msgs/OccupancyGrid; so do costs on scale occupancy. Those of costmap_2d
-        become a nav2_msgs/Costmap, and in ROS 1, which has no such message, what it publishes.
-    topic : str, optional
-        By default /map, of costs /costmap.
-    frame : str
-        The frame of the header.
-
-    Raises
-    ------
-    ParameterError
-        If the extra ``bags`` is not installed, or the topic is no name.
-
-    Warns
-    -----
-    MapdealWarning
-        If costs are published on another scale than their own.
-    """
+    """Write a bag with one message."""
     needs_bags(output, "rosbags.rosbag1", "rosbags.rosbag2")
     claim(output, _COPIES * grid.layer.size, what="messages of this size")
     is_ros1 = output.suffix == ".bag"

@@ -22,17 +22,7 @@ LONGEST_RECORD = 1 << 16
 
 @dataclass(frozen=True)
 class Record:
-    """Layout of a point's numbers in a file.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the columns, in the order of the file.
-    types : tuple of numpy.dtype
-        Types of the columns.
-    counts : tuple of int
-        Number of values in each column.
-    """
+    """Layout of a point's numbers in a file."""
 
     names: tuple[str, ...]
     types: tuple[np.dtype[Any], ...]
@@ -44,13 +34,7 @@ class Record:
         return sum(t.itemsize * n for t, n in zip(self.types, self.counts, strict=True))
 
     def axes(self, path: Path, place: str) -> tuple[int, ...]:
-        """Return the columns of x, y and, if there is one, z.
-
-        Raises
-        ------
-        MalformedInputError
-            If x or y is missing, or an axis has not exactly one number.
-        """
+        """Return the columns of x, y and, if there is one, z."""
         found = [self.names.index(name) for name in ("x", "y", "z") if name in self.names]
         if not {"x", "y"} <= set(self.names):
             rule = "must name x and y"
@@ -74,13 +58,7 @@ class Record:
 def binary_points(
     file: BinaryIO, record: Record, axes: tuple[int, ...], count: int, path: Path
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield the points of binary records, some at a time, from where a file stands.
-
-    Raises
-    ------
-    MalformedInputError
-        If the file ends before them.
-    """
+    """Yield the points of binary records, some at a time, from where a file stands."""
     types = [record.types[column] for column in axes]
     offsets = [record.offset(column) for column in axes]
     are_neighbours = all(

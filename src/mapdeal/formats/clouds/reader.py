@@ -35,25 +35,7 @@ CLOUD_SUFFIXES = (*_IN_A_FILE, *_BY_NAME)
 
 
 def cloud_chunks(path: Path) -> Iterator[Points]:
-    """Yield the points of a cloud in parts.
-
-    Parameters
-    ----------
-    path : Path
-        A file that ends in one of `CLOUD_SUFFIXES`.
-
-    Yields
-    ------
-    numpy.ndarray of float64, shape (N, 2) or (N, 3)
-        x, y and, if the file has it, z of each point; values that are not finite are kept.
-
-    Raises
-    ------
-    FileAccessError
-        If the file cannot be read.
-    MalformedInputError
-        If the file is malformed or of another type.
-    """
+    """Yield the points of a cloud in parts."""
     with recognised(path, "a point cloud", CLOUD, NUMBERS):
         check_readable(path)
         suffix = path.suffix.lower()

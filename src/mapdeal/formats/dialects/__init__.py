@@ -38,19 +38,7 @@ def cells_of(
     *,
     out: NDArray[np.int8] | None = None,
 ) -> NDArray[np.int8]:
-    """Return the occupancy of each cell as a reader has it, shape (H, W), row 0 in the south.
-
-    Parameters
-    ----------
-    picture : Picture
-        The pixels, row 0 in the north.
-    metadata : MapMetadata
-        What the YAML file says.
-    dialect : {'nav2', 'humble', 'ros1'}
-        Whose reading to follow.
-    out : numpy.ndarray of int8, optional
-        Where to put the result.
-    """
+    """Return the occupancy of each cell as a reader has it, shape (H, W), row 0 in the south."""
     picture = picture.from_the_south()
     if _is_plain(picture):
         values = DIALECTS[dialect](picture, metadata)
@@ -73,19 +61,6 @@ def reader_of(
     kind: Picture, metadata: MapMetadata, dialect: Dialect
 ) -> Callable[[Picture], NDArray[np.int8]]:
     """Return a reader's way to read pictures of one kind, such as strips of a picture.
-
-    Parameters
-    ----------
-    kind : Picture
-        One of them.
-    metadata, dialect
-        As for `cells_of`.
-
-    Returns
-    -------
-    callable
-        Takes a picture and returns the occupancy of its pixels, row 0 where the picture has it.
-        Colours and opacities take wide intermediate numbers; so pass some pixels at a time.
 
     Notes
     -----

@@ -48,21 +48,7 @@ _LEAST_HEADER = 54
 
 @dataclass(frozen=True)
 class BmpRows:
-    """The pixels of an open BMP file without compression, see `formats.strips.PixelRows`.
-
-    Parameters
-    ----------
-    file : OpenFile
-        The file.
-    head : bytes
-        All that stands before its pixels.
-    width, height : int
-        Pixels.
-    row_bytes : int
-        Bytes of a row, which are filled up to four.
-    is_top_down : bool
-        Whether the first row is the one in the north, which is rare.
-    """
+    """The pixels of an open BMP file without compression, see `formats.strips.PixelRows`."""
 
     file: OpenFile
     head: bytes

@@ -27,39 +27,6 @@ def _no_rows(_file: OpenFile, _head: bytes) -> PixelRows | None:
 class ImageFormat:
     """An image format that maps may have.
 
-    Parameters
-    ----------
-    name : str
-        Unique; pictures carry it as `Picture.file_format`.
-    suffixes : tuple of str
-        Endings of its file names, lower case, with the dot.
-    recognises : callable
-        ``recognises(head)`` returns whether a file with these first bytes, 64 KiB or more unless
-        the file is shorter, is of this format. Formats must not overlap.
-    read : callable
-        ``read(file, max_cells)`` returns the strips of the picture in an open file. It raises
-        MalformedInputError, naming the file, if it is damaged or holds more than `max_cells`
-        cells; the latter before memory is taken. So do the strips, as they are gone through. It
-        raises OtherContentsError if the file is of another format.
-    memory : callable
-        ``memory(file, head)`` returns the bytes that reading takes at its peak, with a byte for
-        each cell that is made of a pixel, as far as the header shows; it raises as `size` does.
-        This is what `read` claims.
-    size : callable
-        ``size(head, path, max_cells)`` returns height and width, and raises as `read` does, as
-        far as the header shows. It opens the file only if its first bytes do not suffice.
-    max_cells : int
-        The default limit: the lower one for formats in which a small file may hold a large
-        picture.
-    suggested : tuple of str
-        What the error about a file of no known format calls this one. Empty for formats that
-        are read but should not be used.
-    comments : callable
-        ``comments(head)`` returns the comments in the header.
-    rows : callable
-        ``rows(file, head)`` returns the pixels of an open file if its rows can be read in any
-        order, else None. It looks at no more than the header, and raises as `read` does.
-
     Notes
     -----
     The readers of ROS treat some formats differently, because their image libraries do: the

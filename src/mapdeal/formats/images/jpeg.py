@@ -31,13 +31,7 @@ _COEFFICIENT = 2
 
 
 def read_jpeg(file: OpenFile, max_cells: int) -> Strips:
-    """Return the strips of the picture in a JPEG file, see `ImageFormat.read`.
-
-    Warns
-    -----
-    MapdealWarning
-        Always: compression moves greys.
-    """
+    """Return the strips of the picture in a JPEG file, see `ImageFormat.read`."""
     path, data = file.path, file.read_whole()
     image = open_image(io.BytesIO(data), NAME, path, max_cells)
     check_pixels(image, file.size, path)

@@ -79,25 +79,6 @@ class _Frame:
 def check_scans(data: bytes, path: Path, image: Any = None) -> tuple[int, int]:
     """Refuse a JPEG stream of which some coefficients are missing.
 
-    Parameters
-    ----------
-    data : bytes
-        The stream, with all tables, from the mark of its start to that of its end or beyond.
-    path : Path
-        The file that it is from, for messages.
-    image : PIL.Image.Image, optional
-        What has been decoded of it, if anything has.
-
-    Returns
-    -------
-    tuple of int
-        Rows and columns.
-
-    Raises
-    ------
-    MalformedInputError
-        If it is damaged, of a kind that is not supported, or ends early.
-
     Notes
     -----
     The headers of the scans say whether there is one for each bit of each coefficient, and how

@@ -30,21 +30,7 @@ def decoding_memory(
     work: int = 0,
     is_decoded_twice: bool = False,
 ) -> int:
-    """Return the bytes that decoding an image and making cells of it takes at its peak.
-
-    Parameters
-    ----------
-    mode : str
-        Pillow's mode of the image.
-    size : tuple of int
-        Columns and rows.
-    length : int
-        Bytes of the file.
-    work : int
-        Bytes that the decoder takes besides the pixels.
-    is_decoded_twice : bool
-        Whether a check decodes the picture once more, and compares the two.
-    """
+    """Return the bytes that decoding an image and making cells of it takes at its peak."""
     cells = size[0] * size[1]
     kept = _KEPT.get(mode, _KEPT_OF_OTHERS) * cells
     first = length + kept
@@ -53,26 +39,7 @@ def decoding_memory(
 
 
 def check_pixels(image: Any, length: int, path: Path, *, bits: int = 0, tile: int = 0) -> None:
-    """Refuse so many pixels that so few bytes cannot hold them.
-
-    Parameters
-    ----------
-    image : PIL.Image.Image
-        The image, its pixels not yet decoded.
-    length : int
-        Bytes of the file.
-    path : Path
-        The file's name, for messages.
-    bits : int
-        Bits of a pixel in the file, 0 if Pillow's mode gives them.
-    tile : int
-        Pixels of a tile, which may be larger than the picture.
-
-    Raises
-    ------
-    MalformedInputError
-        If there are too many.
-    """
+    """Refuse so many pixels that so few bytes cannot hold them."""
     expanded = max(bytes_in_file(image, bits=bits), tile_bytes(image, tile, bits=bits))
     check_expansion(path, length, expanded, most=BLANK_EXPANSION, place="image size")
 
@@ -88,24 +55,7 @@ def tile_bytes(image: Any, pixels: int, *, bits: int = 0) -> int:
 
 
 def claim_picture(image: Any, count: int, path: Path, *, tile: int = 0) -> None:
-    """Refuse an image that would take more memory than may be used.
-
-    Parameters
-    ----------
-    image : PIL.Image.Image
-        The image, its pixels not yet decoded.
-    count : int
-        Bytes that it takes, see `decoding_memory`.
-    path : Path
-        Its name, for messages.
-    tile : int
-        Pixels of a tile.
-
-    Raises
-    ------
-    MalformedInputError
-        If there is too little memory.
-    """
+    """Refuse an image that would take more memory than may be used."""
     width, height = image.width, image.height
     what = f"{width} x {height} cells"
     claim(path, count, what=f"{what}, in tiles of {tile}," if tile > width * height else what)

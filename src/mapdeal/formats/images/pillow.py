@@ -51,26 +51,7 @@ _DAMAGE = (
 
 
 def open_image(file: BinaryIO, name: str, path: Path, max_cells: int) -> Any:
-    """Return Pillow's image of a file, its header read and checked, its pixels not yet decoded.
-
-    Parameters
-    ----------
-    file : binary file
-        Its contents.
-    name : str
-        The format, as Pillow calls it.
-    path : Path
-        The file's name, for messages.
-    max_cells : int
-        Cells up to which it is read.
-
-    Raises
-    ------
-    MalformedInputError
-        If the header is damaged, the picture is too large, or the file holds several.
-    OtherContentsError
-        If the file is not of this format.
-    """
+    """Return Pillow's image of a file, its header read and checked, its pixels not yet decoded."""
     from PIL import Image, UnidentifiedImageError
 
     with damage_refused(path):
@@ -86,18 +67,7 @@ def open_image(file: BinaryIO, name: str, path: Path, max_cells: int) -> Any:
 
 
 def load(image: Any, path: Path, *, around: AbstractContextManager[None] | None = None) -> None:
-    """Decode the pixels of an image, within a context if one is given.
-
-    Raises
-    ------
-    MalformedInputError
-        If they are damaged.
-
-    Warns
-    -----
-    MapdealWarning
-        If the image has an EXIF orientation.
-    """
+    """Decode the pixels of an image, within a context if one is given."""
     with damage_refused(path), around or nullcontext():
         image.load()
         orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
@@ -106,15 +76,7 @@ def load(image: Any, path: Path, *, around: AbstractContextManager[None] | None 
 
 
 def strips_of_image(image: Any, to_picture: Callable[[Any], Picture]) -> Strips:
-    """Return the strips of a decoded image, which are copied out of Pillow's memory one by one.
-
-    Parameters
-    ----------
-    image : PIL.Image.Image
-        The image.
-    to_picture : callable
-        Returns the picture of a part of it.
-    """
+    """Return the strips of a decoded image, which are copied out of Pillow's memory one by one."""
     width, height = image.width, image.height
     step = rows_of_strip(width, 4 * width)
 
@@ -140,13 +102,7 @@ def size_by_pillow(name: str) -> Callable[[bytes, Path, int], tuple[int, int]]:
 
 
 def picture_of(image: Any, name: str, path: Path) -> Picture:
-    """Return the samples of a decoded image.
-
-    Raises
-    ------
-    MalformedInputError
-        If its pixels are neither grey nor colours of 8 bits, such as floats.
-    """
+    """Return the samples of a decoded image."""
     mode = image.mode
     if mode == "1":
         return Picture(name, "grey", np.asarray(image, dtype=np.uint8) * np.uint8(255))
@@ -211,13 +167,6 @@ def damage_refused(path: Path) -> Iterator[None]:
     """Turn whatever damage leads Pillow's readers to into one clear error.
 
     Around calls of Pillow alone: in code of ours the same exceptions are bugs.
-
-    Raises
-    ------
-    MalformedInputError
-        If the bytes are damaged.
-    FileAccessError
-        If the system cannot read the file.
     """
     from PIL import Image, UnidentifiedImageError
 

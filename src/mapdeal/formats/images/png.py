@@ -47,17 +47,7 @@ NAME = "PNG"
 
 
 class PngRows:
-    """The pixels of an open PNG file, see `mapdeal.formats.strips.PixelRows`.
-
-    Parameters
-    ----------
-    file : OpenFile
-        The file.
-    height, width : int
-        Pixels.
-    memory : int
-        Bytes that it takes to go on from within the file.
-    """
+    """The pixels of an open PNG file, see `mapdeal.formats.strips.PixelRows`."""
 
     max_cells = LARGEST_COMPRESSED_CELLS
     is_compressed = True

@@ -29,19 +29,7 @@ _START_OF_HEADER, _HEADER = slice(8, 16), slice(16, 29)
 
 @dataclass(frozen=True)
 class PngHeader:
-    """The chunk IHDR; see the PNG specification.
-
-    Parameters
-    ----------
-    width, height : int
-        Pixels.
-    bit_depth : int
-        Bits of a sample: 1, 2, 4, 8 or 16.
-    colour_type : int
-        0 grey, 2 colours, 3 a palette, 4 grey with opacity, 6 colours with opacity.
-    is_interlaced : bool
-        Whether the pixels come in seven passes.
-    """
+    """The chunk IHDR; see the PNG specification."""
 
     width: int
     height: int
@@ -96,22 +84,7 @@ class PngHeader:
 
 @dataclass(frozen=True)
 class PngFacts(PngHeader):
-    """Content of a PNG file's chunks, besides the numbers in the header.
-
-    Parameters
-    ----------
-    transparency : bytes or None
-        The tRNS chunk: opacities of a palette, or the transparent colour.
-    display : tuple of str
-        What the chunks gAMA and iCCP say about showing the picture, in words.
-    palette : bytes
-        Red, green, blue of each index.
-    pixels : PixelSpans
-        Where the compressed pixels are.
-    texts : tuple of bytes
-        The chunks before and behind the pixels that may hold an orientation, one after the
-        other, and all others behind them.
-    """
+    """Content of a PNG file's chunks, besides the numbers in the header."""
 
     transparency: bytes | None
     display: tuple[str, ...]
@@ -145,14 +118,7 @@ def _chunk(name: bytes, body: bytes) -> bytes:
 
 
 def read_png_facts(file: OpenFile) -> PngFacts:
-    """Return the facts of a PNG file, all of which is read, but for the pixels themselves.
-
-    Raises
-    ------
-    MalformedInputError
-        If a checksum is wrong, the file ends early, chunks do not stand where they may, or it
-        is animated.
-    """
+    """Return the facts of a PNG file, all of which is read, but for the pixels themselves."""
     source = file.path
     header = read_png_header(file.read(0, _HEADER.stop), source)
     transparency = palette = None
@@ -231,13 +197,7 @@ class PixelSpans:
 
 
 def read_png_header(data: bytes, source: Path) -> PngHeader:
-    """Return the header of a PNG file, given its first bytes.
-
-    Raises
-    ------
-    MalformedInputError
-        If it is not there, or one of its numbers is none of PNG's.
-    """
+    """Return the header of a PNG file, given its first bytes."""
     body = data[_HEADER]
     if data[_START_OF_HEADER] != struct.pack(">I4s", len(body), b"IHDR") or len(body) != 13:
         raise MalformedInputError("must start with its header", source=source, place="chunk IHDR")

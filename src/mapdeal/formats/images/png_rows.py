@@ -41,19 +41,7 @@ _LARGEST_FILTER = 4
 
 @dataclass(frozen=True)
 class _Mark:
-    """Where to go on in a file.
-
-    Parameters
-    ----------
-    row : int
-        The next row, counted from the north.
-    inflater : zlib decompressor
-        A copy of its state.
-    span, offset : int
-        The chunk in which its data go on, and the byte in it.
-    before : numpy.ndarray of uint8
-        The bytes of the row before that one.
-    """
+    """Where to go on in a file."""
 
     row: int
     inflater: Any
@@ -64,13 +52,6 @@ class _Mark:
 
 class PngBytes:
     """The bytes of the pixels in a PNG file that is not interlaced, without its filters.
-
-    Parameters
-    ----------
-    file : OpenFile
-        The file.
-    facts : PngFacts
-        What its chunks say.
 
     Notes
     -----
@@ -90,18 +71,7 @@ class PngBytes:
         self._columns = (self._row_bytes - 1) // (2 if self._is_halved else 1) // lane_bytes
 
     def all(self, *, leaves_marks: bool = False) -> Iterator[NDArray[np.uint8]]:
-        """Yield all rows, some at a time, each of shape (rows, bytes).
-
-        Parameters
-        ----------
-        leaves_marks : bool
-            Whether `some` is to be able to go on from within.
-
-        Raises
-        ------
-        MalformedInputError
-            If the pixels are damaged or end early.
-        """
+        """Yield all rows, some at a time, each of shape (rows, bytes)."""
         height = self._facts.height
         bytes_between = _SHARE_OF_MARKS * (_INFLATER + self._row_bytes)
         between = max(self._step, bytes_between // self._row_bytes)
@@ -208,13 +178,7 @@ class _Stream:
         return _Mark(row, self._inflater.copy(), self._span, offset, before.copy())
 
     def read(self, count: int) -> bytes:
-        """Return the next bytes.
-
-        Raises
-        ------
-        MalformedInputError
-            If there are fewer, or the compressed data are damaged.
-        """
+        """Return the next bytes."""
         data = b"".join(self._inflated(count))
         self._found += len(data)
         if len(data) < count:

@@ -43,19 +43,7 @@ _FILLERS = [mark + rows for mark in (b"", b"\0\x01", b"\0\x18") for rows in _ROW
 
 @dataclass(frozen=True)
 class TiffParts:
-    """Where the strips or tiles of a TIFF file lie.
-
-    Parameters
-    ----------
-    compression : int
-        As the tag says it.
-    offsets, sizes : tuple of int
-        Of each part in the file, bytes.
-    heights : tuple of int
-        Rows of the picture in each part, at least.
-    width : int
-        Columns of the picture in each part, at least.
-    """
+    """Where the strips or tiles of a TIFF file lie."""
 
     compression: int
     offsets: tuple[int, ...]
@@ -79,23 +67,7 @@ def is_jpeg(compression: object) -> bool:
 
 
 def tiff_parts(tags: Mapping[int, Any], file_size: int, path: Path) -> TiffParts:
-    """Return where the strips or tiles of a TIFF file lie.
-
-    Parameters
-    ----------
-    tags : mapping
-        Values of the tags by their number, as Pillow has them.
-    file_size : int
-        Bytes of the file.
-    path : Path
-        Its name, for messages.
-
-    Raises
-    ------
-    MalformedInputError
-        If they do not cover the picture, lie outside of the file, are shorter than their
-        pixels, or compressed in a way that is not supported.
-    """
+    """Return where the strips or tiles of a TIFF file lie."""
     width, height = (_whole(tags, tag, path) for tag in (_WIDTH, _HEIGHT))
     compression = _whole(tags, _COMPRESSION, path, default=_RAW)
     if compression not in (_RAW, _JPEG, *_FAXES, *_CHECKED_BY_LIBTIFF):
@@ -135,24 +107,7 @@ def tiff_parts(tags: Mapping[int, Any], file_size: int, path: Path) -> TiffParts
 def check_decoded(
     parts: TiffParts, tags: Mapping[int, Any], data: bytes, image: Any, path: Path
 ) -> None:
-    """Refuse a picture of which some pixels were not in the file.
-
-    Parameters
-    ----------
-    parts, tags
-        As `tiff_parts` returns and takes them.
-    data : bytes
-        The file.
-    image : PIL.Image.Image
-        What was decoded.
-    path : Path
-        The file's name, for messages.
-
-    Raises
-    ------
-    MalformedInputError
-        If the data of a part end early.
-    """
+    """Refuse a picture of which some pixels were not in the file."""
     if parts.compression == _JPEG:
         tables = tags.get(_JPEG_TABLES, b"")
         for height, stream in zip(parts.heights, parts.of(data), strict=True):

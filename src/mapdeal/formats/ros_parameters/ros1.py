@@ -37,15 +37,7 @@ Path1 = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Ros1Namespace:
-    """Parameters and the namespaces within, by name, in the order they came in.
-
-    Parameters
-    ----------
-    line : int
-        Where it stands first, from 1; 0 if it stands nowhere.
-    source : Path, optional
-        The file of that line.
-    """
+    """Parameters and the namespaces within, by name, in the order they came in."""
 
     line: int = 0
     source: Path | None = None
@@ -78,19 +70,7 @@ class Ros1Namespace:
 
 @dataclass(frozen=True)
 class Ros1File:
-    """Content of a ROS 1 parameter file.
-
-    Parameters
-    ----------
-    source : Path
-        The file.
-    sha256 : str
-        Of its bytes.
-    parameters : Ros1Namespace
-        Its parameters as they are nested in it; those whose names begin with a slash below `ROOT`.
-    faults : tuple of Problem
-        Why roslaunch refuses it, and what else is wrong with it.
-    """
+    """Content of a ROS 1 parameter file."""
 
     source: Path
     sha256: str
@@ -99,26 +79,12 @@ class Ros1File:
 
 
 def read_ros1_parameters(path: Path) -> Ros1File:
-    """Return the parameters of a file.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    MalformedInputError
-        If it is no YAML of ROS's kind, or too large.
-    """
+    """Return the parameters of a file."""
     return parse_ros1_parameters(path, read_file(path, limit=OF_PARAMETERS.bytes))
 
 
 def parse_ros1_parameters(path: Path, data: bytes) -> Ros1File:
-    """Return the parameters in the contents of a file.
-
-    Raises
-    ------
-    MalformedInputError
-        As `read_ros1_parameters`.
-    """
+    """Return the parameters in the contents of a file."""
     reader = _Reader(path)
     documents = compose_documents(path, data, OF_PARAMETERS, EXTRA_TAGS)
     for node in documents:

@@ -95,13 +95,7 @@ def _number_of(node: ast.expr) -> float:
 
 
 def value_of(source: Path, node: yaml.Node) -> Any:
-    """Return the value of a node, as rosparam's loader makes it.
-
-    Raises
-    ------
-    MalformedInputError
-        If it makes none.
-    """
+    """Return the value of a node, as rosparam's loader makes it."""
     _resolve_angles(node, set())
     try:
         return _RosLoader("").construct_document(node)

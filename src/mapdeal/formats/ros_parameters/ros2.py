@@ -24,20 +24,7 @@ TOO_DEEP = f"nested deeper than {DEEPEST} levels"
 
 @dataclass(frozen=True)
 class Ros2Node:
-    """The parameters below one name of a node.
-
-    Parameters
-    ----------
-    name : str
-        Its name from the root on, ``/global_costmap/global_costmap``; ``/**`` stands for any
-        number of namespaces, ``/*`` for one.
-    source : Path
-        The file that it stands in first.
-    line : int
-        Where its ``ros__parameters`` stands there.
-    entries : tuple of (str, ParameterValue)
-        Names and values in their order; of two of one name the later one counts.
-    """
+    """The parameters below one name of a node."""
 
     name: str
     source: Path
@@ -47,15 +34,7 @@ class Ros2Node:
 
 @dataclass(frozen=True)
 class Ros2Parameters:
-    """Combined content of ROS 2 parameter files.
-
-    Parameters
-    ----------
-    nodes : tuple of Ros2Node
-        Nodes in the order of their first appearance.
-    files : tuple of (Path, str)
-        Files that were read, with the SHA-256 of their bytes.
-    """
+    """Combined content of ROS 2 parameter files."""
 
     nodes: tuple[Ros2Node, ...]
     files: tuple[tuple[Path, str], ...]
@@ -79,13 +58,7 @@ class Ros2Parameters:
 
 
 def matches(pattern: str, node: str) -> bool:
-    """Return whether a name with wildcards stands for a node of a full name.
-
-    Examples
-    --------
-    >>> matches("/**", "/global_costmap/global_costmap"), matches("/*", "/a/b")
-    (True, False)
-    """
+    """Return whether a name with wildcards stands for a node of a full name."""
     wanted = node.split("/")[1:]
     reached = {0}  # how much of the name the parts so far can be
     for part in pattern.split("/")[1:]:
@@ -100,20 +73,7 @@ def matches(pattern: str, node: str) -> bool:
 
 
 def read_ros2(paths: Sequence[Path]) -> Ros2Parameters:
-    """Return the parameters in files, which are read into one another as ROS 2 does.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The files, in the order of ``--params-file``: what comes later overrides.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    ParameterFileError
-        If ROS 2's parser refuses a file, or none of them has a parameter.
-    """
+    """Return the parameters in files, which are read into one another as ROS 2 does."""
     nodes: dict[str, NodeSlots] = {}
     files = []
     for path in paths:

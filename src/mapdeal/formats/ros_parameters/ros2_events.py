@@ -16,20 +16,7 @@ _ENDS = "\0 \t" + _BREAKS
 
 
 def events_of(text: str, deepest: int) -> Iterator[yaml.Event]:
-    """Yield the events of a text.
-
-    Parameters
-    ----------
-    text : str
-        What is written in the file.
-    deepest : int
-        Brackets that may stand within each other.
-
-    Raises
-    ------
-    yaml.YAMLError
-        If it is not YAML, or nested deeper.
-    """
+    """Yield the events of a text."""
     loader = _Scanner(text, deepest)
     while loader.check_event():
         yield loader.get_event()  # type: ignore[no-untyped-call]

@@ -39,27 +39,7 @@ class TagError(ValueError):
 
 
 def typed_scalar(text: str, *, is_quoted: bool, tag: str | None) -> tuple[str, Any]:
-    """Return the type of a value, as ROS 2 calls it, and the value.
-
-    Parameters
-    ----------
-    text : str
-        The value, without quotes.
-    is_quoted : bool
-        Whether it stands in quotes.
-    tag : str, optional
-        Its tag, in full.
-
-    Returns
-    -------
-    kind : {'bool', 'integer', 'double', 'string', 'byte_array'}
-    value : bool, int, float, str or bytes
-
-    Raises
-    ------
-    TagError
-        If the value is not what its tag says, or the tag is none that ROS 2 knows.
-    """
+    """Return the type of a value, as ROS 2 calls it, and the value."""
     text = text.partition("\0")[0]  # C's strings end there
     if tag is not None:
         return _tagged(text, tag)

@@ -85,15 +85,7 @@ class NodeSlots:
 
 
 class Walk:
-    """The walk through one file; nodes of the files before it are found again.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for errors.
-    nodes : dict of str to NodeSlots
-        The nodes so far by their names, in order; it is added to.
-    """
+    """The walk through one file; nodes of the files before it are found again."""
 
     def __init__(self, path: Path, nodes: dict[str, NodeSlots]) -> None:
         self._path, self._nodes = path, nodes
@@ -110,13 +102,7 @@ class Walk:
         self._parameter_names = _Names(".")
 
     def take(self, event: yaml.Event) -> None:
-        """Go one step further.
-
-        Raises
-        ------
-        ParameterFileError
-            If ROS 2's parser refuses the file here.
-        """
+        """Go one step further."""
         if isinstance(event, yaml.ScalarEvent):
             if self._is_key:
                 self._take_key(event)

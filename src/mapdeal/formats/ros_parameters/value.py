@@ -26,25 +26,7 @@ class ParameterFileError(MalformedInputError):
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A parameter in a file.
-
-    Parameters
-    ----------
-    value : bool, int, float, str or tuple; of ROS 2 also bytes and None; of ROS 1 also None, \
-list and dict
-        What it holds.
-    kind : str
-        Its type as the reader calls it: of ROS 2 ``bool``, ``integer``, ``double``, ``string``,
-        ``bool_array`` and so on, or ``not set``.
-    source : Path
-        The file.
-    line : int
-        Where the value stands, from 1.
-    text : str
-        The value as it is written there, for messages.
-    ignored : ParameterValue, optional
-        A value of another type that is written later, and that ROS 2 ignores all the same.
-    """
+    """A parameter in a file."""
 
     value: Any
     kind: str

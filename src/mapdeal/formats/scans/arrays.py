@@ -15,20 +15,7 @@ _MOST_ELEMENTS = 1 << 31
 
 
 class ScanNpz(ScanSource):
-    """The scans of an npz file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    MalformedInputError
-        If it is malformed, or the shapes of its arrays do not fit.
-    """
+    """The scans of an npz file."""
 
     def __init__(self, path: Path) -> None:
         self.files = (path,)

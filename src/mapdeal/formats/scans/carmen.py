@@ -79,21 +79,6 @@ class _BadLineError(Exception):
 class CarmenLog(ScanSource):
     """The scans of a CARMEN log.
 
-    Parameters
-    ----------
-    path : Path
-        The log; whether it is compressed shows in its first bytes.
-    max_bad : int
-        Lines that may be wrong.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    MalformedInputError
-        If it has no scans, or more wrong lines than that; or RAWLASER1 lines of which more than
-        half have no ODOM line before them.
-
     Notes
     -----
     FLASER lines have 180, 181, 360 or 361 readings over a half circle, and the laser's pose.

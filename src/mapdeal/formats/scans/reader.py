@@ -11,22 +11,7 @@ from mapdeal.formats.scans.source import DEFAULT_MAX_BAD, ScanSource
 
 
 def open_log(path: Path, *, max_bad: int = DEFAULT_MAX_BAD) -> ScanSource:
-    """Return the scans of an ``.npz``, or of a CARMEN log under any other name.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    max_bad : int
-        Lines of a log that may be wrong.
-
-    Raises
-    ------
-    FileAccessError
-        If it cannot be read.
-    MalformedInputError
-        If it is malformed, or has no scans.
-    """
+    """Return the scans of an ``.npz``, or of a CARMEN log under any other name."""
     with recognised(path, "a log of laser scans", SCANS):
         if path.suffix.lower() == ".npz":
             return ScanNpz(path)

@@ -22,19 +22,7 @@ FARTHEST_POSE = 1e11
 
 
 class ScanArrays(NamedTuple):
-    """Some scans with the same angles.
-
-    Parameters
-    ----------
-    poses : numpy.ndarray of float64, shape (N, 3)
-        x, y and yaw of the sensor.
-    angles : numpy.ndarray of float64, shape (M,)
-        Radians from its heading.
-    ranges : numpy.ndarray of float64, shape (N, M)
-        Metres.
-    sweeps : int, optional
-        How many scans they are, if not one for each pose: beams may have poses of their own.
-    """
+    """Some scans with the same angles."""
 
     poses: Floats
     angles: Floats
@@ -57,15 +45,7 @@ class ScanSource(ABC):
 
     @abstractmethod
     def scans(self) -> Iterator[ScanArrays]:
-        """Yield all scans in their order, some at a time.
-
-        Raises
-        ------
-        FileAccessError
-            If a file cannot be read.
-        MalformedInputError
-            If one is malformed.
-        """
+        """Yield all scans in their order, some at a time."""
 
     @property
     @abstractmethod
@@ -83,15 +63,7 @@ class ScanSource(ABC):
 
 @dataclass
 class BadLines:
-    """Lines that are wrong, up to so many.
-
-    Parameters
-    ----------
-    path : Path
-        Their file.
-    most : int
-        How many there may be.
-    """
+    """Lines that are wrong, up to so many."""
 
     path: Path
     most: int
@@ -100,13 +72,7 @@ class BadLines:
     is_told: bool = False
 
     def add(self, number: int, rule: str) -> None:
-        """Pass over a line.
-
-        Raises
-        ------
-        MalformedInputError
-            If there are more than so many.
-        """
+        """Pass over a line."""
         self.count += 1
         if len(self.first) < _NAMED:
             self.first.append(f"line {number}: {rule}")

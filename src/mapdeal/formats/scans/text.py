@@ -27,26 +27,7 @@ _COPIES = 4
 
 
 class ScanTexts(ScanSource):
-    """The scans of three text files.
-
-    Parameters
-    ----------
-    poses : Path
-        x, y and yaw of each scan, a line each; or TUM's eight numbers.
-    angles : Path
-        The angles of all beams, radians, on one line or on a line each.
-    ranges : Path
-        The ranges of each scan, metres, a line each.
-    flip_y : bool
-        Whether y of the poses points to the right, while angles are anticlockwise.
-
-    Raises
-    ------
-    FileAccessError
-        If a file cannot be read.
-    MalformedInputError
-        If one is malformed, or their numbers do not fit.
-    """
+    """The scans of three text files."""
 
     def __init__(self, poses: Path, angles: Path, ranges: Path, *, flip_y: bool = False) -> None:
         self.files = (poses, angles, ranges)

@@ -42,26 +42,7 @@ _TYPES = (POINT_CLOUD, LASER_SCAN)
 
 
 class BagClouds:
-    """The clouds of one topic of a bag that is open: point clouds, or laser scans.
-
-    Parameters
-    ----------
-    bag : Bag
-        The bag.
-    topics : sequence of str
-        The topic; none for the only one.
-    options : FrameOptions
-        How it is known where robot and sensor were.
-    has_poses : bool
-        Whether the robot's poses are given otherwise, so that only the sensor's mount is asked for.
-    is_raw : bool
-        Whether points are taken as they are.
-
-    Raises
-    ------
-    MalformedInputError
-        If there is no such topic, or it has no messages.
-    """
+    """The clouds of one topic of a bag that is open: point clouds, or laser scans."""
 
     def __init__(
         self,
@@ -103,13 +84,7 @@ class BagClouds:
         return (*self.bag.files, *self._frames.files)
 
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:
-        """Read transforms, and find the way from the sensor to the robot, and to the fixed frame.
-
-        Raises
-        ------
-        MalformedInputError
-            If a message is damaged, or poses are asked for and no transforms give them.
-        """
+        """Read transforms; find those from the sensor to the robot and the fixed frame."""
         _, sensor = self._decoder.header(self._index[0])
         if self._has_poses:
             self._frames.read_alone(sensor, advance)
@@ -133,13 +108,7 @@ class BagClouds:
             self.bag.remark(f"{text} the robot's own; --mount gives the pose of the sensor")
 
     def number(self, index: int | None) -> int:
-        """Return the number of a message, counted from 0 on, or from the last, -1, back.
-
-        Raises
-        ------
-        ParameterError
-            If there are not so many.
-        """
+        """Return the number of a message, counted from 0 on, or from the last, -1, back."""
         count = len(self)
         index = -1 if index is None else index
         if not -count <= index < count:
@@ -175,13 +144,7 @@ class BagClouds:
         return found
 
     def pose(self, number: int) -> Pose:
-        """Return where the robot was at one cloud.
-
-        Raises
-        ------
-        MalformedInputError
-            If that is not known.
-        """
+        """Return where the robot was at one cloud."""
         (pose,) = self.poses([number])
         if pose is None:
             rule = f"where the robot was at message {number} is not known"
@@ -252,15 +215,7 @@ def _points_of_scan(message: Any) -> Points:
 
 @dataclass(frozen=True, eq=False)
 class BagCloud(Cloud):
-    """A message of a bag.
-
-    Parameters
-    ----------
-    source : BagClouds
-        Its topic.
-    number : int
-        Which of its messages, from 0 on, in the order of time.
-    """
+    """A message of a bag."""
 
     source: BagClouds
     number: int

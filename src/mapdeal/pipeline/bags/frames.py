@@ -39,21 +39,7 @@ Pose = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """Sources of the sensors' poses.
-
-    Parameters
-    ----------
-    fixed_frame : str, optional
-        The frame of the map: by default map, or else odom.
-    base_frame : str, optional
-        The frame of the robot: by default base_link, or else base_footprint.
-    poses : Path, optional
-        A file of the robot's poses with their times, in the place of transforms.
-    odometry : str, optional
-        The topic of odometry to take, where transforms do not lead to the fixed frame.
-    mount : tuple of float, optional
-        x, y (metres) and yaw (radians) of sensors on the robot, where no transform gives it.
-    """
+    """Sources of the sensors' poses."""
 
     fixed_frame: str | None = None
     base_frame: str | None = None
@@ -63,15 +49,7 @@ class FrameOptions:
 
 
 class SensorFrames:
-    """Where the sensors of a bag were.
-
-    Parameters
-    ----------
-    bag : Bag
-        The bag.
-    options : FrameOptions
-        How it is known.
-    """
+    """Where the sensors of a bag were."""
 
     def __init__(self, bag: Bag, options: FrameOptions) -> None:
         self._bag = bag
@@ -99,25 +77,7 @@ class SensorFrames:
         return self._fixed or FIXED_FRAMES[0]
 
     def read(self, sensors: Iterable[str], advance: Callable[[int], object]) -> None:
-        """Read all transforms, and find the way to some sensors.
-
-        Parameters
-        ----------
-        sensors : iterable of str
-            Their frames.
-        advance : callable
-            Called for each message that was read.
-
-        Raises
-        ------
-        MalformedInputError
-            If a message is damaged, or no transforms lead to a sensor.
-
-        Warns
-        -----
-        MapdealWarning
-            If a choice had to be made, or transforms mean nothing.
-        """
+        """Read all transforms, and find the way to some sensors."""
         sensors = sorted(set(sensors))
         self._read_all(advance)
         if self._options.poses is not None:
@@ -148,13 +108,7 @@ class SensorFrames:
         return self._tree.lookup(base, frame, times)
 
     def at(self, frame: str, times: NDArray[np.int64]) -> Posed:
-        """Return where a frame was in the fixed one.
-
-        Raises
-        ------
-        MalformedInputError
-            If no transforms lead there, or it was too far away.
-        """
+        """Return where a frame was in the fixed one."""
         found = self._tree.lookup(self.fixed_frame, frame, times)
         if (np.abs(found.translations[found.known]) > FARTHEST_POSE).any():
             rule = f"{frame} is farther than {FARTHEST_POSE:g} m from {self.fixed_frame}"

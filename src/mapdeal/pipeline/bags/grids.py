@@ -24,19 +24,7 @@ _OF_COSTS = "costmap"
 
 @dataclass(frozen=True)
 class RecordedGrid:
-    """A map or costmap of a bag.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid or Costmap
-        The values.
-    number : int
-        Which of its topic's messages it is, in the order of time; from 0 on.
-    time : int
-        Its stamp, nanoseconds.
-    frame : str
-        That of its header.
-    """
+    """A map or costmap of a bag."""
 
     grid: OccupancyGrid | Costmap
     number: int
@@ -45,23 +33,7 @@ class RecordedGrid:
 
 
 class GridTopic:
-    """The maps and costmaps of one topic.
-
-    Parameters
-    ----------
-    bag : Bag
-        The bag.
-    topic : str, optional
-        Its name; not needed where only one fits.
-    read_as : {'map', 'costs'}, optional
-        What the values of an OccupancyGrid are; by default costs if the topic's name holds
-        ``costmap``, else a map.
-
-    Raises
-    ------
-    MalformedInputError
-        If there is no such topic, it is of another type, or has no messages.
-    """
+    """The maps and costmaps of one topic."""
 
     def __init__(self, bag: Bag, topic: str | None, read_as: ReadAs | None = None) -> None:
         named = [] if topic is None else [topic]
@@ -80,15 +52,7 @@ class GridTopic:
         return len(self._index)
 
     def read(self, number: int) -> RecordedGrid:
-        """Return one of them, counted from 0 on, or from the last, -1, back.
-
-        Raises
-        ------
-        ParameterError
-            If there are not so many.
-        MalformedInputError
-            If the message is damaged, or no grid.
-        """
+        """Return one of them, counted from 0 on, or from the last, -1, back."""
         count = len(self)
         if not -count <= number < count:
             rule = f"{self.topic} has {count} messages: 0 to {count - 1}, or -1 to {-count}"

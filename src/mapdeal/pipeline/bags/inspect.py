@@ -50,20 +50,6 @@ def describe_bag(path: Path, *, progress: ProgressCallback | None = None) -> dic
     first and the last (when they were recorded, nanoseconds), the frame of the first, and the
     commands that take it. ``transforms`` has those between frames in /tf, with counts;
     ``use`` the command lines for what can be used.
-
-    Raises
-    ------
-    ParameterError
-        If the extra ``bags`` is not installed.
-    FileAccessError
-        If a file cannot be read.
-    MalformedInputError
-        If it is no bag that can be read.
-
-    Warns
-    -----
-    MapdealWarning
-        If it is damaged, or holds no messages.
     """
     with open_bag(path) as bag:
         told = bag.summary()

@@ -31,22 +31,6 @@ _OF_READING = 140
 class BagScans(ScanSource):
     """The laser scans of a bag that is open.
 
-    Parameters
-    ----------
-    bag : Bag
-        The bag.
-    topics : sequence of str
-        Of the scans; none for the only one.
-    options : FrameOptions
-        How it is known where sensors were.
-    deskew : bool
-        Whether each beam has the pose of its own time.
-
-    Raises
-    ------
-    MalformedInputError
-        If there is no such topic, or it has no messages.
-
     Notes
     -----
     Scans come in the order of their recording times. Those outside of the times of the transforms

@@ -23,13 +23,7 @@ from mapdeal.report.document import PageLayer, Table
 
 
 def methods_in(folder: Path, grids: Grids) -> Draft:
-    """Return the draft of a folder of ``build --compare``: a layer for each method.
-
-    Raises
-    ------
-    MalformedInputError
-        If its document is none.
-    """
+    """Return the draft of a folder of ``build --compare``: a layer for each method."""
     answer = read_answer(folder / DOCUMENT)
     if not isinstance(answer, ComparisonAnswer):
         raise MalformedInputError("is not a comparison of methods", source=folder / DOCUMENT)
@@ -62,11 +56,6 @@ def two_maps(path: Path, answer: DiffAnswer, grids: Grids, settings: Settings) -
     """Return the draft of a document of ``diff``: both maps, and what differs.
 
     The maps are read again. A map that is missing, or has changed since, is reported.
-
-    Raises
-    ------
-    MalformedInputError
-        If the document names no maps.
     """
     if answer.first is None or answer.second is None:
         rule = "does not name its two maps"
@@ -106,13 +95,7 @@ def _found(draft: Draft, named: NamedMap, document: Path, grids: Grids) -> Path 
 
 
 def aligned_maps(path: Path, answer: AlignmentAnswer, grids: Grids) -> Draft:
-    """Return the draft of a document of ``align``: the first map where it lies on the second.
-
-    Raises
-    ------
-    MalformedInputError
-        If the document names no maps.
-    """
+    """Return the draft of a document of ``align``: the first map where it lies on the second."""
     if answer.first is None or answer.second is None:
         raise MalformedInputError("does not name its two maps", source=path)
     draft = Draft(f"{_stem(answer.first)} on {_stem(answer.second)}", path)

@@ -29,23 +29,7 @@ _DEEPEST = 32
 
 @dataclass
 class Draft:
-    """An entry of a report while it is being gathered.
-
-    Parameters
-    ----------
-    name : str
-        What the entry will be called.
-    path : Path
-        What it was made of: a run's folder or a map.
-    sums : set of str
-        Of a run: the sha256 of the files that it has read.
-    paths : list of Path
-        The maps in it that were named.
-    names : set of str
-        What a batch calls its map: a path with its last folders.
-    files : set of str
-        The names, without folders, of the files that a run has read.
-    """
+    """An entry of a report while it is being gathered."""
 
     name: str
     path: Path

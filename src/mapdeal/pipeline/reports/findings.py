@@ -15,13 +15,6 @@ def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
     The map or the folder itself, wherever lint was started, counts most; then a name that a batch
     gives a map, or a folder; then a file that a run was made of, if no other run was made of one
     of its name.
-
-    Parameters
-    ----------
-    file : str
-        What lint has called it.
-    drafts : sequence of Draft
-        All of the report.
     """
     path = Path(file)
     same = [draft for draft in drafts if any(is_same_file(path, one) for one in draft.places)]

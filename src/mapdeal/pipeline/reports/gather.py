@@ -57,37 +57,7 @@ def gathered(
     title: str | None = None,
     inputs: Sequence[Path] = (),
 ) -> Report:
-    """Return the report of what is at some paths.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Folders of runs, or of several; maps and other grids; JSON documents of lint, reach, route,
-        diff and score; shapes. Runs and maps are entries of their own, but a map that a run was
-        made of joins it, and a grid that is no map joins what was named before it, if it covers
-        the same cells. Documents belong to what was named before them, or by name if they contain
-        one.
-    grids : Grids
-        Where the grids are read.
-    title : str, optional
-        What stands above all.
-    inputs : sequence of Path
-        Maps that join the runs that were made of them; those that none was made of are left out.
-
-    Raises
-    ------
-    FileAccessError
-        If there is nothing of a name, or a folder holds no run.
-    MalformedInputError
-        If a file is malformed.
-    ParameterError
-        If a document has nothing to belong to.
-
-    Warns
-    -----
-    MapdealWarning
-        Of all that is missing, or does not match; the report says it, too.
-    """
+    """Return the report of what is at some paths."""
     gathering = _Gathering(grids)
     first_names: dict[object, Path] = {}
     for path in paths:
@@ -246,13 +216,7 @@ class _Gathering:
             self._documents.append((path, answer, self.drafts[-1] if self.drafts else None))
 
     def settle(self, first: Path) -> None:
-        """Add the content of documents, `first` among them, to the entries that they belong to.
-
-        Raises
-        ------
-        ParameterError
-            If there is no entry.
-        """
+        """Add the content of documents, `first` among them, to the entries that they belong to."""
         if not self.drafts:
             for _, linted in self._linted:
                 self._add_maps(Path(told.file) for told in linted.files if not told.is_parameters)

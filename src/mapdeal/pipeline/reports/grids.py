@@ -31,21 +31,7 @@ _NO_LIMIT = 1 << 62
 
 @dataclass(frozen=True)
 class Opened:
-    """What there is to know of a file with a grid.
-
-    Parameters
-    ----------
-    path : Path
-        The file that was named.
-    kind : type
-        The type of its grid.
-    files : tuple of Path
-        All files that were read.
-    sums : mapping of str to str
-        The names of these files, and their sha256.
-    heard : tuple of str
-        What reading them has warned of.
-    """
+    """What there is to know of a file with a grid."""
 
     path: Path
     kind: type[Any]
@@ -58,11 +44,6 @@ class Grids:
     """The grids of files, as many of them in memory as there is room for.
 
     Within a ``with`` block: those that are read row by row stay open until its end.
-
-    Parameters
-    ----------
-    settings : Settings
-        How they are read.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -88,13 +69,7 @@ class Grids:
         return tuple(file for opened in self._opened.values() for file in opened.files)
 
     def open(self, path: Path, *, quietly: bool = False) -> Opened:
-        """Read a file for the first time; what reading warns of is given, unless `quietly`.
-
-        Raises
-        ------
-        FileAccessError, MalformedInputError
-            If it cannot be read.
-        """
+        """Read a file for the first time; what reading warns of is given, unless `quietly`."""
         if path not in self._opened:
             texts: list[str] = []
             with ExitStack() as stack:

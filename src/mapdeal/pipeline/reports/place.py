@@ -15,13 +15,7 @@ _HEAD = 1 << 12
 
 
 def check_replaceable(page: Path) -> None:
-    """Refuse to replace what is in the place of a page, unless mapdeal has made it.
-
-    Raises
-    ------
-    FileAccessError
-        If it is anything else.
-    """
+    """Refuse to replace what is in the place of a page, unless mapdeal has made it."""
     if exists(page) and _GENERATOR not in head_of(page, _HEAD):
         rule = "exists, and is not a page written by mapdeal"
         raise FileAccessError(rule, source=page, hint="move it: --report writes there")

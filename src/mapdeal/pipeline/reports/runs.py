@@ -56,11 +56,6 @@ def runs_in(folder: Path) -> list[Draft] | None:
     """Return a draft for each run in a folder: its own, those of a batch, or those below it.
 
     Those that have failed have what its summary contains. None if there is none.
-
-    Raises
-    ------
-    FileAccessError
-        If the folder cannot be read.
     """
     if exists(folder / MANIFEST):
         local = (one for one in contents_of(folder)[0] if exists(folder / one / MANIFEST))
@@ -106,11 +101,6 @@ def fill_from_run(draft: Draft, grids: Grids) -> None:
     """Add to a draft what is in the folder of its run.
 
     What does not match the manifest, or is not there, becomes a warning; the rest is shown.
-
-    Raises
-    ------
-    MalformedInputError
-        If there is not the manifest of a run.
     """
     if draft.status and draft.status not in _DONE and not exists(draft.path / MANIFEST):
         return

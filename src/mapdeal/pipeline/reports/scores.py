@@ -58,13 +58,7 @@ def map_of(answer: ScoreAnswer, document: Path) -> Path | None:
 def give_score(
     document: Path, answer: ScoreAnswer, drafts: list[Draft], grids: Grids
 ) -> None:  # fmt: skip
-    """Add the table of a score to the entries that it is about.
-
-    Warns
-    -----
-    MapdealWarning
-        If there is none, or its map is another by now.
-    """
+    """Add the table of a score to the entries that it is about."""
     named = None if answer.file is None else map_of(answer, document)
     owners = [] if named is None else drafts_about(str(named), drafts)
     if not owners and len(drafts) == 1:

@@ -27,17 +27,7 @@ _ENDINGS = (".html", ".htm")
 
 @dataclass(frozen=True)
 class Made:
-    """What has become of a report.
-
-    Parameters
-    ----------
-    path : Path
-        The page.
-    entries : int
-        How many maps it shows.
-    size : int
-        Bytes.
-    """
+    """What has become of a report."""
 
     path: Path
     entries: int
