@@ -16,7 +16,6 @@ import pytest
 import batch_work
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.formats.map_listing import ListedMap
-from mapdeal.kernels.engine import engine_name
 from mapdeal.pipeline import cluster
 from mapdeal.pipeline.batch import run_all
 from mapdeal.pipeline.jobs import Job, jobs_of
@@ -25,8 +24,6 @@ pytest.importorskip("distributed")
 
 PATH = [path for path in [os.environ.get("PYTHONPATH")] if path]
 RUN = [sys.executable, "-m", "mapdeal", "run"]
-# of a worker: some megabytes beside what it takes in any case
-LITTLE = "54MB" if engine_name() == "compiled" else "108MB"
 needs_proc = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="needs Linux's /proc")
 
 
@@ -233,45 +230,3 @@ def test_a_worker_that_comes_later_with_another_version_does_no_job(tmp_path):
     assert outcome.status == "failed"
     assert "0.0.1" in str(outcome.result)
     assert not (tmp_path / "o").exists()
-
-
-@needs_proc
-@pytest.mark.thorough
-def test_a_field_is_computed_by_workers_block_by_block_and_one_may_be_killed(dask, tmp_path):
-    rng = np.random.default_rng(5)
-    cells = np.where(rng.random((2903, 3011)) < 0.0005, 100, 0).astype(np.int8)
-    cells[rng.random(cells.shape) < 0.01] = -1
-    write_map(tmp_path / "map.yaml", OccupancyGrid(cells, 0.3, (1.5, -2.0, 0.4)))
-    words = [sys.executable, "-m", "mapdeal", "esdf", str(tmp_path / "map.yaml"), "--force",
-             "--convention", "border", "--max-distance", "40", "-o"]  # fmt: skip
-    near = subprocess.run([*words, tmp_path / "near.npy"], capture_output=True, text=True)
-    assert near.returncode == 0
-    process = subprocess.Popen(
-        [*words, tmp_path / "far.npy", "--scheduler", dask.address, "--max-memory", LITTLE],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    killed = kill_one_that_writes(dask, process)
-    out, err = process.communicate(timeout=120)
-    assert (process.returncode, err) == (0, "")
-    assert killed.wait() == -signal.SIGKILL
-    assert out == near.stdout.replace("near", "far")
-    assert (tmp_path / "far.npy").read_bytes() == (tmp_path / "near.npy").read_bytes()
-    geometry = (tmp_path / "near.yaml").read_text().replace("near", "far")
-    assert (tmp_path / "far.yaml").read_text() == geometry
-    assert list(tmp_path.glob(".mapdeal-*")) == []
-
-    (tmp_path / "there.npy").touch()
-    write_map(tmp_path / "small.png", OccupancyGrid(cells[:9, :9], 0.3))
-    for source, output, code, text in (
-        ("map.yaml", "new.npz", 2, "workers write a field as .npy"),
-        ("map.yaml", "there.npy", 4, "the output exists"),
-        ("small.yaml", "new.npy", 2, "binary .pgm"),
-        ("none.yaml", "new.npy", 4, "none.yaml"),
-    ):
-        refused = subprocess.run(
-            [*words[:4], tmp_path / source, "-o", tmp_path / output, "--scheduler", dask.address],
-            capture_output=True, text=True,
-        )  # fmt: skip
-        assert (refused.returncode, refused.stdout) == (code, "")
-        assert text in refused.stderr.splitlines()[0]
-        assert not (tmp_path / "new.npy").exists()

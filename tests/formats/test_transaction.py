@@ -41,24 +41,6 @@ def test_checksums_are_not_made_up_where_nobody_asked_for_them(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_other_writers_may_fill_a_file_under_the_name_that_it_has_meanwhile(tmp_path):
-    output = tmp_path / "one.bin"
-
-    def fill(path):
-        assert path.parent == tmp_path
-        with open(path, "r+b") as file:
-            file.seek(3)
-            file.write(b"def")
-        with open(path, "r+b") as file:
-            file.write(b"abc")
-
-    with Transaction([output], checksums=True) as transaction:
-        transaction.fill_in_place(output, fill)
-        assert transaction.checksums() == {output: hashlib.sha256(b"abcdef").hexdigest()}
-        assert not output.exists()
-    assert output.read_bytes() == b"abcdef"
-
-
 def test_a_failure_leaves_nothing_and_old_files_as_they_were(tmp_path):
     old, new = tmp_path / "old.txt", tmp_path / "folder" / "new.txt"
     old.write_text("before")

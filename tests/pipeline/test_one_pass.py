@@ -17,8 +17,8 @@ from mapdeal.pipeline.one_pass import one_pass
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings
+from mapdeal.stages import esdf as esdf_module
 from mapdeal.stages import exponential_cost as exponential
-from mapdeal.stages.esdf import FieldRule
 
 WHOLE = np.random.default_rng(5).integers(-1, 101, (23, 4)).astype(np.int8)
 
@@ -153,9 +153,7 @@ def test_layers_are_made_once_for_figures_and_once_for_all_files(
         return wrapper
 
     monkeypatch.setattr(
-        FieldRule,
-        "distance",
-        counted("distances", FieldRule.distance, lambda _, obstacles, *_more: len(obstacles)),
+        esdf_module, "signed_distance", counted("distances", esdf_module.signed_distance, len)
     )
     monkeypatch.setattr(
         exponential.BaseCosts, "costs",

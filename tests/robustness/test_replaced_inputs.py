@@ -4,11 +4,9 @@ Never of both, and never with the checksums of others than those it was made of.
 the calls to the system that a command makes, so they are the same on every machine.
 """
 
-import contextlib
 import os
 import shutil
 import threading
-from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
 
@@ -17,7 +15,7 @@ import pytest
 
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.kernels.blocks import CacheBudget
-from mapdeal.pipeline import block_jobs, memory
+from mapdeal.pipeline import memory
 
 pytestmark = pytest.mark.slow
 
@@ -116,24 +114,6 @@ def contents(folder):
             for p in folder.rglob("*") if p.is_file()}  # fmt: skip
 
 
-class InThisProcess:
-    """Workers of which none is anywhere else."""
-
-    size = 1
-
-    def memory_of_each(self):
-        return None
-
-    @contextmanager
-    def started(self, _size, work):
-        def submit(job):
-            future = Future()
-            future.set_result(work(job))
-            return future
-
-        yield submit
-
-
 COMMANDS = {
     "run": ["run", "m.yaml", "-o", "out/set", "--no-images"],
     "run by rows": ["run", "m.yaml", "-o", "out/set", "--no-images"],
@@ -154,16 +134,12 @@ COMMANDS = {
         "out/set",
         "--no-images",
     ],
-    "cluster": ["esdf", "m.yaml", "-o", "out/o.npy", "--scheduler", "tcp://h:1"],
 }
 
 
 @pytest.fixture
 def small_blocks(monkeypatch):
-    """Have workers in this process, and blocks of a few rows."""
-    monkeypatch.setattr(block_jobs, "connected", lambda *_: contextlib.nullcontext())
-    monkeypatch.setattr(block_jobs, "ClusterWorkers", lambda *_: InThisProcess())
-    monkeypatch.setattr(block_jobs, "_CELLS", ROWS * 30)
+    """Have blocks of a few rows."""
 
     def by_rows(file, *_):
         return file.by_rows(block_height=ROWS, budget=CacheBudget(0))
@@ -174,7 +150,7 @@ def small_blocks(monkeypatch):
 @pytest.mark.parametrize(
     ("name", "count"),
     [
-        *((name, FEW) for name in ("run", "esdf by rows", "build", "cluster")),
+        *((name, FEW) for name in ("run", "esdf by rows", "build")),
         *(pytest.param(name, MOMENTS, marks=pytest.mark.thorough) for name in COMMANDS),
     ],
 )

@@ -19,7 +19,6 @@ from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.json_text import json_of
 from mapdeal.formats.map_writer import Encoding
-from mapdeal.formats.source import absolute_path
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
@@ -71,15 +70,6 @@ _MEMORY = (
     "[default: half of the free memory]"
 )
 
-_SCHEDULER = Annotated[
-    str | None,
-    typer.Option(
-        metavar="tcp://HOST:PORT",
-        help="Compute an .npy on the workers of this Dask scheduler, in blocks of rows.  "
-        "[needs mapdeal[cluster]]",
-    ),
-]
-
 
 def stage_app(name: str) -> typer.Typer:
     """Return the command of a stage: its parameters as options, and those of all stages."""
@@ -94,7 +84,6 @@ def stage_app(name: str) -> typer.Typer:
         settings: Settings,
         footprint: Footprint | None = None,
         robot: RobotParameters | None = None,
-        scheduler: str | None = None,
         encoding: Encoding = "occupancy",
         mask: Path | None = None,
         curve: Path | None = None,
@@ -111,18 +100,10 @@ def stage_app(name: str) -> typer.Typer:
             step = _step_of(name, models, footprint, given)
         terminal.detail(opt.described(name, step.described()[name]))
         started = time.perf_counter()
-        if scheduler is None:
-            made = apply_to_file(
-                source, output, step, settings, encoding=encoding, mask=mask, curve=curve,
-                with_curve=as_json, also_read=() if robot is None else robot.paths,
-            )  # fmt: skip
-        else:
-            from mapdeal.pipeline.block_jobs import apply_by_workers  # slow to import
-
-            figures = apply_by_workers(
-                absolute_path(source), absolute_path(output), step, settings, scheduler
-            )
-            made = SingleResult(figures)
+        made = apply_to_file(
+            source, output, step, settings, encoding=encoding, mask=mask, curve=curve,
+            with_curve=as_json, also_read=() if robot is None else robot.paths,
+        )  # fmt: skip
         terminal.detail(f"{name}: {time.perf_counter() - started:.3f} s")
         if robot is not None:
             say_queue(source, [step], settings)
@@ -143,9 +124,6 @@ def stage_app(name: str) -> typer.Typer:
         own += [_option("mask", _MASK, None), _option("encoding", _ENCODING, "occupancy")]
         own += [_option("curve", _CURVE, None), _option("as_json", _JSON, False)]
         shared[-1:-1] = ["mask", "encoding", "curve", "as_json"]
-    if first.rows_alone is not None:
-        own.append(_option("scheduler", _SCHEDULER, None))
-        shared.append("scheduler")
     app = typer.Typer(rich_markup_mode=None, add_completion=False)
     made = with_shared_options(
         command,

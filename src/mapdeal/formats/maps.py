@@ -70,7 +70,7 @@ class MapFile:
         states: Mapping[Path, FileState] | None = None,
     ) -> None:
         self.path = path
-        self.states = dict(states or {})
+        self._states = dict(states or {})
         self.metadata = metadata
         self._dialect: Dialect = dialect
         self._max_cells = max_cells
@@ -143,13 +143,7 @@ class MapFile:
         self._warn_of_cells(grid)
         return Source(grid, self.files, self.metadata)
 
-    def by_rows(
-        self,
-        *,
-        block_height: int,
-        budget: CacheBudget | None = None,
-        warns_of_values: bool = True,
-    ) -> Source:
+    def by_rows(self, *, block_height: int, budget: CacheBudget | None = None) -> Source:
         """Return the map, its rows read when they are asked for; `shape_by_rows` must be known."""
         self.check_unchanged()
         pixels, metadata = self._pixels, self.metadata
@@ -163,9 +157,8 @@ class MapFile:
         grid = lazy_cells(
             metadata, pixels, block_height=block_height, budget=budget, dialect=self._dialect
         )
-        if warns_of_values:
-            check_rows(self.path, metadata, pixels, self._dialect)
-            self._warn_of_cells(grid)
+        check_rows(self.path, metadata, pixels, self._dialect)
+        self._warn_of_cells(grid)
         return Source(grid, self.files, metadata)
 
     def _warn_of_cells(self, grid: Grid) -> None:
@@ -191,7 +184,7 @@ class MapFile:
 
         Between two files of a map somebody may have replaced both.
         """
-        for path, state in self.states.items():
+        for path, state in self._states.items():
             check_state(path, state)
 
 

@@ -103,15 +103,6 @@ class Transaction:
         for temporary, _ in begun:
             self._finish(temporary, lambda _: done.result())
 
-    def fill_in_place(self, path: Path, filler: Callable[[Path], None]) -> None:
-        """Write the file that becomes `path` by calling `filler` with its name, in this thread.
-
-        Any number of processes may open the file under that temporary name at the same time.
-        """
-        temporary = self._opened(path)
-        filler(temporary.path)
-        self._finish(temporary, lambda _: None)
-
     def write_parts(self, path: Path, parts: Iterable[bytes]) -> None:
         """Write the file that becomes `path` in this thread, each part as soon as it is there."""
         temporary = self._opened(path)

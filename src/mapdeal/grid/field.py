@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -30,14 +30,6 @@ from mapdeal.spelling import as_known
 
 _POINTS_TOGETHER = 1 << 13
 """Whose arrays stay in the cache on their way through the steps."""
-
-
-class DistanceRange(NamedTuple):
-    """The range of some distances, and of how many obstacle cells."""
-
-    lowest: float
-    highest: float
-    obstacles: int
 
 
 class FieldSamples(NamedTuple):
@@ -138,9 +130,20 @@ class DistanceField(FieldGrid):
         self._find_region()
 
     def _own_figures(self) -> Figures:
-        obstacles = self.obstacles()
-        parts = (range_of(self.distance[rows], obstacles[rows]) for rows in swept(self.distance))
-        return range_figures(parts, self.convention)
+        mask = self.obstacles()
+        obstacles, lowest, highest = 0, math.inf, -math.inf
+        for rows in swept(self.distance):
+            distance = self.distance[rows]
+            obstacles += int(np.count_nonzero(mask[rows]))
+            lowest = min(lowest, float(distance.min()))
+            highest = max(highest, float(distance.max()))
+        finite = math.isfinite(lowest) and math.isfinite(highest)
+        return {
+            "convention": self.convention,
+            "obstacles": obstacles,
+            "lowest_distance": lowest if finite else None,
+            "highest_distance": highest if finite else None,
+        }
 
     def _told_of_parameters(self) -> Iterator[str]:
         yield f"convention {self.convention}"
@@ -274,25 +277,3 @@ def obstacles_in(
         return occupied
 
     return mapped(occupancy, bool, are_obstacles)
-
-
-def range_of(distance: NDArray[np.float32], obstacles: NDArray[np.bool_]) -> DistanceRange:
-    """Return the range of the distances of a field, or of some of its rows."""
-    return DistanceRange(
-        float(distance.min()), float(distance.max()), int(np.count_nonzero(obstacles))
-    )
-
-
-def range_figures(parts: Iterable[DistanceRange], convention: Convention) -> Figures:
-    """Return the figures of a field, given the ranges of all its parts."""
-    obstacles, lowest, highest = 0, math.inf, -math.inf
-    for part in parts:
-        obstacles += part.obstacles
-        lowest, highest = min(lowest, part.lowest), max(highest, part.highest)
-    finite = math.isfinite(lowest) and math.isfinite(highest)
-    return {
-        "convention": convention,
-        "obstacles": obstacles,
-        "lowest_distance": lowest if finite else None,
-        "highest_distance": highest if finite else None,
-    }

@@ -75,18 +75,6 @@ def bytes_to_read(reading: int) -> int:
     return _DEMANDS[engine_name()].base + reading
 
 
-def bytes_of_block(cells: int) -> int:
-    """Return about how many bytes of memory it takes to work on one block, and on no other."""
-    demand = _DEMANDS[engine_name()]
-    return demand.base + demand.block * cells
-
-
-def cells_of_block(memory: int) -> int:
-    """Return of how many cells such a block may be; less than 1 if the memory is for none."""
-    demand = _DEMANDS[engine_name()]
-    return (memory - demand.base) // demand.block
-
-
 def _base(shape: tuple[int, int], image_max: int | None) -> int:
     """Return the bytes that are taken in either way."""
     base = _DEMANDS[engine_name()].base
@@ -134,7 +122,7 @@ def _read(
     if needed <= budget:
         return source
     if not isinstance(grid, OccupancyGrid):
-        raise too_large(file.path, grid.shape, needed, budget)
+        raise _too_large(file.path, grid.shape, needed, budget)
     base = _base(grid.shape, image_max) + grid.occupancy.nbytes
     block_height, cache = _cut(file.path, grid.shape, steps, budget, base, needed=needed)
     return replace(source, grid=_in_blocks(grid, block_height, cache))
@@ -171,7 +159,7 @@ def _way_of(
     if not is_by_rows or file.is_compressed:
         try:
             if bytes_to_read(reading) > budget:
-                raise too_large(file.path, shape, bytes_to_read(reading), budget)
+                raise _too_large(file.path, shape, bytes_to_read(reading), budget)
             held = base + shape[0] * shape[1]
             return _Blocks(False, *_cut(file.path, shape, steps, budget, held, needed=needed))
         except MalformedInputError:
@@ -269,7 +257,7 @@ def _cut(
     Blocks, what is kept of each, and `base`, which is taken anyhow, fit the budget.
     """
     if any(step.is_whole for step in steps):
-        raise too_large(path, shape, needed, budget)
+        raise _too_large(path, shape, needed, budget)
     height, width = shape
     per_row = _DEMANDS[engine_name()].block * width * (thread_count() + 1)
 
@@ -284,13 +272,13 @@ def _cut(
         while most < least:
             left = max(left + left // 50, per_row)
             least, most = fitting(left)
-        raise too_large(path, shape, int(1.01 * (base + left)), budget)
+        raise _too_large(path, shape, int(1.01 * (base + left)), budget)
     rows = int(min(max(_BLOCK_CELLS // width, least), most, height, (1 << 16) - 1))
     runs = _PER_COLUMN_OF_BLOCK * width * -(-height // rows)
     return rows, CacheBudget(left - per_row * rows - runs)
 
 
-def too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
+def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> MalformedInputError:
     """Return the error of a map that takes more memory than it may."""
     height, width = shape
     limit, origin = memory_limit()

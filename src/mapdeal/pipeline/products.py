@@ -160,7 +160,7 @@ def write_product(
     """
     if isinstance(asked, DistanceField) and output.suffix == ".npy":
         transaction.write(output, lambda file: write_npy(file, asked.distance))
-        document = yaml_document(geometry_of_npy(grid, grid, output))
+        document = yaml_document(_geometry_of_npy(grid, output))
         transaction.write_bytes(output.with_suffix(".yaml"), document)
     elif isinstance(grid, Reach) and output.suffix == ".json":
         from mapdeal.formats.reach_json import reach_json
@@ -263,12 +263,12 @@ def write_curve(transaction: Transaction, path: Path, curve: CostCurve, title: s
     transaction.write(path, write)
 
 
-def geometry_of_npy(grid: Framed, rule: Any, output: Path) -> dict[str, Any]:
+def _geometry_of_npy(grid: Framed, output: Path) -> dict[str, Any]:
     """Return what the YAML beside a bare ``.npy`` says of the field: geometry and parameters."""
     names = ("convention", "strength", "max_distance", "lethal_threshold", "unknown")
     return {
         "distance": output.name,
         "resolution": grid.resolution,
         "origin": list(grid.origin),
-        **{name: getattr(rule, name) for name in names},
+        **{name: getattr(grid, name) for name in names},
     }

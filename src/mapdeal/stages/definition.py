@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import field
 from os import PathLike
-from typing import Any, ParamSpec, Protocol, TypeVar, get_args, get_type_hints
+from typing import Any, ParamSpec, TypeVar, get_args, get_type_hints
 
 import numpy as np
 
@@ -36,21 +36,6 @@ _STAGES: dict[Callable[..., Any], Stage] = {}
 
 _ENTRY = re.compile(r"(?m)^ {4}(?P<names>[a-z_0-9, ]+) : ")
 _SECTION = re.compile(r"(?m)^ {4}(?P<name>\w+)\n {4}-+\n")
-
-
-class RowsAlone(Protocol):
-    """A stage whose rows are computed by workers that have only a summary of the other rows.
-
-    This applies to the distance field; see `mapdeal.pipeline.block_jobs`.
-    """
-
-    convention: Any
-
-    def obstacles(self, grid: Any) -> Any:
-        """Return the mask of obstacles of some rows of a map."""
-
-    def distance(self, obstacles: Any, resolution: float, halo: Any = None) -> Any:
-        """Return the distances of these rows, given a summary of the rows before and after them."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +90,6 @@ class Stage:
     settled: Callable[[Parameters], Parameters] = lambda _: {}
     remark: Callable[[Parameters, Figures], str | None] = lambda *_: None
     curve: Callable[[Any, Parameters], CostCurve | None] = lambda *_: None
-    rows_alone: Callable[[Parameters], RowsAlone] | None = None
     of_layers: Callable[[CostmapLayers], dict[str, object] | None] = lambda _: None
 
     def __post_init__(self) -> None:

@@ -172,7 +172,6 @@ def _of_layers(layers: CostmapLayers) -> dict[str, object] | None:
     view_passes=lambda view: 1 if view["view"] == "per-map" else 0,
     passes=1,
     in_simulation=InSimulation({"unknown": "occupied"}),
-    rows_alone=lambda parameters: FieldRule(**parameters),
     of_layers=_of_layers,
 )
 def esdf(
@@ -221,16 +220,29 @@ def esdf(
     >>> esdf(grid, convention="border").distance.tolist()
     [[-0.75, -0.25, 0.25, 0.75]]
     """
-    rule = FieldRule(unknown, convention, max_distance, lethal_threshold, strength)
-    obstacles = rule.obstacles(grid)
+    obstacles = obstacles_in(grid.occupancy, lethal_threshold, unknown)
     blocks = list(blocks_of(obstacles))
     halos: list[Halo | None] = [None]
     if len(blocks) > 1:
         halos = [*halos_of([runs_of(obstacles[block]) for block in swept(obstacles)])]
     by_start = {block.start: halo for block, halo in zip(blocks, halos, strict=True)}
 
+    outside_shift, inside_shift = {
+        "fast-planner": (0.0, grid.resolution),
+        "center": (0.0, 0.0),
+        "border": (-0.5 * grid.resolution, 0.5 * grid.resolution),
+    }[convention]
+
     def distances(rows: slice) -> NDArray[np.float32]:
-        return rule.distance(obstacles[rows], grid.resolution, by_start[rows.start])
+        return signed_distance(
+            obstacles[rows],
+            scale=grid.resolution,
+            outside_shift=outside_shift,
+            inside_shift=inside_shift,
+            clip=math.inf if max_distance is None else max_distance,
+            gain=strength,
+            halo=by_start[rows.start],
+        )
 
     return DistanceField(
         made_by_rows(obstacles, np.float32, distances, is_kept=True),
@@ -243,40 +255,6 @@ def esdf(
         lethal_threshold=lethal_threshold,
         unknown=unknown,
     )
-
-
-@dataclass(frozen=True)
-class FieldRule:
-    """Rule that computes distances for a map or some of its rows: the parameters of `esdf`."""
-
-    unknown: UnknownPolicy
-    convention: Convention
-    max_distance: float | None
-    lethal_threshold: int
-    strength: float
-
-    def obstacles(self, grid: OccupancyGrid) -> NDArray[np.bool_]:
-        """Return the mask of cells that count as obstacles."""
-        return obstacles_in(grid.occupancy, self.lethal_threshold, self.unknown)
-
-    def distance(
-        self, obstacles: NDArray[np.bool_], resolution: float, halo: Halo | None = None
-    ) -> NDArray[np.float32]:
-        """Return the signed distances of a grid, or of some rows given their surroundings."""
-        outside_shift, inside_shift = {
-            "fast-planner": (0.0, resolution),
-            "center": (0.0, 0.0),
-            "border": (-0.5 * resolution, 0.5 * resolution),
-        }[self.convention]
-        return signed_distance(
-            obstacles,
-            scale=resolution,
-            outside_shift=outside_shift,
-            inside_shift=inside_shift,
-            clip=math.inf if self.max_distance is None else self.max_distance,
-            gain=self.strength,
-            halo=halo,
-        )
 
 
 def reach_is_kept(field: DistanceField, reach: float) -> bool:
