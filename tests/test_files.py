@@ -16,7 +16,7 @@ WALKS = {
     "formats/listing.py:_one_part_on": "the folders of one part: real ones, each once",
     "formats/listing.py:_seen_in": "lists one folder",
     "formats/listing.py:numbered_folders": "lists one folder",
-    "formats/image_users.py:_images_of": "lists one folder",
+    "pipeline/repair.py:_images_of": "lists one folder",
     "formats/map_listing.py:_below_folder": "each real folder once, however many links lead to it",
     "formats/map_listing.py:look_into": "lists one folder",
     "formats/map_server.py:_nearest_name": "lists one folder",

@@ -12,7 +12,7 @@ import oracles
 from mapdeal.kernels.bresenham import FARTHEST_CELL, edges_through, line_spans
 from mapdeal.kernels.discs import capsule_spans
 from mapdeal.kernels.polygons import polygon_spans
-from mapdeal.kernels.spans import Spans, bands, paint, paint_bits
+from mapdeal.kernels.spans import Spans, bands, paint
 
 HEIGHT, WIDTH = 7, 11
 CELLS = st.tuples(st.integers(-9, 16), st.integers(-9, 20))
@@ -150,21 +150,6 @@ def test_a_capsule_of_any_size_takes_no_time():
 
 
 @given(
-    st.lists(st.tuples(st.integers(0, 3), st.integers(0, 29), st.integers(1, 29)), max_size=5),
-    st.booleans(),
-)
-def test_bits_are_painted_as_bytes_are(runs, value):
-    rng = np.random.default_rng(len(runs))
-    mask = rng.random((4, 29)) < 0.5
-    columns = np.array(runs, dtype=np.int64).reshape(-1, 3).T
-    spans = Spans(columns[0], columns[1], columns[1] + columns[2]).clipped(29)
-    packed = np.packbits(mask, axis=1)
-    paint_bits(packed, spans, value)
-    paint(mask, spans, value)
-    assert np.array_equal(packed, np.packbits(mask, axis=1))
-
-
-@given(
     st.lists(st.tuples(st.integers(-5, 45), st.integers(0, 60)), min_size=1, max_size=30),
     st.integers(1, 50),
 )
@@ -182,15 +167,3 @@ def test_bands_hold_all_rows_and_not_too_many_at_once(ranges, most):
     for first, stop in found:
         per_row = [int(((starts <= r) & (r < stops)).sum()) for r in range(first, stop)]
         assert sum(per_row) <= most + max(per_row)
-
-
-@pytest.mark.parametrize("value", [True, False])
-@pytest.mark.parametrize("width", [96, 203])
-def test_long_spans_of_bits_end_where_they_say(value, width):
-    for start in range(9):
-        for stop in range(width - 17, width + 1):
-            packed = np.full((2, -(-width // 8)), 0 if value else 0xFF, np.uint8)
-            paint_bits(packed, Spans(np.array([1]), np.array([start]), np.array([stop])), value)
-            bits = np.unpackbits(packed, axis=1)
-            assert np.flatnonzero(bits[1] == value).tolist() == list(range(start, stop))
-            assert not (bits[0] == value).any()

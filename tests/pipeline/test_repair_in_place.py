@@ -290,15 +290,15 @@ def test_a_failure_leaves_both_files_as_they_were(command, folder, monkeypatch):
 
 def test_a_map_that_changes_meanwhile_is_left(command, folder, monkeypatch):
     write(yaml_text(free_thresh="0.25"))
-    from mapdeal.pipeline import repair_in_place
+    from mapdeal.pipeline import repair
 
-    real = repair_in_place.edited
+    real = repair.edited
 
     def meanwhile(entries, changes):
         write(yaml_text(free_thresh="0.3"))
         return real(entries, changes)
 
-    monkeypatch.setattr(repair_in_place, "edited", meanwhile)
+    monkeypatch.setattr(repair, "edited", meanwhile)
     code, _, err = fixed(command)
     assert code == 4
     assert "m.yaml" in err
@@ -308,16 +308,16 @@ def test_a_map_that_changes_meanwhile_is_left(command, folder, monkeypatch):
 
 def test_a_map_that_changes_while_it_is_checked_is_left(command, folder, monkeypatch):
     write(yaml_text(free_thresh="0.25"))
-    from mapdeal.pipeline import repair_in_place
+    from mapdeal.pipeline import repair
 
-    real = repair_in_place.gather
+    real = repair.gather
 
     def meanwhile(path, **words):
         found = real(path, **words)
         write(yaml_text(free_thresh="0.3") + "# a change by somebody else\n")
         return found
 
-    monkeypatch.setattr(repair_in_place, "gather", meanwhile)
+    monkeypatch.setattr(repair, "gather", meanwhile)
     code, _, err = fixed(command)
     assert code == 4
     assert "m.yaml: changed while it was read" in err

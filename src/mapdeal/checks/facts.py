@@ -16,14 +16,13 @@ from mapdeal.errors import (
     emit_warning,
     kept_warnings,
 )
-from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import claim
 from mapdeal.formats.dialects import reader_of
 from mapdeal.formats.image import open_passing
 from mapdeal.formats.images.catalogue import IMAGE_FORMATS
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import remark_on_lost, warn_of_cost_figures, warn_of_one_cost
-from mapdeal.formats.map_server import costs_of, find_image
+from mapdeal.formats.map_server import BIT_MAP, costs_of, find_bits, find_image, yaml_beside
 from mapdeal.formats.map_yaml import MapMetadata, metadata_of
 from mapdeal.formats.maps import as_occupancy, open_map
 from mapdeal.formats.npz import read_npz

@@ -17,7 +17,6 @@ from mapdeal.grid.framed import Framed, ValueGrid
 from mapdeal.grid.reach import Reach
 from mapdeal.grid.region import Region, region_of
 from mapdeal.grid.resample import is_turned, region_on_lattice
-from mapdeal.kernels.spans import Spans
 
 G = TypeVar("G", bound=ValueGrid | FieldGrid | Reach)
 V = TypeVar("V", bound=ValueGrid)
@@ -204,9 +203,9 @@ def reset_region(
         text = "lies outside of the map" if outside else "reaches beyond the map, it is clipped"
         emit_warning(f"region: {text}", stacklevel=2)
     if isinstance(grid, BitMap):
-        numbers = np.arange(rows.start, rows.stop)
-        edges = (np.full_like(numbers, edge) for edge in (cols.start, cols.stop))
-        return grid.painted([(Spans(numbers, *edges).clipped(grid.width), number)])
+        mask = grid.to_mask()
+        mask[rows, cols] = number
+        return grid.with_packed(np.packbits(mask, axis=1))
     values = grid.values.copy()
     values[rows, cols] = number
     return grid.with_values(values)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import use_memory
+from mapdeal.formats.map_server import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.formats.pnm import decode_pbm, write_pbm

@@ -9,7 +9,6 @@ from glob import has_magic
 from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
-from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.budget import claim
 from mapdeal.formats.kinds import kind_of, other_kind
 from mapdeal.formats.listing import (
@@ -19,6 +18,7 @@ from mapdeal.formats.listing import (
     natural_key,
     sorted_naturally,
 )
+from mapdeal.formats.map_server import BIT_MAP
 from mapdeal.formats.source import (
     contents_of,
     exists,

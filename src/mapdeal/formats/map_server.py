@@ -14,12 +14,15 @@ from mapdeal.formats.image import open_strips, strips_of_rows
 from mapdeal.formats.map_remarks import PixelRemarks
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture
-from mapdeal.formats.source import contents_of, exists
+from mapdeal.formats.source import contents_of, exists, is_same_file, status_of
 from mapdeal.formats.strips import PixelRows
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.blocks import CacheBudget, Layer, lazy_layer
+
+BIT_MAP = ".pbm"
+"""Ending of a bit map, an image that stands for the YAML file beside it."""
 
 
 def read_cells(
@@ -116,6 +119,27 @@ def find_image(yaml_path: Path, image: str) -> Path:
     raise FileAccessError(
         "the image does not exist", source=yaml_path, place="image", got=image, hint=hint
     )
+
+
+def yaml_beside(path: Path) -> Path:
+    """Return the YAML file beside a ``.pbm``."""
+    found = next((p for p in map(path.with_suffix, (".yaml", ".yml")) if exists(p)), None)
+    if found is None:
+        status_of(path)
+        rule = f"has no {path.with_suffix('.yaml').name} beside it, which gives its place"
+        hint = "a bit map is two files, as mapdeal pack writes them"
+        raise FileAccessError(rule, source=path, hint=hint)
+    return found
+
+
+def find_bits(path: Path, yaml_path: Path, metadata: MapMetadata) -> Path:
+    """Return the image that the YAML file beside a ``.pbm`` names, which must be that one."""
+    status_of(path)
+    image = find_image(yaml_path, metadata.image)
+    if not is_same_file(image, path):
+        rule = f"names another image than {path.name}"
+        raise MalformedInputError(rule, source=yaml_path, place="image", got=metadata.image)
+    return image
 
 
 def image_places(folder: Path, image: str) -> list[Path]:

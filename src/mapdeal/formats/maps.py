@@ -18,13 +18,20 @@ from mapdeal.errors import (
     emit_warning,
     kept_warnings,
 )
-from mapdeal.formats.bit_map_names import BIT_MAP, find_bits, yaml_beside
 from mapdeal.formats.budget import use_memory
 from mapdeal.formats.file_state import FileState
 from mapdeal.formats.image import memory_to_read, open_pixel_rows, read_image_size
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
-from mapdeal.formats.map_server import check_rows, find_image, lazy_cells, read_cells
+from mapdeal.formats.map_server import (
+    BIT_MAP,
+    check_rows,
+    find_bits,
+    find_image,
+    lazy_cells,
+    read_cells,
+    yaml_beside,
+)
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
 from mapdeal.formats.npz import Grid, holds_reach, npz_frame, npz_memory, read_npz, write_npz

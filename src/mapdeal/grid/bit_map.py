@@ -16,7 +16,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.shapes import Circle, Line
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, OverlayType
 from mapdeal.kernels.lookup import histogram
-from mapdeal.kernels.spans import Spans, paint_bits, set_bits
+from mapdeal.kernels.spans import Spans, paint
 from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
 
@@ -180,9 +180,9 @@ class BitMap(Framed):
         [[False, False, True]]
         """
         rows, cols = self._checked(cells_rowcol)
-        packed = self.packed.copy()
-        set_bits(packed, rows, cols, value)
-        return self.with_packed(packed)
+        mask = self.to_mask()
+        mask[rows, cols] = value
+        return self.with_packed(np.packbits(mask, axis=1))
 
     def fill(self, value: bool = True) -> Self:
         """Return a bit map with all cells set to a value."""
@@ -250,11 +250,11 @@ class BitMap(Framed):
 
         With overlay ``max`` only ones are painted, with ``min`` only zeros.
         """
-        packed = self.packed.copy()
+        mask = self.to_mask()
         for spans, value in strokes:
             if overlay == "seq" or (overlay == "max") == bool(value):
-                paint_bits(packed, spans, bool(value))
-        return self.with_packed(packed)
+                paint(mask, spans, bool(value))
+        return self.with_packed(np.packbits(mask, axis=1))
 
     def accept_value(self, value: float, name: str = "value") -> int:
         """Return `value`, which must be 0 or 1."""

@@ -49,29 +49,6 @@ def paint(
         values[rows, cols] = value
 
 
-def paint_bits(packed: NDArray[np.uint8], spans: Spans, value: bool) -> None:
-    """Set or clear the bits of `spans`, in place."""
-    long, short = _by_length(spans)
-    for row, start, stop in zip(*(column.tolist() for column in long), strict=True):
-        first, last = start >> 3, (stop - 1) >> 3
-        head, tail = 0xFF >> (start & 7), 0xFF & (0xFF << (7 - ((stop - 1) & 7)))
-        packed[row, first + 1 : last] = 0xFF if value else 0
-        for byte, mask in ((first, head), (last, tail)):
-            old = int(packed[row, byte])
-            packed[row, byte] = old | mask if value else old & ~mask
-    for rows, cols in short:
-        set_bits(packed, rows, cols, value)
-
-
-def set_bits(packed: NDArray[np.uint8], rows: Indices, cols: Indices, value: bool) -> None:
-    """Set or clear the bits of cells, in place; a cell may stand several times."""
-    bits = (0x80 >> (cols & 7)).astype(np.uint8)
-    if value:
-        np.bitwise_or.at(packed, (rows, cols >> 3), bits)
-    else:
-        np.bitwise_and.at(packed, (rows, cols >> 3), ~bits)
-
-
 def enumerated(starts: Indices, stops: Indices) -> tuple[Indices, Indices]:
     """Return the numbers of all half open ranges one after the other, and whose each is.
 

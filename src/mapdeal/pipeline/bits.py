@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.bit_maps import (
     bit_map_paths,
     read_bit_map_pair,
     write_bit_map_pair,
 )
+from mapdeal.formats.map_server import BIT_MAP
 from mapdeal.formats.maps import as_occupancy, output_paths, write_grid
 from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.field import DistanceField
@@ -29,9 +29,6 @@ from mapdeal.records import dataclass
 
 _PER_CELL = 3.0
 """Bytes for each cell: a mask, the cells, and what is written."""
-
-_PER_BIT = 0.25
-"""Bytes for each cell of a bit map that is changed: what is painted, in whole bytes of eight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,18 +53,14 @@ def edit_bits(
     what: str,
     inputs: Sequence[Path] = (),
 ) -> Figures:
-    """Read a bit map, change its bits, and write it as one; return its figures.
-
-    No cell takes more than its bit. The rest is as of `edit_file`.
-    """
+    """Read a bit map, change it, and write it as one, as `edit_file` does; return its figures."""
     outputs = bit_map_paths(output)
     if path.suffix.lower() != BIT_MAP:
         rule = "only an edited .pbm can be written as one"
         raise ParameterError(rule, source=output, hint="mapdeal pack makes a bit map of a map")
     with options.memory(), use_threads(options.threads):
         found, metadata, files = read_bit_map_pair(path, max_cells=options.max_cells)
-        per_cell = _PER_BIT if options.image is None else _PER_BIT + _PER_CELL
-        claim_work(path, found, per_cell)
+        claim_work(path, found, _PER_CELL)
     bits = OccupancyBits(found.packed, found.width, found.resolution, found.origin)
     with outputs_of(outputs, [*files, *inputs], options) as transaction:
         with errors_named(path):

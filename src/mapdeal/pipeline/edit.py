@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mapdeal.errors import ParameterError
-from mapdeal.formats.bit_map_names import BIT_MAP
+from mapdeal.formats.map_server import BIT_MAP
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.costmap import Costmap
@@ -34,7 +34,7 @@ def draw_on_file(
     what: str,
     inputs: Sequence[Path] = (),
 ) -> Figures:
-    """Do what `edit_file` does; a ``.pbm`` that is written as one is never more than bits."""
+    """Do what `edit_file` does; a ``.pbm`` can also be written as one."""
     do: Callable[..., Figures] = edit_bits if output.suffix == BIT_MAP else edit_file
     return do(path, output, options, change, what=what, inputs=inputs)
 

@@ -21,10 +21,10 @@ from mapdeal.errors import (
     kept_warnings,
     refusal_of_the_system,
 )
-from mapdeal.formats.bit_map_names import BIT_MAP
 from mapdeal.formats.budget import SHARE_OF_JOB
 from mapdeal.formats.lint_config import LintConfig, find_lint_config, read_lint_config
 from mapdeal.formats.map_listing import MapListing, list_maps
+from mapdeal.formats.map_server import BIT_MAP
 from mapdeal.formats.maps import open_map
 from mapdeal.formats.source import is_folder, normal_path
 from mapdeal.formats.yaml_comments import IgnoreComment, read_ignore_comments
@@ -198,11 +198,11 @@ def repair_maps(
     Only findings that count are mended: neither those of checks that are not wanted, nor
     suppressed ones.
     """
-    from mapdeal.formats.image_users import ImageUsers
-    from mapdeal.pipeline.repair_in_place import repair_in_place
+    from mapdeal.pipeline.repair import ImageUsers, repair_in_place
 
     before = lint_maps(paths, rules, settings, jobs=jobs, done=done)
-    users, reports, problems = ImageUsers(), list(before.maps), []
+    users: ImageUsers = {}
+    reports, problems = list(before.maps), []
     for index, (path, one) in enumerate(zip(paths, before.maps, strict=True)):
         wanted = {found.check for found in one.findings}
         if one.is_folder or not wanted:
