@@ -21,7 +21,6 @@ WALKS = {
     "formats/map_listing.py:look_into": "lists one folder",
     "formats/map_server.py:_nearest_name": "lists one folder",
     "formats/nearby.py:file_meant": "lists one folder",
-    "formats/commit.py:_inside": "lists one folder",
     "formats/bags/folder.py:_guessed": "lists one folder",
     "formats/bags/folder.py:_present": "lists one folder",
     "formats/bags/names.py:bag_paths": "lists one folder",
@@ -82,7 +81,6 @@ def test_every_walk_is_known_to_end():
 
 ALLOWED = {
     "formats/source.py": "the place where the system is asked",
-    "formats/commit.py": "asks about links themselves, not what they lead to",
     "formats/transaction.py": "tells troubles of outputs from those of inputs",
     "formats/temporary.py": "makes and removes files that are its own",
 }

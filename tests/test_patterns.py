@@ -47,7 +47,6 @@ REASONS = {
     ("formats/bags/names.py", r"[A-Za-z0-9_. +-]+"): ("fullmatch", "one run"),
     ("formats/bags/ros1.py", r"#ROSBAG V(\d+)\.(\d+)\n"):
         ("fullmatch", "a point stands between the runs; 64 bytes at most"),
-    ("formats/commit.py", r"\.mapdeal-[0-9a-f]{12}\.old"): ("fullmatch", "of fixed length"),
     ("formats/free_memory.py", r"^MemAvailable:\s+(\d+) kB"):
         ("search", "tried at the beginnings of lines; the two runs have nothing in common"),
     ("formats/free_memory.py", r"^0::/(.*)$"): ("search", "tried at the beginnings of lines"),

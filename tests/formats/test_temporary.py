@@ -1,7 +1,9 @@
-"""Locks on folders, and what is written through to the disk."""
+"""Locks on folders, signals put off, and what is written through to the disk."""
 
 import fcntl
 import os
+import signal
+import threading
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import pytest
 
 from mapdeal import OccupancyGrid, write_map
 from mapdeal.formats import temporary
-from mapdeal.formats.temporary import Temporary, locked, sync_folder
+from mapdeal.formats.temporary import Temporary, locked, signals_put_off, sync_folder
 
 
 @contextmanager
@@ -51,6 +53,35 @@ def test_the_names_of_a_folder_are_written_through(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda descriptor: synced.append(os.fstat(descriptor)))
     sync_folder(tmp_path)
     assert [one.st_ino for one in synced] == [tmp_path.stat().st_ino]
+
+
+def test_signals_are_answered_after_the_block_and_their_handlers_are_back():
+    reached = False
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), signals_put_off():
+        signal.raise_signal(signal.SIGINT)
+        reached = True
+    assert reached
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_ignored_signals_stay_ignored_and_other_threads_are_left_alone():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with signals_put_off():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    handlers = []
+
+    def look():
+        with signals_put_off():
+            handlers.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    thread.join()
+    assert handlers == [signal.getsignal(signal.SIGINT)]
 
 
 @pytest.fixture

@@ -6,12 +6,13 @@ import stat
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from mapdeal import FileAccessError
-from mapdeal.formats import temporary
+from mapdeal import FileAccessError, OccupancyGrid, write_map
+from mapdeal.formats import maps, temporary
 from mapdeal.formats.transaction import Transaction
 from mapdeal.kernels.threads import use_threads
 
@@ -130,9 +131,10 @@ def test_a_temporary_file_that_another_run_has_removed_is_made_again(tmp_path, m
     lock, removed = module.fcntl.flock, []
 
     def lose_the_first(descriptor, operation):
-        if not removed:
+        if not removed:  # the first that is locked is the folder
             removed.extend(tmp_path.glob(".mapdeal-*"))
-            removed[0].unlink()
+            for path in removed:
+                path.unlink()
         lock(descriptor, operation)
 
     monkeypatch.setattr(module.fcntl, "flock", lose_the_first)
@@ -300,3 +302,296 @@ def test_a_folder_that_is_gone_when_it_is_looked_at_is_made_again(tmp_path, monk
         transaction.write_bytes(folder / "file", b"here")
     assert (folder / "file").read_bytes() == b"here"
     assert calls == [folder, folder]
+
+
+OLD = {"a/map.pgm": b"old picture", "a/map.yaml": b"old", "b/left.txt": b"left over"}
+NEW = {"a/map.pgm": b"new picture", "a/map.yaml": b"new", "b/picture.png": b"drawn"}
+
+
+def make_old(folder):
+    for name, data in OLD.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(data)
+        (folder / name).chmod(0o640)
+
+
+def replace_all(folder):
+    """Replace two files in one folder, make one in another and remove one there."""
+    with Transaction([folder / name for name in NEW], force=True) as transaction:
+        for name, data in NEW.items():
+            transaction.write_bytes(folder / name, data)
+        sum_ = hashlib.sha256(OLD["b/left.txt"]).hexdigest()
+        transaction.remove_if_unchanged(folder / "b/left.txt", sum_)
+
+
+def contents(folder):
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def without_leftovers(found):
+    return {name: data for name, data in found.items() if ".mapdeal-" not in name}
+
+
+def test_files_are_replaced_and_removed_together(tmp_path):
+    make_old(tmp_path)
+    replace_all(tmp_path)
+    assert contents(tmp_path) == NEW
+
+
+@pytest.mark.parametrize("has_links", [True, False], ids=["links", "no links"])
+@pytest.mark.parametrize("operation", ["replace", "unlink"])
+def test_a_failure_at_any_step_puts_everything_back(tmp_path, monkeypatch, operation, has_links):
+    def refused(*_, **__):
+        raise PermissionError(1, "Operation not permitted")
+
+    if not has_links:
+        monkeypatch.setattr(os, "link", refused)
+    real, failed = getattr(Path, operation), 0
+    for step in range(20):
+        folder = tmp_path / str(step)
+        folder.mkdir()
+        make_old(folder)
+        count = 0
+
+        def fail_once(self, *args, step=step, **options):
+            nonlocal count
+            count += 1
+            return (refused if count == step + 1 else real)(self, *args, **options)
+
+        monkeypatch.setattr(Path, operation, fail_once)
+        try:
+            replace_all(folder)
+        except FileAccessError as error:
+            failed += 1
+            assert "Operation not permitted" in str(error)
+            assert contents(folder) == OLD
+            assert {stat.S_IMODE((folder / name).stat().st_mode) for name in OLD} == {0o640}
+        else:  # or it did not matter: what is left of it goes with the next command
+            assert without_leftovers(contents(folder)) == NEW
+        monkeypatch.setattr(Path, operation, real)
+        if count <= step:
+            break
+    else:
+        pytest.fail("there is no end of steps")
+    assert failed == {"replace": 3, "unlink": 1}[operation]
+
+
+@pytest.mark.parametrize("name", NEW)
+def test_a_folder_that_has_come_in_the_way_of_a_file_leaves_the_others_as_they_were(tmp_path, name):
+    make_old(tmp_path)
+    expected = {**OLD}
+    with (
+        pytest.raises(FileAccessError, match="cannot be replaced: Is a directory"),
+        Transaction([tmp_path / one for one in NEW], force=True) as transaction,
+    ):
+        for one, data in NEW.items():
+            transaction.write_bytes(tmp_path / one, data)
+        (tmp_path / name).unlink(missing_ok=True)
+        (tmp_path / name).mkdir()
+        expected.pop(name, None)
+    assert contents(tmp_path) == expected
+
+
+def test_an_old_file_that_cannot_be_kept_is_not_replaced(tmp_path, monkeypatch):
+    """Without links it is copied, and the disk may be full."""
+
+    def no_link(*_, **__):
+        raise PermissionError(1, "Operation not permitted")
+
+    def full(_, target, **__):
+        target.write_bytes(b"ha")
+        raise OSError(28, "No space left on device")
+
+    make_old(tmp_path)
+    monkeypatch.setattr(os, "link", no_link)
+    monkeypatch.setattr(temporary.shutil, "copy2", full)
+    with pytest.raises(FileAccessError, match=r"map\.pgm: cannot be replaced: No space left"):
+        replace_all(tmp_path)
+    assert contents(tmp_path) == OLD
+
+
+def test_an_old_file_that_cannot_go_back_is_named_and_stays(tmp_path, monkeypatch):
+    make_old(tmp_path)
+    real = Path.replace
+
+    def refused(self, target):
+        if target.name == "map.yaml" or self.suffix == ".old":
+            raise PermissionError(1, "Operation not permitted")
+        return real(self, target)
+
+    monkeypatch.setattr(Path, "replace", refused)
+    with pytest.raises(FileAccessError, match=r"map\.pgm: cannot be put back") as caught:
+        replace_all(tmp_path)
+    (kept,) = tmp_path.glob("*/.mapdeal-*")
+    assert caught.value.hint == f"the old file is {kept}"
+    assert kept.read_bytes() == OLD["a/map.pgm"]
+
+
+KILLED_AT_EACH_STEP = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from test_transaction import NEW, OLD, contents, make_old, replace_all, without_leftovers
+from mapdeal.kernels.threads import use_threads
+
+WATCHED = {"os.rename", "os.link", "os.remove", "open", "os.chmod", "fcntl.flock"}
+ORDER = [*NEW, "b/left.txt"]
+known = [OLD]
+for name in ORDER:
+    known.append({**known[-1], name: NEW.get(name)})
+known = [{k: v for k, v in one.items() if v is not None} for one in known]
+mixed = 0
+for step in range(1000):
+    folder = Path(sys.argv[1]) / str(step)
+    folder.mkdir()
+    make_old(folder)
+    pid = os.fork()
+    if pid == 0:
+        count = 0
+
+        def kill_at_step(event, arguments):
+            global count
+            if event in WATCHED:
+                if count == step:
+                    os.kill(os.getpid(), signal.SIGKILL)
+                count += 1
+
+        with use_threads(1):
+            sys.addaudithook(kill_at_step)
+            replace_all(folder)
+            os._exit(0)
+    _, status = os.waitpid(pid, 0)
+    seen = without_leftovers(contents(folder))
+    assert seen in known, (step, seen)
+    mixed += seen in known[1:-1]
+    replace_all(folder)
+    assert contents(folder) == NEW, (step, contents(folder))
+    if status == 0:
+        break
+print(step, mixed)
+"""
+
+
+@pytest.mark.slow
+def test_a_kill_at_any_step_leaves_files_old_or_new_in_order_and_the_next_command_cleans_up(
+    tmp_path,
+):
+    words = [sys.executable, "-c", KILLED_AT_EACH_STEP, str(tmp_path), str(Path(__file__).parent)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    steps, mixed = map(int, done.stdout.split())
+    assert steps > 20
+    assert mixed >= 3  # some kills came between two renames
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_wait_for_the_last_rename(tmp_path, monkeypatch, number):
+    class TerminatedError(BaseException):
+        pass
+
+    def end(*_):
+        raise TerminatedError
+
+    before = signal.getsignal(signal.SIGTERM)
+    signal.signal(signal.SIGTERM, end)
+    real, seen = Path.replace, []
+
+    def send_first(self, target):
+        signal.raise_signal(number)
+        seen.append(target.name)
+        return real(self, target)
+
+    make_old(tmp_path)
+    monkeypatch.setattr(Path, "replace", send_first)
+    try:
+        with pytest.raises((KeyboardInterrupt, TerminatedError)):
+            replace_all(tmp_path)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert seen == ["map.pgm", "map.yaml", "picture.png"]
+    assert contents(tmp_path) == NEW
+
+
+def test_a_file_that_has_come_meanwhile_is_not_replaced_without_force(tmp_path):
+    with (
+        pytest.raises(FileAccessError, match="exists"),
+        Transaction([tmp_path / "a.txt", tmp_path / "b.txt"]) as transaction,
+    ):
+        transaction.write_bytes(tmp_path / "a.txt", b"new")
+        transaction.write_bytes(tmp_path / "b.txt", b"new")
+        (tmp_path / "b.txt").write_bytes(b"precious")
+    assert contents(tmp_path) == {"b.txt": b"precious"}
+
+
+def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path, monkeypatch):
+    make_old(tmp_path)
+    (tmp_path / "a" / "map.pgm").rename(tmp_path / "real")
+    (tmp_path / "a" / "map.pgm").symlink_to("../real")
+
+    real = Path.unlink
+
+    def refused(self, **options):
+        if self.name == "left.txt":
+            raise PermissionError(1, "Operation not permitted")
+        return real(self, **options)
+
+    with monkeypatch.context() as patch:  # it is put back as a link
+        patch.setattr(Path, "unlink", refused)
+        with pytest.raises(FileAccessError, match="cannot be removed"):
+            replace_all(tmp_path)
+    assert (tmp_path / "a" / "map.pgm").readlink() == Path("../real")
+    replace_all(tmp_path)
+    assert not (tmp_path / "a" / "map.pgm").is_symlink()
+    assert contents(tmp_path) == {**NEW, "real": OLD["a/map.pgm"]}
+
+
+def test_where_there_are_no_locks_old_files_that_are_kept_stay(tmp_path, monkeypatch):
+    """A live command may have kept them."""
+
+    def no_locks(*_):
+        raise OSError(37, "No locks available")
+
+    (tmp_path / ".mapdeal-0123456789ab.old").write_bytes(b"old")
+    with monkeypatch.context() as patch:
+        patch.setattr(temporary.fcntl, "flock", no_locks)
+        with Transaction([tmp_path / "a.txt"]) as transaction:
+            transaction.write_bytes(tmp_path / "a.txt", b"1")
+    assert sorted(contents(tmp_path)) == [".mapdeal-0123456789ab.old", "a.txt"]
+    with Transaction([tmp_path / "b.txt"]) as transaction:
+        transaction.write_bytes(tmp_path / "b.txt", b"2")
+    assert sorted(contents(tmp_path)) == ["a.txt", "b.txt"]
+
+
+def test_a_map_that_is_read_between_two_renames_is_refused(tmp_path, monkeypatch):
+    """What was read is the new picture with the old YAML file, which a moment later is another."""
+    write_map(tmp_path / "m.yaml", OccupancyGrid([[100, 0]], 0.5))
+    real, is_between, has_read = Path.replace, threading.Event(), threading.Event()
+
+    def slow(self, target):
+        if target.name == "m.yaml":
+            is_between.set()
+            assert has_read.wait(60)
+        return real(self, target)
+
+    def write():
+        write_map(tmp_path / "m.yaml", OccupancyGrid([[0, 100]], 0.25), force=True)
+
+    @contextmanager
+    def locked(folders):
+        has_read.set()
+        with temporary.locked(folders):
+            yield
+
+    monkeypatch.setattr(Path, "replace", slow)
+    monkeypatch.setattr(maps, "locked", locked)
+    writer = threading.Thread(target=write)
+    writer.start()
+    assert is_between.wait(60)
+    with pytest.raises(FileAccessError, match="changed while it was read"):
+        maps.read_map(tmp_path / "m.yaml")
+    writer.join()
+    assert maps.read_map(tmp_path / "m.yaml").resolution == 0.25

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mapdeal import FileAccessError, OccupancyGrid, write_map
-from mapdeal.formats.temporary import RowsWriter
-from mapdeal.formats.transaction import Transaction
+from mapdeal.formats.transaction import RowsWriter, Transaction
 from mapdeal.grid.framed import Framed
 from mapdeal.kernels.blocks import CacheBudget, LazyLayer, rows_reported
 from mapdeal.kernels.threads import use_threads

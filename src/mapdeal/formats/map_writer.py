@@ -13,8 +13,8 @@ from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.formats.map_yaml import MapMetadata, Mode, yaml_of
 from mapdeal.formats.png import write_grey_png, write_rgba_png
 from mapdeal.formats.pnm import begin_pgm
-from mapdeal.formats.temporary import RowsWriter, Writer
-from mapdeal.formats.transaction import Transaction
+from mapdeal.formats.temporary import Writer
+from mapdeal.formats.transaction import RowsWriter, Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.framed import Framed

@@ -19,7 +19,6 @@ from mapdeal.errors import (
     kept_warnings,
 )
 from mapdeal.formats.budget import use_memory
-from mapdeal.formats.file_state import FileState
 from mapdeal.formats.image import memory_to_read, open_pixel_rows, read_image_size
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
@@ -36,8 +35,9 @@ from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
 from mapdeal.formats.npz import Grid, holds_reach, npz_frame, npz_memory, read_npz, write_npz
 from mapdeal.formats.picture import check_size
-from mapdeal.formats.source import check_state, exists, sha256_of, state_of, status_of
+from mapdeal.formats.source import FileState, check_state, exists, sha256_of, state_of, status_of
 from mapdeal.formats.strips import PixelRows
+from mapdeal.formats.temporary import locked
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -191,6 +191,8 @@ class MapFile:
 
         Between two files of a map somebody may have replaced both.
         """
+        with locked({path.parent for path in self._states}):
+            pass  # whoever was between two renames is through with them
         for path, state in self._states.items():
             check_state(path, state)
 

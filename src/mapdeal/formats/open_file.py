@@ -13,8 +13,7 @@ from typing import BinaryIO
 
 from mapdeal.errors import FileAccessError
 from mapdeal.formats.budget import claim
-from mapdeal.formats.file_state import CHANGED, FileState
-from mapdeal.formats.source import LARGEST_FILE, access_to, check_readable
+from mapdeal.formats.source import CHANGED, LARGEST_FILE, FileState, access_to, check_readable
 from mapdeal.records import dataclass
 
 HEAD = 1 << 19

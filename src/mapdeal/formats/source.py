@@ -14,11 +14,10 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
+from typing import NamedTuple
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import claim
-from mapdeal.formats.commit import settle
-from mapdeal.formats.file_state import CHANGED, FileState
 
 _GIBIBYTE = 1 << 30
 LARGEST_FILE = 16 * _GIBIBYTE
@@ -26,6 +25,21 @@ _HEAD = 1 << 20
 _CHUNK = 1 << 18
 LONGEST_STREAM = 1 << 28
 """Bytes that are taken from a pipe or a device: it may never end."""
+CHANGED = "changed while it was read"
+"""Error text for a file that was replaced or modified while it was read."""
+
+
+class FileState(NamedTuple):
+    """Properties that change when a file is replaced or written to."""
+
+    inode: int
+    size: int
+    modified_ns: int
+
+    @classmethod
+    def of_status(cls, status: os.stat_result) -> FileState:
+        """Return the state of the file that has this status."""
+        return cls(status.st_ino, status.st_size, status.st_mtime_ns)
 
 
 @contextmanager
@@ -53,12 +67,8 @@ def _can_be_name(path: Path) -> bool:
 
 
 def status_of(path: Path) -> os.stat_result:
-    """Return the status of a file, or of what a link leads to.
-
-    What a killed process has left in its folder is undone first.
-    """
+    """Return the status of a file, or of what a link leads to."""
     with access_to(path):
-        settle(path.parent, path.name)
         return path.stat()
 
 

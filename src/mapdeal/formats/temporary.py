@@ -1,4 +1,4 @@
-"""Temporary files that are told from those of killed runs, and locks on folders."""
+"""Temporary files, locks on folders, and signals put off: what leaves nothing behind."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ import hashlib
 import io
 import os
 import shutil
+import signal
 import stat
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mapdeal.errors import FileAccessError
-from mapdeal.formats.signals import signals_put_off
-from mapdeal.kernels.blocks import Layer, swept
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -31,27 +30,13 @@ except ImportError:  # not POSIX: temporary files of killed runs are then not cl
 PREFIX = ".mapdeal-"
 """Of the names of all files that are not there to stay."""
 
-_SUFFIX = ".tmp"
+_SUFFIX, _KEPT = ".tmp", ".old"
 _AT_ONCE = 1 << 18
 
+# SIGINT comes first: once it is put off, nothing is raised in the middle of putting off the others.
+_ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
+
 Writer = Callable[[BinaryIO], None]
-
-PutRows = Callable[[slice], object]
-
-
-@dataclass(frozen=True, eq=False)
-class RowsWriter:
-    """A writer that takes rows as they come: one pass can serve several such files."""
-
-    layer: Layer
-    begin: Callable[[BinaryIO], tuple[PutRows, Callable[[], object]]]
-
-    def __call__(self, file: BinaryIO) -> None:
-        """Write the file alone."""
-        put, finish = self.begin(file)
-        for rows in swept(self.layer):
-            put(rows)
-        finish()
 
 
 class _File(io.BufferedRandom):
@@ -94,8 +79,7 @@ class Temporary:
         remove it; then there is no file of that name any more, and another is made.
         """
         while True:
-            name = f"{PREFIX}{os.urandom(6).hex()}{_SUFFIX}"
-            self.path, self._is_ours = self.destination.parent / name, True
+            self.path, self._is_ours = _name_beside(self.destination, _SUFFIX), True
             descriptor = _locked_new_file(self.path, self.destination)
             if self.path.exists():
                 break
@@ -131,26 +115,10 @@ class Temporary:
         if self._file is not None:
             os.fsync(self._file.fileno())
 
-    def close_to_move(self) -> None:
-        """Close the file where open files cannot be renamed or removed, which is on Windows.
-
-        Elsewhere it stays open, and locked, until it has its own name.
-        """
-        if fcntl is None:
-            self._close()
-
     def rename(self) -> None:
         """Rename the file to its own name, replacing an old one."""
-        self.close_to_move()
-        try:
-            self.path.replace(self.destination)
-        except OSError as error:
-            rule = f"cannot be replaced: {error.strerror}"
-            raise FileAccessError(rule, source=self.destination) from None
-        self.is_placed()
-
-    def is_placed(self) -> None:
-        """Take note that the file has its own name."""
+        self._close_to_move()
+        self.path.replace(self.destination)
         self._is_ours = False
         self._close()
 
@@ -161,12 +129,20 @@ class Temporary:
 
     def remove(self) -> None:
         """Remove the file, unless it has its own name already."""
-        self.close_to_move()
+        self._close_to_move()
         if self._is_ours:
             with contextlib.suppress(OSError):  # it is gone, or the next command takes it away
                 self.path.unlink()
             self._is_ours = False
         self._close()
+
+    def _close_to_move(self) -> None:
+        """Close the file where open files cannot be renamed or removed, which is on Windows.
+
+        Elsewhere it stays open, and locked, until it has its own name.
+        """
+        if fcntl is None:
+            self._close()
 
     def _close(self) -> None:
         if self._file is not None:
@@ -189,14 +165,42 @@ def _locked_new_file(path: Path, destination: Path) -> int:
     return descriptor
 
 
+def _name_beside(path: Path, suffix: str) -> Path:
+    return path.parent / f"{PREFIX}{os.urandom(6).hex()}{suffix}"
+
+
+def keep_beside(path: Path) -> Path:
+    """Give a file, or a link, a second name beside its own; return that.
+
+    It is a copy where there can be no second name: on file systems without hard links, and of a
+    file that belongs to somebody else.
+    """
+    kept = _name_beside(path, _KEPT)
+    try:
+        os.link(path, kept, follow_symlinks=False)
+    except (OSError, NotImplementedError):
+        try:
+            shutil.copy2(path, kept, follow_symlinks=False)
+        except BaseException:
+            kept.unlink(missing_ok=True)
+            raise
+    return kept
+
+
 def remove_stale(folder: Path) -> None:
-    """Remove temporary files whose process is gone: those that nobody holds locked."""
-    if fcntl is None:
-        return
-    for path in folder.glob(f"{PREFIX}*{_SUFFIX}"):
-        with contextlib.suppress(OSError), path.open("r+b") as file:
-            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-            path.unlink()
+    """Remove what killed processes have left: files that nobody holds locked, and kept old ones.
+
+    Old files are kept only while their folder is locked.
+    """
+    with locked([folder]) as is_alone:
+        for path in folder.glob(f"{PREFIX}*"):
+            with contextlib.suppress(OSError):
+                if path.suffix == _KEPT and is_alone:
+                    path.unlink()
+                elif path.suffix == _SUFFIX and fcntl is not None:
+                    with path.open("r+b") as file:
+                        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+                        path.unlink()
 
 
 @contextmanager
@@ -217,6 +221,34 @@ def locked(folders: Iterable[Path]) -> Iterator[bool]:
                 except OSError:
                     are_had = False
         yield are_had
+
+
+@contextmanager
+def signals_put_off() -> Iterator[None]:
+    """Delay signals that end the process until the end of the block.
+
+    Python handles signals in the main thread only: in other threads there is nothing to delay.
+    The effect of a signal, an exception or the end of the process, then follows the block.
+    SIGKILL cannot be delayed.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handlers: dict[int, Any] = {}
+    came: list[int] = []
+    try:
+        for number in (getattr(signal, name, None) for name in _ENDING):
+            handler = None if number is None else signal.getsignal(number)
+            if number is None or handler in (None, signal.SIG_IGN):  # None: not set by Python
+                continue
+            handlers[number] = handler
+            signal.signal(number, lambda which, _: came.append(which))
+        yield
+    finally:
+        for number, handler in reversed(handlers.items()):
+            signal.signal(number, handler)
+        for number in dict.fromkeys(came):
+            signal.raise_signal(number)
 
 
 def sync_folder(folder: Path) -> None:

@@ -15,19 +15,44 @@ from types import TracebackType
 from typing import BinaryIO, TypeVar
 
 from mapdeal.errors import FileAccessError, ParameterError, refuse_warnings
-from mapdeal.formats.commit import put_in_place, remove_kept, settle
-from mapdeal.formats.signals import signals_put_off
-from mapdeal.formats.source import holds, real_path
-from mapdeal.formats.temporary import Temporary, Writer, remove_stale
+from mapdeal.formats.source import holds, is_same_file, real_path
+from mapdeal.formats.temporary import (
+    Temporary,
+    Writer,
+    keep_beside,
+    locked,
+    remove_stale,
+    signals_put_off,
+    sync_folder,
+)
+from mapdeal.kernels.blocks import Layer, swept
 from mapdeal.kernels.thread_pool import ThreadPool
 from mapdeal.kernels.threads import thread_count
+from mapdeal.records import dataclass
 
 _ATTEMPTS = 10_000
 
 _T = TypeVar("_T")
 
+PutRows = Callable[[slice], object]
+
 Begun = tuple[Path, BinaryIO, Writer]
 """A file that is to be written: its name, what is written to, and what writes it."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowsWriter:
+    """A writer that takes rows as they come: one pass can serve several such files."""
+
+    layer: Layer
+    begin: Callable[[BinaryIO], tuple[PutRows, Callable[[], object]]]
+
+    def __call__(self, file: BinaryIO) -> None:
+        """Write the file alone."""
+        put, finish = self.begin(file)
+        for rows in swept(self.layer):
+            put(rows)
+        finish()
 
 
 class Transaction:
@@ -37,9 +62,9 @@ class Transaction:
     -----
     Each file is written under a temporary name in its own folder, as many at the same time as
     `mapdeal.kernels.threads` allows. When the block ends without an error, all are renamed in the
-    order of the calls to `write`, see `mapdeal.formats.commit`: the folders are locked meanwhile,
-    signals wait, and a rename that fails undoes those before it. Temporary files are locked by
-    their process, so that those of a killed run are told from those of a live one and removed.
+    order of the calls to `write`: the folders are locked meanwhile, signals wait, and a rename that
+    fails undoes those before it. Temporary files are locked by their process, so that those of a
+    killed run are told from those of a live one and removed.
     """
 
     def __init__(
@@ -138,7 +163,7 @@ class Transaction:
 
     def remove_if_unchanged(self, path: Path, sha256: str) -> None:
         """Remove a file with the old ones, if it has exactly these contents and is not an input."""
-        if not _is_any_of(path, self._inputs) and holds(path, sha256):
+        if not _is_input(path, self._inputs) and holds(path, sha256):
             self._removed.append(path)
 
     def checksums(self) -> dict[Path, str]:
@@ -168,7 +193,7 @@ class Transaction:
                 refuse_warnings()
                 self._sync()
                 temporaries = [temporary for _, temporary, _ in self._pending]
-                put_in_place(temporaries, removed=self._removed, replaces=self._replaces)
+                _put_in_place(temporaries, self._removed, replaces=self._replaces)
                 self._made_folders.clear()
         finally:
             self._discard()
@@ -182,7 +207,6 @@ class Transaction:
             with contextlib.suppress(FileNotFoundError):
                 self._make(folder)
                 remove_stale(folder)
-                remove_kept(folder)
                 return
         raise FileAccessError("the folder is removed again and again", source=folder)
 
@@ -221,6 +245,76 @@ class Transaction:
             atexit.unregister(self._discard)
 
 
+def _put_in_place(
+    temporaries: Sequence[Temporary], removed: Sequence[Path], *, replaces: bool
+) -> None:
+    """Rename temporary files to their own names, in order, and remove other files.
+
+    Old files are kept under second names until the end, so that a failure can be undone.
+    """
+    paths = [*(one.destination for one in temporaries), *removed]
+    folders = dict.fromkeys(path.parent for path in paths)
+    kept: dict[Path, Path] = {}
+    done: list[Path] = []
+    with locked(folders), signals_put_off():
+        existing = [path for path in paths if os.path.lexists(path)]
+        if existing and not replaces:
+            hint = "--force replaces it"
+            raise FileAccessError("the output exists", source=existing[0], hint=hint)
+        try:
+            for path in existing if len(paths) > 1 else ():
+                with _refused(path, "replaced"):
+                    kept[path] = keep_beside(path)
+            for one in temporaries:
+                with _refused(one.destination, "replaced"):
+                    one.rename()
+                done.append(one.destination)
+            for path in removed:
+                with _refused(path, "removed"):
+                    path.unlink()
+                done.append(path)
+        except BaseException:
+            _put_back(done, kept)
+            raise
+        else:
+            for folder in folders:
+                sync_folder(folder)
+        finally:
+            for path in kept.values():
+                with contextlib.suppress(OSError):  # the next command that writes there tries again
+                    path.unlink(missing_ok=True)
+
+
+def _put_back(done: Sequence[Path], kept: dict[Path, Path]) -> None:
+    """Undo changes, the last one first; an old file that cannot go back stays where it is kept."""
+    problem: FileAccessError | None = None
+    for path in reversed(done):
+        old = kept.pop(path, None)
+        try:
+            if old is None:
+                path.unlink()
+            else:
+                old.replace(path)
+        except OSError as error:
+            rule = f"cannot be put back as it was: {error.strerror}"
+            hint = None if old is None else f"the old file is {old}"
+            problem = FileAccessError(rule, source=path, hint=hint)
+    for folder in dict.fromkeys(path.parent for path in done):
+        sync_folder(folder)
+    if problem is not None:
+        raise problem
+
+
+@contextmanager
+def _refused(path: Path, doing: str) -> Iterator[None]:
+    """Turn what the system raises within the block into one error about a file."""
+    try:
+        yield
+    except OSError as error:
+        rule = f"cannot be {doing}: {error.strerror}"
+        raise FileAccessError(rule, source=path) from None
+
+
 def make_folder(folder: Path) -> None:
     """Make a folder, and those above it, unless it is there."""
     try:
@@ -241,7 +335,6 @@ def _result(future: Future[_T], path: Path) -> _T:
 def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> None:
     """Refuse an output that cannot be; one that exists only if there is a hint for that."""
     try:
-        settle(output.parent)
         status = output.lstat()
     except (FileNotFoundError, NotADirectoryError):
         _check_parents(output)
@@ -251,7 +344,7 @@ def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> Non
     except OSError as error:
         rule = f"cannot be written: {error.strerror}"
         raise FileAccessError(rule, source=output) from None
-    if _is_any_of(output, inputs):
+    if _is_input(output, inputs):
         raise FileAccessError("the output is the input", source=output)
     with contextlib.suppress(OSError):  # a link that leads nowhere is there, too
         status = output.stat()
@@ -264,13 +357,8 @@ def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> Non
         raise FileAccessError("the output exists", source=output, hint=hint)
 
 
-def _is_any_of(path: Path, others: Sequence[Path]) -> bool:
-    """Return whether a name is of one of the files of other names."""
-    for other in others:
-        with contextlib.suppress(OSError):
-            if path.samefile(other):
-                return True
-    return False
+def _is_input(path: Path, inputs: Sequence[Path]) -> bool:
+    return any(is_same_file(path, one) for one in inputs)
 
 
 def _check_parents(output: Path) -> None:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.formats.clouds.reader import cloud_chunks
-from mapdeal.formats.file_state import FileState
-from mapdeal.formats.source import check_state, sha256_of, state_of
+from mapdeal.formats.source import FileState, check_state, sha256_of, state_of
 from mapdeal.pipeline.files import errors_named
 from mapdeal.records import dataclass
 

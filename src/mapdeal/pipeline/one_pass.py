@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError
 from mapdeal.formats.npz import Grid
-from mapdeal.formats.temporary import PutRows, RowsWriter
-from mapdeal.formats.transaction import Begun, Transaction
+from mapdeal.formats.transaction import Begun, PutRows, RowsWriter, Transaction
 from mapdeal.kernels.blocks import blocks_of, made_by_rows, report_rows
 
 

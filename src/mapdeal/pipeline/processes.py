@@ -25,8 +25,7 @@ from multiprocessing.context import BaseContext
 from typing import Any, NoReturn, TypeVar
 
 from mapdeal.errors import FileAccessError
-from mapdeal.formats.signals import signals_put_off
-from mapdeal.formats.temporary import folder_for_sockets
+from mapdeal.formats.temporary import folder_for_sockets, signals_put_off
 from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.threads import is_started
 from mapdeal.pipeline.dispatch import Submit, Work

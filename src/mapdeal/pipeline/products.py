@@ -15,8 +15,7 @@ from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npy import write_npy
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.png import write_indexed_png
-from mapdeal.formats.temporary import PutRows, RowsWriter
-from mapdeal.formats.transaction import Transaction
+from mapdeal.formats.transaction import PutRows, RowsWriter, Transaction
 from mapdeal.formats.yaml_text import yaml_document
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap import Costmap

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import PIECES
-from mapdeal.formats.file_state import CHANGED
 from mapdeal.formats.images.image_format import ImageFormat
 from mapdeal.formats.images.memory import (
     bytes_in_file,
@@ -30,6 +29,7 @@ from mapdeal.formats.images.pillow import (
 )
 from mapdeal.formats.open_file import HEAD, OpenFile
 from mapdeal.formats.picture import LARGEST_COMPRESSED_CELLS, Picture
+from mapdeal.formats.source import CHANGED
 from mapdeal.formats.strips import Strips, strips_at_places, strips_of
 from mapdeal.records import dataclass
 

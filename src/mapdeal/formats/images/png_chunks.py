@@ -10,8 +10,8 @@ from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import claim
-from mapdeal.formats.file_state import CHANGED
 from mapdeal.formats.open_file import OpenFile
+from mapdeal.formats.source import CHANGED
 from mapdeal.records import dataclass
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.formats.file_state import CHANGED
 from mapdeal.formats.images.png_chunks import PngFacts, PngHeader
 from mapdeal.formats.open_file import OpenFile
+from mapdeal.formats.source import CHANGED
 from mapdeal.formats.strips import STRIP, rows_of_strip
 from mapdeal.records import dataclass
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from mapdeal.errors import FileAccessError
 from mapdeal.formats.budget import claim
-from mapdeal.formats.file_state import CHANGED
 from mapdeal.formats.images.image_format import ImageFormat
 from mapdeal.formats.open_file import HEAD, OpenFile
 from mapdeal.formats.picture import LARGEST_CELLS, Picture
@@ -20,6 +19,7 @@ from mapdeal.formats.pnm import (
     pnm_memory,
     pnm_size,
 )
+from mapdeal.formats.source import CHANGED
 from mapdeal.formats.strips import Strips, strips_at_places, strips_of
 from mapdeal.records import dataclass
 

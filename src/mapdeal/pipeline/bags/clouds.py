@@ -23,8 +23,7 @@ from mapdeal.formats.bags.messages import (
 )
 from mapdeal.formats.bags.reader import chosen_connections, open_bag
 from mapdeal.formats.budget import claim
-from mapdeal.formats.file_state import FileState
-from mapdeal.formats.source import sha256_of, state_of
+from mapdeal.formats.source import FileState, sha256_of, state_of
 from mapdeal.kernels.rotations import rotated
 from mapdeal.mapping.posed_scans import stances
 from mapdeal.pipeline.bags.frames import BASE_FRAMES, FIXED_FRAMES, FrameOptions, SensorFrames

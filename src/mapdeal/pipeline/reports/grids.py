@@ -11,10 +11,9 @@ from typing import Any
 
 from mapdeal.errors import FileAccessError, kept_warnings
 from mapdeal.formats.budget import memory_limit
-from mapdeal.formats.file_state import CHANGED
 from mapdeal.formats.maps import MapFile, open_map
 from mapdeal.formats.npz import Grid, holds_reach, open_npz, read_reach
-from mapdeal.formats.source import sums_of_reads
+from mapdeal.formats.source import CHANGED, sums_of_reads
 from mapdeal.kernels.blocks import Layer, is_lazy, lazy_layer
 from mapdeal.pipeline.heard import heard
 from mapdeal.pipeline.memory import bytes_of
