@@ -39,6 +39,16 @@ _ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 Writer = Callable[[BinaryIO], None]
 
 
+@contextmanager
+def refused(path: Path, doing: str = "written") -> Iterator[None]:
+    """Turn what the system raises within the block into one error about an output."""
+    try:
+        yield
+    except OSError as error:
+        rule = f"cannot be {doing}: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None
+
+
 class _File(io.BufferedRandom):
     """A file whose writing, by a thread, can be stopped."""
 
@@ -104,11 +114,8 @@ class Temporary:
     def append(self, data: bytes) -> None:
         """Write some bytes, behind those that are there."""
         file = self.file
-        try:
+        with refused(self.destination):
             file.write(data)
-        except OSError as error:
-            rule = f"cannot be written: {error.strerror}"
-            raise FileAccessError(rule, source=self.destination) from None
 
     def sync(self) -> None:
         """Flush the contents to the disk."""
@@ -153,11 +160,8 @@ class Temporary:
 
 def _locked_new_file(path: Path, destination: Path) -> int:
     """Make a file and lock it; return its descriptor."""
-    try:
+    with refused(destination):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-    except OSError as error:
-        rule = f"cannot be written: {error.strerror}"
-        raise FileAccessError(rule, source=destination) from None
     if fcntl is not None:
         # Some network file systems have no locks; then stale files stay, no more.
         with contextlib.suppress(OSError):

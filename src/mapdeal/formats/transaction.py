@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from contextvars import copy_context
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, TypeVar
+from typing import BinaryIO
 
 from mapdeal.errors import FileAccessError, ParameterError, refuse_warnings
 from mapdeal.formats.source import holds, is_same_file, real_path
@@ -21,6 +21,7 @@ from mapdeal.formats.temporary import (
     Writer,
     keep_beside,
     locked,
+    refused,
     remove_stale,
     signals_put_off,
     sync_folder,
@@ -31,8 +32,6 @@ from mapdeal.kernels.threads import thread_count
 from mapdeal.records import dataclass
 
 _ATTEMPTS = 10_000
-
-_T = TypeVar("_T")
 
 PutRows = Callable[[slice], object]
 
@@ -84,7 +83,7 @@ class Transaction:
         # one thread is one, not another one that writes
         self._pool = ThreadPool(thread_count() if thread_count() > 1 else 0)
         self._temporaries: list[Temporary] = []
-        self._pending: list[tuple[Path, Temporary, Future[str]]] = []
+        self._pending: list[tuple[Temporary, Future[str]]] = []
         self._together: list[tuple[Temporary, Writer]] | None = None
         self._made_folders: list[Path] = []
         places: set[Path] = set()
@@ -147,7 +146,7 @@ class Transaction:
         future = self._pool.submit(
             copy_context().run, temporary.fill, writer, self._with_checksums
         )  # fmt: skip
-        self._pending.append((temporary.destination, temporary, future))
+        self._pending.append((temporary, future))
 
     def write_bytes(self, path: Path, data: bytes) -> None:
         """Write these bytes to the file that becomes `path`."""
@@ -174,12 +173,17 @@ class Transaction:
 
     def _sync(self) -> None:
         """Wait for the disk, once all files are written: the first wait is for most of all."""
-        syncs = [(path, self._pool.submit(one.sync)) for path, one, _ in self._pending]
+        syncs = [(one.destination, self._pool.submit(one.sync)) for one, _ in self._pending]
         for path, future in syncs:
-            _result(future, path)
+            with refused(path):
+                future.result()
 
     def _finished(self) -> dict[Path, str]:
-        return {path: _result(future, path) for path, _, future in self._pending}
+        sums = {}
+        for one, future in self._pending:
+            with refused(one.destination):
+                sums[one.destination] = future.result()
+        return sums
 
     def __exit__(
         self,
@@ -192,7 +196,7 @@ class Transaction:
                 self._finished()
                 refuse_warnings()
                 self._sync()
-                temporaries = [temporary for _, temporary, _ in self._pending]
+                temporaries = [temporary for temporary, _ in self._pending]
                 _put_in_place(temporaries, self._removed, replaces=self._replaces)
                 self._made_folders.clear()
         finally:
@@ -263,14 +267,14 @@ def _put_in_place(
             raise FileAccessError("the output exists", source=existing[0], hint=hint)
         try:
             for path in existing if len(paths) > 1 else ():
-                with _refused(path, "replaced"):
+                with refused(path, "replaced"):
                     kept[path] = keep_beside(path)
             for one in temporaries:
-                with _refused(one.destination, "replaced"):
+                with refused(one.destination, "replaced"):
                     one.rename()
                 done.append(one.destination)
             for path in removed:
-                with _refused(path, "removed"):
+                with refused(path, "removed"):
                     path.unlink()
                 done.append(path)
         except BaseException:
@@ -305,16 +309,6 @@ def _put_back(done: Sequence[Path], kept: dict[Path, Path]) -> None:
         raise problem
 
 
-@contextmanager
-def _refused(path: Path, doing: str) -> Iterator[None]:
-    """Turn what the system raises within the block into one error about a file."""
-    try:
-        yield
-    except OSError as error:
-        rule = f"cannot be {doing}: {error.strerror}"
-        raise FileAccessError(rule, source=path) from None
-
-
 def make_folder(folder: Path) -> None:
     """Make a folder, and those above it, unless it is there."""
     try:
@@ -322,14 +316,6 @@ def make_folder(folder: Path) -> None:
     except OSError as error:
         rule = f"the folder cannot be made: {error.strerror}"
         raise FileAccessError(rule, source=folder) from None
-
-
-def _result(future: Future[_T], path: Path) -> _T:
-    try:
-        return future.result()
-    except OSError as error:
-        rule = f"cannot be written: {error.strerror or error}"
-        raise FileAccessError(rule, source=path) from None
 
 
 def _check_output(output: Path, inputs: Sequence[Path], hint: str | None) -> None:
