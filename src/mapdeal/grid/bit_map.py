@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,6 @@ from mapdeal.grid.shapes import Circle, Line
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, OverlayType
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.spans import Spans, paint
-from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
 
 
@@ -102,7 +101,7 @@ class BitMap(Framed):
         if values.ndim != 2 or 0 in values.shape:
             rule = "a mask must be two-dimensional and not empty"
             raise ParameterError(rule, got=values.shape)
-        return cls(_packed(values, lambda part: part > 0), values.shape[1], resolution, origin)
+        return cls(np.packbits(values > 0, axis=1), values.shape[1], resolution, origin)
 
     @classmethod
     def from_occupancy(
@@ -112,8 +111,7 @@ class BitMap(Framed):
 
         Unknown cells become 0.
         """
-        packed = _packed(grid.occupancy, lambda part: part >= lethal_threshold)
-        return cls(packed, grid.shape[1], grid.resolution, grid.origin)
+        return cls.from_mask(grid.occupied(lethal_threshold), grid.resolution, grid.origin)
 
     def to_mask(self) -> NDArray[np.bool_]:
         """Return the bits as an array of bool, shape (H, W)."""
@@ -276,16 +274,3 @@ class BitMap(Framed):
             rule = f"lies outside of the {self.shape[0]} x {self.shape[1]} cells"
             raise ParameterError(rule, place="cell", got=first)
         return cells[:, 0], cells[:, 1]
-
-
-def _packed(
-    values: NDArray[Any], is_one: Callable[[NDArray[Any]], NDArray[np.bool_]]
-) -> NDArray[np.uint8]:
-    """Return eight cells a byte, a few rows at a time."""
-    packed = np.empty((values.shape[0], (values.shape[1] + 7) // 8), dtype=np.uint8)
-
-    def pack(rows: slice) -> None:
-        packed[rows] = np.packbits(is_one(values[rows]), axis=1)
-
-    for_rows(pack, values.shape)
-    return packed
