@@ -30,11 +30,11 @@ REASONS = {
     ("checks/image_checks.py",
      r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"):
         ("search", "every repeat is bounded, so a try is, too"),
+    ("cli/completion.py", r"\n=\n?"): ("sub", "no more than three characters"),
     ("cli/main.py", r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}"):
         ("fullmatch", "a name ends at its =, and no comma is in the class of numbers"),
     ("cli/options.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
         ("fullmatch", "digits, white space and letters have nothing in common"),
-    ("cli/shells.py", r"([\[\]:\\])"): ("sub", "one character"),
     ("cli/usage.py", r"-?\d+(\.\d*)?\)?"): ("fullmatch", "a point stands between the digits"),
     ("cli/usage.py", r"no such option:? '?(?P<name>-[^ ']*)'?"):
         ("match", "the repeat ends before the blank or quote that may follow"),

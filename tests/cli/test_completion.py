@@ -6,112 +6,82 @@ import re
 import select
 import shutil
 import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from mapdeal.checks.finding import CHECKS
-from mapdeal.cli.main import command_names
-from mapdeal.cli.shells import SHELLS
-from mapdeal.cli.words import CommandWords, OptionWords, Value, check_words
+from mapdeal.cli.main import command_names, main
 from mapdeal.pipeline.recipe import BUILT_IN
 from mapdeal.stages.catalogue import STAGES
 
-FILES = ["map.yaml", "cloud.pcd", "scan.log", "field.npz", "picture.png", "bits.pbm", "notes.md"]
+SHELLS = ["bash", "zsh", "fish", "powershell"]
 
-# Words of a command line, the last of them to be completed, and what it can become.
+# Words of a command line, the last of them to be completed, and what is offered; nothing, and the
+# shell offers files.
 CASES = [
     (["r"], {"run", "reach", "route", "rotate", "rescale", "report"}),
-    (["comp"], {"completion"}),
-    (["completion", ""], {"bash", "zsh", "fish"}),
+    (["completion", ""], set(SHELLS)),
     (["edit", ""], {"polygon", "line", "circle", "reset"}),
     (["edit", "polygon", "--ov"], {"--overlay"}),
     (["edit", "polygon", "--overlay", ""], {"seq", "max", "min"}),
     (["--ver"], {"--version"}),
     (["inflate", "--ker"], {"--kernel"}),
     (["inflate", "--kernel", ""], {"disc", "square"}),
-    (["inflate", "map.yaml", "--kernel", "s"], {"square"}),
+    (["inflate", "--kernel=s"], {"square"}),
+    (["cost", "--model", "r"], {"rings"}),
     (["esdf", "--convention", "c"], {"center"}),
     (["convert", "--encoding", "a"], {"amcl"}),
     (["info", "--dialect", ""], {"nav2", "humble", "ros1"}),
     (["run", "map.yaml", "--recipe", "design-"], {"design-real", "design-sim", "design-local"}),
     (["run", "--set", "inflate.ker"], {"inflate.kernel=disc", "inflate.kernel=square"}),
     (["run", "--set", "esdf.strengt"], {"esdf.strength="}),
-    (["run", "--set", "cost.model=t"], {"cost.model=threshold"}),
-    (["inflate", "m"], {"map.yaml", "maps"}),
-    (["inflate", ""], {"map.yaml", "maps", "field.npz", "bits.pbm"}),
-    (["run", "map.yaml", "ma"], {"map.yaml", "maps"}),
-    (["local", "--cloud", "c"], {"cloud.pcd"}),
-    (["build", "s"], {"scan.log"}),
-    (["unpack", "b"], {"bits.pbm"}),
-    (["inflate", "--image", "p"], {"picture.png"}),
-    (["run", "-o", "m"], {"maps"}),
-    (["inflate", "--radius", "m"], set()),
+    (["run", "--set", "cost.model=t"], {"threshold"}),  # bash replaces what follows =
+    (["run", "--local-set", "inflate.inflate_unknown="], {"yes", "no"}),
+    (["lint", "--select", "yaml.mode,map.spe"], {"yaml.mode,map.specks"}),
+    (["inflate", "m"], set()),
+    (["run", "-o", "m"], set()),
     (["nonsense", "x"], set()),
+    (["inflate", "--radius", "not a number", "--nonsense", "--ker"], {"--kernel"}),
 ]
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A folder with files, and the scripts of all shells."""
-    path = tmp_path_factory.mktemp("completion")
-    here = path / "here"
-    (here / "maps").mkdir(parents=True)
-    for name in FILES:
-        (here / name).touch()
-    from mapdeal.cli.completion import script_for
+@pytest.fixture
+def offered(monkeypatch, capsys):
+    """What mapdeal offers to bash, which asks as its script has it ask."""
 
-    for shell in SHELLS:
-        (path / f"{shell}.script").write_text(script_for(shell) + "\n")
-    return path
+    def words_for(*words):
+        # as readline splits words: at = too
+        split = [part for word in words for part in re.findall(r"=|[^=]+", word) or [""]]
+        monkeypatch.setenv("_MAPDEAL_COMPLETE", "complete_bash")
+        monkeypatch.setenv("COMP_WORDS", "\n".join(["mapdeal", *map(as_typed, split)]))
+        monkeypatch.setenv("COMP_CWORD", str(len(split)))
+        with pytest.raises(SystemExit) as ended:
+            main([])
+        out, err = capsys.readouterr()
+        assert (ended.value.code, err) == (0, "")
+        return set(out.splitlines()) - {""}
 
-
-def needs(shell):
-    return pytest.mark.skipif(shutil.which(shell) is None, reason=f"needs {shell}")
-
-
-def run(shell, script, folder):
-    done = subprocess.run(
-        [shell, "-c", script], cwd=folder / "here", capture_output=True, text=True, check=True
-    )
-    assert done.stderr == ""
-    return done.stdout
+    return words_for
 
 
-def in_bash(folder, lines, script="bash.script"):
-    """Return what bash completes, calling its function as bash does."""
-    code = f"source ../{script}\n"
-    for words in lines:
-        # as readline splits words: at = and : too
-        split = [part for word in words for part in re.findall(r"[=:]+|[^=:]+", word) or [""]]
-        quoted = " ".join(f"'{one}'" for one in ["mapdeal", *split])
-        code += f"COMP_WORDS=({quoted}); COMP_CWORD={len(split)}; COMPREPLY=()\n"
-        code += 'COMP_WORDBREAKS=" =:"; _mapdeal; printf "%s|" "${COMPREPLY[@]}"; echo\n'
-    return [set(line.split("|")) - {""} for line in run("bash", code, folder).splitlines()]
+def as_typed(word):
+    return f"'{word}'" if " " in word else word
 
 
-@needs("bash")
-def test_bash_completes(folder):
-    found = in_bash(folder, [words for words, _ in CASES])
-    for (words, expected), made in zip(CASES, found, strict=True):
-        before = words[-1].rpartition("=")[0]
-        kept = {one.removeprefix(f"{before}=") if before else one for one in expected}
-        assert made == kept, words
+@pytest.mark.parametrize(("words", "expected"), CASES)
+def test_offered_words(offered, words, expected):
+    assert offered(*words) == expected
 
 
-@needs("bash")
-def test_bash_completes_values_behind_an_equals_sign(folder):
-    found = in_bash(folder, [["inflate", "--kernel=s"], ["inflate", "--kernel="],
-                             ["run", "--set=cost.model=r"]])  # fmt: skip
-    assert found == [{"square"}, {"disc", "square"}, {"rings"}]
-
-
-@needs("bash")
-def test_bash_knows_every_option_that_help_tells_of(folder, command):
+def test_every_option_that_help_tells_of_is_offered(offered, command, monkeypatch):
     names = [name for name in command_names() if name != "edit"]
     names += [f"edit {name}" for name in ("polygon", "line", "circle", "reset")]
-    found = in_bash(folder, [[*name.split(), "-"] for name in names])
-    for name, made in zip(names, found, strict=True):
+    for name in names:
+        made = offered(*name.split(), "-")
+        monkeypatch.delenv("_MAPDEAL_COMPLETE")
         told = command(*name.split(), "--help")[1]
         listed = re.findall(r"(?m)^  (-.*?)(?:  |$)", told)
         expected = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", " ".join(listed)))
@@ -119,71 +89,105 @@ def test_bash_knows_every_option_that_help_tells_of(folder, command):
         assert made - {"-h"} <= set(re.findall(r"--?[\w-]+", told)), name
 
 
-@needs("bash")
-def test_bash_knows_every_parameter_and_recipe(folder):
-    settings, recipes = in_bash(folder, [["run", "--set", ""], ["run", "--recipe", ""]])
+def test_every_parameter_recipe_and_check_is_offered(offered):
+    settings = offered("run", "--set", "")
     assert {one.partition("=")[0] for one in settings} >= {
         f"{stage.name}.{name}" for stage in STAGES for name in stage.parameters
     }
-    assert recipes >= set(BUILT_IN)
+    assert offered("run", "--recipe", "") == set(BUILT_IN)
+    assert offered("lint", "--ignore", "") == set(CHECKS)
 
 
-@needs("bash")
-def test_bash_completes_lists_of_checks(folder):
-    select = OptionWords(("--select",), "Checks.", Value(("map.specks", "map.empty", "yaml.mode")))
-    root = CommandWords("mapdeal", "", (), None, (CommandWords("lint", "", (select,)),))
-    (folder / "lists.script").write_text(SHELLS["bash"](root))
-    found = in_bash(folder, [["lint", "--select", "map."], ["lint", "--select", "yaml.mode,map.s"]],
-                    "lists.script")  # fmt: skip
-    assert found == [{"map.specks", "map.empty"}, {"yaml.mode,map.specks"}]
-    assert set(check_words()) == set(CHECKS)
+# Lines that have one completion: the word that the shell makes of the last one.
+TYPED = [
+    ("comp", "completion"),
+    ("inflate --ker", "--kernel"),
+    ("inflate map.yaml --kernel s", "square"),
+    ("run --set cost.model=t", "cost.model=threshold"),
+    ("inflate map.y", "map.yaml"),
+    ("run -o ou", "out"),
+]
 
 
-@needs("bash")
-def test_bash_starts_nothing(folder):
-    code = "PATH=; source ../bash.script; COMP_WORDS=(mapdeal r); COMP_CWORD=1; _mapdeal\n"
-    assert (
-        run("bash", code + 'echo "${COMPREPLY[@]}"', folder)
-        == "run reach route rotate rescale report\n"
-    )
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with files, and the scripts of all shells."""
+    path = tmp_path_factory.mktemp("completion")
+    (path / "here" / "out").mkdir(parents=True)
+    (path / "here" / "map.yaml").touch()
+    for shell in SHELLS:
+        script = process("completion", shell)
+        (path / f"{shell}.script").write_text(script)
+    return path
 
 
+def process(*words, **variables):
+    """Return what a process of mapdeal prints."""
+    done = subprocess.run(
+        ["mapdeal", *words], env=environment() | variables, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    assert done.stderr == ""
+    return done.stdout
+
+
+def environment():
+    """Variables with which shells find this mapdeal."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return os.environ | {"PATH": path, "TERM": "dumb"}
+
+
+def needs(shell):
+    return pytest.mark.skipif(shutil.which(shell) is None, reason=f"needs {shell}")
+
+
+@pytest.mark.slow
 @needs("fish")
 def test_fish_completes(folder):
     code = "source ../fish.script\n"
-    for words, _ in CASES:
-        code += f"complete -C 'mapdeal {' '.join(words)}'; echo ----\n"
-    blocks = run("fish", code, folder).split("----\n")
-    for (words, expected), block in zip(CASES, blocks, strict=False):
-        made = {line.partition("\t")[0].rstrip("/") for line in block.splitlines()}
-        assert made == expected, words
+    for line, _ in TYPED:
+        code += f"complete -C 'mapdeal {line}'; echo ----\n"
+    done = subprocess.run(
+        ["fish", "-c", code], cwd=folder / "here", env=environment(), capture_output=True,
+        text=True, check=True,
+    )  # fmt: skip
+    blocks = done.stdout.split("----\n")
+    for (line, expected), block in zip(TYPED, blocks, strict=False):
+        made = {one.partition("\t")[0].rstrip("/") for one in block.splitlines()}
+        assert made == {expected}, line
 
 
-@needs("zsh")
-def test_zsh_completes(folder):
-    unique = [(words, *expected) for words, expected in CASES if len(expected) == 1]
-    made = in_zsh(folder, [" ".join(words) for words, _ in unique])
-    for (words, expected), line in zip(unique, made, strict=True):
-        assert line == [*words[:-1], expected], words
+PRINT = "mapdeal() { local IFS='|'; printf 'GO''T<%s>\\n' \"$*\"; }"
+STARTS = {
+    "bash": (["--norc", "--noprofile"], ""),
+    "zsh": (["-f"], "autoload -Uz compinit; compinit -u -D; "),
+}
 
 
-def in_zsh(folder, lines):
-    """Return the words of lines that are typed into zsh, each with a tab at its end.
+@pytest.mark.slow
+@pytest.mark.parametrize("shell", [pytest.param(shell, marks=needs(shell)) for shell in STARTS])
+def test_completes_at_tab(folder, shell):
+    for (line, expected), made in zip(TYPED, typed(folder, shell), strict=True):
+        assert [one.rstrip("/") for one in made] == [*line.split()[:-1], expected], line
 
-    The program is a function there that prints what it is given.
+
+def typed(folder, shell):
+    """Return the words of lines that are typed into a shell, each with a tab at its end.
+
+    The program is a function there that prints what it is given; the script starts the process.
     """
+    options, start = STARTS[shell]
     child, terminal = pty.fork()
     if child == 0:
         os.chdir(folder / "here")
-        os.environ.update(TERM="dumb", ZDOTDIR=str(folder))
-        os.execlp("zsh", "zsh", "-f", "-i")  # noqa: S606 - it needs a terminal of its own
+        os.environ.update(environment(), ZDOTDIR=str(folder))
+        os.execlp(shell, shell, *options, "-i")  # noqa: S606 - it needs a terminal of its own
     try:
-        type_in(terminal, "PS1=; stty -echo; autoload -Uz compinit; compinit -u -D; "
-                          'mapdeal() { print -r -- "GOT<${(j:|:)@}>" }; '
-                          "source ../zsh.script; print READ''Y\n")  # fmt: skip
+        type_in(terminal, f"PS1=; stty -echo; {start}{PRINT}; source ../{shell}.script; "
+                          "echo READ''Y\n")  # fmt: skip
         read_until(terminal, rb"READY")
         made = []
-        for line in lines:
+        for line, _ in TYPED:
             type_in(terminal, f"mapdeal {line}\t\n")
             found = read_until(terminal, rb"GOT<(.*?)>")
             made.append(found[1].decode().split("|") if found else [])
@@ -210,9 +214,25 @@ def read_until(terminal, pattern, seconds=60):
     return None
 
 
-@pytest.mark.parametrize("shell", SHELLS)
-def test_the_command_prints_the_script(command, folder, shell):
-    assert command("completion", shell) == (0, (folder / f"{shell}.script").read_text(), "")
+def test_powershell_is_answered():
+    answer = process(
+        _MAPDEAL_COMPLETE="complete_powershell",
+        _TYPER_COMPLETE_ARGS="mapdeal inflate --ker",
+        _TYPER_COMPLETE_WORD_TO_COMPLETE="--ker",
+    )
+    assert answer.startswith("--kernel:::")
+
+
+def test_scripts_ask_mapdeal(command):
+    for shell in SHELLS:
+        code, script, err = command("completion", shell)
+        assert (code, err) == (0, "")
+        assert "_MAPDEAL_COMPLETE" in script
+        assert f"complete_{shell}" in script
+
+
+def test_help_tells_of_the_command_alone(command):
+    assert "--install-completion" not in command("--help")[1]
 
 
 def test_another_shell_is_refused(command):

@@ -12,6 +12,7 @@ import typer
 from mapdeal.checks.reports.as_text import repair_lines, sum_of
 from mapdeal.checks.reports.catalogue import REPORTS, ReportForm
 from mapdeal.cli import terminal
+from mapdeal.cli.completion import check_words
 from mapdeal.cli.many_maps import jobs_at_once, say_listing
 from mapdeal.cli.options import OR_STDIN
 from mapdeal.cli.shared_options import shared_options
@@ -71,13 +72,18 @@ def lint(
         list[str] | None,
         typer.Option(
             metavar="IDS",
+            autocompletion=check_words,
             help="Checks, or areas of checks such as image, to run; separated by commas.  "
             "[default: all]",
         ),
     ] = None,
     ignore: Annotated[
         list[str] | None,
-        typer.Option(metavar="IDS", help="Checks, or areas of checks, to leave out."),
+        typer.Option(
+            metavar="IDS",
+            autocompletion=check_words,
+            help="Checks, or areas of checks, to leave out.",
+        ),
     ] = None,
     config: Annotated[
         Path | None,

@@ -210,6 +210,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     terminal.show_warnings()
     _forget_odd_epoch()
     command = typer.main.get_command(app)
+    if os.environ.get("_MAPDEAL_COMPLETE"):  # a shell asks for words
+        from mapdeal.cli.completion import prepare_completion
+
+        prepare_completion()
     try:
         words = list(sys.argv[1:] if arguments is None else arguments)
         _check_words(words)

@@ -90,7 +90,13 @@ def option_of(parameter: Parameter, help_text: str) -> Any:
     if isinstance(default, tuple):
         default = ",".join(str(value) for value in default)
     shown = "" if default is None else f"  [default: {default}]"
-    return typer.Option(name_on_line, metavar=metavar, help=help_text + shown, show_default=False)
+    return typer.Option(
+        name_on_line,
+        metavar=metavar,
+        autocompletion=lambda: parameter.choices or (),
+        help=help_text + shown,
+        show_default=False,
+    )
 
 
 def type_of(parameter: Parameter) -> Any:

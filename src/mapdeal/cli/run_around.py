@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mapdeal.cli import options as opt
+from mapdeal.cli.completion import recipe_words, setting_words
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.mapping.local_options import CloudFrame, LocalOptions
@@ -48,6 +49,7 @@ LocalRecipe = Annotated[
     str | None,
     typer.Option(
         metavar="NAME|FILE",
+        autocompletion=recipe_words,
         help=f"Recipe of the local map: one of {', '.join(BUILT_IN)}, or a file.  "
         f"[default: {LOCAL_RECIPE}]",
         show_default=False,
@@ -58,6 +60,7 @@ LocalChanges = Annotated[
     typer.Option(
         _SET,
         metavar="STAGE.PARAMETER=VALUE",
+        autocompletion=setting_words,
         help="Change a parameter of the local recipe, or an option of `mapdeal local`, such as "
         "local.size=12,8; can be repeated.",
     ),

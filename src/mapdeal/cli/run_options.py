@@ -6,15 +6,22 @@ from typing import Annotated
 
 import typer
 
+from mapdeal.cli.completion import recipe_words, setting_words
 from mapdeal.pipeline.recipe import BUILT_IN, DEFAULT
 
 Recipe = Annotated[
-    str, typer.Option(metavar="NAME|FILE", help=f"One of {', '.join(BUILT_IN)}, or a file.")
+    str,
+    typer.Option(
+        metavar="NAME|FILE",
+        autocompletion=recipe_words,
+        help=f"One of {', '.join(BUILT_IN)}, or a file.",
+    ),
 ]
 RunRecipe = Annotated[
     str | None,
     typer.Option(
         metavar="NAME|FILE",
+        autocompletion=recipe_words,
         help=f"One of {', '.join(BUILT_IN)}, or a file.  [default: {DEFAULT}; with --params-file "
         "the robot's costmap]",
         show_default=False,
@@ -25,6 +32,7 @@ Changes = Annotated[
     typer.Option(
         "--set",
         metavar="STAGE.PARAMETER=VALUE",
+        autocompletion=setting_words,
         help="Set a parameter of a stage; can be repeated.",
     ),
 ]

@@ -150,7 +150,9 @@ def _arguments(first: Stage, models: Mapping[str | None, Stage]) -> Iterator[Par
         names = [str(name) for name in models]
         text = f"The rule of the {first.name}s.  [default: {names[0]}"
         text += "; with --params-file the robot's]" if first.robot is not None else "]"
-        option = typer.Option(metavar="|".join(names), help=text, show_default=False)
+        option = typer.Option(
+            metavar="|".join(names), autocompletion=lambda: names, help=text, show_default=False
+        )
         yield _option("model", Annotated[str | None, option], None)
     for name in _in_order(models):
         owners = {str(model): one for model, one in models.items() if name in one.parameters}
