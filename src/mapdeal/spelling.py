@@ -17,14 +17,6 @@ BRITISH_AND_AMERICAN = (
 )
 """Spellings of one word, in choices and in names: either is as good."""
 
-FORMER_NAMES = {
-    "seed": ("fast-planner", "per-map"),
-    "seed-real": ("design-real",),
-    "seed-sim": ("design-sim",),
-    "seed-local": ("design-local",),
-}
-"""Names that are still accepted, and those that replaced them."""
-
 _ALIKE = 0.75
 """From this ratio on words with different first letters are alike: nflate and inflate."""
 
@@ -42,13 +34,7 @@ def as_known(word: str, known: Iterable[str]) -> str:
     names = list(known)
     if word in names:
         return word
-    spelled = next((name for name in names if _plain(name) == _plain(word)), word)
-    return renamed(spelled, names)
-
-
-def renamed(word: str, known: Iterable[str]) -> str:
-    """Return the known name that has replaced `word`; `word` itself if none has."""
-    return next((name for name in known if name in FORMER_NAMES.get(word, ())), word)
+    return next((name for name in names if _plain(name) == _plain(word)), word)
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:

@@ -97,8 +97,6 @@ def test_what_differs(read):
     assert answer.confusion == {"free": {"free": 9, "occupied": 3}}
     assert answer.walls == ({"largest": 0.5, "percentile_95": 0.4, "mean": 0.1}, None)
     assert answer.bounds == {"max_shift": (0.1, None, False)}
-    older = {key: value for key, value in DIFF.items() if key not in ("first", "second")}
-    assert read(older).first is None
 
 
 def test_methods_compared(read):

@@ -404,7 +404,7 @@ ANSWERS = {
                     {"check": "map.islands", "severity": "warning", "line": None,
                      "message": "<img onerror=1>\n\x07", "places": [[1.5, -2], [0, 3]]},
                     {"check": "yaml.origin-yaw", "severity": "note", "line": 3,
-                     "message": "turned"},
+                     "message": "turned", "places": []},
                 ],
                 "suppressed": 2,
                 "repairs": ["free_thresh 0.196"],
@@ -420,7 +420,7 @@ ANSWERS = {
         "reachable_m2": 8.5, "open_m2": 12, "free_m2": 20.25, "share": 0.42,
         "goals": [
             {"name": "dock", "x": 3, "y": 4, "reachable": True, "heading_count": 7,
-             "widest_radius_m": None, "limited_by": None},
+             "widest_radius_m": None, "limited_by": None, "reason": None, "nearest_open": None},
             {"x": -3, "y": 4, "reachable": False, "heading_count": 0, "widest_radius_m": 0.31,
              "limited_by": {"x": -2, "y": 1, "width_m": 0.62, "at": "passage"},
              "reason": "unknown", "nearest_open": {"x": -3, "y": 4.5}},

@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
@@ -216,7 +216,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prepare_completion()
     try:
         words = list(sys.argv[1:] if arguments is None else arguments)
-        _check_words(words)
         words = _spread_points(_joined_flags(words, _yes_or_no_options(command, words)))
         code = command.main(args=words or ["--help"], prog_name="mapdeal", standalone_mode=False)
         if code == _INTERRUPTED:  # of a signal that came where only typer noticed it
@@ -251,17 +250,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return _INTERNAL
     return code if isinstance(code, int) else 0
-
-
-def _check_words(words: Iterable[str]) -> None:
-    """Refuse what no system hands over to a process, so that nobody behind need expect it."""
-    for word in words:
-        try:
-            is_possible = b"\0" not in os.fsencode(word)
-        except UnicodeEncodeError:  # half of a pair of surrogates
-            is_possible = False
-        if not is_possible:
-            raise ParameterError("contains characters that no command line can hold", got=word)
 
 
 def _forget_odd_epoch() -> None:

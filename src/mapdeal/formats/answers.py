@@ -197,13 +197,13 @@ def _linted(one: JsonValue, *, is_parameters: bool) -> LintedFile:
 
 
 def _finding(one: JsonValue) -> ToldFinding:
-    line, places = one.get("line"), one.get("places")
+    line = one["line"]
     return ToldFinding(
         one["check"].text(),
         cast("Severity", one["severity"].word(*get_args(Severity))),
         one["message"].text(),
-        None if line is None or line.is_null else line.whole(),
-        () if places is None else tuple(place.point() for place in places.items()),
+        None if line.is_null else line.whole(),
+        tuple(place.point() for place in one["places"].items()),
     )
 
 
@@ -240,15 +240,15 @@ def _robot(robot: JsonValue) -> Footprint | None:
 
 def _goal(one: JsonValue) -> GoalReach:
     name, limit = one.get("name"), one["limited_by"]
-    reason, nearest = one.get("reason"), one.get("nearest_open")
+    reason, nearest = one["reason"], one["nearest_open"]
     return GoalReach(
         Goal(*_place(one), None if name is None else name.text()),
         one["reachable"].flag(),
         one["heading_count"].whole(),
         one["widest_radius_m"].number_or(math.inf),
         None if limit.is_null else _bottleneck(limit),
-        None if reason is None or reason.is_null else reason.text(),
-        None if nearest is None or nearest.is_null else _place(nearest),
+        None if reason.is_null else reason.text(),
+        None if nearest.is_null else _place(nearest),
     )
 
 
@@ -277,7 +277,7 @@ def _place(one: JsonValue) -> Point:
 def _route(document: JsonValue) -> RouteAnswer:
     points = document["points"].points()
     nowhere = math.nan if not len(points) else math.inf
-    minimum, expanded = document.get("local_minimum"), document.get("expanded")
+    minimum, expanded = document.get("local_minimum"), document["expanded"]
     route = Route(
         cast("Method", document["method"].word(*get_args(Method))),
         document["reached"].flag(),
@@ -289,18 +289,17 @@ def _route(document: JsonValue) -> RouteAnswer:
         document["min_clearance_m"].number_or(nowhere),
         None if minimum is None or minimum.is_null else minimum.point(),
         document["mean_clearance_m"].number_or(nowhere),
-        None if expanded is None or expanded.is_null else expanded.whole(),
+        None if expanded.is_null else expanded.whole(),
         document["optimal"].flag(),
     )
     return RouteAnswer(route)
 
 
 def _diff(document: JsonValue) -> DiffAnswer:
-    first, second, symmetry = document.get("first"), document.get("second"), document["symmetry"]
-    walls = document["walls"]
+    symmetry, walls = document["symmetry"], document["walls"]
     return DiffAnswer(
-        None if first is None else named_map(first),
-        None if second is None else named_map(second),
+        named_map(document["first"]),
+        named_map(document["second"]),
         document["equal"].flag(),
         document["passes"].flag(),
         document["common_cells"].whole(),

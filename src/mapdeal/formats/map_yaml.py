@@ -14,7 +14,6 @@ from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.field_view import ESDF_VIEW, View, ViewScale
 from mapdeal.grid.values import CostScale
 from mapdeal.records import dataclass
-from mapdeal.spelling import as_known
 
 Mode = Literal["trinary", "scale", "raw"]
 Dialect = Literal["nav2", "humble", "ros1"]
@@ -209,7 +208,7 @@ def _view(entries: dict[str, Entry], mode: Mode) -> ViewScale | None:
         raise layer.error("needs mode raw, and no cost_scale")
     if "view" not in entries:
         raise layer.error("needs key view")
-    view: View = as_known(entries["view"].text(), get_args(View))  # type: ignore[assignment]
+    view: View = entries["view"].text()  # type: ignore[assignment]
     if view not in get_args(View):
         raise entries["view"].error("must be metric or per-map")
     missing = [key for key in ViewScale.keys_of(view) if key not in entries]

@@ -24,7 +24,6 @@ from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import PIECES, check_expansion, claim
 from mapdeal.formats.images.pillow import one_at_a_time
 from mapdeal.formats.source import check_readable
-from mapdeal.spelling import as_known
 
 LONGEST_ARRAY_HEADER = 1 << 16
 _LARGEST_SMALL_ARRAY = 4096
@@ -127,7 +126,6 @@ class NpzReader:
             text = little.tobytes().decode("utf-32-le").rstrip("\0")
         except UnicodeDecodeError:
             raise self._error(name, "must be text, is not Unicode") from None
-        text = text if choices is None else as_known(text, choices)
         if choices is not None and text not in choices:
             raise self._error(name, f"must be one of {', '.join(choices)}")
         return text

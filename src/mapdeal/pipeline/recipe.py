@@ -18,7 +18,6 @@ from mapdeal.pipeline.robot import draft_for, put_map_rules, put_value
 from mapdeal.pipeline.step import Step, make_step
 from mapdeal.records import dataclass
 from mapdeal.robot.parameters import RobotParameters
-from mapdeal.spelling import renamed
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, models_of
 from mapdeal.stages.definition import Stage
 from mapdeal.stages.parameters import unknown_name
@@ -119,7 +118,7 @@ def load_recipe(
     if robot is not None and name is None:
         draft, name, footprint = draft_for(robot), "of the robot", None
     else:
-        name = DEFAULT if name is None else renamed(name, BUILT_IN)
+        name = DEFAULT if name is None else name
         draft = _read_draft(name)
         if robot is not None:
             put_map_rules(draft, robot)

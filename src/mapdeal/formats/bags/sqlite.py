@@ -163,7 +163,7 @@ class SqliteBag(Bag):
         db.text_factory = lambda text: text.decode("utf-8", "replace")
         db.set_progress_handler(self._stops, _LOOK)
         most = room()
-        if most is not None and hasattr(db, "setlimit"):  # from Python 3.11 on
+        if most is not None:
             db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(most // 2, _LONGEST))
         db.execute("PRAGMA trusted_schema = OFF")
         return db
