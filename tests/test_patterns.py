@@ -68,6 +68,10 @@ REASONS = {
     ("formats/pnm.py", r"#[^\n\r]*"): ("match sub", "it cannot fail behind its first sign"),
     ("formats/pnm.py", r"P[1-7fF](\s|#)"): ("match", "three characters"),
     ("formats/pnm.py", r"-?\d{1,12}"): ("fullmatch", "thirteen characters"),
+    ("formats/lint_config.py", r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?"):
+        ("search", "every repeat is bounded, so a try is, too"),
+    ("formats/lint_config.py", r"[ \t]*([\w.-]+)[ \t]*"):
+        ("match", "white space and names have nothing in common"),
     ("formats/ros_parameters/ros2_scalar.py",
      r"([-+]?)(?:0[xX]([0-9a-fA-F]+)|(0[0-7]*)|([1-9][0-9]*))"):
         ("fullmatch", "one run of digits at the end, after what tells the three apart"),
@@ -82,19 +86,6 @@ REASONS = {
         ("fullmatch", "one run, between fixed characters"),
     ("formats/ros_parameters/ros2_scalar.py", r"[eE]"): ("split", "one character"),
     ("formats/ros_parameters/ros2_scalar.py", r"[pP]"): ("split", "one character"),
-    ("formats/plain_yaml.py",
-     (r"(?P<key>[A-Za-z_][A-Za-z0-9_]{0,60}): {1,9}"
-     r"(?:(?P<word>[A-Za-z0-9_./][A-Za-z0-9_./+-]{0,200}|[-+][0-9.][0-9.eE+-]{0,60})"
-     r"|(?P<list>\[ {0,4}[-+0-9.][0-9.eE+-]{0,60}"
-     r"(?: {0,4}, {0,4}[-+0-9.][0-9.eE+-]{0,60}){0,9} {0,4}\]))"
-     r" *(?: #[ -~]*)?")):
-        ("fullmatch", "all is bounded but blanks before the end, or before a sharp, and the rest"),
-    ("formats/plain_yaml.py", r"[-+0-9.][0-9.eE+-]{0,60}"): ("finditer", "of bounded length"),
-    ("formats/plain_yaml.py", r" *(?:#[ -~]*)?"):
-        ("fullmatch", "blanks, then a sharp and the rest"),
-    ("formats/yaml_text.py", r"[a-z_]{3,}"): ("fullmatch", "one run"),
-    ("formats/yaml_text.py", r"[a-z_]{3,}|[A-Za-z_][A-Za-z0-9_-]*\.[a-z]{3,4}"):
-        ("fullmatch", "one run, or two with a point between them"),
     ("formats/yaml_text.py", r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"):
         ("fullmatch", "a point or an e stands between runs of digits"),
     ("formats/yaml_text.py", r"[-+]?0\d"): ("match", "three characters"),
@@ -102,10 +93,6 @@ REASONS = {
     ("formats/yaml_text.py", r"[-+]?\d+,\d+"): ("fullmatch", "a comma stands between the digits"),
     ("formats/yaml_text.py", r"[-+]?[\d.]+\s*[a-zA-Z]"):
         ("match", "the two runs have nothing in common, and it is tried at one place"),
-    ("formats/yaml_comments.py", r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?"):
-        ("search", "every repeat is bounded, so a try is, too"),
-    ("formats/yaml_comments.py", r"[ \t]*([\w.-]+)[ \t]*(,?)"):
-        ("match", "white space and names have nothing in common; each goes on behind the last"),
     ("grid/footprint.py",
      r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?|[-+]?\.?[nN]a[nN]|[-+]?\.?[iI]nf"):
         ("fullmatch", "a point or an e stands between runs of digits"),

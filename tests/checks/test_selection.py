@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from mapdeal.checks.finding import CHECKS, Finding
 from mapdeal.checks.selection import Selection, selection_of
 from mapdeal.errors import ParameterError
-from mapdeal.formats.lint_config import LintConfig
-from mapdeal.formats.yaml_comments import IgnoreComment
+from mapdeal.formats.lint_config import IgnoreComment, LintConfig
 
 NAMES = ["all", "image", "image.", "image.alpha", "map", "map.specks", "yaml.origin-yaw", "yaml"]
 

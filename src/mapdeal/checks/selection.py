@@ -9,9 +9,8 @@ from pathlib import Path, PurePosixPath
 
 from mapdeal.checks.finding import CHECKS, SEVERITIES, Finding, Severity
 from mapdeal.errors import ParameterError
-from mapdeal.formats.lint_config import LintConfig
+from mapdeal.formats.lint_config import IgnoreComment, LintConfig
 from mapdeal.formats.source import normal_path
-from mapdeal.formats.yaml_comments import IgnoreComment
 from mapdeal.records import dataclass
 
 UNUSED = "lint.unused-ignore"

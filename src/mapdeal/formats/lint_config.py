@@ -1,20 +1,25 @@
-"""Configuration of lint in a project's ``pyproject.toml`` or ``mapdeal.toml``."""
+"""Configuration of lint: ``pyproject.toml`` or ``mapdeal.toml``, and comments in YAML files."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Any
 
-from mapdeal.errors import MalformedInputError, ParameterError
+from mapdeal.errors import FileAccessError, MalformedInputError, ParameterError
 from mapdeal.formats.source import exists, normal_path, read_file
+from mapdeal.formats.yaml_text import OF_MAPS
 from mapdeal.records import dataclass
 
 OWN_FILE, PYPROJECT = "mapdeal.toml", "pyproject.toml"
 
 _LARGEST = 1 << 20
 _SEVERITIES = ("error", "warning", "note")
+
+_IGNORE = re.compile(r"(?:^|(?<=\s))#[ \t]{0,9}mapdeal:[ \t]{0,9}ignore(?![\w-]):?")
+_NAME = re.compile(r"[ \t]*([\w.-]+)[ \t]*")
 
 Names = tuple[str, ...]
 
@@ -141,3 +146,37 @@ _KEYS: dict[str, Callable[[Any, Path, str], Any]] = {
     "severity": _severity,
 }
 """Reader of the value of each key."""
+
+
+@dataclass(frozen=True)
+class IgnoreComment:
+    """A comment ``# mapdeal: ignore ID[, ID]``."""
+
+    line: int
+    names: Names
+
+
+def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreComment]:
+    """Return the comments of a file that name checks of lint which are to be ignored.
+
+    A comment is recognised by its text, at the beginning of a line or behind white space. So it
+    counts in a file, too, that is no YAML.
+    """
+    try:
+        data = read_file(path, limit=limit)
+    except (FileAccessError, MalformedInputError):
+        return []
+    lines = data.decode("utf-8-sig", "replace").splitlines()
+    found = ((number, line, _IGNORE.search(line)) for number, line in enumerate(lines, start=1))
+    return [IgnoreComment(number, _listed(line[one.end() :])) for number, line, one in found if one]
+
+
+def _listed(text: str) -> Names:
+    """Return the names at the start of a text, with commas between them."""
+    names = []
+    for part in text.split(","):
+        name = _NAME.match(part)
+        names += [name[1]] if name else []
+        if not name or name.end() < len(part):
+            break
+    return tuple(names)

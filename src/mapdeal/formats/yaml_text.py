@@ -1,12 +1,12 @@
 """A YAML mapping as its nodes: scalars stay text, keys keep their lines.
 
 PyYAML turns scalars into values by YAML 1.1, where ``5e-2`` is text, ``1:30`` is ninety and
-``010`` is eight; ROS reads the text. So does this.
+``010`` is eight; ROS reads the text. So does this. The events come from libyaml, which PyYAML's
+wheels bring; PyYAML's own parser, which serves without it, refuses some tabs that libyaml takes.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -16,23 +16,29 @@ from typing import Any
 import yaml
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.plain_yaml import compose_plain
 from mapdeal.formats.source import read_file
 from mapdeal.records import dataclass
 
 _DEEPEST = 20
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _PLAIN_KINDS = ("str", "int", "float", "bool", "null", "timestamp", "seq", "map", "merge")
-_PLAIN_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _PLAIN_KINDS}
-
-
+_PLAIN_TAGS = frozenset(f"tag:yaml.org,2002:{kind}" for kind in _PLAIN_KINDS)
 _NUMBER_TAGS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _NULL, _MERGE = "tag:yaml.org,2002:null", "tag:yaml.org,2002:merge"
+
+_LIBYAML: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_default_tag: Any = yaml.resolver.Resolver().resolve
+_BREAKS = "\r\n\x85\u2028\u2029"
+_KINDS: dict[type, Any] = {
+    yaml.ScalarEvent: yaml.ScalarNode,
+    yaml.SequenceStartEvent: yaml.SequenceNode,
+    yaml.MappingStartEvent: yaml.MappingNode,
+}
 
 
 @dataclass(frozen=True)
 class YamlLimits:
-    """Limits of a file: PyYAML takes 70 microseconds and a kilobyte for each value."""
+    """Limits of a file: each value takes a kilobyte."""
 
     bytes: int
     nodes: int
@@ -60,9 +66,8 @@ class Entry:
 
     def error(self, rule: str, *, hint: str | None = None) -> MalformedInputError:
         """Return an error about this entry that shows its text."""
-        start, end = self.node.start_mark, self.node.end_mark
-        text = (start.buffer or "")[start.pointer : end.pointer].rstrip("\0").strip()
-        return MalformedInputError(rule, source=self.source, place=self.place, got=text, hint=hint)
+        got = written(self.node)
+        return MalformedInputError(rule, source=self.source, place=self.place, got=got, hint=hint)
 
     def text(self) -> str:
         """Return the text of a scalar, as it is written."""
@@ -126,8 +131,7 @@ class Entry:
         YAML 1.1 reads ``010`` as 8, ``1:30`` as 90 and ``1_0`` as 10; other readers do not. A key
         that appears twice is refused.
         """
-        _refuse_repeated_keys(self.source, self.node)
-        for node in _scalars_of(self.node):
+        for node in list(_scalars_of(self.source, self.node)):
             text = str(node.value).lower()
             if node.tag not in _NUMBER_TAGS or text.lstrip("+-") in (".inf", ".nan"):
                 continue
@@ -204,25 +208,22 @@ def _entries_of(path: Path, node: yaml.MappingNode) -> dict[str, Entry]:
     return entries
 
 
-def _refuse_repeated_keys(path: Path, node: yaml.Node) -> None:
-    if isinstance(node, yaml.MappingNode):
-        for entry in _entries_of(path, node).values():
-            _refuse_repeated_keys(path, entry.node)
-    elif isinstance(node, yaml.SequenceNode):
-        for item in node.value:
-            _refuse_repeated_keys(path, item)
-
-
-def _scalars_of(node: yaml.Node) -> Iterator[yaml.ScalarNode]:
+def _scalars_of(path: Path, node: yaml.Node) -> Iterator[yaml.ScalarNode]:
     """Yield the single values in a node, which is no deeper than the limits allow."""
     if isinstance(node, yaml.ScalarNode):
         yield node
-    elif isinstance(node, yaml.SequenceNode):
-        for item in node.value:
-            yield from _scalars_of(item)
-    elif isinstance(node, yaml.MappingNode):
-        for _, value in node.value:
-            yield from _scalars_of(value)
+        return
+    below = node.value
+    if isinstance(node, yaml.MappingNode):
+        below = [entry.node for entry in _entries_of(path, node).values()]
+    for one in below:
+        yield from _scalars_of(path, one)
+
+
+def written(first: Any, last: Any = None, most: int = 1 << 62) -> str:
+    """Return the text of a node or an event, or from one to another; `most` characters of it."""
+    start, end = first.start_mark.index, (last or first).end_mark.index
+    return str(first.start_mark.buffer)[start : min(end, start + most)].strip()
 
 
 def one_line_of(error: Exception) -> str:
@@ -253,105 +254,142 @@ def decoded_text(path: Path, data: bytes) -> str:
 def compose_documents(
     path: Path, data: bytes, limits: YamlLimits, tags: frozenset[str] = frozenset()
 ) -> list[yaml.Node]:
-    """Return the nodes of all documents in the contents of a YAML file."""
+    """Return the nodes of all documents in the contents of a YAML file, by PyYAML's own parser."""
     text = decoded_text(path, data)
-    with _as_malformed(path):
-        composer = _Composer(text, path, limits, tags)
-        documents: list[yaml.Node] = []
-        while composer.check_node():
-            node = composer.get_node()
-            documents += [] if node is None else [node]
-        return documents
+    with _as_malformed(path, text):
+        events = events_of(text, yaml.SafeLoader)
+        return list(_Composer(path, events, limits, tags).documents())
 
 
 def _compose(path: Path, text: str, limits: YamlLimits) -> yaml.Node | None:
     """Return the tree of nodes, as far as it is harmless."""
-    plain = compose_plain(text, limits.nodes)
-    if plain is not None:
-        return plain
-    with _as_malformed(path):
-        return _Composer(text, path, limits).get_single_node()
+    with _as_malformed(path, text):
+        documents = _Composer(path, events_of(text), limits).documents(most=1)
+        return next(iter(list(documents)), None)
+
+
+def events_of(text: str, loader: Any = None) -> Iterator[yaml.Event]:
+    """Yield the events of a text, whose marks have it at hand."""
+    for event in yaml.parse(text, Loader=loader or _LIBYAML):
+        event.start_mark = _mark(event.start_mark, text)
+        event.end_mark = _mark(event.end_mark, text)
+        yield event
+
+
+def _mark(mark: Any, text: str) -> yaml.Mark:
+    return yaml.Mark("", mark.index, mark.line, mark.column, text, mark.index)
 
 
 @contextmanager
-def _as_malformed(path: Path) -> Iterator[None]:
+def _as_malformed(path: Path, text: str) -> Iterator[None]:
     try:
         yield
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-        where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else None
-        rule = f"not valid YAML: {one_line_of(error)}"
+    except (yaml.YAMLError, UnicodeEncodeError) as error:
+        rule, at = fault_in(text, error)
+        where = f"line {at[0]}, column {at[1]}" if at else None
         raise MalformedInputError(rule, source=path, place=where) from None
 
 
-class _Composer(yaml.SafeLoader):
-    """PyYAML's composer, which looks at each node before it is made."""
+def fault_in(text: str, error: Exception) -> tuple[str, tuple[int, int] | None]:
+    """Return what is wrong with a text, and its line and column, from 1 on, if they are known."""
+    rule = f"not valid YAML: {one_line_of(error)}"
+    mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+    if mark is None:
+        return rule, None
+    odd = text[mark.index : mark.index + 1]
+    rule = rule.replace("character that cannot", f"character {odd!r} that cannot")
+    if not (odd or mark.column) and text and text[-1] not in _BREAKS:
+        return rule, (mark.line, len(text.splitlines()[-1]) + 1)  # libyaml ends the last line
+    return rule, (mark.line + 1, mark.column + 1)
+
+
+class _Composer:
+    """Nodes of events, as PyYAML composes them; each event is looked at before."""
 
     def __init__(
-        self, text: str, path: Path, limits: YamlLimits, tags: frozenset[str] = frozenset()
+        self,
+        path: Path,
+        events: Iterator[yaml.Event],
+        limits: YamlLimits,
+        tags: frozenset[str] = frozenset(),
     ) -> None:
-        super().__init__(text)
+        self._path, self._events, self._limits = path, events, limits
         self._tags = _PLAIN_TAGS | tags
-        self._path = path
-        self._limits = limits
-        self._depth = self._nodes = self._aliases = 0
+        self._nodes = self._aliases = 0
+        self._anchors: dict[str, yaml.Node] = {}
         self._nodes_of: dict[str, int] = {}  # by anchor
 
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Return the next node and all below it."""
-        event = self.peek_event()  # type: ignore[no-untyped-call]
+    def documents(self, most: int | None = None) -> Iterator[yaml.Node]:
+        """Yield the node of each document."""
+        for event in self._events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                if most == 0:
+                    raise _refusal("but found another document", event)
+                most = None if most is None else most - 1
+                self._anchors, self._nodes_of = {}, {}
+                yield self._node(next(self._events), 0)
+
+    def _node(self, event: Any, depth: int) -> yaml.Node:
+        """Return the node that an event begins, and all below it."""
         if isinstance(event, yaml.AliasEvent):
-            self._count_alias(event)
-            return super().compose_node(parent, index)
+            return self._alias(event)
         before = self._nodes
         self._count(1, event)
-        tag = getattr(event, "tag", None)
-        if tag not in (None, "!") and tag not in self._tags:
-            raise self._error("tag not allowed", event, got=tag)
-        is_nested = isinstance(event, (yaml.SequenceStartEvent, yaml.MappingStartEvent))
-        self._depth += is_nested
-        if self._depth > _DEEPEST:
-            raise self._too_deep(event.start_mark)
-        node = super().compose_node(parent, index)
-        self._depth -= is_nested
+        if event.tag not in (None, "!") and event.tag not in self._tags:
+            raise self._error("tag not allowed", event, got=event.tag)
+        is_scalar = isinstance(event, yaml.ScalarEvent)
+        if not is_scalar and depth == _DEEPEST:
+            raise self._error(f"nested deeper than {_DEEPEST} levels", event)
+        if event.anchor in self._anchors:
+            raise _refusal("second occurrence", event)
+        kind, value = _KINDS[type(event)], event.value if is_scalar else []
+        tag = None if event.tag == "!" else event.tag
+        tag = tag or _default_tag(kind, value if is_scalar else None, event.implicit)
+        style = (event.style or None) if is_scalar else event.flow_style
+        node: yaml.Node = kind(tag, value, event.start_mark, event.end_mark, style)
+        if event.anchor is not None:
+            self._anchors[event.anchor] = node
+        if not is_scalar:
+            self._fill(node, depth + 1)
         if event.anchor is not None:
             self._nodes_of[event.anchor] = self._nodes - before
         return node
 
-    def fetch_flow_collection_start(self, kind: Any) -> None:
-        """Scan a bracket; the scanner is many brackets ahead of the composer."""
-        if self.flow_level >= _DEEPEST:
-            raise self._too_deep(self.get_mark())
-        super().fetch_flow_collection_start(kind)
+    def _fill(self, node: Any, depth: int) -> None:
+        for event in self._events:
+            if isinstance(event, yaml.CollectionEndEvent):
+                node.end_mark = event.end_mark
+                return
+            one: Any = self._node(event, depth)
+            if isinstance(node, yaml.MappingNode):
+                one = one, self._node(next(self._events), depth)
+            node.value.append(one)
 
-    def _too_deep(self, mark: yaml.Mark) -> MalformedInputError:
-        rule = f"nested deeper than {_DEEPEST} levels"
-        return MalformedInputError(rule, source=self._path, place=f"line {mark.line + 1}")
-
-    def _count_alias(self, event: yaml.AliasEvent) -> None:
-        anchor = event.anchor or ""
+    def _alias(self, event: yaml.AliasEvent) -> yaml.Node:
+        anchor, most = str(event.anchor), self._limits.aliases
         self._aliases += 1
-        if self._aliases > self._limits.aliases:
-            most = self._limits.aliases
+        if self._aliases > most:
             rule = f"more than {most} aliases" if most else "aliases are not allowed"
             raise self._error(rule, event, got=f"*{anchor}")
-        # one that is not known yet is refused by PyYAML, or stands within what it stands for
-        if anchor in self.anchors and anchor not in self._nodes_of:
+        if anchor not in self._anchors:
+            raise _refusal(f"found undefined alias {anchor!r}", event)
+        if anchor not in self._nodes_of:
             raise self._error("an alias within its own anchor", event, got=f"*{anchor}")
-        self._count(self._nodes_of.get(anchor, 0), event)
+        self._count(self._nodes_of[anchor], event)
+        return self._anchors[anchor]
 
     def _count(self, nodes: int, event: yaml.Event) -> None:
         self._nodes += nodes
         if self._nodes > self._limits.nodes:
-            rule = f"more than {self._limits.nodes} keys and values"
-            raise self._error(rule, event)
+            raise self._error(f"more than {self._limits.nodes} keys and values", event)
 
-    def _error(self, rule: str, event: yaml.Event, **got: object) -> MalformedInputError:
-        return MalformedInputError(rule, source=self._path, place=_line(event), **got)  # type: ignore[arg-type]
+    def _error(self, rule: str, event: Any, **got: str) -> MalformedInputError:
+        place = f"line {event.start_mark.line + 1}"
+        return MalformedInputError(rule, source=self._path, place=place, **got)
 
 
-def _line(event: yaml.Event) -> str:
-    return f"line {event.start_mark.line + 1}" if event.start_mark else "the file"
+def _refusal(rule: str, event: Any) -> yaml.YAMLError:
+    return yaml.composer.ComposerError(None, None, rule, event.start_mark)
 
 
 def _number_hint(text: str) -> str | None:
@@ -375,7 +413,7 @@ def edited(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
     is; whoever calls this reads it again.
     """
     first = next(iter(entries.values()))
-    text = (first.node.start_mark.buffer or "").rstrip("\0")
+    text = first.node.start_mark.buffer or ""
     spans: list[tuple[int, int, str]] = []
     for key in changes.keys() & entries.keys():
         entry, value = entries[key], changes[key]
@@ -396,9 +434,8 @@ def edited(entries: Mapping[str, Entry], changes: Mapping[str, Any]) -> bytes:
 
 def _span(entry: Entry, value: Any) -> tuple[int, int, str]:
     """Return where the text of a value stands, and what takes its place."""
-    start, end = entry.node.start_mark, entry.node.end_mark
-    old = (start.buffer or "")[start.pointer : end.pointer]
-    return start.pointer, end.pointer - (len(old) - len(old.rstrip())), _flow_text(value)
+    start = entry.node.start_mark.index
+    return start, start + len(written(entry.node)), _flow_text(value)
 
 
 def _flow_text(value: Any) -> str:
@@ -407,49 +444,9 @@ def _flow_text(value: Any) -> str:
     return text.removesuffix("\n").removesuffix("\n...")
 
 
-_FEW, _SHORT = 8, 100
-_PLAIN_KEY = re.compile(r"[a-z_]{3,}")
-_PLAIN_TEXT = re.compile(r"[a-z_]{3,}|[A-Za-z_][A-Za-z0-9_-]*\.[a-z]{3,4}")
-_NOT_PLAIN = {"yes", "true", "off", "false", "null", "inf", "nan"}
-"""Words that YAML, or a reader of it, takes for something else than text."""
-
-
 def yaml_document(document: dict[str, Any]) -> bytes:
-    """Return a YAML file of `document`: keys in order, lists in brackets, floats shortest.
-
-    PyYAML takes a millisecond for the few lines beside an image, so those are written here, the
-    same to the byte.
-    """
-    lines = [_plain_line(key, value) for key, value in document.items()]
-    has_list = any(type(value) is list for value in document.values())  # else it is one line
-    if has_list and None not in lines:
-        return "".join(f"{line}\n" for line in lines).encode()
+    """Return a YAML file of `document`: keys in order, lists in brackets, floats shortest."""
     text = yaml.safe_dump(
         document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1000
     )
     return text.encode()
-
-
-def _plain_line(key: Any, value: Any) -> str | None:
-    """Return an entry as PyYAML writes it, None if that may need more than its words."""
-    if not isinstance(key, str) or not _PLAIN_KEY.fullmatch(key) or key in _NOT_PLAIN:
-        return None
-    text: str | None
-    if type(value) is list and 0 < len(value) <= _FEW:
-        numbers = [_plain_number(one) for one in value]
-        text = None if None in numbers else f"[{', '.join(map(str, numbers))}]"
-    elif type(value) is str:
-        is_plain = _PLAIN_TEXT.fullmatch(value) and value not in _NOT_PLAIN and len(value) < _SHORT
-        text = value if is_plain else None
-    else:
-        text = _plain_number(value)
-    return None if text is None else f"{key}: {text}"
-
-
-def _plain_number(value: Any) -> str | None:
-    if type(value) is int:
-        return str(value)
-    if type(value) is not float or not math.isfinite(value):
-        return None
-    text = repr(value)
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text

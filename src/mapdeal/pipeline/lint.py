@@ -22,12 +22,17 @@ from mapdeal.errors import (
     refusal_of_the_system,
 )
 from mapdeal.formats.budget import SHARE_OF_JOB
-from mapdeal.formats.lint_config import LintConfig, find_lint_config, read_lint_config
+from mapdeal.formats.lint_config import (
+    IgnoreComment,
+    LintConfig,
+    find_lint_config,
+    read_ignore_comments,
+    read_lint_config,
+)
 from mapdeal.formats.map_listing import MapListing, list_maps
 from mapdeal.formats.map_server import BIT_MAP
 from mapdeal.formats.maps import open_map
 from mapdeal.formats.source import is_folder, normal_path
-from mapdeal.formats.yaml_comments import IgnoreComment, read_ignore_comments
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import reach_radius
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings

@@ -8,7 +8,6 @@ import yaml
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.ros_parameters.ros2 import matches, read_ros2
-from mapdeal.formats.ros_parameters.ros2_events import events_of
 
 
 @pytest.fixture
@@ -262,8 +261,8 @@ REFUSED = {
     "a*: {ros__parameters: {x: 1}}": (1, "not a name of a node: only letters"),
     "a: {ros__parameters: {x: {}, y: 1}}": (1, "a value stands outside of ros__parameters"),
     "a:\n\tros__parameters: {x: 1}": (2, "not valid YAML: found character '\\t'"),
-    "a: {ros__parameters: {x: 1}": (1, "not valid YAML: expected"),
-    "a: {ros__parameters: {x: " + "[" * 99 + "1": (1, "not valid YAML: nested deeper"),
+    "a: {ros__parameters: {x: 1}": (1, "not valid YAML: "),
+    "a: {ros__parameters: {x: " + "[" * 99 + "1": (1, "nested deeper"),
     "a: {ros__parameters: {x: \x07}}": (None, "not valid YAML: "),
     "": (None, "no parameters in it"),
     "# nothing\n": (None, "no parameters in it"),
@@ -339,6 +338,7 @@ a:\t# behind a colon
 """
 
 
+@pytest.mark.skipif(not yaml.__with_libyaml__, reason="PyYAML comes without libyaml here")
 def test_tabs_are_those_of_libyaml(of_a, read):
     values = read(TABS).for_node("/a")
     assert {name: one.value for name, one in values.items()} == {
@@ -346,29 +346,13 @@ def test_tabs_are_those_of_libyaml(of_a, read):
     }  # fmt: skip
 
 
+@pytest.mark.skipif(not yaml.__with_libyaml__, reason="PyYAML comes without libyaml here")
 def test_a_byte_order_mark_within_a_file_is_as_wide_as_a_blank(read):
     text = "\ufeffa:\n  ros__parameters:\n    x: \ufeff1\n\ufeff   y: 2\n"
     values = read(text).for_node("/a")
     assert [one.value for one in values.values()] == ["\ufeff1", 2]
     with pytest.raises(MalformedInputError, match="line 3: not valid YAML"):
         read("a:\n  ros__parameters: {x: 1}\n\ufeffb:\n  ros__parameters: {x: 2}\n")
-
-
-def test_events_are_those_of_libyaml(real_maps):
-    if not yaml.__with_libyaml__:
-        pytest.skip("PyYAML comes without libyaml here")
-    files = sorted((real_maps / "params").rglob("*.yaml"))
-    assert len(files) > 60
-    for text in (*(path.read_text() for path in files), TABS):
-        ours = [_told(event) for event in events_of(text, 40)]
-        assert ours == [_told(event) for event in yaml.parse(text, Loader=yaml.CSafeLoader)]
-
-
-def _told(event):
-    kind = type(event).__name__
-    style = getattr(event, "style", None)
-    line = None if kind.endswith("EndEvent") else event.start_mark.line
-    return kind, getattr(event, "value", None), style or None, line
 
 
 @pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.thorough)])

@@ -19,7 +19,7 @@ from mapdeal.formats.ros_parameters.problem import Problem
 from mapdeal.formats.ros_parameters.ros1_values import EXTRA_TAGS, kind_of, value_of, why_unsendable
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.formats.source import read_file
-from mapdeal.formats.yaml_text import YamlLimits, compose_documents
+from mapdeal.formats.yaml_text import YamlLimits, compose_documents, written
 from mapdeal.records import dataclass
 
 OF_PARAMETERS = YamlLimits(bytes=1 << 20, nodes=50_000, aliases=200)
@@ -178,9 +178,8 @@ class _Reader:
         self.fault(check, level, text, line, parameter="/".join(path))
 
     def _set(self, path: Path1, node: yaml.Node) -> None:
-        start, end = node.start_mark, node.end_mark
-        text = (start.buffer or "")[start.pointer : end.pointer].rstrip("\0").strip()
-        value, line, name = value_of(self.source, node), start.line + 1, "/".join(path).lstrip("/")
+        value, text = value_of(self.source, node), written(node)
+        line, name = node.start_mark.line + 1, "/".join(path).lstrip("/")
         reason = why_unsendable(value)
         if reason is not None:
             more = {"hint": reason.hint} if reason.hint else {}

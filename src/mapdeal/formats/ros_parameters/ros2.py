@@ -10,11 +10,10 @@ from pathlib import Path
 
 import yaml
 
-from mapdeal.formats.ros_parameters.ros2_events import events_of
 from mapdeal.formats.ros_parameters.ros2_walk import NodeSlots, Walk, line_of, refusal
 from mapdeal.formats.ros_parameters.value import ParameterValue
 from mapdeal.formats.source import read_file
-from mapdeal.formats.yaml_text import YamlLimits, decoded_text, one_line_of, refuse_image
+from mapdeal.formats.yaml_text import YamlLimits, decoded_text, events_of, fault_in, refuse_image
 from mapdeal.records import dataclass
 
 OF_PARAMETERS = YamlLimits(bytes=1 << 20, nodes=50_000)
@@ -102,7 +101,7 @@ def _events(path: Path, text: str) -> Iterator[yaml.Event]:
     """Yield the events of a file, as far as it is harmless."""
     depth = 0
     try:
-        for count, event in enumerate(events_of(text, DEEPEST)):
+        for count, event in enumerate(events_of(text)):
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
             if depth > DEEPEST:
@@ -112,6 +111,5 @@ def _events(path: Path, text: str) -> Iterator[yaml.Event]:
                 raise refusal(path, rule, line_of(event))
             yield event
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-        rule = f"not valid YAML: {one_line_of(error)}"
-        raise refusal(path, rule, mark.line + 1 if mark else None) from None
+        rule, at = fault_in(text, error)
+        raise refusal(path, rule, at[0] if at else None) from None

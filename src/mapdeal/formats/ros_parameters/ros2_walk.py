@@ -22,6 +22,7 @@ import yaml
 
 from mapdeal.formats.ros_parameters.ros2_scalar import TagError, typed_scalar
 from mapdeal.formats.ros_parameters.value import ParameterFileError, ParameterValue
+from mapdeal.formats.yaml_text import written
 from mapdeal.records import dataclass
 
 PARAMETERS_KEY = "ros__parameters"
@@ -344,10 +345,7 @@ def line_of(event: yaml.Event) -> int:
 
 def _between(first: yaml.Event, last: yaml.Event) -> str:
     """Return what is written, on one line and cut where nobody reads on."""
-    start: Any = first.start_mark
-    end: Any = last.end_mark
-    text = (start.buffer or "")[start.pointer : min(end.pointer, start.pointer + _LONGEST_TEXT)]
-    return " ".join(text.split())
+    return " ".join(written(first, last, _LONGEST_TEXT).split())
 
 
 def _short(text: str) -> str:

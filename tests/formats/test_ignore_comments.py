@@ -2,7 +2,7 @@
 
 import pytest
 
-from mapdeal.formats.yaml_comments import IgnoreComment, read_ignore_comments
+from mapdeal.formats.lint_config import IgnoreComment, read_ignore_comments
 
 
 @pytest.mark.parametrize(
