@@ -167,7 +167,9 @@ def query_by_pandas(source: Path, points: Path, output: Path) -> None:
 
 
 def mapping(folder: Path, log: Path | None, runs: int) -> None:
-    """Count the beams of a CARMEN log, by mapdeal and by a program in C++."""
+    """Read a CARMEN log by mapdeal and numpy; count its beams by mapdeal and a program in C++."""
+    from mapdeal.formats.scans.reader import open_log
+
     source, program = folder / "million.log", folder / "count_beams"
     write_log(source, log)
     words = ["g++", "-O2", "-o", str(program), str(HERE / "count_beams.cpp")]
@@ -175,7 +177,15 @@ def mapping(folder: Path, log: Path | None, runs: int) -> None:
     ours = [sys.executable, "-m", "mapdeal", "build", str(source), "-q", "--force", "-o",
             str(folder / "map.yaml"), "--method", "counting"]  # fmt: skip
     size = source.stat().st_size / 1e6
-    print(f"a log of {SCANS * READINGS} beams, {size:.1f} MB, whole processes\n")
+    print(f"a log of {SCANS * READINGS} beams, {size:.1f} MB, in one process\n")
+    _head()
+    readings = range(2, 2 + READINGS)
+    read = {
+        "mapdeal": _timed(lambda: [part.ranges for part in open_log(source).scans()]),
+        "numpy.loadtxt": _timed(lambda: np.loadtxt(source, usecols=readings)),
+    }
+    _rows("scans", read, runs)
+    print("\nwhole processes\n")
     _head()
     contenders = {
         "mapdeal build": _run(ours, None),

@@ -8,11 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engines import needs_compiled
 from mapdeal import FileAccessError, MalformedInputError
 from mapdeal.formats.points import read_named_points, read_pairs, read_points, read_pose_lines
 from mapdeal.formats.source import chunks_of
-from mapdeal.kernels import engine
 
 TEXT = (
     b'x, y\n1,2\n# why\n\n1,2,3\r\n[0.5, -1]\n{"y": 4, "x": 3, "name": "a"}\n-1e-3, .5\nnan,inf\n'
@@ -181,23 +179,21 @@ LINES_OF_ALL_KINDS = st.sampled_from(
 )  # fmt: skip
 
 
-@needs_compiled
 @pytest.mark.parametrize("read", [read_points, read_pose_lines])
 @given(st.lists(LINES_OF_ALL_KINDS, max_size=9), st.booleans(), st.integers(1, 40))
-def test_lines_are_read_alike_on_both_engines(read, lines, has_end, size):
+def test_lines_are_read_alike_together_and_alone(read, lines, has_end, size):
     text = ("\n".join(lines) + "\n" * has_end).encode()
-    chunks = [text[start : start + size] for start in range(0, len(text), size)]
 
-    def outcome():
+    def outcome(chunks):
         parts = list(read(chunks, "p"))
         rows = [getattr(part, "points_xy", getattr(part, "poses", None)).tolist() for part in parts]
-        return repr((rows, [list(part.lines) for part in parts], [part.errors for part in parts]))
+        numbers = [line for part in parts for line in part.lines]
+        errors = [error for part in parts for error in part.errors.values()]
+        return repr(([row for part in rows for row in part], numbers, errors))
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(engine.VARIABLE, "compiled")
-        at_once = outcome()
-        patch.setenv(engine.VARIABLE, "scipy")
-        assert outcome() == at_once
+    alone = outcome(text.splitlines(keepends=True))
+    assert outcome([text]) == alone
+    assert outcome([text[start : start + size] for start in range(0, len(text), size)]) == alone
 
 
 def test_a_line_without_end_is_refused_before_it_fills_the_memory():

@@ -8,12 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from engines import needs_compiled
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.scans import carmen
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.formats.scans.text import ScanTexts
-from mapdeal.kernels import engine
 
 
 def flaser(ranges, pose=(1.0, -2.0, 0.5), time=7.0):
@@ -363,9 +361,10 @@ def test_real_logs(real_maps):
 )
 def test_a_laser_without_a_longest_range_has_returned_all(longest, ranges):
     words = [b"ROBOTLASER1", b"0", b"-0.1", b"0.2", b"0.1", longest, b"0.01", b"0", b"3"]
-    laser, found, following = carmen._parse_laser([*words, b"1", b"2", b"3", b"0"])
-    assert (found.tolist(), following) == (ranges, 13)
-    assert (laser.start, laser.step, laser.readings) == (-0.1, 0.1, 3)
+    tail = [b"0", *[b"1", b"2", b"0.5"] * 2, *[b"0"] * 5, b"7", b"host", b"7"]
+    scan = carmen._scan_of([*words, b"1", b"2", b"3", *tail])
+    assert scan.ranges.tolist() == ranges
+    assert (scan.laser.start, scan.laser.step, scan.laser.readings) == (-0.1, 0.1, 3)
 
 
 ODD_WORDS = st.sampled_from(
@@ -417,18 +416,15 @@ def _told(path):
     return repr((parts, [str(one.message) for one in caught], error))
 
 
-@needs_compiled
 @pytest.mark.parametrize("words_of", [_flaser_words, _robot_words, _raw_words])
-def test_a_plain_line_is_taken_at_once(monkeypatch, words_of):
-    monkeypatch.setenv(engine.VARIABLE, "compiled")
-    words = [word.encode() for word in words_of("2.5")]
-    by_words, at_once = carmen._PARSERS[words[0].decode()]
-    scan = at_once(b" ".join(words))
-    assert scan is not None
-    assert scan.repeats(by_words(words))
+def test_lines_of_one_scanner_are_taken_at_once(words_of):
+    lines = [" ".join(words_of(time)).encode() for time in ("2.5", "3", "1e1")]
+    scans = carmen._scans_at_once(lines)
+    assert scans is not None
+    for scan, line in zip(scans, lines, strict=True):
+        assert scan.repeats(carmen._scan_of(line.split()))
 
 
-@needs_compiled
 @given(
     st.lists(
         st.tuples(
@@ -443,7 +439,7 @@ def test_a_plain_line_is_taken_at_once(monkeypatch, words_of):
     st.booleans(),
 )
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-def test_plain_lines_of_a_log_are_read_as_word_by_word(tmp_path, lines, has_odometry):
+def test_lines_of_a_log_are_read_at_once_as_word_by_word(tmp_path, lines, has_odometry):
     text = "ODOM 1 2 0.5 0 0 0 1 host 1\n" if has_odometry else ""
     for words_of, time, changed, blank, end in lines:
         words = words_of(time)
@@ -452,8 +448,7 @@ def test_plain_lines_of_a_log_are_read_as_word_by_word(tmp_path, lines, has_odom
         text += blank.join(words) + end + "\n"
     path = tmp_path / "a.log"
     path.write_bytes(text.encode())
+    at_once = _told(path)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(engine.VARIABLE, "compiled")
-        at_once = _told(path)
-        patch.setenv(engine.VARIABLE, "scipy")
+        patch.setattr(carmen, "_scans_at_once", lambda _: None)
         assert _told(path) == at_once

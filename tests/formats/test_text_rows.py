@@ -1,18 +1,18 @@
 """Tables of numbers as text."""
 
 import io
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from engines import needs_compiled
 from mapdeal import MalformedInputError
+from mapdeal.errors import shown
 from mapdeal.formats import text_rows
 from mapdeal.formats.text_rows import LONGEST_LINE, read_rows
-from mapdeal.kernels import engine
 
 pytestmark = pytest.mark.slow
 
@@ -36,24 +36,44 @@ def test_so_many_rows_are_read_and_what_follows_is_not_touched(most, rows, rest)
     assert file.read() == rest
 
 
-class _Unseekable(io.BytesIO):
-    def seekable(self):
-        return False
-
-
-def _outcome(text, columns, *, by_lines=False, is_seekable=True, **options):
+def _outcome(text, columns, **options):
     """Return the parts that are read, the error in the end, and what is left of the file."""
-    file = io.BytesIO(text) if is_seekable else _Unseekable(text)
+    file = io.BytesIO(text)
     parts, error = [], None
-    with pytest.MonkeyPatch.context() as patch:
-        if by_lines:
-            patch.setenv(engine.VARIABLE, "scipy")
-        try:
-            found = read_rows(file, columns, path=Path("t.txt"), first_line=7, **options)
-            parts.extend(part.tolist() for part in found)
-        except MalformedInputError as caught:
-            error = str(caught)
+    try:
+        found = read_rows(file, columns, path=Path("t.txt"), first_line=7, **options)
+        parts.extend(part.tolist() for part in found)
+    except MalformedInputError as caught:
+        error = str(caught)
     return parts, error, file.read() if error is None else None
+
+
+def _line_by_line(text, columns, *, delimiter, most, width):
+    """Return rows, error and what is left as `float` and `split` make them of one line each."""
+    file, rows, number = io.BytesIO(text), [], 6
+    needed = max(columns) + 1 if width is None else width
+    more = " or more" if width is None else ""
+    while most is None or len(rows) < most:
+        line, number = file.readline(), number + 1
+        if not line:
+            break
+        line = line.decode("latin-1").strip(" \t\r\n\x0b")
+        if not line or line.startswith("#"):
+            continue
+        words = line.split(delimiter)
+        place = f"t.txt: line {number}"
+        if len(words) != needed and (width is not None or len(words) < needed):
+            return [], f"{place}: must have {needed} numbers{more}, got {shown(line)}", None
+        for column in columns if width is None else range(width):
+            word = words[column].strip()
+            try:
+                if not word.isascii() or "_" in word:
+                    raise ValueError
+                float(word)
+            except ValueError:
+                return [], f"{place}: must be a number, got {shown(word)}", None
+        rows.append([float(words[column]) for column in columns])
+    return rows, None, file.read()
 
 
 WORDS = st.one_of(
@@ -66,13 +86,10 @@ WORDS = st.one_of(
 LINES = st.one_of(
     st.lists(WORDS, min_size=1, max_size=4).map(" ".join),
     st.lists(st.integers(-99, 99).map(str), min_size=3, max_size=3).map(" ".join),
-    st.sampled_from(
-        ["", "  ", "\t", "# 1 2 3", " #", "1 2 3 #", "1\r2 3", "1 2 3\x0b", "1\x1c2 3", "\r"]
-    ),
+    st.sampled_from(["", "  ", "\t", "# 1 2 3", " #", "1 2 3 #", "1 2 3\x0b", "\r"]),
 )
 
 
-@needs_compiled
 @given(
     st.lists(LINES, max_size=12),
     st.sampled_from(["\n", "\r\n"]),
@@ -81,23 +98,52 @@ LINES = st.one_of(
     st.sampled_from([None, 0, 1, 3, 5, 99]),
     st.sampled_from([None, 3]),
     st.sampled_from([[0, 1, 2], [0, 1], [2, 0]]),
-    st.sampled_from([(1, 1), (2, 8), (3, 1 << 20), (1 << 16, 9), (1 << 16, 1 << 22)]),
-    st.sampled_from([1, 7, 1 << 16]),
+    st.sampled_from([1, 9, 30, 1 << 20]),
 )
-def test_blocks_are_read_as_lines_are(
-    lines, end, has_last_end, delimiter, most, width, columns, together, first_block
+def test_lines_read_together_are_those_that_are_read_alone(
+    lines, end, has_last_end, delimiter, most, width, columns, together
 ):
     text = end.join(lines) + (end if has_last_end else "")
     text = text.replace(" ", delimiter or " ").encode()
+    options = {"delimiter": delimiter, "most": most, "width": width}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(text_rows, "_LINES_TOGETHER", together[0])
-        patch.setattr(text_rows, "_BYTES_TOGETHER", together[1])
-        patch.setattr(text_rows, "_FIRST_BLOCK", first_block)
-        options = {"delimiter": delimiter, "most": most, "width": width}
-        at_once = _outcome(text, columns, **options)
-        by_lines = _outcome(text, columns, by_lines=True, **options)
-        assert repr(at_once) == repr(by_lines)  # nan is not itself
-        assert repr(_outcome(text, columns, is_seekable=False, **options)) == repr(by_lines)
+        patch.setattr(text_rows, "_BYTES_TOGETHER", together)
+        parts, error, rest = _outcome(text, columns, **options)
+    rows = [] if error else [row for part in parts for row in part]
+    expected = _line_by_line(text, columns, **options)
+    assert repr((rows, error, rest)) == repr(expected)  # nan is not itself
+
+
+DIGITS = st.text("0123456789", min_size=1, max_size=25)
+HALVES = st.integers(1 << 52, (1 << 53) - 1).map(lambda mantissa: 2 * mantissa + 1)
+
+
+@given(
+    st.floats(allow_nan=False).map(repr)
+    | st.tuples(st.floats(-1e300, 1e300), st.integers(0, 25), st.sampled_from("efg")).map(
+        lambda form: f"{form[0]:.{form[1]}{form[2]}}"
+    )
+    | st.tuples(DIGITS, DIGITS, st.integers(-400, 400)).map(lambda part: "-{}.{}e{}".format(*part))
+    | st.tuples(HALVES, st.integers(0, 19)).map(lambda half: f"{half[0]}e-{half[1]}")
+    | st.tuples(HALVES, st.integers(-1, 1)).map(lambda half: f"{half[0] * 5**4 + half[1]}e-9")
+)
+@example("9007199254740993")
+@example("2.4703282292062327208e-324")
+@example("17976931348623159e292")
+@example("+.5")
+@example("5.")
+def test_every_number_is_read_as_float_reads_it(word):
+    for delimiter in (None, ","):
+        parts, error, _ = _outcome(word.encode(), [0], delimiter=delimiter)
+        assert error is None
+        assert struct.pack("<d", parts[0][0][0]) == struct.pack("<d", float(word))
+
+
+@pytest.mark.parametrize("text", [b"1 2 3\n4\r5 6\n", b"1 2 3\r4 5 6\r", b"1 2 3\n4 5 6\r7\n"])
+def test_a_carriage_return_alone_ends_no_line(text):
+    parts, error, _ = _outcome(text, [0, 1, 2])
+    assert parts == []
+    assert error.endswith("are not a table of numbers")
 
 
 def _rows(count, *, seed=0):
@@ -108,19 +154,15 @@ def _text(rows):
     return b"".join(b"%r %r %r\n" % tuple(row) for row in rows.tolist())
 
 
-@needs_compiled
-def test_long_texts_come_in_the_parts_that_lines_come_in():
+def test_long_texts_come_in_parts():
     rows = _rows(70_000)
-    text = _text(rows)
-    parts, error, _ = _outcome(text, [0, 1, 2])
+    parts, error, _ = _outcome(_text(rows), [0, 1, 2])
     assert error is None
     assert np.concatenate([np.array(part) for part in parts]).tolist() == rows.tolist()
-    by_lines, *_ = _outcome(text, [0, 1, 2], by_lines=True)
-    assert [len(part) for part in parts] == [len(part) for part in by_lines]
     assert len(parts) > 1
 
 
-def test_a_malformed_row_in_a_later_block_is_named(each_engine):
+def test_a_malformed_row_in_a_later_block_is_named():
     text = _text(_rows(70_000)) + b"1 2 x\n" + _text(_rows(5))
     parts, error, _ = _outcome(text, [0, 1, 2])
     assert sum(map(len, parts)) < 70_000
@@ -130,19 +172,11 @@ def test_a_malformed_row_in_a_later_block_is_named(each_engine):
 
 @pytest.mark.parametrize("start", [b"", b"#", b" "])
 @pytest.mark.parametrize("length", [LONGEST_LINE, LONGEST_LINE + 1])
-def test_a_line_may_be_so_long(each_engine, start, length):
+def test_a_line_may_be_so_long(start, length):
     text = b"1 2 3\n" + start + b"4 5 6".rjust(length - len(start) - 1) + b"\n7 8 9\n"
     parts, error, _ = _outcome(text, [0, 1, 2])
     if length > LONGEST_LINE:
         assert error == "t.txt: line 8: must not be longer than 1048576 bytes"
         return
     assert error is None
-    assert len(parts[0]) == (2 if start == b"#" else 3)
-
-
-@pytest.fixture(params=["compiled", "scipy"])
-def each_engine(request, monkeypatch):
-    if request.param == "compiled" and engine.compiled_module() is None:
-        pytest.skip("the compiled kernels were not built")
-    monkeypatch.setenv(engine.VARIABLE, request.param)
-    return request.param
+    assert sum(map(len, parts)) == (2 if start == b"#" else 3)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
@@ -22,13 +23,15 @@ from mapdeal.errors import MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
 from mapdeal.kernels.blocks import Layer, swept
-from mapdeal.kernels.numbers import whole_numbers_in
 from mapdeal.records import dataclass
 
 _WHITE = re.compile(rb"[ \t\n\v\f\r]*")
 _WORD = re.compile(rb"[^ \t\n\v\f\r#]*")
 _COMMENT = re.compile(rb"#[^\n\r]*")
 _BLANK = re.compile(rb"[ \t\n\v\f\r]")
+_WHOLE_NUMBERS = b"0123456789 \t\n\v\f\r"
+_IN_A_LINE = bytes.maketrans(b"\n\r", b"  ")
+_MOST_DIGITS = 9
 _TEXT_TOGETHER = 1 << 18
 _LONGEST_HEADER = 1 << 16
 _WRITTEN_TOGETHER = 1 << 20
@@ -407,8 +410,7 @@ def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
         blank = _BLANK.search(body, start + _TEXT_TOGETHER)
         end = blank.start() if blank else len(body)
         some, start = body[start:end], end
-        numbers = whole_numbers_in(some)
-        values = _checked_words(some, found, maxval, source) if numbers is None else numbers
+        values = _whole_numbers(some, found, maxval, source)
         if too_large is None and values.max(initial=0) > maxval:
             index = int(np.argmax(values > maxval))
             too_large = int(values[index]), found + index
@@ -420,17 +422,20 @@ def _numbers(body: bytes, count: int, maxval: int, source: Path) -> Samples:
     return samples
 
 
-def _checked_words(
-    text: bytes, first: int, maxval: int, source: Path
-) -> NDArray[np.int64]:  # fmt: skip
-    """Return the numbers of a text word by word; `first` is the number of the first."""
+def _whole_numbers(text: bytes, first: int, maxval: int, source: Path) -> NDArray[np.int64]:
+    """Return the numbers of a text; `first` is the number of the first."""
+    if not text.strip():
+        return np.empty(0, dtype=np.int64)
+    with suppress(ValueError):  # of others than digits, and of too many of them
+        if not text.translate(None, _WHOLE_NUMBERS):
+            values = np.loadtxt([text.translate(_IN_A_LINE)], dtype=np.int64, ndmin=1)
+            if values.max() < 10**_MOST_DIGITS:
+                return values
     words = text.split()
-    odd = next((i for i, t in enumerate(words) if not t.isdigit() or len(t) > 9), None)
-    if odd is not None:
-        rule = f"pixels must be whole numbers from 0 to {maxval}"
-        got, place = words[odd].decode("latin-1"), f"pixel {first + odd}"
-        raise MalformedInputError(rule, source=source, place=place, got=got)
-    return np.array(words, dtype="S9").astype(np.int64)
+    odd = next(i for i, word in enumerate(words) if not word.isdigit() or len(word) > _MOST_DIGITS)
+    rule = f"pixels must be whole numbers from 0 to {maxval}"
+    got, place = words[odd].decode("latin-1"), f"pixel {first + odd}"
+    raise MalformedInputError(rule, source=source, place=place, got=got)
 
 
 def _check_count(actual: int, expected: int, source: Path) -> None:

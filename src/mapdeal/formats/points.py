@@ -16,7 +16,6 @@ from mapdeal.errors import MalformedInputError, shown
 from mapdeal.formats.poses import TUM, planar_pose
 from mapdeal.formats.text_rows import delimiter_of, is_number
 from mapdeal.grid.coordinates import Point
-from mapdeal.kernels.numbers import rows_in
 from mapdeal.records import dataclass
 
 _LONGEST_LINE = 1 << 16
@@ -209,28 +208,18 @@ def _parsed(
 def _parsed_at_once(
     text: bytes, first: int, form: _Form
 ) -> tuple[NDArray[np.float64], Sequence[int]] | None:
-    """Return the numbers of lines, and which these are, if all are plain CSV or comments."""
-    delimiter = form.delimiter("," if b"," in text else " ")
-    found = rows_in(text, len(form.names), delimiter=delimiter, is_exact=True)
-    numbers = _by_numpy(text, delimiter) if found is None else found.values
-    if numbers is None:
+    """Return the numbers of lines, and which these are, if all are plain numbers."""
+    if not (text.isascii() and text.decode().strip()):  # numpy has more blanks, and warns of none
         return None
-    lines: Sequence[int] = range(first, first + _line_count(text))
-    if b"#" in text:
-        numbered = zip(lines, text.split(b"\n"), strict=True)
-        lines = [number for number, line in numbered if not line.lstrip(b" \t").startswith(b"#")]
+    delimiter = form.delimiter("," if b"," in text else " ")
+    try:
+        numbers = np.loadtxt(io.BytesIO(text), delimiter=delimiter, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    lines = range(first, first + _line_count(text))
     # empty lines were passed over, and 1e999 is infinite
     is_plain = numbers.shape == (len(lines), len(form.names))
     return (numbers, lines) if is_plain and np.isfinite(numbers).all() else None
-
-
-def _by_numpy(text: bytes, delimiter: str | None) -> NDArray[np.float64] | None:
-    if text.translate(None, b"0123456789+-.eE, \t\r\n") or not text.strip():
-        return None
-    try:
-        return np.loadtxt(io.BytesIO(text), delimiter=delimiter, comments=None, ndmin=2)
-    except ValueError:
-        return None
 
 
 def _row_of(text: str, form: _Form) -> Sequence[float]:

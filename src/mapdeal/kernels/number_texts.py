@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.numbers import compiled_numbers
+from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.threads import in_parallel
 
 _NOISE = 1e-12
@@ -45,9 +45,10 @@ def row_texts(
     chosen: NDArray[np.uint8],
 ) -> str:
     r"""Return rows of numbers as text."""
-    compiled = compiled_numbers()
-    if compiled is None:
+    if engine_name() != "compiled":
         return _by_python(values, kinds, forms, chosen)
+    from mapdeal.kernels import _numbers
+
     values = np.ascontiguousarray(values)
     codes = np.array(kinds, dtype=np.uint8)
     pieces = [
@@ -59,7 +60,7 @@ def row_texts(
     def some(first: int, end: int) -> None:
         for part in range(first, end):
             rows = slice(part * _ROWS_TOGETHER, (part + 1) * _ROWS_TOGETHER)
-            made[part] = compiled.rows(values[rows], codes, chosen[rows], pieces, _spelt)
+            made[part] = _numbers.rows(values[rows], codes, chosen[rows], pieces, _spelt)
 
     in_parallel(some, len(made))
     return "".join(made)

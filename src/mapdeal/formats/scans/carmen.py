@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from itertools import repeat, takewhile
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -23,7 +24,6 @@ from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
 from mapdeal.formats.scans.source import FARTHEST_POSE, BadLines, Floats, ScanArrays, ScanSource
 from mapdeal.formats.source import check_readable, status_of
 from mapdeal.formats.text_rows import LONGEST_LINE
-from mapdeal.kernels.numbers import numbers_in
 
 _SCANS_TOGETHER = 512
 _READINGS_TOGETHER = 1 << 18
@@ -35,7 +35,7 @@ _EXPANSION = 200
 """Largest ratio of a log's length to that of its gzip file; 4 to 10 is usual."""
 
 _SHORT_LINE = 20
-"""Bytes that a line counts as at least: a log of empty lines takes as long as one of others."""
+"""Bytes that a line counts as besides its own: a log of empty lines takes long, too."""
 
 _BEFORE_TAG = b"\xef\xbb\xbf \t"
 _LARGEST_ANGLE = 100.0
@@ -43,7 +43,10 @@ _LARGEST_ANGLE = 100.0
 _FLASER_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
 """Degrees between the readings of a half circle, by their number; the first is at -90."""
 
-_FLASER_COUNTS = {str(count).encode() for count in _FLASER_STEPS}
+_LINES_TOGETHER, _BYTES_TOGETHER = 512, 1 << 20
+_SAME = {"head", "middle"}
+_TYPES = {"head": "S40", "middle": "S40", "ranges": "f8", "pose": "f8", "time": "f8"}
+_NO_POSE = (0.0, 0.0, 0.0)
 
 
 class _Laser(NamedTuple):
@@ -55,6 +58,29 @@ class _Laser(NamedTuple):
 
     def angles(self) -> list[float]:
         return [self.start + k * self.step for k in range(self.readings)]
+
+
+class _Layout(NamedTuple):
+    """What the words of a line are: how many of them belong to each part, in their order."""
+
+    laser: _Laser
+    longest: float
+    parts: dict[str, int]
+
+    def part(self, name: str, words: list[bytes]) -> list[bytes]:
+        before = takewhile(lambda part: part != name, self.parts)
+        start = sum(self.parts[part] for part in before)
+        return words[start : start + self.parts[name]]
+
+    def record(self) -> np.dtype[np.void]:
+        """Return the type of a line for numpy; of words that are not used one letter is kept."""
+        return np.dtype(
+            [
+                (name, _TYPES.get(name, "S1"), (count,))
+                for name, count in self.parts.items()
+                if count
+            ]
+        )
 
 
 class _Scan(NamedTuple):
@@ -95,6 +121,7 @@ class CarmenLog(ScanSource):
         self._bad = BadLines(path, max_bad)
         self._late = self._without_pose = self._repeated = 0
         self._has_times = False
+        self._odometry: tuple[float, float, float] | None = None
         self._tags = Counter(_tag_of(line) for _, line in self._lines(_TAGS))
         if not self._tags:
             rule = f"no line begins with {', '.join(_TAGS)}"
@@ -156,23 +183,35 @@ class CarmenLog(ScanSource):
         emit_warning(f"{self._path}: {text}", stacklevel=3)
 
     def _parsed(self) -> Iterator[_Scan]:
-        odometry: tuple[float, float, float] | None = None
-        parse, parse_at_once = _PARSERS[self._tag]
-        needs_pose = self._tag not in _POSED
-        wanted = (self._tag, "ODOM") if needs_pose else (self._tag,)
+        wanted = (self._tag,) if self._tag in _POSED else (self._tag, "ODOM")
+        self._odometry = None
+        together: list[tuple[int, bytes]] = []
+        length = 0
         for number, line in self._lines(wanted):
+            together.append((number, line))
+            length += len(line)
+            if len(together) == _LINES_TOGETHER or length > _BYTES_TOGETHER:
+                yield from self._scans_of(together)
+                together, length = [], 0
+        yield from self._scans_of(together)
+
+    def _scans_of(self, numbered: list[tuple[int, bytes]]) -> Iterator[_Scan]:
+        """Yield the scans of lines, those with a pose by odometry if it is known."""
+        lines = [line for _, line in numbered if not line.startswith(b"ODOM")]
+        scans = iter(_scans_at_once(lines) or repeat(None))
+        for number, line in numbered:
             try:
                 if line.startswith(b"ODOM"):
-                    odometry = _pose(line.split()[1:4])
+                    self._odometry = _pose(line.split()[1:4])
                     continue
-                scan = parse_at_once(line) or parse(line.split())
+                scan = next(scans) or _scan_of(line.split())
             except _BadLineError as error:
                 self._bad.add(number, str(error))
                 continue
-            if not needs_pose:
+            if self._tag in _POSED:
                 yield scan
-            elif odometry is not None:
-                yield scan._replace(pose=odometry)
+            elif self._odometry is not None:
+                yield scan._replace(pose=self._odometry)
             else:
                 self._without_pose += 1
 
@@ -184,7 +223,7 @@ class CarmenLog(ScanSource):
         is_start = True
         with self._opened() as file:
             while line := file.readline(LONGEST_LINE):
-                length += max(len(line), _SHORT_LINE)
+                length += len(line) + _SHORT_LINE
                 if length > most:
                     rule = f"the gzip data expand to more than {_EXPANSION} times their size"
                     raise MalformedInputError(rule, source=self._path)
@@ -225,104 +264,64 @@ def _arrays(scans: list[_Scan]) -> ScanArrays:
     )
 
 
-def _parse_flaser(words: list[bytes]) -> _Scan:
-    count = _whole(words, 1)
-    if count not in _FLASER_STEPS:
-        raise _BadLineError(f"FLASER must have 180, 181, 360 or 361 readings, has {count}")
-    _check_length(words, count + 11)
-    pose = _pose(words[2 + count : 5 + count])
-    ranges = np.array(_numbers(words[2 : 2 + count]))
-    return _Scan(_flaser(count), pose, ranges, _time(words[8 + count]))
-
-
 @cache
 def _flaser(count: int) -> _Laser:
     return _Laser(-math.pi / 2, math.radians(_FLASER_STEPS[count]), count)
 
 
-def _flaser_at_once(line: bytes) -> _Scan | None:
-    """Return the scan of a line that is plainly well-formed, None of any other."""
-    head = line.split(None, 2)
-    if len(head) < 3 or head[1] not in _FLASER_COUNTS:
+def _layout_of(words: list[bytes]) -> _Layout:
+    if words[0] == b"FLASER":
+        count = _whole(words, 1)
+        if count not in _FLASER_STEPS:
+            raise _BadLineError(f"FLASER must have 180, 181, 360 or 361 readings, has {count}")
+        laser, longest = _flaser(count), 0.0
+        parts = {"head": 2, "ranges": count, "pose": 3, "robot": 3}
+    else:
+        count = _whole(words, 8)
+        if len(words) < 10 + count:
+            raise _BadLineError(f"must have {count} readings and more, ends before")
+        start, field, step, longest = _numbers(words[2:6])
+        laser = _laser(start, field, step, count)
+        remissions = _whole(words, 9 + count)
+        parts = {"head": 9, "ranges": count, "middle": 1, "remissions": remissions}
+        if words[0] == b"ROBOTLASER1":
+            parts |= {"pose": 3, "robot": 8}
+    parts |= {"time": 1, "logger": 2}
+    length = sum(parts.values())
+    if len(words) != length:
+        text = f"{words[0].decode()} must have {length} words here, has {len(words)}"
+        raise _BadLineError(text)
+    return _Layout(laser, longest, parts)
+
+
+def _scan_of(words: list[bytes]) -> _Scan:
+    layout = _layout_of(words)
+    pose = _pose(layout.part("pose", words)) if "pose" in layout.parts else _NO_POSE
+    ranges = np.array(_numbers(layout.part("ranges", words)))
+    (time,) = _numbers(layout.part("time", words))
+    return _Scan(layout.laser, pose, _within(layout.longest, ranges), time)
+
+
+def _scans_at_once(lines: list[bytes]) -> list[_Scan] | None:
+    """Return the scans of lines that are laid out as the first is; None of others."""
+    if not lines:
         return None
-    count = int(head[1])
-    found = numbers_in(head[2], 0, count + 7)  # readings, two poses, and the time
-    if found is None or len(head[2][found[1] :].split()) != 2:
+    try:
+        layout = _layout_of(lines[0].split())
+        table = np.loadtxt(lines, layout.record(), comments=None, encoding="ascii", ndmin=1)
+    except (_BadLineError, ValueError):
         return None
-    numbers, _ = found
-    pose = _pose_of(numbers[count : count + 3].tolist())
-    return (
-        None if pose is None else _Scan(_flaser(count), pose, numbers[:count], float(numbers[-1]))
-    )
-
-
-def _parse_robotlaser(words: list[bytes]) -> _Scan:
-    laser, ranges, behind = _parse_laser(words)
-    _check_length(words, behind + 14)
-    return _Scan(laser, _pose(words[behind : behind + 3]), ranges, _time(words[behind + 11]))
-
-
-def _parse_rawlaser(words: list[bytes]) -> _Scan:
-    laser, ranges, behind = _parse_laser(words)
-    _check_length(words, behind + 3)
-    return _Scan(laser, (0.0, 0.0, 0.0), ranges, _time(words[behind]))
-
-
-def _robotlaser_at_once(line: bytes) -> _Scan | None:
-    """As `_flaser_at_once`, of a line of ROBOTLASER1."""
-    found = _laser_at_once(line)
-    if found is None:
-        return None
-    laser, ranges, behind = found
-    # two poses, five numbers about the robot, and the time; a host and another time
-    tail = numbers_in(behind, 0, 12)
-    if tail is None or len(behind[tail[1] :].split()) != 2:
-        return None
-    pose = _pose_of(tail[0][:3].tolist())
-    return None if pose is None else _Scan(laser, pose, ranges, float(tail[0][-1]))
-
-
-def _rawlaser_at_once(line: bytes) -> _Scan | None:
-    """As `_flaser_at_once`, of a line of RAWLASER1."""
-    found = _laser_at_once(line)
-    if found is None:
-        return None
-    laser, ranges, behind = found
-    tail = numbers_in(behind, 0, 1)
-    if tail is None or len(behind[tail[1] :].split()) != 2:
-        return None
-    return _Scan(laser, (0.0, 0.0, 0.0), ranges, float(tail[0][0]))
-
-
-def _laser_at_once(line: bytes) -> tuple[_Laser, Floats, bytes] | None:
-    """Return what both new kinds begin with, and the text behind it; None if it is not plain."""
-    words = line.split(None, 9)
-    if len(words) < 10 or not _is_whole(words[8]):
-        return None
-    head = numbers_in(b" ".join(words[2:6]), 0, 4)
-    readings = numbers_in(words[9], 0, int(words[8]))
-    if head is None or readings is None:
-        return None
-    behind = words[9][readings[1] :].split(None, 1)
-    if len(behind) < 2 or not _is_whole(behind[0]):
-        return None
-    remissions = numbers_in(behind[1], 0, int(behind[0]))
-    if remissions is None:
-        return None
-    start, field, step, longest = head[0].tolist()
-    laser = _laser(start, field, step, len(readings[0]))
-    return laser, _within(longest, readings[0]), behind[1][remissions[1] :]
-
-
-def _parse_laser(words: list[bytes]) -> tuple[_Laser, Floats, int]:
-    """Return what both new kinds begin with, and the index of the word behind it."""
-    count = _whole(words, 8)
-    if len(words) < 10 + count:
-        raise _BadLineError(f"must have {count} readings and more, ends before")
-    start, field, step, longest = _numbers(words[2:6])
-    laser = _laser(start, field, step, count)
-    ranges = np.array(_numbers(words[9 : 9 + count]))
-    return laser, _within(longest, ranges), 10 + count + _whole(words, 9 + count)
+    for name in _SAME.intersection(layout.parts):
+        if (table[name] != table[name][0]).any():
+            return None
+    times = table["time"][:, 0].tolist()
+    poses = [_NO_POSE] * len(times)
+    if "pose" in layout.parts:
+        if not (np.abs(table["pose"]) <= FARTHEST_POSE).all():  # refuses nan too
+            return None
+        poses = list(map(tuple, table["pose"].tolist()))
+    ranges = _within(layout.longest, table["ranges"])
+    return [_Scan(layout.laser, *one) for one in zip(poses, ranges, times, strict=True)]
 
 
 def _laser(start: float, field: float, step: float, count: int) -> _Laser:
@@ -339,19 +338,6 @@ def _laser(start: float, field: float, step: float, count: int) -> _Laser:
 def _within(longest: float, ranges: Floats) -> Floats:
     """Return ranges without those at the scanner's maximum, if it has one: these hit nothing."""
     return np.where(ranges >= longest, math.inf, ranges) if longest > 0 else ranges
-
-
-_PARSERS = {
-    "FLASER": (_parse_flaser, _flaser_at_once),
-    "ROBOTLASER1": (_parse_robotlaser, _robotlaser_at_once),
-    "RAWLASER1": (_parse_rawlaser, _rawlaser_at_once),
-}
-"""Parsers of the words of a line, and of plain lines, which are read much faster."""
-
-
-def _check_length(words: list[bytes], count: int) -> None:
-    if len(words) != count:
-        raise _BadLineError(f"{words[0].decode()} must have {count} words here, has {len(words)}")
 
 
 def _whole(words: list[bytes], index: int) -> int:
@@ -375,20 +361,7 @@ def _numbers(words: list[bytes]) -> list[float]:
 
 
 def _pose(words: list[bytes]) -> tuple[float, float, float]:
-    pose = _pose_of(_numbers(words))
-    if pose is None:
-        raise _BadLineError("the pose must be three finite numbers")
-    return pose
-
-
-def _pose_of(numbers: list[float]) -> tuple[float, float, float] | None:
-    if len(numbers) != 3:
-        return None
-    x, y, yaw = numbers
-    is_near = max(abs(x), abs(y), abs(yaw)) <= FARTHEST_POSE and not math.isnan(x + y + yaw)
-    return (x, y, yaw) if is_near else None
-
-
-def _time(word: bytes) -> float:
-    (time,) = _numbers([word])
-    return time
+    numbers = _numbers(words)
+    if len(numbers) == 3 and all(abs(one) <= FARTHEST_POSE for one in numbers):  # refuses nan too
+        return numbers[0], numbers[1], numbers[2]
+    raise _BadLineError("the pose must be three finite numbers")
