@@ -31,14 +31,13 @@ REASONS = {
      r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"):
         ("search", "every repeat is bounded, so a try is, too"),
     ("cli/completion.py", r"\n=\n?"): ("sub", "no more than three characters"),
-    ("cli/main.py", r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}"):
+    ("cli/usage.py", r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}"):
         ("fullmatch", "a name ends at its =, and no comma is in the class of numbers"),
     ("cli/options.py", r"([0-9]{1,9}(?:\.[0-9]*)?)\s*([kmgt]?)(i?b)?"):
         ("fullmatch", "digits, white space and letters have nothing in common"),
-    ("cli/usage.py", r"-?\d+(\.\d*)?\)?"): ("fullmatch", "a point stands between the digits"),
-    ("cli/usage.py", r"no such option:? '?(?P<name>-[^ ']*)'?"):
-        ("match", "the repeat ends before the blank or quote that may follow"),
-    ("cli/usage.py", r"no such command '(?P<name>[^']*)'"): ("match", "a try is at one place"),
+    ("cli/usage.py", r"\(?-?\d+(\.\d*)?\)?"): ("fullmatch", "a point stands between the digits"),
+    ("cli/usage.py", r"no such (option|command):? '?(?P<name>(?<=')[^']*|[^ ']*)'?"):
+        ("match", "a repeat ends before the blank or quote that may follow"),
     ("cli/usage.py", r": '(?P<word>[^']*)' is not one of "):
         ("search", "a word of the command line; the repeat ends at the next quote"),
     ("cli/stage_command.py", r".*?\.(?=\s+[A-Z`]|$)"): ("match", OURS),

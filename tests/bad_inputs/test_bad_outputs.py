@@ -128,12 +128,6 @@ def test_an_output_that_is_the_input_is_refused_always(folder, refused, words, p
     refused([*words, *["--force"] * force], 4, place)
 
 
-@pytest.mark.parametrize("name", ["CON", "com1", "nul"])
-def test_a_map_named_as_a_device_is_refused_f11(folder, refused, name):
-    (folder / f"{name}.yaml").write_text(yaml_text())
-    refused(["run", f"{name}.yaml", "-o", "out"], 2, name)
-
-
 def test_a_map_in_the_place_of_the_summary_is_refused_before_any_work_f8(folder, refused):
     (folder / "summary.json.yaml").write_text(yaml_text())
     refused(["run", "summary.json.yaml", "m.yaml", "-o", "out"], 2, "summary.json")

@@ -7,7 +7,6 @@ import pytest
 from drawn import grid_from_text
 from mapdeal import write_map
 from mapdeal.cli.main import command_names
-from mapdeal.cli.usage import PlainNumber
 
 
 @pytest.fixture
@@ -149,17 +148,3 @@ def test_a_number_that_only_python_reads_is_refused(command, here, words, number
     assert len(err.splitlines()) <= 2
     assert "must be" in err or "is not a number" in err
     assert not (here / "o.npz").exists()
-
-
-def test_numbers_of_all_options_are_read_once():
-    # click has one object for the type of all of them: what wraps it must not pile up
-    import typer
-
-    from mapdeal.cli.main import app
-
-    group = typer.main.get_command(app)
-    for name in ("inflate", "cost", "esdf"):
-        for parameter in group.get_command(None, name).params:
-            convert = vars(parameter.type).get("convert")
-            if isinstance(convert, PlainNumber):
-                assert not isinstance(vars(convert)["_convert"], PlainNumber)

@@ -218,7 +218,7 @@ def build(
             of_bag.refuse("needs a bag for LOG")
             source = _source_of(log, poses, angles, ranges, flip_y=flip_y, max_bad=max_bad)
         passes = 2 if how.sizes_itself else 1
-        bar = stack.enter_context(terminal.progress(source.preparation + passes * source.count))
+        bar = stack.enter_context(terminal.Progress(source.preparation + passes * source.count))
         if compare:
             from mapdeal.pipeline.compare import compare_methods  # not loaded for one map
 

@@ -47,8 +47,6 @@ def lay_out(command: Any, name: str) -> None:
     """Make the ``--help`` of a command list its options in groups, and end with examples."""
     command.format_options = partial(_write_options, command, command.format_options)
     command.format_epilog = partial(_write_examples, name)
-    for one, below in getattr(command, "commands", {}).items():
-        lay_out(below, f"{name} {one}")
 
 
 def write_commands(group: Any, context: Any, formatter: Any) -> None:

@@ -180,7 +180,7 @@ def lint(
     with ExitStack() as stack:
         done: Callable[[int], object] = int  # one map is no progress
         if len(paths) > 1:
-            done = stack.enter_context(terminal.progress(len(paths), what="map")).advance
+            done = stack.enter_context(terminal.Progress(len(paths), what="map")).advance
         if in_place:
             report, problems = repair_maps(paths, rules, settings, jobs=at_once, done=done)
         else:

@@ -313,7 +313,7 @@ def _run_sequence(sequence: list[LocalJob], output: Path, common: LocalCommon) -
             return make_local(sequence[number], common, skip=True)
 
     with (
-        terminal.progress(len(sequence), what="cloud") as bar,
+        terminal.Progress(len(sequence), what="cloud") as bar,
         terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,
     ):
 

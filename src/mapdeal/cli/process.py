@@ -6,60 +6,51 @@ look for garbage among a thousand modules and to take them apart.
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
-
-try:
-    import gc
-    import signal
-    import sys
-    import time
-except KeyboardInterrupt:  # so early that there is nothing to say
-    os._exit(130)
+import signal
+import sys
+import time
+from contextlib import suppress
 
 TYPE_CHECKING = False  # the module typing takes longer than the rest of this one
 if TYPE_CHECKING:
-    from typing import Any, NoReturn
+    from typing import NoReturn
 
 _ENDING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 _AT_ONCE = 5.0
 """Seconds within which further signals count as the first: timeout(1) sends each twice."""
-_STDERR = 2
 
 _ended_by = signal.SIGINT
 _ended_at = float("-inf")
+_has_begun = False
 
 
 def run_process() -> NoReturn:
     """Run the command line and end the process with its exit code."""
-    # Ctrl-C in the middle of an import ends in a traceback, or in an error that hides it. So long
-    # as nothing has begun, the process just ends.
-    _answer(_end_at_once, (signal.default_int_handler, signal.SIG_DFL))
-    occupy_standard_streams()
-    gc.disable()  # until the command is imported, see `begin_work`
-    for name in ("stdout", "stderr"):  # None where the process was started without
+    own = [number for number in _ENDING if signal.getsignal(number) != signal.SIG_IGN]
+    for number in own:
+        signal.signal(number, _end)
+    for name in ("stdin", "stdout", "stderr"):  # None where the process was started without
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - open to the end
+            setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w"))  # noqa: SIM115
+    gc.disable()  # until the command is imported, see `begin_work`
     try:
         from mapdeal.kernels.room import prepare_libraries
 
         prepare_libraries()
         code = 0 if _version_is_printed() else _code_of_main()
-        _answer(signal.SIG_IGN, (_interrupt, _end_at_once))  # they come too late
-    except KeyboardInterrupt:  # such as once more, while main tells of the first one
-        _answer(signal.SIG_IGN, (_interrupt, _end_at_once))
+    except KeyboardInterrupt:  # once more, while main tells of the first one
         code = ending()[1]
+    for number in own:  # from here on they come too late
+        signal.signal(number, signal.SIG_IGN)
     for stream in (sys.stdout, sys.stderr):
-        try:
+        with suppress(OSError):  # main has told of it
             stream.flush()
-        except OSError:  # main has told of it; what is left is not to fail again
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    if "mapdeal.pipeline.processes" in sys.modules or _ended_at > 0:
-        # The end of the interpreter removes what multiprocessing has made, and what a signal has
-        # kept from being removed. Interrupted in a text that `exec` runs, as libraries do, Python
-        # would then die by SIGINT, whatever the code: running another text makes it forget that.
-        exec("")  # noqa: S102
-        sys.exit(code)
-    # All files are closed and all threads have ended: there is nothing to take apart.
+    # All files are closed and all threads have ended. So there is nothing to take apart but what
+    # multiprocessing has made, and what a signal has kept from being removed.
+    atexit._run_exitfuncs()  # noqa: SLF001
     os._exit(code)
 
 
@@ -70,9 +61,9 @@ def _code_of_main() -> int:
 
 
 def _version_is_printed() -> bool:
-    """Print the version, if that is all that is asked for: scripts do so before each use.
+    """Print the version, if that is all that is asked for: without typer that takes half as long.
 
-    Without typer that takes half as long. Errors are left to the command line.
+    Errors are left to the command line.
     """
     if sys.argv[1:] != ["--version"]:
         return False
@@ -85,26 +76,10 @@ def _version_is_printed() -> bool:
     return True
 
 
-def occupy_standard_streams() -> None:
-    """Open what is closed of stdin, stdout and stderr onto nothing.
-
-    Otherwise the next file that is opened, perhaps an output, gets the number 2, and what libraries
-    in C print goes into it.
-    """
-    try:
-        while (descriptor := os.open(os.devnull, os.O_RDWR)) <= _STDERR:
-            os.set_inheritable(descriptor, True)
-        os.close(descriptor)
-    except OSError:  # no descriptors to be had: nor are there for outputs
-        pass
-
-
 def begin_work() -> None:
-    """End the start: signals become exceptions, and garbage is looked for.
-
-    What the start has made is left out of that search.
-    """
-    _answer(_interrupt, (_end_at_once,))
+    """End the start: signals become exceptions, and garbage is looked for, but not in imports."""
+    global _has_begun
+    _has_begun = True
     if not gc.isenabled():
         gc.freeze()
         gc.enable()
@@ -116,25 +91,21 @@ def ending() -> tuple[str, int]:
     return what, 128 + _ended_by
 
 
-def _answer(handler: Any, those: tuple[Any, ...]) -> None:
-    """Set the handler of those signals that have one of the given handlers now."""
-    for number in _ENDING:
-        if signal.getsignal(number) in those:
-            signal.signal(number, handler)
+def _end(number: int, _: object) -> None:
+    """Answer a signal.
 
-
-def _interrupt(number: int, _: object) -> None:
+    An exception in the middle of an import becomes an error that hides it. So long as nothing has
+    begun, the process just ends.
+    """
     global _ended_by, _ended_at
-    if time.monotonic() - _ended_at > _AT_ONCE:
+    is_repeated = time.monotonic() - _ended_at <= _AT_ONCE
+    if not is_repeated:
         _ended_by, _ended_at = signal.Signals(number), time.monotonic()
-        raise KeyboardInterrupt
-
-
-def _end_at_once(number: int, _: object) -> NoReturn:
-    global _ended_by
-    _ended_by = signal.Signals(number)
     what, code = ending()
-    try:
-        os.write(2, f"error: {what}\n".encode())
-    finally:  # whether or not there is anybody to read it
-        os._exit(code)
+    if not _has_begun:
+        try:
+            os.write(2, f"error: {what}\n".encode())
+        finally:  # whether or not there is anybody to read it
+            os._exit(code)
+    if not is_repeated:
+        raise KeyboardInterrupt

@@ -49,7 +49,7 @@ def run_batch(
 ) -> None:  # fmt: skip
     """Run all maps; report failures when they happen, and all maps at the end."""
     with (
-        terminal.progress(len(jobs), what="map") as bar,
+        terminal.Progress(len(jobs), what="map") as bar,
         terminal.few_warnings(f"{output / SUMMARY} has them all") as warn,
     ):
 

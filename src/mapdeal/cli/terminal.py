@@ -6,29 +6,25 @@ import contextlib
 import io
 import os
 import sys
-import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TextIO
+from typing import Any, Self
 
 from mapdeal.errors import FileAccessError, MapdealError, MapdealWarning, ParameterError, one_line
-from mapdeal.kernels.threads import is_started
 
 _CHUNK = 1 << 18
 _FEW = 10
 _CLEAR = "\r\x1b[K"
-_BAR_WIDTH = 30
-_BAR_SECONDS = 0.1
 PROGRESS_SECONDS = 10.0
 """Seconds between two lines of progress where there is no bar."""
 
 _stdout_problem: str | None = None
 _stdout_dropped = False
-_bar: Progress | None = None
+_has_bar = False
 _quiet = False
 _verbose = False
 _strict = False
@@ -65,7 +61,7 @@ def need_stdout(option: str) -> None:
 
 def refuse_keyboard() -> None:
     """Raise ParameterError if what comes in on stdin is typed."""
-    if sys.stdin is not None and sys.stdin.isatty():
+    if sys.stdin.isatty():
         hint = "mapdeal convert MAP -o - | mapdeal ... - takes a map from another command"
         raise ParameterError("is a terminal, and an npz is not text", source="-", hint=hint)
 
@@ -101,14 +97,10 @@ def _write_bytes(chunk: bytes) -> None:
 
 def result(text: str) -> None:
     """Print a result that the user asked for, quiet or not."""
-    _print_result(text)
-
-
-def accept_all_characters() -> None:
-    """Have characters that a stream cannot encode written as escapes: files have any names."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+    if _is_for_data:
+        _say(text)
+    else:
+        _to_stdout(lambda: print(_as_called(text)))  # noqa: T201
 
 
 def flush() -> None:
@@ -123,8 +115,6 @@ def is_read() -> bool:
 
 def input_chunks() -> Iterator[bytes]:
     """Yield what comes in on stdin, as soon as it comes."""
-    if sys.stdin is None:  # the process was started without
-        raise ParameterError("is closed", source="standard input")
     try:
         while chunk := os.read(sys.stdin.fileno(), _CHUNK):
             yield chunk
@@ -160,7 +150,7 @@ def summary(lines: Iterable[str]) -> None:
     """Print what was done, unless quiet."""
     if not _quiet:
         for line in lines:
-            _print_result(one_line(line))
+            result(one_line(line))
 
 
 def remark(lines: Iterable[str]) -> None:
@@ -182,95 +172,64 @@ def detail(text: str) -> None:
 
 
 class Progress:
-    """How far a command is: a bar on a terminal, elsewhere a line now and then."""
+    """How far a command is: a bar on a terminal; elsewhere, of many things, a line now and then."""
 
-    def __init__(self, length: int, what: str | None) -> None:
-        self._length = length
-        self._what = what
-        self._done = 0
-        self._failed = 0
-        self._started = self._drawn = time.monotonic()
-        self._shows_bar = not _quiet and sys.stderr.isatty()
-        self._is_over = threading.Event()
-        self._thread: threading.Thread | None = None
+    def __init__(self, length: int, what: str | None = None) -> None:
+        self._length, self._what = length, what
+        self._done = self._failed = 0
+        self._told = time.monotonic()
+        self._bar: Any = None
+        if not _quiet and sys.stderr.isatty():
+            import typer
+
+            self._bar = typer.progressbar(
+                length=length, file=sys.stderr, show_pos=what is not None, info_sep=", ",
+                bar_template="[%(bar)s] %(info)s", item_show_func=lambda _: self._failures(),
+            )  # fmt: skip
+
+    def _failures(self) -> str | None:
+        return f"{self._failed} failed" if self._failed else None
 
     def advance(self, steps: int = 1, *, failed: bool = False) -> None:
         """Take steps."""
         self._done += steps
         self._failed += failed
-        is_last = self._done >= self._length
-        if self._shows_bar and (is_last or time.monotonic() > self._drawn + _BAR_SECONDS):
-            self.draw()
+        if self._bar is not None:
+            with contextlib.suppress(OSError):
+                self._bar.update(steps)
+        elif self._what and not _quiet and time.monotonic() > self._told + PROGRESS_SECONDS:
+            self._told = time.monotonic()
+            text = f"{self._done} of {self._length} {self._what}s done"
+            _say(", ".join(filter(None, [text, self._failures()])))
 
-    def draw(self) -> None:
-        """Draw the bar, over the one before."""
-        self._drawn = time.monotonic()
-        part = min(1.0, self._done / max(1, self._length))
-        filled = int(part * _BAR_WIDTH)
-        text = f"[{'#' * filled}{'-' * (_BAR_WIDTH - filled)}] "
-        text += f"{self._done}/{self._length}" if self._what else f"{part:.0%}"
-        if self._failed:
-            text += f", {self._failed} failed"
-        if self._done and part < 1:
-            left = (self._drawn - self._started) * (1 - part) / part
-            text += f", {_duration(left)} left"
-        with contextlib.suppress(OSError):
-            print(f"{_CLEAR}{text}", end="", file=sys.stderr, flush=True)  # noqa: T201
-
-    def say_now_and_then(self) -> None:
-        """Print a line from time to time, until the work is over."""
-        while not self._is_over.wait(PROGRESS_SECONDS):
-            failed = f", {self._failed} failed" if self._failed else ""
-            _say(f"{self._done} of {self._length} {self._what}s done{failed}")
-
-    def __enter__(self) -> Progress:
-        global _bar
-        if self._shows_bar:
-            _bar = self
-            self.draw()
-        elif self._what and not _quiet:
-            thread = threading.Thread(target=self.say_now_and_then, daemon=True)
-            self._thread = thread if is_started(thread) else None
+    def __enter__(self) -> Self:
+        global _has_bar
+        if self._bar is not None:
+            _has_bar = True
+            self._bar.__enter__()
         return self
 
-    def __exit__(self, *_: object) -> None:
-        global _bar
-        self._is_over.set()
-        if self._thread is not None:
-            self._thread.join()  # no line of it comes after the end
-        if _bar is self:
-            _bar = None
+    def __exit__(self, *how: object) -> None:
+        global _has_bar
+        if self._bar is not None:
+            _has_bar = False
             with contextlib.suppress(OSError):
-                print(file=sys.stderr)  # noqa: T201
-
-
-def progress(length: int, what: str | None = None) -> Progress:
-    """Return a callback that shows progress within a ``with`` block."""
-    return Progress(length, what)
+                self._bar.__exit__(*how)
 
 
 @contextmanager
 def blocks_done(steps: int) -> Iterator[Callable[[int], object]]:
     """Show the progress of a map that is processed in blocks; give what takes some of the steps."""
     detail("processed in blocks of rows")
-    with progress(steps) as bar:
+    with Progress(steps) as bar:
         yield bar.advance
 
 
 @contextmanager
 def counted(steps: int) -> Iterator[Callable[[int], object]]:
     """Show the progress of some steps, if there are any; give what takes some of them."""
-    if not steps:
-        yield lambda _: None
-        return
-    with progress(steps) as bar:
-        yield bar.advance
-
-
-def _duration(seconds: float) -> str:
-    minutes, seconds = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes}:{seconds:02}"
+    with Progress(steps) if steps else contextlib.nullcontext() as bar:
+        yield bar.advance if bar else int
 
 
 def error(problem: MapdealError) -> None:
@@ -280,41 +239,31 @@ def error(problem: MapdealError) -> None:
         _say(f"hint: {one_line(problem.hint)}")
 
 
-def show_warnings() -> None:
-    """Have mapdeal's warnings printed as one line each, every time they occur."""
+def prepare() -> None:
+    """Print mapdeal's warnings as one line each, and as escapes what a stream cannot encode."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # files have any names
     warnings.simplefilter("always", MapdealWarning)
     original = warnings.showwarning
 
-    def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
-        if not issubclass(category, MapdealWarning):
-            original(message, category, filename, lineno, file, line)
-        else:
+    def show(message: Warning | str, category: type[Warning], *others: Any) -> None:
+        if issubclass(category, MapdealWarning):
             warn(str(message))
+        else:
+            original(message, category, *others)
 
-    warnings.showwarning = show
+    warnings.showwarning = show  # type: ignore[assignment]
 
 
-def finish() -> None:
-    """Write out what stdout still holds."""
+def lost() -> FileAccessError | None:
+    """Write out what stdout still holds; return what to report if results have been lost."""
     global _stdout_problem
     _to_stdout(sys.stdout.flush)
     problem, _stdout_problem = _stdout_problem, None
-    if problem is not None:
-        raise FileAccessError(f"cannot be written: {problem}", source="standard output")
-
-
-def _print_result(text: str) -> None:
-    if _is_for_data:
-        _say(text)
-        return
-    _to_stdout(lambda: print(_as_called(text)))  # noqa: T201
+    if problem is None:
+        return None
+    return FileAccessError(f"cannot be written: {problem}", source="standard output")
 
 
 def _as_called(text: str) -> str:
@@ -323,28 +272,22 @@ def _as_called(text: str) -> str:
     return text
 
 
-def _to_stdout(write: Callable[[], None]) -> None:
-    """Write, unless that has failed before; the work goes on, and `finish` reports it."""
-    global _stdout_problem
+def _to_stdout(write: Callable[[], object]) -> None:
+    """Write, unless that has failed before; the work goes on, and `lost` reports it.
+
+    Then stdout points at nothing, so that no later line and no flush complains.
+    """
+    global _stdout_problem, _stdout_dropped
     try:
         write()
-    except BrokenPipeError:  # the reader has seen enough
-        _drop_stdout()
     except OSError as error:
-        _stdout_problem = error.strerror or str(error)
-        _drop_stdout()
-
-
-def _drop_stdout() -> None:
-    """Point stdout at nothing, so that no later line and no flush complains."""
-    global _stdout_dropped
-    _stdout_dropped = True
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):  # whose reader has seen enough
+            _stdout_problem = error.strerror or str(error)
+        _stdout_dropped = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _say(text: str) -> None:
     # What nobody can read on stderr must not change what is done, nor the exit code.
     with contextlib.suppress(OSError):
-        print(f"{_CLEAR if _bar else ''}{_as_called(text)}", file=sys.stderr)  # noqa: T201
-    if _bar:
-        _bar.draw()
+        print(f"{_CLEAR if _has_bar else ''}{_as_called(text)}", file=sys.stderr)  # noqa: T201

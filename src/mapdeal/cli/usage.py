@@ -1,109 +1,143 @@
-"""Mistakes on the command line: what click calls them, as one line and a hint that can be typed."""
+"""How words on the command line are read, and what is said of those that nobody knows."""
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
 from copy import copy
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import typer
+from typer.models import TyperPath
 
+from mapdeal.cli.streams import DASH
 from mapdeal.errors import ParameterError
 from mapdeal.spelling import as_known, meant, nearest
 
-_NUMBER = re.compile(r"-?\d+(\.\d*)?\)?")
-_NO_OPTION = re.compile(r"no such option:? '?(?P<name>-[^ ']*)'?")
-_NO_COMMAND = re.compile(r"no such command '(?P<name>[^']*)'")
+_NUMBER = re.compile(r"\(?-?\d+(\.\d*)?\)?")
+_UNKNOWN = re.compile(r"no such (option|command):? '?(?P<name>(?<=')[^']*|[^ ']*)'?")
+_NO_CHOICE = re.compile(r": '(?P<word>[^']*)' is not one of ")
 _NUMBERS = ("int", "float")
+_FLAGS = {"yes": "", "true": "", "on": "", "no": "no-", "false": "no-", "off": "no-"}
+_OF_POINTS = {"query": "--at", "edit": "--point", "reach": "--to"}
+_POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 
-class PlainNumber:
-    """Converts numbers of options, except those that only Python takes for one."""
+def read_words(command: Any, name: str) -> None:
+    """Make a command read its words as recipes do: spellings, numbers, flags; and points in rows.
 
-    def __init__(self, convert: Callable[..., Any]) -> None:
-        self._convert = convert
+    What is wrong with a file is left to whoever opens it.
+    """
+    parse = command.parse_args
+    flags = {
+        option[2:]
+        for parameter in command.params
+        for option in parameter.opts
+        if option.replace("--", "--no-", 1) in parameter.secondary_opts
+    }
 
-    def __call__(self, value: Any, parameter: Any, context: Any) -> Any:
-        """Return the number of a word."""
+    def parse_args(context: Any, words: Sequence[str]) -> Any:
+        return parse(context, _spread(_joined(words, flags), _OF_POINTS.get(name)))
+
+    command.parse_args = parse_args
+    for parameter in command.params:
+        parameter.type = _spelled(parameter.type)
+
+
+def _spelled(kind: Any) -> Any:
+    """Return a type of click's that takes all spellings, and only numbers and names that are."""
+    kind = copy(kind)  # click has one for all numbers
+    convert, choices = kind.convert, [str(choice) for choice in getattr(kind, "choices", ())]
+    is_number, is_path = kind.name.startswith(_NUMBERS), isinstance(kind, TyperPath)
+
+    def converted(value: Any, parameter: Any, context: Any) -> Any:
+        from mapdeal.formats.source import absolute_path
         from mapdeal.stages.parameters import is_plain
 
-        if not is_plain(value):
+        rule = None
+        if choices and isinstance(value, str):
+            value = as_known(value, choices)
+        elif is_number and not is_plain(value):
             rule = f"{value!r} is not a number"
+        elif is_path and not os.fspath(value):  # it would be the working folder
+            rule = "must not be empty"
+        elif is_path and value != "-" and Path(value) == DASH:  # ./- is the file of that name
+            value = str(absolute_path(DASH))
+        if rule is not None:
             raise typer.BadParameter(rule, ctx=context, param=parameter)
-        return self._convert(value, parameter, context)
+        return convert(value, parameter, context)
+
+    kind.convert = converted
+    kind.readable = False  # whoever opens a file says why it cannot be read
+    return kind
 
 
-class SpelledChoice:
-    """Converts choices, whatever way of spelling them."""
-
-    def __init__(self, convert: Callable[..., Any], choices: Iterable[object]) -> None:
-        self._convert = convert
-        self._choices = [str(choice) for choice in choices]
-
-    def __call__(self, value: Any, parameter: Any, context: Any) -> Any:
-        """Return the choice that a word stands for."""
-        known = as_known(value, self._choices) if isinstance(value, str) else value
-        return self._convert(known, parameter, context)
-
-
-def accept_spellings(parameter: Any) -> None:
-    """Have the words of an option read as those of recipes are: spellings and numbers."""
-    kind = copy(parameter.type)  # click has one for all numbers
-    if str(getattr(kind, "name", "")).startswith(_NUMBERS):
-        vars(kind)["convert"] = PlainNumber(kind.convert)
-    elif hasattr(kind, "choices"):
-        vars(kind)["convert"] = SpelledChoice(kind.convert, kind.choices)
-    parameter.type = kind
+def _joined(words: Sequence[str], flags: Iterable[str]) -> list[str]:
+    """Allow flags to be written as in recipes: ``--inflate-unknown no`` and ``=no``."""
+    joined: list[str] = []
+    for before, word in pairwise(["", *words]):
+        name, equals, value = word.removeprefix("--").partition("=")
+        if "--" in joined or not (equals and word.startswith("--") and name in flags):
+            is_value = before[:2] == "--" and before[2:] in flags and "--" not in joined
+            if is_value and word.lower() in _FLAGS:
+                joined[-1] = f"--{_FLAGS[word.lower()]}{before[2:]}"
+            else:
+                joined.append(word)
+        elif value.lower() in _FLAGS:
+            joined.append(f"--{_FLAGS[value.lower()]}{name}")
+        else:
+            raise ParameterError("must be yes or no", source=f"--{name}", got=value)
+    return joined
 
 
-def usage_error(error: Any, commands: Callable[[], Iterable[str]]) -> ParameterError:
+def _spread(words: Sequence[str], option: str | None) -> list[str]:
+    """Allow an option that is repeated for each point to be given once: ``--at 1,2 3,4``."""
+    spread: list[str] = []
+    for word in words:
+        if option in spread[-2:-1] and _POINT.fullmatch(word):
+            spread.append(str(option))
+        spread.append(word)
+    return spread
+
+
+def usage_error(error: Any) -> ParameterError:
     """Return click's error as one of ours, on one line."""
     message = " ".join(error.format_message().split()).removesuffix(".")
-    message = message[:1].lower() + message[1:] if not message.startswith("'") else message
+    message = message[:1].lower() + message[1:]
     context = getattr(error, "ctx", None)
-    path = getattr(context, "command_path", None) or "mapdeal"
-    mistyped = _NO_OPTION.match(message) or _NO_COMMAND.match(message)
-    if mistyped is not None:  # click adds what is near to some of them, in ways of its own
-        message = mistyped[0]
-    hint = _meant_by(error, mistyped, context, commands)
-    if hint is None:
-        hint = f"run {path} --help for usage"
-        is_astray = message.startswith(("got unexpected extra", "no such option"))
-        if path.endswith(" local") and ("--cloud" in message or message.startswith("got unexp")):
-            hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"
-        elif is_astray and any(map(_NUMBER.fullmatch, message.replace("(", " ").split())):
-            hint = "points and sizes are written X,Y, without a space"
-    return ParameterError(message, hint=hint)
+    command, path = getattr(context, "command", None), getattr(context, "command_path", "mapdeal")
+    unknown, no_choice = _UNKNOWN.match(message), _NO_CHOICE.search(message)
+    is_astray = message.startswith(("got unexpected extra", "no such option"))
+    hint = None
+    if unknown is not None:  # click adds what is near to some of them, in ways of its own
+        message = unknown[0]
+        hint = _meant(unknown["name"], command, context)
+    elif no_choice is not None:
+        hint = meant(no_choice["word"], map(str, getattr(error.param.type, "choices", ())))
+    if (
+        hint is None
+        and path.endswith(" local")
+        and ("--cloud" in message or message[:9] == "got unexp")
+    ):
+        hint = "clouds are given with --cloud FILE, repeated, or as a pattern in quotes"
+    elif hint is None and is_astray and any(map(_NUMBER.fullmatch, message.split())):
+        hint = "points and sizes are written X,Y, without a space"
+    return ParameterError(message, hint=hint or f"run {path} --help for usage")
 
 
-def _meant_by(
-    error: Any, mistyped: re.Match[str] | None, context: Any, commands: Callable[[], Iterable[str]]
-) -> str | None:
-    """Return the hint of what was meant, if something known is near."""
-    if mistyped is not None and mistyped.re is _NO_COMMAND:
-        below = getattr(getattr(context, "command", None), "commands", None)
-        is_top = getattr(context, "parent", None) is None
-        return meant(mistyped["name"], commands() if is_top or below is None else below)
-    if mistyped is not None:
-        parameters = getattr(getattr(context, "command", None), "params", ())
-        names = [name for one in parameters for name in (*one.opts, *one.secondary_opts)]
-        words = (name[2:] for name in names if name.startswith("--"))
-        near = nearest(mistyped["name"].lstrip("-"), words)
-        if near is not None:
-            return f"did you mean --{near}?"
-        return _parameter_of_a_stage(mistyped["name"], getattr(context, "command_path", ""))
-    choices = getattr(getattr(getattr(error, "param", None), "type", None), "choices", None)
-    found = re.search(r": '(?P<word>[^']*)' is not one of ", error.format_message())
-    return meant(found["word"], map(str, choices)) if choices and found else None
-
-
-def _parameter_of_a_stage(option: str, path: str) -> str | None:
-    """Return how `run` sets a parameter of a stage that was given as an option of its own."""
-    if not path.endswith(" run"):
-        return None
+def _meant(word: str, command: Any, context: Any) -> str | None:
+    """Return the hint of what was meant by an unknown command or option, if anything is near."""
+    if not word.startswith("-"):
+        return meant(word, command.list_commands(context))
+    options = [name for one in command.params for name in (*one.opts, *one.secondary_opts)]
+    near = nearest(word.lstrip("-"), [name[2:] for name in options if name[:2] == "--"])
+    if near is not None or command.name != "run":
+        return near and f"did you mean --{near}?"
     from mapdeal.stages.catalogue import STAGES
 
-    name = option.lstrip("-").replace("-", "_")
-    stage = next((stage.name for stage in STAGES if name in stage.parameters), None)
-    return None if stage is None else f"--set {stage}.{name}=VALUE sets it"
+    name = word.lstrip("-").replace("-", "_")
+    stages = [stage.name for stage in STAGES if name in stage.parameters]
+    return f"--set {stages[0]}.{name}=VALUE sets it" if stages else None

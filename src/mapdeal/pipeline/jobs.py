@@ -31,10 +31,6 @@ if TYPE_CHECKING:  # only runs around a robot need what it imports
 
 SUMMARY = "summary.json"
 
-# Names that Windows keeps for devices: such a folder could not be copied there.
-_DEVICES = ("COM", "LPT")
-_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{d}{n}" for d in _DEVICES for n in range(1, 10))}
-
 
 @dataclass(frozen=True)
 class Job:
@@ -134,7 +130,7 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
     jobs: dict[Path, Job] = {}
     for one in maps:
         place = one.place
-        odd = [part for part in place.parts if part in ("", ".", "..") or _is_reserved(part)]
+        odd = [part for part in place.parts if part in ("", ".", "..")]
         if odd or not place.name:
             rule = "the map's name cannot be the name of a folder"
             raise ParameterError(rule, source=one.path, got=odd[0] if odd else place.name)
@@ -155,10 +151,6 @@ def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -
                 raise ParameterError(rule, source=job.path)
     _check_case(jobs, output)
     return list(jobs.values())
-
-
-def _is_reserved(name: str) -> bool:
-    return name.upper() in _RESERVED
 
 
 def _check_case(jobs: dict[Path, Job], output: Path) -> None:

@@ -25,7 +25,7 @@ from multiprocessing.context import BaseContext
 from typing import Any, NoReturn, TypeVar
 
 from mapdeal.errors import FileAccessError
-from mapdeal.formats.temporary import folder_for_sockets, signals_put_off
+from mapdeal.formats.temporary import signals_put_off
 from mapdeal.kernels.engine import VARIABLE
 from mapdeal.kernels.threads import is_started
 from mapdeal.pipeline.dispatch import Submit, Work
@@ -36,9 +36,6 @@ _T = TypeVar("_T")
 _SECONDS_TO_CLEAN_UP = 10.0
 _SECONDS_BETWEEN_LOOKS = 0.1
 _STOPPED = 128 + signal.SIGTERM
-
-_LONGEST_FOLDER = 107 - len("/pymp-12345678/listener-12345678")
-"""Bytes that the name of the folder for temporary files may have, so that of a socket fits."""
 
 _PRELOADED = (
     "mapdeal.pipeline.worker_server",
@@ -164,27 +161,13 @@ def _context() -> BaseContext:
 
 
 def _context_of_server() -> BaseContext:
-    from multiprocessing import forkserver, util
+    from multiprocessing import forkserver
 
-    if len(os.fsencode(folder_for_sockets())) > _LONGEST_FOLDER:
-        raise OSError("AF_UNIX path too long")  # asked before a folder is made, to be left there
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(_PRELOADED))
-    with _own_folders_are_open():
-        util.get_temp_dir()
     with _terminal_blocked():
         forkserver.ensure_running()
     return context
-
-
-@contextmanager
-def _own_folders_are_open() -> Iterator[None]:
-    """Keep folders made within the block open to this process, whatever the umask."""
-    before = os.umask(0o077)
-    try:
-        yield
-    finally:
-        os.umask(before)
 
 
 @contextmanager
