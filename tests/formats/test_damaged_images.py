@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 from mapdeal import FileAccessError, MalformedInputError
+from mapdeal.formats import pillow_images
 from mapdeal.formats.image import read_image, read_image_size
-from mapdeal.formats.images import pillow
 
 PIXELS = np.array([[0, 128, 254, 254, 254], [254, 0, 128, 0, 254]], dtype=np.uint8)
 FORMATS = [("PNG", {}), ("BMP", {}), ("TIFF", {}), ("TIFF", {"compression": "tiff_lzw"}),
@@ -84,7 +84,7 @@ def test_whatever_pillow_raises_is_one_line_about_the_file(
 
 def test_every_kind_of_damage_is_tried():
     assert {
-        kind for kind in pillow._DAMAGE if not any(isinstance(e, kind) for e in RAISED)
+        kind for kind in pillow_images._DAMAGE if not any(isinstance(e, kind) for e in RAISED)
     } == set()
 
 
@@ -117,13 +117,13 @@ def test_threads_that_read_at_once_leave_the_process_as_it_was(path):
     inside, leave, second_is_inside = threading.Event(), threading.Event(), threading.Event()
 
     def first():
-        with pillow.damage_refused(path):
+        with pillow_images.damage_refused(path):
             inside.set()
             leave.wait(60)
 
     def second():
         inside.wait(60)
-        with pillow.damage_refused(path):
+        with pillow_images.damage_refused(path):
             second_is_inside.set()
 
     threads = [threading.Thread(target=target) for target in (first, second)]
@@ -157,7 +157,7 @@ def test_many_threads_read_the_same(path):
 def test_warnings_of_other_threads_pass_while_an_image_is_read(path):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        with pillow.damage_refused(path):
+        with pillow_images.damage_refused(path):
             warnings.warn("from elsewhere", UserWarning, stacklevel=1)
     assert [str(one.message) for one in caught] == ["from elsewhere"]
 

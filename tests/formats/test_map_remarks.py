@@ -190,12 +190,3 @@ def test_a_thousandth_of_the_cells_is_told(tmp_path, height, told):
     greys = np.full((height, 40), 254, dtype=np.uint8)
     greys[3, :10], greys[7, 11] = 0, 205
     assert bool(freed_of(write_pair(tmp_path, Image.fromarray(greys)))) == told
-
-
-def test_the_rows_of_a_compressed_map_without_remarks_can_be_had(tmp_path, monkeypatch):
-    """All of it is gone through first, also if no pixel can be worth a warning."""
-    monkeypatch.setattr("mapdeal.formats.strips.STRIP", 120)
-    greys = np.tile(np.array([0, 254, 254], np.uint8), (30, 20))
-    with open_map(write_pair(tmp_path, Image.fromarray(greys), free=0.196)) as file:
-        rows = file.by_rows(block_height=4).grid.occupancy[slice(8, 12)]
-    assert np.array_equal(rows, np.where(greys[18:22] == 0, 100, 0))

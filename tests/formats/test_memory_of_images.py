@@ -1,4 +1,4 @@
-"""Reading an image takes what its header told, and PNG maps take little more than their cells.
+"""Reading an image takes what its header told, and netpbm maps take little more than their cells.
 
 Processes of their own are measured, since a peak is never taken back.
 """
@@ -86,17 +86,16 @@ def netpbm(path):
     path.write_bytes(b"P6\n%d %d\n255\n" % (SIDE, SIDE) + np.dstack([ROWS] * 3).tobytes())
 
 
-STREAMED = {
+STREAMED = {"colours.ppm": netpbm}
+WHOLE = {
     "grey.png": saved("L", "PNG", compress_level=1),
     "colours.png": saved("RGB", "PNG", compress_level=1),
     "opacity.png": saved("RGBA", "PNG", compress_level=1),
     "both.png": saved("LA", "PNG", compress_level=1),
     "palette.png": saved("P", "PNG", compress_level=1),
     "wide.png": saved("I;16", "PNG", compress_level=1),
-    "colours.ppm": netpbm,
     "colours.bmp": saved("RGB", "BMP"),
-}
-WHOLE = {
+    "opacity.bmp": saved("RGBA", "BMP"),
     "interlaced.png": interlaced,
     "grey.jpg": saved("L", "JPEG"),
     "progressive.jpg": saved("RGB", "JPEG", progressive=True),

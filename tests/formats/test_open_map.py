@@ -129,6 +129,7 @@ def test_malformed_images_get_the_same_line(tmp_path, header, body):
         (b"P2\n2 1\n255\n", b"0 254\n"),
         (b"P1\n2 1\n", b"1 0\n"),
         (b"\x89PNG\r\n\x1a\n", b""),
+        (b"BM", b""),
     ],
 )
 def test_other_kinds_of_images_are_left_to_be_read_whole(tmp_path, header, body):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.formats.dialects import DIALECTS
-from mapdeal.formats.images.catalogue import IMAGE_FORMATS
+from mapdeal.formats.image import IMAGE_FORMATS
 from robustness import reading, seeds
 from robustness.words import (
     BAG_WORDS,
@@ -192,8 +192,6 @@ READERS = [
     *(_file(f"{name} image", _pictures(name), reading.read_picture, IMAGE_WORDS,
             share=_SHARES.get(name, 1.0)) for name in IMAGE_FORMATS),
     _file("PNM by rows", _seeds(_BY_ROWS, "m.pgm"), reading.read_by_rows, IMAGE_WORDS, share=0.4),
-    *(_file(f"{name} by rows", _pictures(name), reading.read_by_rows, IMAGE_WORDS,
-            share=share) for name, share in (("PNG", 0.3), ("BMP", 0.3), ("TIFF", 0.02))),
     _file("bits", _BIT_IMAGES, reading.decode_bits, IMAGE_WORDS),
     Reader("bit map", _BIT_SEEDS, reading.read_bits, _PAIR, YAML_WORDS, share=0.2),
     _file("grid npz", _zips(_GRIDS, "g.npz"), reading.read_grid, NPY_WORDS, share=0.7),

@@ -40,7 +40,7 @@ from mapdeal.formats.bit_maps import read_bit_map
 from mapdeal.formats.clouds.reader import cloud_chunks, read_cloud
 from mapdeal.formats.dialects import DIALECTS
 from mapdeal.formats.evidence import read_evidence
-from mapdeal.formats.image import open_pixel_rows, read_image, read_image_size, strips_of_rows
+from mapdeal.formats.image import open_pixel_rows, read_image, read_image_size
 from mapdeal.formats.kinds import kind_of
 from mapdeal.formats.lint_config import read_lint_config
 from mapdeal.formats.map_listing import list_maps
@@ -155,7 +155,7 @@ def read_by_rows(path, data):
         if height * width > MEMORY:
             return None
         try:
-            strips = list(strips_of_rows(pixels).pictures())
+            strips = list(pixels.strips().pictures())
         except MapdealError as error:
             with pytest.raises(type(error)):
                 read_image(path)

@@ -17,8 +17,7 @@ import mapdeal
 from mapdeal import Costmap, DistanceField, OccupancyGrid, PotentialField, read_cloud
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES
-from mapdeal.formats.image import read_image
-from mapdeal.formats.images.catalogue import IMAGE_FORMATS
+from mapdeal.formats.image import IMAGE_FORMATS, read_image
 from robustness import seeds
 from robustness.fuzz_readers import fuzz, read_seeds
 from robustness.mutation import Dice, mutant

@@ -18,8 +18,7 @@ from mapdeal.errors import (
 )
 from mapdeal.formats.budget import claim
 from mapdeal.formats.dialects import reader_of
-from mapdeal.formats.image import open_passing
-from mapdeal.formats.images.catalogue import IMAGE_FORMATS
+from mapdeal.formats.image import IMAGE_FORMATS, open_passing
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import remark_on_lost, warn_of_cost_figures, warn_of_one_cost
 from mapdeal.formats.map_server import BIT_MAP, costs_of, find_bits, find_image, yaml_beside

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from mapdeal.checks.check import check
 from mapdeal.checks.facts import PairFacts
 from mapdeal.checks.finding import Remark
-from mapdeal.formats.images.catalogue import IMAGE_FORMATS
+from mapdeal.formats.image import IMAGE_FORMATS
 from mapdeal.formats.map_remarks import MAP_SAVER_UNKNOWN, percent, remark_on_freed
 
 _CARTOGRAPHER_UNKNOWN = 128

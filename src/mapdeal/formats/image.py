@@ -1,7 +1,7 @@
 """Images of every format that maps may have, decoded to integer samples.
 
-The contents decide the format, not the file's name; `images.catalogue` lists the formats. Nearly
-all maps are of the first one, PNM: to import the others would take longer than to read a small map.
+The contents decide the format, not the file's name. `pnm` parses the format of nearly all maps, and
+`pillow_images` has the others decoded by Pillow.
 """
 
 from __future__ import annotations
@@ -12,12 +12,18 @@ from pathlib import Path
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.budget import holding
-from mapdeal.formats.images import pnm
-from mapdeal.formats.images.image_format import ImageFormat, OtherContentsError
 from mapdeal.formats.open_file import HEAD, OpenFile, opened
 from mapdeal.formats.picture import Picture
+from mapdeal.formats.pillow_images import PILLOW_FORMATS
+from mapdeal.formats.pnm import PNM, BinaryRows, binary_rows
 from mapdeal.formats.source import head_of, note_sum
-from mapdeal.formats.strips import PixelRows, Strips
+from mapdeal.formats.strips import NOT_AN_IMAGE, ImageFormat, Strips
+
+IMAGE_FORMATS = {entry.name: entry for entry in (PNM, *PILLOW_FORMATS)}
+"""The formats that maps may have, by name."""
+
+IMAGE_SUFFIXES = tuple(suffix for entry in IMAGE_FORMATS.values() for suffix in entry.suffixes)
+"""The endings of their file names."""
 
 
 @contextmanager
@@ -39,10 +45,7 @@ def open_passing(
     """
     with opened(path) as file:
         image_format, head = _format_of(file)
-        try:
-            height, width = image_format.size(head, path, _limit(image_format, max_cells))
-        except OtherContentsError:
-            raise _unknown_format(path) from None
+        height, width = image_format.size(head, path, _limit(image_format, max_cells))
         with (
             holding(-height * width),
             _strips_in(file, image_format, max_cells) as strips,
@@ -55,11 +58,7 @@ def _strips_in(
     file: OpenFile, image_format: ImageFormat, max_cells: int | None
 ) -> Iterator[Strips]:  # fmt: skip
     file.check_length()  # its checksum is of all of it
-    try:
-        strips = image_format.read(file, _limit(image_format, max_cells))
-    except OtherContentsError:
-        raise _unknown_format(file.path) from None
-    yield strips
+    yield image_format.read(file, _limit(image_format, max_cells))
     note_sum(file.path, file.sha256)
 
 
@@ -70,52 +69,30 @@ def read_image(path: Path, *, max_cells: int | None = None) -> Picture:
 
 
 @contextmanager
-def open_pixel_rows(path: Path) -> Iterator[PixelRows | None]:
-    """Open an image file whose rows can be read in any order; return None for every other.
-
-    `strips_of_rows` must be gone through before rows are asked for if the image is compressed.
-    """
+def open_pixel_rows(path: Path) -> Iterator[BinaryRows | None]:
+    """Open an image file whose rows can be read in any order; return None for every other."""
     with opened(path) as file:
         head = file.read(0, HEAD)
-        image_format = recognised_format(head)
-        yield None if image_format is None else image_format.rows(file, head)
-
-
-def strips_of_rows(pixels: PixelRows) -> Strips:
-    """Return all rows of an image, see `PixelRows.strips`; raises what `open_strips` does."""
-    try:
-        return pixels.strips()
-    except OtherContentsError:
-        raise _unknown_format(pixels.image) from None
+        yield binary_rows(file, head) if PNM.recognises(head) else None
 
 
 def memory_to_read(path: Path) -> int:
     """Return the bytes that reading an image and making cells of it takes, from its header."""
     with opened(path) as file:
         image_format, head = _format_of(file)
-        try:
-            return image_format.memory(file, head)
-        except OtherContentsError:
-            raise _unknown_format(path) from None
+        return image_format.memory(file, head)
 
 
 def read_image_size(path: Path, *, max_cells: int | None = None) -> tuple[int, int]:
     """Return height and width of the picture in an image file, of which the header is read."""
     head = head_of(path, HEAD)
     image_format = _recognised(head, path)
-    try:
-        return image_format.size(head, path, _limit(image_format, max_cells))
-    except OtherContentsError:
-        raise _unknown_format(path) from None
+    return image_format.size(head, path, _limit(image_format, max_cells))
 
 
 def recognised_format(head: bytes) -> ImageFormat | None:
     """Return the format of a file with these first bytes, None if maps have none like it."""
-    if pnm.PNM.recognises(head):
-        return pnm.PNM
-    from mapdeal.formats.images.catalogue import recognised
-
-    return recognised(head)
+    return next((entry for entry in IMAGE_FORMATS.values() if entry.recognises(head)), None)
 
 
 def _format_of(file: OpenFile) -> tuple[ImageFormat, bytes]:
@@ -128,7 +105,7 @@ def _recognised(head: bytes, path: Path) -> ImageFormat:
     image_format = recognised_format(head)
     if image_format is None:
         _refuse_other_contents(head, path)
-        raise _unknown_format(path)
+        raise MalformedInputError(NOT_AN_IMAGE, source=path)
     return image_format
 
 
@@ -142,11 +119,3 @@ def _refuse_other_contents(head: bytes, path: Path) -> None:
     if head.startswith(b"version https://git-lfs"):
         hint = "fetch it with: git lfs pull"
         raise MalformedInputError("is a Git LFS pointer, not the image", source=path, hint=hint)
-
-
-def _unknown_format(path: Path) -> MalformedInputError:
-    from mapdeal.formats.images.catalogue import IMAGE_FORMATS
-
-    names = [name for entry in IMAGE_FORMATS.values() for name in entry.suggested]
-    rule = f"is not an image in a supported format: {', '.join(names)}"
-    return MalformedInputError(rule, source=path)

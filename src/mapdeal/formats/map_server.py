@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.dialects import cells_of
-from mapdeal.formats.image import open_strips, strips_of_rows
+from mapdeal.formats.image import open_strips
 from mapdeal.formats.map_remarks import PixelRemarks
 from mapdeal.formats.map_yaml import Dialect, MapMetadata
 from mapdeal.formats.picture import Picture
+from mapdeal.formats.pnm import BinaryRows
 from mapdeal.formats.source import contents_of, exists, is_same_file, status_of
-from mapdeal.formats.strips import PixelRows
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field_view import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
@@ -51,7 +51,7 @@ def read_cells(
 
 def lazy_cells(
     metadata: MapMetadata,
-    pixels: PixelRows,
+    pixels: BinaryRows,
     *,
     block_height: int,
     budget: CacheBudget | None = None,
@@ -76,19 +76,14 @@ def lazy_cells(
 
 
 def check_rows(
-    yaml_path: Path, metadata: MapMetadata, pixels: PixelRows, dialect: Dialect = "nav2"
+    yaml_path: Path, metadata: MapMetadata, pixels: BinaryRows, dialect: Dialect = "nav2"
 ) -> None:
-    """Go through an image that is read by rows, as far as that must be done beforehand.
-
-    Compressed images are: after that, any of their rows can be read. Others are only as long as
-    there may be pixels that `read_cells` warns of.
-    """
+    """Go through an image that is read by rows for pixels that `read_cells` warns of."""
     remarks = PixelRemarks(metadata, dialect)
-    for _, picture in strips_of_rows(pixels).placed():
-        if remarks.are_possible(picture):
-            remarks.add(picture, cells_of(picture, metadata, dialect))
-        elif not pixels.is_compressed:
+    for _, picture in pixels.strips().placed():
+        if not remarks.are_possible(picture):
             break
+        remarks.add(picture, cells_of(picture, metadata, dialect))
     remarks.warn(yaml_path, pixels.image)
 
 

@@ -19,7 +19,12 @@ from mapdeal.errors import (
     kept_warnings,
 )
 from mapdeal.formats.budget import use_memory
-from mapdeal.formats.image import memory_to_read, open_pixel_rows, read_image_size
+from mapdeal.formats.image import (
+    IMAGE_SUFFIXES,
+    memory_to_read,
+    open_pixel_rows,
+    read_image_size,
+)
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
 from mapdeal.formats.map_server import (
@@ -34,9 +39,9 @@ from mapdeal.formats.map_server import (
 from mapdeal.formats.map_writer import Encoding, pair_paths, write_pair
 from mapdeal.formats.map_yaml import Dialect, MapMetadata, Mode, read_metadata
 from mapdeal.formats.npz import Grid, holds_reach, npz_frame, npz_memory, read_npz, write_npz
-from mapdeal.formats.picture import check_size
+from mapdeal.formats.picture import LARGEST_CELLS, check_size
+from mapdeal.formats.pnm import BinaryRows
 from mapdeal.formats.source import FileState, check_state, exists, sha256_of, state_of, status_of
-from mapdeal.formats.strips import PixelRows
 from mapdeal.formats.temporary import locked
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
@@ -72,7 +77,7 @@ class MapFile:
         max_cells: int | None = None,
         metadata: MapMetadata | None = None,
         image: Path | None = None,
-        pixels: PixelRows | None = None,
+        pixels: BinaryRows | None = None,
         remarks: Sequence[MapdealWarning] = (),
         states: Mapping[Path, FileState] | None = None,
     ) -> None:
@@ -94,16 +99,6 @@ class MapFile:
     def shape_by_rows(self) -> tuple[int, int] | None:
         """Rows and columns, if the map can be read by rows."""
         return None if self._pixels is None else self._pixels.shape
-
-    @property
-    def is_compressed(self) -> bool:
-        """Whether a map that can be read by rows takes much longer that way."""
-        return self._pixels is not None and self._pixels.is_compressed
-
-    @property
-    def memory_by_rows(self) -> int:
-        """Bytes that reading by rows takes, besides the rows."""
-        return 0 if self._pixels is None else self._pixels.memory
 
     def memory_to_read(self) -> int:
         """Return the bytes that `read` takes of memory at its peak, as far as headers show it."""
@@ -157,7 +152,7 @@ class MapFile:
         if pixels is None or metadata is None:
             raise ValueError(f"{self.path} cannot be read by rows")
         height, width = pixels.shape
-        limit = pixels.max_cells if self._max_cells is None else self._max_cells
+        limit = LARGEST_CELLS if self._max_cells is None else self._max_cells
         check_size(pixels.image, width, height, limit)
         for remark in self._remarks:
             emit_warning(remark, stacklevel=2)
@@ -219,7 +214,7 @@ def open_map(
     image = find_image(path, metadata.image) if bits is None else find_bits(bits, path, metadata)
     states[image] = state_of(image)
     with ExitStack() as stack:
-        pixels: PixelRows | None = None
+        pixels: BinaryRows | None = None
         with kept_warnings() as remarks:
             # What is wrong with the header is the business of who reads the map.
             if metadata.cost_scale is None:
@@ -241,10 +236,6 @@ def read_source(
 
 def _refuse_image(path: Path) -> None:
     suffix = path.suffix.lower()
-    if suffix in (".yaml", ".yml"):  # no need to import the formats
-        return
-    from mapdeal.formats.images.catalogue import IMAGE_SUFFIXES
-
     if suffix in IMAGE_SUFFIXES:
         sibling = path.with_suffix(".yaml")
         hint = f"pass {sibling}" if exists(sibling) else "pass the .yaml that names the image"

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import PIECES, check_expansion, claim
-from mapdeal.formats.images.pillow import one_at_a_time
+from mapdeal.formats.pillow_images import one_at_a_time
 from mapdeal.formats.source import check_readable
 
 LONGEST_ARRAY_HEADER = 1 << 16

@@ -10,6 +10,7 @@ The netpbm pages of the formats pbm, pgm and ppm.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -19,9 +20,12 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError, MapdealWarning, emit_warning
+from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.budget import PIECES, claim
+from mapdeal.formats.file_state import CHANGED
+from mapdeal.formats.open_file import HEAD, OpenFile
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
+from mapdeal.formats.strips import ImageFormat, Strips, strips_at_places, strips_of
 from mapdeal.kernels.blocks import Layer, swept
 from mapdeal.records import dataclass
 
@@ -144,21 +148,6 @@ class LocatedPixels:
             samples = samples.reshape(-1, self.width, 3)
             return Picture("PNM", "rgb", samples, maxval=self.maxval)
         return Picture("PNM", "grey", samples.reshape(-1, self.width), maxval=self.maxval)
-
-
-def locate_pixels(
-    head: bytes, size: int, trailing: Callable[[int], bytes], source: Path, *, max_cells: int
-) -> LocatedPixels | None:
-    """Return where the pixels of a file are, if it is a binary netpbm file."""
-    header = _read_header(head, source)
-    if header.magic <= 3:
-        return None
-    check_size(source, header.width, header.height, max_cells)
-    located = _located(header)
-    count = located.row_bytes * located.height
-    start = _start_of_data(head, size, header, count, source)
-    _check_length(size - start, count, trailing(start + count)[:_TRAILING], source)
-    return replace(located, start=start)
 
 
 def _located(header: _Header) -> LocatedPixels:
@@ -448,3 +437,89 @@ def _check_count(actual: int, expected: int, source: Path) -> None:
 def _above_maxval(value: int, index: int, maxval: int, source: Path) -> MalformedInputError:
     rule = f"pixels must not exceed maxval {maxval}"
     return MalformedInputError(rule, source=source, place=f"pixel {index}", got=value)
+
+
+@dataclass(frozen=True)
+class BinaryRows:
+    """The pixels of an open P4, P5 or P6 file, whose rows can be read in any order."""
+
+    file: OpenFile
+    located: LocatedPixels
+
+    @property
+    def image(self) -> Path:
+        """The file."""
+        return self.file.path
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.located.height, self.located.width
+
+    def strips(self) -> Strips:
+        """Return all rows."""
+        return self.part(slice(0, self.located.height))
+
+    def part(self, rows: slice) -> Strips:
+        """Return some rows, which are counted from the south."""
+        north = self.located.height - rows.stop
+        shape = (rows.stop - rows.start, self.located.width)
+        return strips_at_places(
+            shape, self.located.row_bytes,
+            lambda first, end: self._picture(north + first, north + end),
+        )  # fmt: skip
+
+    def _picture(self, first: int, end: int) -> Picture:
+        located = self.located
+        count = (end - first) * located.row_bytes
+        data = self.file.read(located.start + first * located.row_bytes, count)
+        if len(data) < count:
+            raise FileAccessError(CHANGED, source=self.image)
+        return located.picture(data, first, self.image)
+
+    def sha256(self) -> str:
+        """Return the checksum of the whole file."""
+        return self.file.sha256()
+
+
+def binary_rows(
+    file: OpenFile, head: bytes, max_cells: int = sys.maxsize
+) -> BinaryRows | None:  # fmt: skip
+    """Return the rows of an open file; None if they are not at known places."""
+    header = _read_header(head, file.path)
+    if header.magic <= 3:
+        return None
+    check_size(file.path, header.width, header.height, max_cells)
+    located = _located(header)
+    count = located.row_bytes * located.height
+    start = _start_of_data(head, file.size, header, count, file.path)
+    trailing = file.read(start + count, _TRAILING)
+    _check_length(file.size - start, count, trailing, file.path)
+    return BinaryRows(file, replace(located, start=start))
+
+
+def _read_strips(file: OpenFile, max_cells: int) -> Strips:
+    head = file.read(0, HEAD)
+    pnm_size(head, file.path, max_cells)
+    rows = binary_rows(file, head, max_cells)
+    if rows is None:
+        return strips_of(decode_pnm(file.read_whole(), file.path, max_cells))
+    height, width = rows.shape
+    claim(file.path, _memory(file, head), what=f"{width} x {height} cells")
+    return rows.strips()
+
+
+def _memory(file: OpenFile, head: bytes) -> int:
+    return pnm_memory(head, file.size, file.path)
+
+
+PNM = ImageFormat(
+    name="PNM",
+    suffixes=(".pgm", ".pbm", ".ppm", ".pnm"),
+    recognises=is_pnm,
+    read=_read_strips,
+    memory=_memory,
+    size=pnm_size,
+    max_cells=LARGEST_CELLS,
+    comments=pnm_comments,
+)

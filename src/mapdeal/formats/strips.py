@@ -1,16 +1,17 @@
-"""Pictures that come in strips of rows, so that nobody needs all their pixels at once."""
+"""Image formats, and pictures that come in strips of rows: nobody needs all their cells twice."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.formats.picture import Picture
+from mapdeal.formats.open_file import OpenFile
+from mapdeal.formats.picture import LARGEST_COMPRESSED_CELLS, Picture
 from mapdeal.records import dataclass
 
 STRIP = 1 << 20
@@ -56,40 +57,32 @@ class Strips:
         return replace(part, samples=samples, alpha=alpha)
 
 
-class PixelRows(Protocol):
-    """The pixels of an open image, whose rows can be read in any order."""
+NOT_AN_IMAGE = "is not an image in a supported format: pgm, pbm, ppm, png, bmp, tiff"
 
-    @property
-    def image(self) -> Path:
-        """The file."""
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns, as the header says."""
+def _no_comments(_head: bytes) -> list[str]:
+    return []
 
-    @property
-    def max_cells(self) -> int:
-        """Cells up to which such an image is read if nobody says otherwise."""
 
-    @property
-    def memory(self) -> int:
-        """Bytes that are taken as long as rows are asked for, by each thread or by all."""
+@dataclass(frozen=True)
+class ImageFormat:
+    """An image format that maps may have.
 
-    @property
-    def is_compressed(self) -> bool:
-        """Whether all strips must be gone through once before rows are asked for.
+    Notes
+    -----
+    The readers of ROS treat some formats differently, because their image libraries do: the
+    modules in `mapdeal.formats.dialects` know these by name. In a format that they do not name,
+    samples mean what `Picture` says.
+    """
 
-        Rows then take the time of those before them, too.
-        """
-
-    def strips(self) -> Strips:
-        """Return all rows; what is wrong with the header is found here."""
-
-    def part(self, rows: slice) -> Strips:
-        """Return some rows, which are counted from the south; raises as `strips` does."""
-
-    def sha256(self) -> str:
-        """Return the checksum of the whole file."""
+    name: str
+    suffixes: tuple[str, ...]
+    recognises: Callable[[bytes], bool]
+    read: Callable[[OpenFile, int], Strips]
+    memory: Callable[[OpenFile, bytes], int]
+    size: Callable[[bytes, Path, int], tuple[int, int]]
+    max_cells: int = LARGEST_COMPRESSED_CELLS
+    comments: Callable[[bytes], list[str]] = _no_comments
 
 
 def rows_of_strip(width: int, row_bytes: int) -> int:

@@ -147,8 +147,7 @@ def _way_of(
 ) -> _Blocks | None:
     """Return how a map is to be processed, from its headers; None if it fits the memory.
 
-    Cells of a compressed image are kept if there is room for them: it takes time to get at its
-    rows once more. Of others they are read again.
+    Cells of an image that is decoded as a whole are kept. Others are read again, row by row.
     """
     reading = file.memory_to_read()
     needed = bytes_in_memory(shape, steps, image_max, canvas=canvas, reading=reading)
@@ -156,17 +155,11 @@ def _way_of(
         return None
     base = _base(shape, image_max)
     is_by_rows = file.shape_by_rows is not None
-    if not is_by_rows or file.is_compressed:
-        try:
-            if bytes_to_read(reading) > budget:
-                raise _too_large(file.path, shape, bytes_to_read(reading), budget)
-            held = base + shape[0] * shape[1]
-            return _Blocks(False, *_cut(file.path, shape, steps, budget, held, needed=needed))
-        except MalformedInputError:
-            if not is_by_rows:
-                raise
-    base += file.memory_by_rows
-    return _Blocks(True, *_cut(file.path, shape, steps, budget, base, needed=needed))
+    if not is_by_rows:
+        if bytes_to_read(reading) > budget:
+            raise _too_large(file.path, shape, bytes_to_read(reading), budget)
+        base += shape[0] * shape[1]
+    return _Blocks(is_by_rows, *_cut(file.path, shape, steps, budget, base, needed=needed))
 
 
 def check_fits(
@@ -284,5 +277,5 @@ def _too_large(path: Path, shape: tuple[int, int], needed: int, budget: int) -> 
     limit, origin = memory_limit()
     amounts = f"{size_text(needed)} of memory, {size_text(budget)} may be used"
     rule = f"{width} x {height} cells need {amounts}{origin if budget == limit else ''}"
-    hint = "raise --max-memory if there is more; .pgm and .png maps take least"
+    hint = "raise --max-memory if there is more; binary .pgm maps take least"
     return MalformedInputError(rule, source=path, hint=hint)

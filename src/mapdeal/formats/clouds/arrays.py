@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
 from mapdeal.formats.clouds.header import LONGEST_RECORD
-from mapdeal.formats.images.pillow import one_at_a_time
 from mapdeal.formats.npz_reader import NpzReader
+from mapdeal.formats.pillow_images import one_at_a_time
 from mapdeal.formats.source import access_to
 from mapdeal.records import dataclass
 

@@ -1,4 +1,4 @@
-"""BMP files read by rows hold what was written, whichever way up and with whatever header."""
+"""BMP files hold what was written, whichever way up and with whatever header."""
 
 import struct
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mapdeal.formats import strips
-from mapdeal.formats.image import open_pixel_rows, read_image
+from mapdeal.formats.image import read_image
 
 HEIGHT, WIDTH = 7, 11
 KINDS = [
@@ -48,7 +48,7 @@ def colours_of(picture):
 @pytest.mark.slow
 @pytest.mark.parametrize("gap", [0, 6])
 @pytest.mark.parametrize(("bits", "is_os2", "top_down"), KINDS)
-def test_any_rows_are_those_that_were_written(tmp_path, monkeypatch, bits, is_os2, top_down, gap):
+def test_pixels_are_those_that_were_written(tmp_path, monkeypatch, bits, is_os2, top_down, gap):
     rng = np.random.default_rng(bits)
     count = 1 << bits if bits <= 8 else 0
     palette = rng.integers(0, 256, (count, 3)).astype(np.uint8)  # blue, green, red
@@ -65,20 +65,3 @@ def test_any_rows_are_those_that_were_written(tmp_path, monkeypatch, bits, is_os
     assert np.array_equal(colours_of(picture), expected)
     if bits == 32:
         assert np.array_equal(picture.alpha, pixels[..., 3])
-    with open_pixel_rows(path) as rows:
-        assert rows.shape == (HEIGHT, WIDTH)
-        for first in range(HEIGHT):
-            for end in range(first + 1, HEIGHT + 1):
-                part = rows.part(slice(HEIGHT - end, HEIGHT - first)).whole()
-                assert np.array_equal(colours_of(part), expected[first:end])
-
-
-@pytest.mark.parametrize("start", [54 + 4 * 3, 54 + 4 * 3 - 4])
-def test_a_palette_that_reaches_into_the_pixels_is_left_to_pillow(tmp_path, start):
-    """Rows could not be read alone then: their bytes are colours, too."""
-    pixels = np.zeros((HEIGHT, WIDTH), np.uint8)
-    data = bytearray(bmp(8, pixels, np.full((3, 3), [9, 8, 7]), colours=3))
-    data[10:14] = struct.pack("<I", start)
-    (tmp_path / "m.bmp").write_bytes(data)
-    with open_pixel_rows(tmp_path / "m.bmp") as rows:
-        assert (rows is None) == (start < 54 + 4 * 3)

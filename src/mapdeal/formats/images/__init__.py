@@ -1,1 +1,0 @@
-"""The image formats that maps may have, a module each, and the list of them."""
