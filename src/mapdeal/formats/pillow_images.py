@@ -168,14 +168,13 @@ def _check_room(name: str, image: Any, file: OpenFile) -> None:
     """Refuse more pixels than so few bytes can hold, or than fit the memory, before decoding."""
     width, height = image.size
     with damage_refused(file.path):
-        most = _most_together(name, image)
-        expanded = -(-most * _bits_of(name, image) // 8)
+        across, down = _part_of(image) if name == "TIFF" else (0, 0)
+        tile = across * down
+        expanded = -(-max(tile, width * height) * _bits_of(name, image) // 8)
         needed = _memory_of(name, image, file)
     check_expansion(file.path, file.size, expanded, most=BLANK_EXPANSION, place="image size")
     what = f"{width} x {height} cells"
-    if most > width * height:
-        what += f", in tiles of {most},"
-    claim(file.path, needed, what=what)
+    claim(file.path, needed, what=f"{what}, in tiles of {tile}," if tile > width * height else what)
 
 
 def _memory_of(name: str, image: Any, file: OpenFile) -> int:
@@ -192,12 +191,6 @@ def _memory_of(name: str, image: Any, file: OpenFile) -> int:
         work = 4 * cells
     taken = held + _KEPT.get(image.mode, _KEPT_OF_OTHERS) * cells + max(work, cells)
     return max(taken + min(PIECES, 16 * cells), 2 * file.size if name == "PNG" else 0)
-
-
-def _most_together(name: str, image: Any) -> int:
-    """Return the pixels that are decoded together: those of the image, or of a larger tile."""
-    across, down = _part_of(image) if name == "TIFF" else image.size
-    return max(across * down, int(image.width) * int(image.height))
 
 
 def _bits_of(name: str, image: Any) -> int:
@@ -328,10 +321,14 @@ def damage_refused(path: Path) -> Iterator[None]:
     if not log.handlers:
         log.addHandler(logging.NullHandler())
     try:
-        with one_at_a_time(), _no_size_limit(), warnings.catch_warnings():
+        with one_at_a_time(), warnings.catch_warnings():
             # by module: warnings of other threads must pass
             warnings.filterwarnings("ignore", module=_OF_PILLOW)
-            yield
+            limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # ours is checked before
+            try:
+                yield
+            finally:
+                Image.MAX_IMAGE_PIXELS = limit
     except (*_DAMAGE, Image.DecompressionBombError) as error:  # if others set the limit meanwhile
         if isinstance(error, OSError) and error.errno is not None:
             rule = f"cannot be read: {error.strerror}"
@@ -340,19 +337,6 @@ def damage_refused(path: Path) -> Iterator[None]:
         if isinstance(error, UnidentifiedImageError):  # it names an address in memory
             told = "a part of it is not an image"
         raise MalformedInputError(f"the image is damaged: {told}", source=path) from None
-
-
-@contextmanager
-def _no_size_limit() -> Iterator[None]:
-    """Put Pillow's own, lower limit aside: ours is checked before anything is decoded."""
-    from PIL import Image
-
-    before = Image.MAX_IMAGE_PIXELS
-    Image.MAX_IMAGE_PIXELS = None
-    try:
-        yield
-    finally:
-        Image.MAX_IMAGE_PIXELS = before
 
 
 @contextmanager
