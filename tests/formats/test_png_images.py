@@ -2,6 +2,7 @@
 
 import os
 import struct
+import tracemalloc
 import warnings
 import zlib
 
@@ -12,8 +13,9 @@ from hypothesis import strategies as st
 
 from mapdeal import MalformedInputError, MapdealError, read_map
 from mapdeal.formats import strips
+from mapdeal.formats.budget import use_memory
 from mapdeal.formats.dialects import cells_of
-from mapdeal.formats.image import open_pixel_rows, open_strips, read_image
+from mapdeal.formats.image import open_pixel_rows, open_strips, read_image, read_image_size
 from mapdeal.formats.map_yaml import MapMetadata
 
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -308,6 +310,22 @@ def test_what_is_said_of_showing_a_picture_is_kept_and_texts_are_not(tmp_path):
     picture = read_image(tmp_path / "m.png")
     assert picture.display == ("a gamma of 0.45455", "a colour profile")
     assert picture.alpha is None
+
+
+@pytest.mark.parametrize("read", [read_image, read_image_size])
+def test_a_chunk_of_more_bytes_than_the_memory_is_refused_unread(tmp_path, read):
+    data = png((0, 8), 4, [bytes(4)], [0])
+    length = 1 << 30
+    with (tmp_path / "m.png").open("wb") as file:
+        file.write(data[:33] + struct.pack(">I4s", length, b"tEXt"))
+        file.truncate(len(data) + length)
+    tracemalloc.start()
+    try:
+        with use_memory(200_000_000), pytest.raises(MalformedInputError, match="may be used"):
+            read(tmp_path / "m.png")
+        assert tracemalloc.get_traced_memory()[1] < 16_000_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_files_may_give_fewer_bytes_than_they_are_asked_for(tmp_path, monkeypatch):

@@ -72,7 +72,6 @@ _DAMAGE = (
 def _read(name: str, file: OpenFile, max_cells: int) -> Strips:
     """Return the strips of the picture in a file, see `ImageFormat.read`."""
     path = file.path
-    claim(path, file.size)  # a part that is read at once may be as long
     with _opened(name, file, max_cells) as image:
         _check_room(name, image, file)
         if name == "TIFF":
@@ -116,6 +115,8 @@ def _opened(name: str, file: OpenFile, max_cells: int, data: BinaryIO | None = N
     from PIL import Image, UnidentifiedImageError
 
     path = file.path
+    if name == "PNG":
+        claim(path, file.size)  # a chunk before the pixels, which is read at once, may be as long
     with damage_refused(path):
         try:
             image = Image.open(data or file.stream(), formats=(name,))
