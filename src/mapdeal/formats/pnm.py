@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealWarning, emit_warning
 from mapdeal.formats.budget import PIECES, claim
-from mapdeal.formats.file_state import CHANGED
 from mapdeal.formats.open_file import HEAD, OpenFile
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
+from mapdeal.formats.source import CHANGED
 from mapdeal.formats.strips import ImageFormat, Strips, strips_at_places, strips_of
 from mapdeal.kernels.blocks import Layer, swept
 from mapdeal.records import dataclass
