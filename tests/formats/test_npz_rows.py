@@ -179,6 +179,22 @@ def test_damage_is_told_with_the_last_row_at_the_latest(tmp_path, change):
                 lazy.distance[first : first + 1]
 
 
+def test_a_wrong_checksum_of_what_is_stored_is_told_with_the_last_row(tmp_path):
+    path = tmp_path / "map.npz"
+    entries = {"format": "mapdeal/1", "resolution": 0.1, "origin": np.array(ORIGIN)}
+    np.savez(path, occupancy=np.zeros((600, 170), np.int8), **entries)
+    data = bytearray(path.read_bytes())
+    data[data.index(bytes(1000)) + 500] = 1  # of row 2
+    path.write_bytes(data)
+    with pytest.raises(MalformedInputError, match="occupancy: damaged"):
+        read_npz(path)
+    with open_npz(path) as lazy:
+        assert lazy.layer[:599].sum() == 1
+        assert not lazy.layer[100:599].any()  # again from the start
+        with pytest.raises(MalformedInputError, match="occupancy: damaged"):
+            lazy.layer[500:600]
+
+
 def test_a_file_that_ends_early_is_told(tmp_path):
     path = tmp_path / "field.npz"
     mapdeal.write_map(path, _grids()["field"])

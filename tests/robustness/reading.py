@@ -39,14 +39,13 @@ from mapdeal.formats.bags.reader import open_bag
 from mapdeal.formats.bit_maps import read_bit_map
 from mapdeal.formats.clouds.reader import cloud_chunks, read_cloud
 from mapdeal.formats.dialects import DIALECTS
-from mapdeal.formats.evidence import read_evidence
 from mapdeal.formats.image import open_pixel_rows, read_image, read_image_size
 from mapdeal.formats.kinds import kind_of
 from mapdeal.formats.lint_config import read_lint_config
 from mapdeal.formats.map_listing import list_maps
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.maps import open_map, read_map
-from mapdeal.formats.npz import npz_frame, open_npz, read_npz, read_reach
+from mapdeal.formats.npz import npz_frame, open_npz, read_evidence, read_npz, read_reach
 from mapdeal.formats.pnm import decode_pbm, decode_pnm, pnm_comments
 from mapdeal.formats.points import (
     read_named_points,

@@ -204,11 +204,11 @@ def _kind_of_npz(path: Path, head: bytes) -> FileKind | None:
         if "format" in names:
             return FileKind(MAP, "an npz written by mapdeal", _MAP_USE)
         if {"poses", "angles", "ranges"} <= names:
-            scans = reader.shape("ranges")
+            scans = reader.header("ranges").shape
             figures = {"scans": scans[0], "beams": scans[1]} if len(scans) == 2 else {}
             return FileKind(SCANS, "laser scans (npz)", _SCANS_USE, lambda: figures)
         if "points" in names or len(names) == 1:
-            shape = reader.shape("points" if "points" in names else next(iter(names)))
+            shape = reader.header("points" if "points" in names else next(iter(names))).shape
             told = {"shape": " x ".join(map(str, shape))}
             what = "an array of numpy (npz)"
             return FileKind(CLOUD, what, f"of points, {_CLOUD_USE}", lambda: told)

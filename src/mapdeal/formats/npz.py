@@ -23,7 +23,6 @@ from mapdeal.formats.deflate import Buffer, deflated, pieces
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.npy import npy_header
 from mapdeal.formats.npz_reader import NpzReader
-from mapdeal.formats.npz_rows import NpzRows
 from mapdeal.formats.picture import LARGEST_CELLS
 from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.costmap import Costmap
@@ -40,6 +39,9 @@ from mapdeal.kernels.blocks import Layer, is_lazy
 FORMAT = "mapdeal/1"
 _OF_REACH = "reachable"
 _BLOCK_HEIGHT = 512
+_OF_EVIDENCE: dict[str, type[np.generic]] = {
+    "log_odds": np.float64, "hits": np.int32, "misses": np.int32
+}  # fmt: skip
 
 Grid = OccupancyGrid | Costmap | DistanceField | PotentialField | Reach
 
@@ -120,7 +122,7 @@ def open_npz(
     have a distance, is not known.
     """
     most = LARGEST_CELLS if max_cells is None else max_cells
-    with NpzRows(path, most, block_height) as reader:
+    with NpzReader(path, most, block_height) as reader:
         if _own_layer(reader.names()) != "repulsive":
             yield _grid_in(reader, path)
             return
@@ -165,13 +167,22 @@ def read_reach(path: Path, *, max_cells: int | None = None) -> Reach:
             raise error.in_file(path) from None
 
 
+def read_evidence(path: Path, *, max_cells: int | None = None) -> dict[str, NDArray[Any]]:
+    """Return the layers of an ``.npz`` that say what beams have hit; none if it has none."""
+    with NpzReader(path, LARGEST_CELLS if max_cells is None else max_cells) as reader:
+        there = reader.names()
+        return {
+            name: reader.layer(name, kind) for name, kind in _OF_EVIDENCE.items() if name in there
+        }
+
+
 def npz_frame(path: Path) -> Frame:
     """Return where the grid in an ``.npz`` file lies; of its layers headers are read."""
     with NpzReader(path, LARGEST_CELLS) as reader:
         _check_format(reader, path)
         own = _own_layer(reader.names())
         layer = _LAYER_READ.get(own, own)
-        shape = reader.shape(layer)
+        shape = reader.header(layer).shape
         if len(shape) != 2:
             rule = f"must have two axes, has {len(shape)}"
             raise MalformedInputError(rule, source=path, place=layer)
@@ -189,7 +200,7 @@ def npz_memory(path: Path) -> int:
         layers = {_LAYER_READ.get(own, own)}
         if own in _WITH_OCCUPANCY:
             layers |= {"occupancy"} & names
-        taken = sum(reader.nbytes(layer) for layer in layers)
+        taken = sum(reader.header(layer).nbytes for layer in layers)
     return taken + min(PIECES, taken)
 
 
@@ -265,7 +276,7 @@ def _read_map_of_reach(reader: NpzReader, resolution: float, origin: Any) -> Occ
 
 
 def _start_in(reader: NpzReader, path: Path) -> tuple[float, ...]:
-    count = 3 if reader.shape("start") == (3,) else 2
+    count = 3 if reader.header("start").shape == (3,) else 2
     start: list[float] = reader.small("start", np.float64, (count,)).tolist()
     if not np.isfinite(start).all():
         raise MalformedInputError("must be finite numbers", source=path, place="start")
@@ -275,7 +286,7 @@ def _start_in(reader: NpzReader, path: Path) -> tuple[float, ...]:
 def _robot_in(reader: NpzReader) -> Footprint | None:
     if "robot" not in reader.names():
         return None
-    corners = reader.small("robot", np.float64, (*reader.shape("robot")[:1], 2))
+    corners = reader.small("robot", np.float64, (*reader.header("robot").shape[:1], 2))
     if len(corners):
         return Footprint.polygon(corners.tolist())
     return Footprint.circle(reader.number("robot_radius"))

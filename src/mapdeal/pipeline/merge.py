@@ -22,8 +22,8 @@ from mapdeal.editing.merge import (
 )
 from mapdeal.errors import ParameterError, emit_warning, one_line
 from mapdeal.formats.budget import claim, holding
-from mapdeal.formats.evidence import read_evidence
 from mapdeal.formats.maps import Source, output_paths, write_grid
+from mapdeal.formats.npz import read_evidence
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.transforms import transform_document
 from mapdeal.grid.framed import Figures

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from mapdeal.errors import FileAccessError, MalformedInputError, emit_warning
 from mapdeal.formats.clouds.header import LONGEST_RECORD
+from mapdeal.formats.npy import NpyHeader, read_npy_header
 from mapdeal.formats.npz_reader import NpzReader
-from mapdeal.formats.pillow_images import one_at_a_time
 from mapdeal.formats.source import access_to
 from mapdeal.records import dataclass
 
@@ -23,7 +21,6 @@ _POINTS_TOGETHER = 1 << 17
 _MOST_ELEMENTS = 1 << 31
 _MOST_LIKELY = 16
 _BYTES_TOGETHER = 1 << 23
-_LONGEST_HEADER = 1 << 16
 _KEY = "points"
 
 
@@ -52,7 +49,7 @@ def npy_points(path: Path) -> Iterator[NDArray[np.float64]]:
 def npy_figures(path: Path) -> dict[str, Any]:
     """Return shape and type from the header of an npy file."""
     with access_to(path), path.open("rb") as file:
-        shape, _, dtype = _header_of(file, path)
+        shape, _, dtype, _ = _header_of(file, path)
     return {"shape": " x ".join(map(str, shape)), "type": str(dtype)}
 
 
@@ -100,8 +97,7 @@ class _Table:
 
 
 def _table_of(file: BinaryIO, path: Path) -> _Table:
-    shape, is_fortran, dtype = _header_of(file, path)
-    start = file.tell()
+    shape, is_fortran, dtype, start = _header_of(file, path)
     if dtype.names is not None and len(shape) == 1:
         kinds = {name: dtype[name] for name in ("x", "y", "z") if name in dtype.names}
         is_table = {"x", "y"} <= set(kinds) and all(kind.kind in "iuf" for kind in kinds.values())
@@ -123,27 +119,8 @@ def _table_of(file: BinaryIO, path: Path) -> _Table:
     return _Table(file, path, start, dtype, shape[0], width, is_fortran)
 
 
-def _header_of(file: BinaryIO, path: Path) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return shape, whether it is stored by columns, and type; the file stands behind them."""
-    from tokenize import TokenError  # of use to few, and slow to import
-
+def _header_of(file: BinaryIO, path: Path) -> NpyHeader:
     try:
-        version = npy_format.read_magic(file)
-        # Version 3 differs from 2 in letters of names alone, and x, y and z are the same in both.
-        is_short = version == (1, 0)
-        if not is_short and version not in ((2, 0), (3, 0)):
-            raise ValueError(f"version {version} is not known")
-        start = file.tell()
-        length = int.from_bytes(file.read(2 if is_short else 4), "little")
-        if length > _LONGEST_HEADER:  # asked before memory is taken
-            raise ValueError(f"its header has {length} bytes")
-        file.seek(start)
-        read = npy_format.read_array_header_1_0 if is_short else npy_format.read_array_header_2_0
-        with one_at_a_time(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of headers that Python 2 wrote
-            shape, is_fortran, dtype = read(file)
-    # What reading a damaged header leads to, in numpy; what overflows is Python's parser.
-    except (ValueError, EOFError, SyntaxError, TokenError, LookupError, TypeError,
-            OverflowError, RecursionError, MemoryError) as error:  # fmt: skip
+        return read_npy_header(file)
+    except ValueError as error:
         raise MalformedInputError(f"is not an npy file: {error}", source=path) from None
-    return shape, is_fortran, dtype
