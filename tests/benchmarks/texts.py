@@ -85,7 +85,7 @@ def reading(folder: Path, rows: int, runs: int) -> None:
 
         def ours(path: Path = path) -> Any:
             if path.name == "points.csv":
-                return [part.points_xy for part in read_points(chunks_of(path), path)]
+                return [part.numbers for part in read_points(chunks_of(path), path)]
             return read_cloud(path)
 
         def by_numpy(path: Path = path, mark: str = mark, skipped: int = skipped) -> Any:

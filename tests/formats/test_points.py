@@ -23,7 +23,7 @@ def _all(chunks):
     points, lines, errors = [], [], {}
     for part in read_points(chunks, "p.csv"):
         errors |= {len(points) + index: text for index, text in part.errors.items()}
-        points += part.points_xy.tolist()
+        points += part.numbers.tolist()
         lines += part.lines
     return points, lines, errors
 
@@ -167,7 +167,7 @@ def test_points_come_as_soon_as_their_line_is_complete():
         yield b"4\n"
 
     got = []
-    got.extend(part.points_xy.tolist() for part in read_points(chunks(), "p"))
+    got.extend(part.numbers.tolist() for part in read_points(chunks(), "p"))
     assert got == [[[1.0, 2.0]], [[3.0, 4.0]]]
 
 
@@ -186,7 +186,7 @@ def test_lines_are_read_alike_together_and_alone(read, lines, has_end, size):
 
     def outcome(chunks):
         parts = list(read(chunks, "p"))
-        rows = [getattr(part, "points_xy", getattr(part, "poses", None)).tolist() for part in parts]
+        rows = [part.numbers.tolist() for part in parts]
         numbers = [line for part in parts for line in part.lines]
         errors = [error for part in parts for error in part.errors.values()]
         return repr(([row for part in rows for row in part], numbers, errors))
@@ -216,7 +216,7 @@ def test_the_limit_of_a_line_does_not_depend_on_how_it_comes(size, padding):
     got = []
     with pytest.raises(MalformedInputError, match="line 3"):
         for part in read_points(chunks, "p"):
-            got += part.points_xy.tolist()
+            got += part.numbers.tolist()
     assert got == [[1, 2], [3, 4]]
 
 
@@ -308,7 +308,7 @@ def _poses(chunks):
     rows, lines, errors = [], [], {}
     for part in read_pose_lines(chunks, "p.csv"):
         errors |= {len(rows) + index: text for index, text in part.errors.items()}
-        rows += part.poses.tolist()
+        rows += part.numbers.tolist()
         lines += part.lines
     return rows, lines, errors
 

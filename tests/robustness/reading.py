@@ -505,7 +505,7 @@ def _cut(data):
 def _joined(some, width=2):
     found = []
     for part in some:
-        rows = part.points_xy if width == 2 else part.poses
+        rows = part.numbers
         assert rows.shape == (len(part.lines), width)
         for index, (line, point) in enumerate(zip(part.lines, rows, strict=True)):
             assert np.isfinite(point).all() == (index not in part.errors)

@@ -16,7 +16,7 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import FindingError, ParameterError, emit_warning
-from mapdeal.formats.points import PointLines, PoseLines, read_points, read_pose_lines
+from mapdeal.formats.points import NumberLines, read_points, read_pose_lines
 from mapdeal.formats.source import chunks_of
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.footprint_costs import FootprintRule
@@ -39,12 +39,11 @@ class _Kind(NamedTuple):
     name: str
     what: str
     form: str
-    lines: Callable[..., Any]
-    read: Callable[[Iterable[bytes], Path | str], Iterator[Any]]
+    read: Callable[[Iterable[bytes], Path | str], Iterator[NumberLines]]
 
 
-_POINTS = _Kind("points", "point", "X,Y", PointLines, read_points)
-_POSES = _Kind("poses", "pose", "X,Y,YAW", PoseLines, read_pose_lines)
+_POINTS = _Kind("points", "point", "X,Y", read_points)
+_POSES = _Kind("poses", "pose", "X,Y,YAW", read_pose_lines)
 
 
 @app.command()
@@ -194,8 +193,8 @@ def _answer_all(
         raise FindingError(rule, source=source)
 
 
-def _more_than_a_turn(some: PoseLines) -> int:
-    return int(np.count_nonzero(np.abs(some.poses[:, 2]) > _TURN))
+def _more_than_a_turn(some: NumberLines) -> int:
+    return int(np.count_nonzero(np.abs(some.numbers[:, 2]) > _TURN))
 
 
 def _refuse(options: Mapping[str, object], why: str) -> None:
@@ -215,7 +214,7 @@ def _of_options(at: list[str], kind: _Kind) -> Any:
     rows = np.array(numbers, dtype=np.float64).reshape(-1, width)
     finite = np.isfinite(rows).all(axis=1)
     errors = {k: f"must be finite, got {at[k]}" for k in np.flatnonzero(~finite).tolist()}
-    return kind.lines(rows, [0] * len(at), errors)
+    return NumberLines(rows, [0] * len(at), errors)
 
 
 def _asked(first: Any, path: Path | None, kind: _Kind) -> Iterator[Any]:

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,23 +21,15 @@ from mapdeal.records import dataclass
 _LONGEST_LINE = 1 << 16
 _LINE_FEED = ord("\n")
 _IN_PAIR = 4
+_Found = TypeVar("_Found", bound=tuple[Any, ...])
 _NO_NUMBERS = (ValueError, TypeError, LookupError, OverflowError, RecursionError)
 
 
 @dataclass(frozen=True, eq=False)
-class PointLines:
-    """Points of some lines."""
+class NumberLines:
+    """Numbers of some lines, shape (N, 2) of points, (N, 3) of poses."""
 
-    points_xy: NDArray[np.float64]
-    lines: Sequence[int]
-    errors: dict[int, str]
-
-
-@dataclass(frozen=True, eq=False)
-class PoseLines:
-    """Poses of some lines."""
-
-    poses: NDArray[np.float64]
+    numbers: NDArray[np.float64]
     lines: Sequence[int]
     errors: dict[int, str]
 
@@ -62,28 +54,34 @@ class NamedPointLine:
     error: str | None = None
 
 
-def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[PointLines]:
+def read_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
     """Yield the points of a text, those of each chunk as soon as its lines are complete."""
     for text, first in _complete_lines(chunks, source):
-        yield PointLines(*_parsed(text, first, _POINT))
+        yield _parsed(text, first, _POINT)
 
 
-def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[PoseLines]:
+def read_pose_lines(chunks: Iterable[bytes], source: Path | str) -> Iterator[NumberLines]:
     """Yield the poses of a text, those of each chunk as soon as its lines are complete."""
     for text, first in _complete_lines(chunks, source):
-        yield PoseLines(*_parsed(text, first, _POSE))
+        yield _parsed(text, first, _POSE)
 
 
 def read_pairs(chunks: Iterable[bytes], source: Path | str) -> Iterator[PairLine]:
     """Yield pairs of points, each as soon as its line is complete."""
+    json_form = '{"from": [x, y], "to": [x, y]} or [[x, y], [x, y]]'
     for number, text in _told_lines(chunks, source, _is_header_of_pairs):
-        yield _pair_line(number, text)
+        found, error = _line_of(text, _pair_of, "four numbers x,y,x,y", json_form)
+        start, goal = found or (None, None)
+        yield PairLine(number, start, goal, error)
 
 
 def read_named_points(chunks: Iterable[bytes], source: Path | str) -> Iterator[NamedPointLine]:
     """Yield points that may have names, each as soon as its line is complete."""
+    json_form = '{"x": x, "y": y}, with a "name" if it has one, or [x, y]'
     for number, text in _told_lines(chunks, source, _POINT.is_header):
-        yield _named_point_line(number, text)
+        found, error = _line_of(text, _named_point_of, "x,y or NAME=x,y", json_form)
+        point, name = found or (None, None)
+        yield NamedPointLine(number, point, name, error)
 
 
 def _told_lines(
@@ -171,9 +169,7 @@ _POINT = _Form(("x", "y"), "two")
 _POSE = _Form(("x", "y", "yaw"), "three", f", or TUM's {' '.join(TUM)}")
 
 
-def _parsed(
-    text: bytes, first: int, form: _Form
-) -> tuple[NDArray[np.float64], Sequence[int], dict[int, str]]:
+def _parsed(text: bytes, first: int, form: _Form) -> NumberLines:
     """Return the numbers of lines, which lines these are, and what is wrong with some."""
     if first == 1:
         head, end, others = text.partition(b"\n")
@@ -181,7 +177,7 @@ def _parsed(
             text, first = others, 2
     at_once = _parsed_at_once(text, first, form)
     if at_once is not None:
-        return (*at_once, {})
+        return NumberLines(*at_once, {})
     rows: list[Sequence[float]] = []
     kept: list[int] = []
     errors: dict[int, str] = {}
@@ -202,7 +198,8 @@ def _parsed(
         if len(rows) == len(kept):
             rows.append([math.nan] * len(form.names))
         kept.append(number)
-    return np.array(rows, dtype=np.float64).reshape(-1, len(form.names)), kept, errors
+    numbers = np.array(rows, dtype=np.float64).reshape(-1, len(form.names))
+    return NumberLines(numbers, kept, errors)
 
 
 def _parsed_at_once(
@@ -251,18 +248,19 @@ def _numbers_of(text: str, delimiter: str | None = ",") -> list[float]:
     return [float(part) for part in text.split(delimiter)]
 
 
-def _pair_line(number: int, text: str) -> PairLine:
+def _line_of(
+    text: str, parse: Callable[[str], _Found], form: str, json_form: str
+) -> tuple[_Found | None, str | None]:
+    """Return what stands in a line, or what is wrong with it."""
     try:
-        start, goal = _pair_of(text)
+        found = parse(text)
     except _NO_NUMBERS:
-        form = "four numbers x,y,x,y"
-        if text[:1] in ("{", "["):
-            form = '{"from": [x, y], "to": [x, y]} or [[x, y], [x, y]]'
-        error = f"must be {form}, got {shown(text)}" if text else "empty line"
-        return PairLine(number, error=error)
-    if not all(map(math.isfinite, (*start, *goal))):
-        return PairLine(number, error=f"must be finite, got {shown(text)}")
-    return PairLine(number, start, goal)
+        rule = json_form if text[:1] in ("{", "[") else form
+        return None, f"must be {rule}, got {shown(text)}" if text else "empty line"
+    places = (place for place in found if isinstance(place, tuple))
+    if not all(math.isfinite(number) for place in places for number in place):
+        return None, f"must be finite, got {shown(text)}"
+    return found, None
 
 
 def _pair_of(text: str) -> tuple[Point, Point]:
@@ -274,32 +272,18 @@ def _pair_of(text: str) -> tuple[Point, Point]:
     return (start_x, start_y), (goal_x, goal_y)
 
 
-def _named_point_line(number: int, text: str) -> NamedPointLine:
-    try:
-        name, point = _named_point_of(text)
-    except _NO_NUMBERS:
-        form = "x,y or NAME=x,y"
-        if text[:1] in ("{", "["):
-            form = '{"x": x, "y": y}, with a "name" if it has one, or [x, y]'
-        error = f"must be {form}, got {shown(text)}" if text else "empty line"
-        return NamedPointLine(number, error=error)
-    if not all(map(math.isfinite, point)):
-        return NamedPointLine(number, error=f"must be finite, got {shown(text)}")
-    return NamedPointLine(number, point, name)
-
-
-def _named_point_of(text: str) -> tuple[str | None, Point]:
+def _named_point_of(text: str) -> tuple[Point, str | None]:
     if text[:1] in ("{", "["):
         value = json.loads(text)
         name = value.get("name") if isinstance(value, dict) else None
         if name is not None and not (isinstance(name, str) and name.strip()):
             raise ValueError
-        return name, _point_of_json(value)
+        return _point_of_json(value), name
     name, equals, place = text.rpartition("=")
     if equals and (not name.strip() or "," in name):
         raise ValueError
     x, y = _numbers_of(place)
-    return name.strip() or None, (x, y)
+    return (x, y), name.strip() or None
 
 
 def _is_header_of_pairs(text: str) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.formats.maps import as_occupancy
-from mapdeal.formats.points import PointLines
+from mapdeal.formats.points import NumberLines
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.number_texts import Form, Kind, row_texts
@@ -80,13 +80,13 @@ def field_to_ask(path: Path, options: Settings, parameters: Mapping[str, object]
         return esdf(as_occupancy(source.grid, path), **parameters)  # type: ignore[arg-type]
 
 
-def answers_of(field: DistanceField, asked: PointLines) -> Answers:
+def answers_of(field: DistanceField, asked: NumberLines) -> Answers:
     """Return what a field says of points, one JSON object for each line asked."""
-    cells, inside = field.frame.bounded_rowcol_from_xy(asked.points_xy)
-    samples = field.query(asked.points_xy)
+    cells, inside = field.frame.bounded_rowcol_from_xy(asked.numbers)
+    samples = field.query(asked.numbers)
     at = cells[:, 0], cells[:, 1]
     values = np.column_stack(
-        [asked.points_xy, cells, samples.distance, samples.gradient, field.distance[at]]
+        [asked.numbers, cells, samples.distance, samples.gradient, field.distance[at]]
     )
     # of each state the form without a gradient, then that with one
     chosen = 2 * _states_at(field, at) + np.isfinite(samples.gradient[:, 0]) + 1

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.formats.maps import as_occupancy
-from mapdeal.formats.points import PoseLines
+from mapdeal.formats.points import NumberLines
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
@@ -116,13 +116,13 @@ def _static_costs(
 
 
 def answers_at_poses(
-    costmap: Costmap, footprint: Footprint, asked: PoseLines, rule: FootprintRule
+    costmap: Costmap, footprint: Footprint, asked: NumberLines, rule: FootprintRule
 ) -> Answers:
     """Return what a footprint costs at poses, one JSON object for each line asked."""
-    samples = sample_poses(costmap, footprint, asked.poses, rule=rule)
+    samples = sample_poses(costmap, footprint, asked.numbers, rule=rule)
     chosen = _states_of(samples)
     chosen[list(asked.errors)] = len(_STATES)
-    values = np.column_stack([asked.poses, samples.cost])
+    values = np.column_stack([asked.numbers, samples.cost])
     text = with_errors(row_texts(values, _KINDS, _FORMS, chosen), asked.errors, asked.lines)
     return Answers(text, len(chosen), len(chosen) - int(samples.inside.sum()))
 
