@@ -10,8 +10,7 @@ from mapdeal.render import colours
 from mapdeal.render.cost_curve import cost_curve_image
 from mapdeal.render.cost_palette import CostPalette
 from mapdeal.render.cost_zones import ZoneKind, end_of, marks_of, zones_of
-from mapdeal.render.glyphs import text_width
-from mapdeal.render.pen import Pen
+from mapdeal.render.pen import Pen, text_width
 
 WIDTH = 960
 

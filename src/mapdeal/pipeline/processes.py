@@ -40,7 +40,7 @@ _STOPPED = 128 + signal.SIGTERM
 _PRELOADED = (
     "mapdeal.pipeline.worker_server",
     "mapdeal.pipeline.jobs", "mapdeal.pipeline.processes", "mapdeal.render.layers",
-    "mapdeal.render.glyphs", "PIL.Image", "PIL.PngImagePlugin", "tokenize",
+    "PIL.Image", "PIL.ImageDraw", "PIL.ImageFont", "PIL.PngImagePlugin", "tokenize",
 )  # fmt: skip
 """What a run imports, some of it late: imported once, where workers are forked from."""
 

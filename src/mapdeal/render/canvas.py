@@ -12,8 +12,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.region import Region
 from mapdeal.kernels.lookup import histogram
 from mapdeal.render.colours import Colours
-from mapdeal.render.glyphs import capital_height, text_width
-from mapdeal.render.pen import Image, Pen
+from mapdeal.render.pen import Image, Pen, capital_height, text_width
 from mapdeal.render.style import ColourBar, Swatch
 
 _X_AXIS, _Y_AXIS = "x [m]", "y [m]"

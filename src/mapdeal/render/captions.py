@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.render.glyphs import ascent, capital_height, printable, text_width
 from mapdeal.render.overlay import Brush
-from mapdeal.render.pen import Pen
+from mapdeal.render.pen import Pen, ascent, capital_height, printable, text_width
 
 _DIRECTIONS = 16
 _DISTANCES = (1.0, 1.7, 2.8, 4.5)

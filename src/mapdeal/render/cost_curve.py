@@ -13,9 +13,8 @@ from mapdeal.render import colours
 from mapdeal.render.canvas import ticks_between
 from mapdeal.render.cost_palette import CostPalette
 from mapdeal.render.cost_zones import ZoneKind, described, end_of, marks_of, zones_of
-from mapdeal.render.glyphs import text_width
 from mapdeal.render.overlay import Brush
-from mapdeal.render.pen import BLACK, GREY, WHITE, Image, Pen
+from mapdeal.render.pen import BLACK, GREY, WHITE, Image, Pen, text_width
 
 _SIZE = 16  # pixels per em of the text
 _WIDTH = 960  # pixels of the plot
@@ -239,7 +238,7 @@ class _Drawing:
             if b < self.right:
                 self.pen.sheet[self.band_top : self.band_top + _BAND, b] = WHITE
             width = text_width(zone.kind.value, _SIZE)
-            if width <= b - a - 8:
+            if width <= b - a - 4:
                 self.pen.label(
                     (a + b - width) // 2, self.band_top - int(0.8 * _SIZE), zone.kind.value
                 )

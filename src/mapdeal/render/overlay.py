@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from mapdeal.grid.frame import Frame
 from mapdeal.records import dataclass
 from mapdeal.render.colours import Colour
-from mapdeal.render.filling import fill_discs, fill_polygons, thick_lines
 from mapdeal.render.raster import Raster
 from mapdeal.render.style import Swatch
+
+_FARTHEST = 2.0**20  # pixels; beyond, Pillow's coordinates overflow
 
 
 class Overlay(Protocol):
@@ -95,20 +96,21 @@ class Brush:
     def polyline(self, points: NDArray[np.float64], index: int, *, thickness: int) -> None:
         """Draw a line through points, shape (N, 2), with round corners."""
         if len(points) > 1:
-            fill_polygons(self._pixels, thick_lines(points[:-1], points[1:], thickness), index)
-            fill_discs(self._pixels, points, thickness / 2, index)
+            self.segments(points[:-1], points[1:], index, thickness=thickness)
 
     def segments(
         self, starts: NDArray[np.float64], ends: NDArray[np.float64], index: int, *,
         thickness: int,
     ) -> None:  # fmt: skip
         """Draw lines between points, shape (N, 2) each, with round ends."""
-        fill_polygons(self._pixels, thick_lines(starts, ends, thickness), index)
-        fill_discs(self._pixels, np.concatenate([starts, ends]), thickness / 2, index)
+        self._draw(index, np.stack([starts, ends], axis=1), thickness=thickness)
+        if thickness > 2:
+            points = np.unique(np.concatenate([starts, ends]), axis=0)
+            self._draw(index, points[:, np.newaxis], radius=thickness / 2)
 
     def dot(self, centre: NDArray[np.float64], index: int, *, radius: float) -> None:
         """Draw a filled circle."""
-        fill_discs(self._pixels, centre[np.newaxis], radius, index)
+        self._draw(index, centre[np.newaxis, np.newaxis], radius=radius)
 
     def arrows(
         self, centres: NDArray[np.float64], directions: NDArray[np.float64], index: int, *,
@@ -117,9 +119,8 @@ class Brush:
         """Draw arrows around points, shape (N, 2), along unit vectors."""
         along, across = directions * length, _left_of(directions) * length
         tip, tail, neck = centres + along / 2, centres - along / 2, centres + along * 0.1
-        fill_polygons(self._pixels, thick_lines(tail, neck, thickness), index)
-        wings = [tip, neck + across * 0.22, neck - across * 0.22]
-        fill_polygons(self._pixels, np.stack(wings, axis=1), index)
+        self._draw(index, np.stack([tail, neck], axis=1), thickness=thickness)
+        self._draw(index, np.stack([tip, neck + across * 0.22, neck - across * 0.22], axis=1))
 
     def dart(
         self, centre: NDArray[np.float64], direction: NDArray[np.float64], index: int, *,
@@ -128,8 +129,41 @@ class Brush:
         """Draw an arrowhead around a point, along a unit vector."""
         along, across = direction * length, _left_of(direction) * length
         tip, notch = centre + along * 0.6, centre - along * 0.2
-        wings = [centre - along * 0.4 + side * across * 0.35 for side in (1, -1)]
-        fill_polygons(self._pixels, np.array([[tip, wing, notch] for wing in wings]), index)
+        left, right = (centre - along * 0.4 + side * across * 0.35 for side in (1, -1))
+        self._draw(index, np.array([[tip, left, notch, right]]))
+
+    def _draw(
+        self, index: int, shapes: NDArray[np.float64], *, thickness: int = 0, radius: float = 0.0
+    ) -> None:
+        """Draw shapes of some points each, shape (N, K, 2): discs, lines, or filled corners."""
+        from PIL import Image, ImageDraw
+
+        if not len(shapes):
+            return
+        height, width = self._pixels.shape
+        shapes = np.clip(shapes, -_FARTHEST, _FARTHEST)
+        reach = radius + thickness + 1
+        low = np.clip(shapes.min(axis=(0, 1)) - reach, 0, (width, height)).astype(int)
+        high = np.clip(shapes.max(axis=(0, 1)) + reach, 0, (width, height)).astype(int)
+        under = self._pixels[low[1] : high[1], low[0] : high[0]]
+        if not under.size:
+            return
+        image = Image.fromarray(under)
+        draw = ImageDraw.Draw(image)
+        for points in shapes - low:
+            if radius:
+                first, last = _edge(points[0] - radius), _edge(points[0] + radius) - 1
+                draw.ellipse([*first, *np.maximum(first, last)], fill=index)
+            elif thickness:
+                middle = _edge(points - thickness / 2) + (thickness - 1) // 2
+                draw.line(middle.ravel().tolist(), fill=index, width=thickness)
+            else:
+                draw.polygon(np.floor(points).ravel().tolist(), fill=index)
+        under[:] = np.asarray(image)
+
+
+def _edge(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.floor(places + 0.5)  # half a pixel always to the same side
 
 
 def _left_of(direction: NDArray[np.float64]) -> NDArray[np.float64]:

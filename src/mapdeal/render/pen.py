@@ -2,18 +2,77 @@
 
 from __future__ import annotations
 
+import math
+import unicodedata
+from functools import cache
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.records import dataclass
 from mapdeal.render.colours import Colours
-from mapdeal.render.glyphs import SHADES, advance, ascent, glyph, middle, printable, text_width
 
-MOST_COLOURS = 256 - SHADES
+_SHADES = 16
+
+MOST_COLOURS = 256 - _SHADES
 """Palette entries that a picture may use; the rest are the greys of the text."""
 
 BLACK, WHITE = MOST_COLOURS, 255
-GREY = MOST_COLOURS + SHADES // 3
+GREY = MOST_COLOURS + _SHADES // 3
+
+_ALIKE = str.maketrans({
+    "\u00d7": "x", "\u2010": "-", "\u2011": "-", "\u2012": "-", "\u2013": "-", "\u2014": "-",
+    "\u2212": "-", "\u00df": "ss", "\u00b5": "u", "\u00f8": "o", "\u00d8": "O",
+})  # fmt: skip
+"""Characters that the font of Pillow does not have and accents do not make of others."""
+
+_NO_CHARACTER = "\ufffd"
+"""Drawn as a box."""
+
+
+def printable(text: str) -> str:
+    """Return `text` in characters that the font has: no accents if need be, else boxes."""
+    if text.isascii() and text.isprintable():
+        return text
+    kept = []
+    for character in unicodedata.normalize("NFC", text).translate(_ALIKE):
+        plain = unicodedata.normalize("NFKD", character)
+        parts = [c for c in plain if not unicodedata.combining(c)]
+        shown = [character] if _has(character) else parts
+        kept += [c if _has(c) else _NO_CHARACTER for c in shown]
+    return "".join(kept)
+
+
+@cache
+def _has(character: str) -> bool:
+    font = _font(20)
+    masks = [bytes(font.getmask(one)) for one in (character, _NO_CHARACTER)]
+    return character.isprintable() and masks[0] != masks[1]
+
+
+@cache
+def _font(size: int) -> Any:
+    """Return Pillow's own font, Aileron."""
+    from PIL import ImageFont
+
+    return ImageFont.load_default(size)
+
+
+def text_width(text: str, size: int) -> int:
+    """Return the pixels that `text` takes in a line."""
+    length: float = _font(size).getlength(printable(text))
+    return math.ceil(length)
+
+
+def ascent(size: int) -> int:
+    """Return the rows between the top of a line and its baseline."""
+    return int(_font(size).getmetrics()[0])
+
+
+def capital_height(size: int) -> int:
+    """Return the height of capitals and digits, pixels."""
+    return int(-_font(size).getbbox("H", anchor="ls")[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +110,22 @@ class Pen:
 
     def label(self, x: float, y: float, text: str) -> None:
         """Write a line that begins at x, its middle at y."""
-        self.write(int(x), int(y) + middle(self.size), printable(text), self.size)
+        above, below = _font(self.size).getmetrics()
+        self.write(int(x), int(y) + (above - below) // 2, printable(text), self.size)
 
     def write(self, x: int, baseline: int, text: str, size: int) -> None:
         """Write `printable` text in any size from x on."""
-        for character in text:
-            letter = glyph(character, size)
-            left, top = max(x + letter.left, 0), max(baseline - letter.top, 0)
-            height, width = letter.shades.shape
-            under = self.sheet[top : top + height, left : left + width]
-            shades = WHITE - letter.shades[: under.shape[0], : under.shape[1]]
-            np.minimum(under, shades, out=under)
-            x += advance(character, size)
+        from PIL import Image as Pillow
+        from PIL import ImageDraw
+
+        line = Pillow.new("L", (text_width(text, size) + size, 2 * size))
+        at = (size // 2, ascent(size))  # a letter may begin left of its place
+        ImageDraw.Draw(line).text(at, text, fill=255, font=_font(size), anchor="ls")
+        left, top = x - at[0], baseline - at[1]
+        under = self.sheet[max(top, 0) : top + line.height, max(left, 0) : left + line.width]
+        covered = np.asarray(line)[max(-top, 0) :, max(-left, 0) :][: len(under), : under.shape[1]]
+        shades = np.rint(covered * ((_SHADES - 1) / 255)).astype(np.uint8)
+        np.minimum(under, WHITE - shades, out=under)
 
     def fill(self, left: float, top: float, right: float, bottom: float) -> None:
         """Fill a black box, its edges included."""
@@ -80,7 +143,7 @@ class Pen:
         own = np.asarray(colours, dtype=np.uint8)
         palette = np.zeros((256, 3), dtype=np.uint8)
         palette[: len(own)] = own
-        palette[MOST_COLOURS:] = np.linspace(0, 255, SHADES).astype(np.uint8)[:, np.newaxis]
+        palette[MOST_COLOURS:] = np.linspace(0, 255, _SHADES).astype(np.uint8)[:, np.newaxis]
         return Image(self.sheet, palette)
 
 

@@ -13,8 +13,7 @@ from mapdeal.records import dataclass
 from mapdeal.render import colours
 from mapdeal.render.canvas import corner_of, frame_text, sheet, swatches_in, text_size_of
 from mapdeal.render.colours import interpolated, palette_of
-from mapdeal.render.glyphs import text_width
-from mapdeal.render.pen import GREY, WHITE, Image, Pen
+from mapdeal.render.pen import GREY, WHITE, Image, Pen, text_width
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
 from mapdeal.render.shown import ImageExtent, shown_part
 from mapdeal.render.style import ColourBar, Swatch
