@@ -40,7 +40,12 @@ def run_process() -> NoReturn:
         from mapdeal.kernels.room import prepare_libraries
 
         prepare_libraries()
-        code = 0 if _version_is_printed() else _code_of_main()
+        if _version_is_printed():
+            code = 0
+        else:
+            from mapdeal.cli.main import main
+
+            code = main()
     except KeyboardInterrupt:  # once more, while main tells of the first one
         code = ending()[1]
     for number in own:  # from here on they come too late
@@ -52,12 +57,6 @@ def run_process() -> NoReturn:
     # multiprocessing has made, and what a signal has kept from being removed.
     atexit._run_exitfuncs()  # noqa: SLF001
     os._exit(code)
-
-
-def _code_of_main() -> int:
-    from mapdeal.cli.main import main
-
-    return main()
 
 
 def _version_is_printed() -> bool:

@@ -46,7 +46,7 @@ def piped(values: Mapping[str, Any], marked: Mapping[str, bool]) -> Iterator[dic
     """
     inputs = [
         name for name in values
-        if name != _OUTPUT and _has_dash(values[name]) and not marked.get(name)
+        if name != _OUTPUT and _dashes(values[name]) and not marked.get(name)
     ]  # fmt: skip
     wanted = [name for name in inputs if name in marked]
     output = next((n for n, is_output in marked.items() if is_output and values[n] == DASH), None)
@@ -81,21 +81,12 @@ def piped(values: Mapping[str, Any], marked: Mapping[str, bool]) -> Iterator[dic
             terminal.send(files[output])
 
 
-def _has_dash(value: object) -> bool:
-    return _dashes(value) > 0
-
-
 def _dashes(value: object) -> int:
     """Return how often ``-`` stands in the value of a parameter for files."""
-    values = value if isinstance(value, list) else [value]
-    return sum(_is_dash(one) for one in values)
-
-
-def _is_dash(value: object) -> bool:
-    return value == DASH or value == "-"
+    return sum(str(one) == "-" for one in (value if isinstance(value, list) else [value]))
 
 
 def _replaced(value: Any, path: Path) -> Any:
     if isinstance(value, list):
-        return [_replaced(one, path) if _is_dash(one) else one for one in value]
+        return [_replaced(one, path) if _dashes(one) else one for one in value]
     return str(path) if isinstance(value, str) else path

@@ -74,7 +74,7 @@ def call_files(names: Mapping[Path, str]) -> None:
     for path, name in names.items():
         text = str(path)
         _called[path.as_uri()] = quote(name)
-        for written in (text, one_line(text), json.dumps(text)[1:-1]):
+        for written in (text, json.dumps(text)[1:-1]):
             _called[written] = name
         with contextlib.suppress(OSError):  # reports for machines have it from the working folder
             _called[quote(os.path.relpath(path))] = quote(name)

@@ -145,29 +145,24 @@ def _context() -> BaseContext:
     name or is none, each process starts afresh.
     """
     if "forkserver" in multiprocessing.get_all_start_methods():
-        from multiprocessing import resource_tracker
+        from multiprocessing import forkserver, resource_tracker
 
         # Ctrl-C goes to all processes of a terminal. Here it is this one's to answer; a worker
         # that is only starting would print a traceback. It inherits that the signal is blocked.
         # The tracker comes first, since its start unblocks it again; it ignores all but SIGHUP.
         with _terminal_blocked():
             resource_tracker.ensure_running()
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(list(_PRELOADED))
         try:
-            return _context_of_server()
+            with _terminal_blocked():
+                forkserver.ensure_running()
         except OSError as error:
             if error.errno in (errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOMEM):
                 raise
+        else:
+            return context
     return multiprocessing.get_context("spawn")
-
-
-def _context_of_server() -> BaseContext:
-    from multiprocessing import forkserver
-
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(list(_PRELOADED))
-    with _terminal_blocked():
-        forkserver.ensure_running()
-    return context
 
 
 @contextmanager
