@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from mapdeal.render.overlay import Brush
 
@@ -61,6 +62,20 @@ def test_far_away_places_do_no_harm():
     assert (pixels[11:14] == 2).all()
     brush.segments(np.empty((0, 2)), np.empty((0, 2)), 3, thickness=2)
     assert not (pixels == 3).any()
+
+
+def test_a_route_over_a_large_picture_is_drawn_part_by_part(monkeypatch):
+    path = np.array([60, 40]) + np.random.default_rng(2).normal(size=(300, 2)).cumsum(axis=0)
+    whole, parts = np.zeros((2, 90, 120), np.uint8)
+    Brush(whole).polyline(path, 5, thickness=4)
+    sizes = []
+    monkeypatch.setattr("mapdeal.render.overlay._MOST_PIXELS", 400)
+    fromarray = Image.fromarray
+    monkeypatch.setattr(Image, "fromarray", lambda a: (sizes.append(a.size), fromarray(a))[1])
+    Brush(parts).polyline(path, 5, thickness=4)
+    assert whole.any()
+    assert np.array_equal(parts, whole)
+    assert max(sizes) <= 400
 
 
 def test_what_is_beside_a_shape_keeps_its_pixels():

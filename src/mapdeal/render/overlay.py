@@ -14,6 +14,8 @@ from mapdeal.render.raster import Raster
 from mapdeal.render.style import Swatch
 
 _FARTHEST = 2.0**20  # pixels; beyond, Pillow's coordinates overflow
+_MOST_PIXELS = 1 << 24
+"""Of a picture, that are copied to be drawn on, unless a single shape takes more."""
 
 
 class Overlay(Protocol):
@@ -146,6 +148,10 @@ class Brush:
         low = np.clip(shapes.min(axis=(0, 1)) - reach, 0, (width, height)).astype(int)
         high = np.clip(shapes.max(axis=(0, 1)) + reach, 0, (width, height)).astype(int)
         under = self._pixels[low[1] : high[1], low[0] : high[0]]
+        if under.size > _MOST_PIXELS and len(shapes) > 1:
+            for half in np.array_split(shapes, 2):
+                self._draw(index, half, thickness=thickness, radius=radius)
+            return
         if not under.size:
             return
         image = Image.fromarray(under)
