@@ -166,7 +166,7 @@ def _negate(entries: dict[str, Entry]) -> bool:
     words = {"0": False, "false": False, "no": False, "off": False,
              "1": True, "true": True, "yes": True, "on": True}  # fmt: skip
     word = entry.text().lower()
-    quoted_word = getattr(entry.node, "style", None) is not None and not word.isdigit()
+    quoted_word = getattr(entry.node, "style", None) and not word.isdigit()
     if word not in words or quoted_word:
         raise entry.error("must be 0 or 1")
     return words[word]

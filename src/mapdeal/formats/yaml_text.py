@@ -26,14 +26,7 @@ _PLAIN_TAGS = frozenset(f"tag:yaml.org,2002:{kind}" for kind in _PLAIN_KINDS)
 _NUMBER_TAGS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _NULL, _MERGE = "tag:yaml.org,2002:null", "tag:yaml.org,2002:merge"
 
-_LIBYAML: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_default_tag: Any = yaml.resolver.Resolver().resolve
 _BREAKS = "\r\n\x85\u2028\u2029"
-_KINDS: dict[type, Any] = {
-    yaml.ScalarEvent: yaml.ScalarNode,
-    yaml.SequenceStartEvent: yaml.SequenceNode,
-    yaml.MappingStartEvent: yaml.MappingNode,
-}
 
 
 @dataclass(frozen=True)
@@ -257,27 +250,25 @@ def compose_documents(
     """Return the nodes of all documents in the contents of a YAML file, by PyYAML's own parser."""
     text = decoded_text(path, data)
     with _as_malformed(path, text):
-        events = events_of(text, yaml.SafeLoader)
-        return list(_Composer(path, events, limits, tags).documents())
+        composer = _PYYAML(text).read(path, text, limits, tags)
+        documents: list[yaml.Node] = []
+        while composer.check_node():
+            documents.append(composer.get_node())
+        return documents
 
 
 def _compose(path: Path, text: str, limits: YamlLimits) -> yaml.Node | None:
     """Return the tree of nodes, as far as it is harmless."""
     with _as_malformed(path, text):
-        documents = _Composer(path, events_of(text), limits).documents(most=1)
-        return next(iter(list(documents)), None)
+        node: yaml.Node | None = _LIBYAML(text).read(path, text, limits).get_single_node()
+        return node
 
 
-def events_of(text: str, loader: Any = None) -> Iterator[yaml.Event]:
+def events_of(path: Path, text: str, limits: YamlLimits) -> Iterator[yaml.Event]:
     """Yield the events of a text, whose marks have it at hand."""
-    for event in yaml.parse(text, Loader=loader or _LIBYAML):
-        event.start_mark = _mark(event.start_mark, text)
-        event.end_mark = _mark(event.end_mark, text)
-        yield event
-
-
-def _mark(mark: Any, text: str) -> yaml.Mark:
-    return yaml.Mark("", mark.index, mark.line, mark.column, text, mark.index)
+    loader = _LIBYAML(text).read(path, text, limits)
+    while loader.check_event():
+        yield loader.get_event()
 
 
 @contextmanager
@@ -303,82 +294,64 @@ def fault_in(text: str, error: Exception) -> tuple[str, tuple[int, int] | None]:
     return rule, (mark.line + 1, mark.column + 1)
 
 
-class _Composer:
-    """Nodes of events, as PyYAML composes them; each event is looked at before."""
+class _Composer(yaml.composer.Composer):
+    """PyYAML's composer, which looks at each event before it makes a node of it."""
 
-    def __init__(
-        self,
-        path: Path,
-        events: Iterator[yaml.Event],
-        limits: YamlLimits,
-        tags: frozenset[str] = frozenset(),
-    ) -> None:
-        self._path, self._events, self._limits = path, events, limits
+    def read(
+        self, path: Path, text: str, limits: YamlLimits, tags: frozenset[str] = frozenset()
+    ) -> Any:
+        """Set what is read, and its limits; loaders are made with the text alone."""
+        self._path, self._text, self._limits = path, text, limits
         self._tags = _PLAIN_TAGS | tags
-        self._nodes = self._aliases = 0
-        self._anchors: dict[str, yaml.Node] = {}
-        self._nodes_of: dict[str, int] = {}  # by anchor
+        self._depth = self._nodes = self._aliases = 0
+        return self
 
-    def documents(self, most: int | None = None) -> Iterator[yaml.Node]:
-        """Yield the node of each document."""
-        for event in self._events:
-            if isinstance(event, yaml.DocumentStartEvent):
-                if most == 0:
-                    raise _refusal("but found another document", event)
-                most = None if most is None else most - 1
-                self._anchors, self._nodes_of = {}, {}
-                yield self._node(next(self._events), 0)
+    def get_event(self) -> Any:
+        """Return the next event, whose marks have the text at hand."""
+        event: Any = super().get_event()  # type: ignore[misc]
+        event.start_mark, event.end_mark = (
+            yaml.Mark("", mark.index, mark.line, mark.column, self._text, mark.index)
+            for mark in (event.start_mark, event.end_mark)
+        )
+        return event
 
-    def _node(self, event: Any, depth: int) -> yaml.Node:
-        """Return the node that an event begins, and all below it."""
+    def compose_document(self) -> yaml.Node | None:
+        """Return the node of the next document, which has anchors of its own."""
+        self.anchors: dict[Any, yaml.Node] = {}
+        self._nodes_of: dict[str | None, int] = {}
+        return super().compose_document()
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Return the next node and all below it."""
+        event: Any = self.peek_event()  # type: ignore[attr-defined]
         if isinstance(event, yaml.AliasEvent):
-            return self._alias(event)
+            self._count_alias(event)
+            return super().compose_node(parent, index)
         before = self._nodes
         self._count(1, event)
         if event.tag not in (None, "!") and event.tag not in self._tags:
             raise self._error("tag not allowed", event, got=event.tag)
-        is_scalar = isinstance(event, yaml.ScalarEvent)
-        if not is_scalar and depth == _DEEPEST:
+        is_nested = isinstance(event, yaml.CollectionStartEvent)
+        self._depth += is_nested
+        if self._depth > _DEEPEST:
             raise self._error(f"nested deeper than {_DEEPEST} levels", event)
-        if event.anchor in self._anchors:
-            raise _refusal("second occurrence", event)
-        kind, value = _KINDS[type(event)], event.value if is_scalar else []
-        tag = None if event.tag == "!" else event.tag
-        tag = tag or _default_tag(kind, value if is_scalar else None, event.implicit)
-        style = (event.style or None) if is_scalar else event.flow_style
-        node: yaml.Node = kind(tag, value, event.start_mark, event.end_mark, style)
-        if event.anchor is not None:
-            self._anchors[event.anchor] = node
-        if not is_scalar:
-            self._fill(node, depth + 1)
-        if event.anchor is not None:
-            self._nodes_of[event.anchor] = self._nodes - before
+        node = super().compose_node(parent, index)
+        self._depth -= is_nested
+        self._nodes_of[event.anchor] = self._nodes - before
         return node
 
-    def _fill(self, node: Any, depth: int) -> None:
-        for event in self._events:
-            if isinstance(event, yaml.CollectionEndEvent):
-                node.end_mark = event.end_mark
-                return
-            one: Any = self._node(event, depth)
-            if isinstance(node, yaml.MappingNode):
-                one = one, self._node(next(self._events), depth)
-            node.value.append(one)
-
-    def _alias(self, event: yaml.AliasEvent) -> yaml.Node:
-        anchor, most = str(event.anchor), self._limits.aliases
+    def _count_alias(self, event: Any) -> None:
         self._aliases += 1
-        if self._aliases > most:
+        if self._aliases > self._limits.aliases:
+            most = self._limits.aliases
             rule = f"more than {most} aliases" if most else "aliases are not allowed"
-            raise self._error(rule, event, got=f"*{anchor}")
-        if anchor not in self._anchors:
-            raise _refusal(f"found undefined alias {anchor!r}", event)
-        if anchor not in self._nodes_of:
-            raise self._error("an alias within its own anchor", event, got=f"*{anchor}")
-        self._count(self._nodes_of[anchor], event)
-        return self._anchors[anchor]
+            raise self._error(rule, event, got=f"*{event.anchor}")
+        # one that is not known yet is refused by PyYAML, or stands within what it stands for
+        if event.anchor in self.anchors and event.anchor not in self._nodes_of:
+            raise self._error("an alias within its own anchor", event, got=f"*{event.anchor}")
+        self._count(self._nodes_of.get(event.anchor, 0), event)
 
-    def _count(self, nodes: int, event: yaml.Event) -> None:
+    def _count(self, nodes: int, event: Any) -> None:
         self._nodes += nodes
         if self._nodes > self._limits.nodes:
             raise self._error(f"more than {self._limits.nodes} keys and values", event)
@@ -388,8 +361,12 @@ class _Composer:
         return MalformedInputError(rule, source=self._path, place=place, **got)
 
 
-def _refusal(rule: str, event: Any) -> yaml.YAMLError:
-    return yaml.composer.ComposerError(None, None, rule, event.start_mark)
+def _composer_over(loader: Any) -> Any:
+    return type("_Over", (_Composer, loader), {"__init__": loader.__init__})
+
+
+_PYYAML = _composer_over(yaml.SafeLoader)
+_LIBYAML = _composer_over(getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
 def _number_hint(text: str) -> str | None:

@@ -101,7 +101,7 @@ def _events(path: Path, text: str) -> Iterator[yaml.Event]:
     """Yield the events of a file, as far as it is harmless."""
     depth = 0
     try:
-        for count, event in enumerate(events_of(text)):
+        for count, event in enumerate(events_of(path, text, OF_PARAMETERS)):
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
             if depth > DEEPEST:
