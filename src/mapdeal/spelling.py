@@ -4,17 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-BRITISH_AND_AMERICAN = (
-    ("centre", "center"),
-    ("centring", "centering"),
-    ("colour", "color"),
-    ("disc", "disk"),
-    ("grey", "gray"),
-    ("metre", "meter"),
-    ("neighbour", "neighbor"),
-    ("normalise", "normalize"),
-    ("optimise", "optimize"),
-)
+BRITISH_AND_AMERICAN = (("centre", "center"), ("disc", "disk"))
 """Spellings of one word, in choices and in names: either is as good."""
 
 _ALIKE = 0.75

@@ -155,7 +155,7 @@ class FolderBag(Bag):
         form = _text_of(fields, "compression_format").lower()
         if mode not in ("none", "file", "message", "storage"):
             raise fields["compression_mode"].error("must be none, file or message")
-        if mode in ("file", "message") and form not in ("zstd", "fake_comp"):
+        if mode in ("file", "message") and form != "zstd":
             raise fields["compression_mode"].error("can be read with compression_format zstd alone")
         names = self._present(fields["relative_file_paths"])
         return _Metadata(storage, names, mode, _serializations(fields))
