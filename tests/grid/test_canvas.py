@@ -143,7 +143,7 @@ def test_another_value_around_a_map():
 
 # What is made of a field with numbers in a box alone.
 
-FIELD_STAGES = [stage for stage in STAGES if stage.takes_field]
+FIELD_STAGES = [stage for stage in STAGES if DistanceField in stage.takes]
 CHOSEN = {
     "exponential": {"inscribed_radius": 0.3, "inflate_unknown": True,
                     "inflate_around_unknown": True},

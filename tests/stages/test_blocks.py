@@ -119,7 +119,7 @@ def test_every_stage_on_maps_and_fields(stage, data):
     grid, block_height, step = data.draw(cases())
     chosen = data.draw(drawn(DRAWN[stage.name, stage.model]))
     whole, blocks = grid, in_blocks(grid, block_height)
-    if stage.takes_field and data.draw(st.booleans()):
+    if mapdeal.DistanceField in stage.takes and data.draw(st.booleans()):
         of_field = data.draw(drawn(FIELDS))
         whole, blocks = (mapdeal.esdf(source, **of_field) for source in (whole, blocks))
     expected, made = (outcome(stage.function, source, **chosen) for source in (whole, blocks))

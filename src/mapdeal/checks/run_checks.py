@@ -24,9 +24,7 @@ def is_run(folder: Path) -> bool:
     Programs of other kinds have files of that name, too: such a folder may hold maps.
     """
     manifest = read_json(folder / MANIFEST)
-    if isinstance(manifest, dict):
-        return "outputs" in manifest or "mapdeal" in manifest
-    return manifest is None  # damaged
+    return manifest is None or (isinstance(manifest, dict) and "outputs" in manifest)
 
 
 RUN_FOLDERS = WholeFolders(MANIFEST, is_run, "summary.json", parts=(LOCAL_FOLDER,))

@@ -26,7 +26,7 @@ from mapdeal.formats.open_file import HEAD, OpenFile
 from mapdeal.formats.picture import LARGEST_CELLS, Picture, Samples, check_size
 from mapdeal.formats.source import CHANGED
 from mapdeal.formats.strips import ImageFormat, Strips, strips_at_places, strips_of
-from mapdeal.kernels.blocks import Layer, swept
+from mapdeal.kernels.blocks import Layer
 from mapdeal.records import dataclass
 
 _WHITE = re.compile(rb"[ \t\n\v\f\r]*")
@@ -198,15 +198,8 @@ def write_pbm(file: BinaryIO, packed: NDArray[np.uint8], width: int) -> None:
     _write_rows(file, packed)
 
 
-def write_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> None:
-    """Write a P5 file of 8-bit pixels, shape (H, W), row 0 in the south."""
-    put = begin_pgm(file, pixels, comment=comment)
-    for rows in swept(pixels):
-        put(rows)
-
-
 def begin_pgm(file: BinaryIO, pixels: Layer, *, comment: str = "") -> Callable[[slice], None]:
-    """Begin a P5 file, and return what writes rows of its pixels in their place."""
+    """Begin a P5 file of 8-bit pixels, and return what writes rows of them, row 0 in the south."""
     height, width = pixels.shape
     _write_pgm_header(file, (height, width), comment)
     start = file.tell()

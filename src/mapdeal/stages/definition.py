@@ -21,7 +21,6 @@ from mapdeal.errors import ParameterError
 from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.costmap_layers import CostmapLayers
-from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
 from mapdeal.records import dataclass
@@ -136,11 +135,6 @@ class Stage:
         first = next(iter(inspect.signature(function).parameters))
         taken = get_type_hints(function)[first]
         return get_args(taken) or (taken,)
-
-    @property
-    def takes_field(self) -> bool:
-        """Whether it works on distance fields directly, and not only on their maps."""
-        return DistanceField in self.takes
 
 
 def stage(
