@@ -152,8 +152,9 @@ def draw_picture(
     Examples
     --------
     >>> from mapdeal import OccupancyGrid, esdf
-    >>> draw_picture(esdf(OccupancyGrid([[100, 0, 0, -1]], 0.5)))
-    Picture(796 x 326 pixels)
+    >>> picture = draw_picture(esdf(OccupancyGrid([[100, 0, 0, -1]], 0.5)))
+    >>> picture.rgb().shape[2]
+    3
     """
     settings = Settings(image_max=image_max, image_extent=image_extent)
     look: dict[str, Any] = {

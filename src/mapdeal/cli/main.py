@@ -17,7 +17,7 @@ from typer.core import TyperGroup
 from mapdeal.cli import terminal
 from mapdeal.cli.help_pages import in_groups, lay_out, write_commands
 from mapdeal.cli.process import begin_work, ending
-from mapdeal.cli.usage import read_words, usage_error
+from mapdeal.cli.usage import accept_words, usage_error
 from mapdeal.errors import FileAccessError, FindingError, MapdealError, refusal_of_the_system
 
 # typer brings its own copy of click in new versions and uses the package in old ones; both
@@ -68,7 +68,7 @@ class _LazyGroup(TyperGroup):
         begin_work()
         command: Any = typer.main.get_command(app)
         for name, one in (("", command), *getattr(command, "commands", {}).items()):
-            read_words(one, cmd_name)
+            accept_words(one, cmd_name)
             lay_out(one, f"{cmd_name} {name}".strip())
         command.name = cmd_name
         first, _, _ = (command.help or "").partition("\n\n")

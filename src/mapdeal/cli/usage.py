@@ -26,7 +26,7 @@ _OF_POINTS = {"query": "--at", "edit": "--point", "reach": "--to"}
 _POINT = re.compile(r"(?:[^-=,][^=,]*=)?[-+0-9.eE]+(?:,[-+0-9.eE]+){1,2}")
 
 
-def read_words(command: Any, name: str) -> None:
+def accept_words(command: Any, name: str) -> None:
     """Make a command read its words as recipes do: spellings, numbers, flags; and points in rows.
 
     What is wrong with a file is left to whoever opens it.
