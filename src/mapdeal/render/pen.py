@@ -21,6 +21,9 @@ MOST_COLOURS = 256 - _SHADES
 BLACK, WHITE = MOST_COLOURS, 255
 GREY = MOST_COLOURS + _SHADES // 3
 
+_INK = [WHITE - round(covered * (_SHADES - 1) / 255) for covered in range(256)]
+"""Indices by how much of a pixel is covered."""
+
 _ALIKE = str.maketrans({
     "\u00d7": "x", "\u2010": "-", "\u2011": "-", "\u2012": "-", "\u2013": "-", "\u2014": "-",
     "\u2212": "-", "\u00df": "ss", "\u00b5": "u", "\u00f8": "o", "\u00d8": "O",
@@ -53,10 +56,11 @@ def _has(character: str) -> bool:
 
 @cache
 def _font(size: int) -> Any:
-    """Return Pillow's own font, Aileron."""
+    """Return Pillow's own font, Aileron, laid out alike with and without further libraries."""
     from PIL import ImageFont
 
-    return ImageFont.load_default(size)
+    font: Any = ImageFont.load_default(size)
+    return font.font_variant(layout_engine=ImageFont.Layout.BASIC)
 
 
 def text_width(text: str, size: int) -> int:
@@ -123,9 +127,9 @@ class Pen:
         ImageDraw.Draw(line).text(at, text, fill=255, font=_font(size), anchor="ls")
         left, top = x - at[0], baseline - at[1]
         under = self.sheet[max(top, 0) : top + line.height, max(left, 0) : left + line.width]
-        covered = np.asarray(line)[max(-top, 0) :, max(-left, 0) :][: len(under), : under.shape[1]]
-        shades = np.rint(covered * ((_SHADES - 1) / 255)).astype(np.uint8)
-        np.minimum(under, WHITE - shades, out=under)
+        # numpy dies for lack of memory where it converts types, so Pillow turns shades to indices
+        ink = np.asarray(line.point(_INK))[max(-top, 0) :, max(-left, 0) :]
+        np.minimum(under, ink[: len(under), : under.shape[1]], out=under)
 
     def fill(self, left: float, top: float, right: float, bottom: float) -> None:
         """Fill a black box, its edges included."""
