@@ -28,8 +28,8 @@ import mapdeal
 from mapdeal.alignment.align import align
 from mapdeal.checks.difference import frame_around
 from mapdeal.formats.png import write_indexed_png
+from mapdeal.grid.frame import Transform
 from mapdeal.grid.resample import sampled
-from mapdeal.grid.transform import Transform
 from mapdeal.render.colours import Colour
 from mapdeal.render.difference import difference_image
 from mapdeal.render.layers import occupancy_image

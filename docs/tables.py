@@ -28,11 +28,10 @@ import typer
 
 from mapdeal.cli.main import app, command_names
 from mapdeal.cli.shared_options import SHARED_OPTIONS, expanded
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.grid.costmap import Costmap, InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
-from mapdeal.pipeline.products import paths_of
+from mapdeal.pipeline.folder import paths_of
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages.catalogue import STAGE_NAMES, STAGES, stage_named
 from mapdeal.stages.definition import Stage, meanings_of

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import mapdeal
-from mapdeal.grid.costmap_layers import CostmapLayers, InflationLayer, StaticLayer
+from mapdeal.grid.costmap import CostmapLayers, InflationLayer, StaticLayer
 from mapdeal.stages.catalogue import stage_named
 
 

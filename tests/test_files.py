@@ -17,18 +17,18 @@ WALKS = {
     "formats/listing.py:_seen_in": "lists one folder",
     "formats/listing.py:numbered_folders": "lists one folder",
     "pipeline/repair.py:_images_of": "lists one folder",
-    "formats/map_listing.py:_below_folder": "each real folder once, however many links lead to it",
-    "formats/map_listing.py:look_into": "lists one folder",
+    "formats/listing.py:_below_folder": "each real folder once, however many links lead to it",
+    "formats/listing.py:look_into": "lists one folder",
     "formats/map_server.py:_nearest_name": "lists one folder",
-    "formats/nearby.py:file_meant": "lists one folder",
+    "formats/source.py:file_meant": "lists one folder",
     "formats/bags/folder.py:_guessed": "lists one folder",
     "formats/bags/folder.py:_present": "lists one folder",
-    "formats/bags/names.py:bag_paths": "lists one folder",
+    "formats/bags/bag.py:bag_paths": "lists one folder",
     "formats/kinds.py:_kind_of_folder": "lists one folder",
     "formats/temporary.py:remove_stale": "lists one folder",
     "formats/transaction.py:_make": "a path gets shorter with each step, up to the root",
     "pipeline/reports/runs.py:runs_in": "by `folders_below`, into each real folder once",
-    "formats/free_memory.py:free_memory": "a path gets shorter with each step, up to its end",
+    "formats/budget.py:free_memory": "a path gets shorter with each step, up to its end",
 }
 """Each function that lists a folder or climbs up a path, and why it is linear in what is there.
 

@@ -27,7 +27,7 @@ OURS = "matched against docstrings of the project alone"
 
 # Where each stands, how it is used, and why that takes linear time: searching tries at each place.
 REASONS = {
-    ("checks/image_checks.py",
+    ("checks/map_checks.py",
      r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"):
         ("search", "every repeat is bounded, so a try is, too"),
     ("cli/completion.py", r"\n=\n?"): ("sub", "no more than three characters"),
@@ -42,14 +42,14 @@ REASONS = {
         ("search", "a word of the command line; the repeat ends at the next quote"),
     ("cli/stage_command.py", r".*?\.(?=\s+[A-Z`]|$)"): ("match", OURS),
     ("formats/bags/bag.py", r"([^/]+)/([^/]+)"): ("fullmatch", "a slash stands between the runs"),
-    ("formats/bags/names.py", r"[A-Za-z_][A-Za-z0-9_]*"): ("fullmatch", "one run"),
-    ("formats/bags/names.py", r"[A-Za-z0-9_. +-]+"): ("fullmatch", "one run"),
+    ("formats/bags/bag.py", r"[A-Za-z_][A-Za-z0-9_]*"): ("fullmatch", "one run"),
+    ("formats/bags/bag.py", r"[A-Za-z0-9_. +-]+"): ("fullmatch", "one run"),
     ("formats/bags/ros1.py", r"#ROSBAG V(\d+)\.(\d+)\n"):
         ("fullmatch", "a point stands between the runs; 64 bytes at most"),
-    ("formats/free_memory.py", r"^MemAvailable:\s+(\d+) kB"):
+    ("formats/budget.py", r"^MemAvailable:\s+(\d+) kB"):
         ("search", "tried at the beginnings of lines; the two runs have nothing in common"),
-    ("formats/free_memory.py", r"^0::/(.*)$"): ("search", "tried at the beginnings of lines"),
-    ("formats/free_memory.py", r"^inactive_file (\d+)"):
+    ("formats/budget.py", r"^0::/(.*)$"): ("search", "tried at the beginnings of lines"),
+    ("formats/budget.py", r"^inactive_file (\d+)"):
         ("search", "tried at the beginnings of lines"),
     ("formats/kinds.py", r"(?m)^[ \t]*(FLASER|ROBOTLASER1|RAWLASER1)[ \t]"):
         ("search", "tried at the beginnings of lines, where one run precedes a letter"),
@@ -59,7 +59,7 @@ REASONS = {
         ("search", "tried at the beginnings of lines, where two runs stand around what is fixed"),
     ("formats/kinds.py", r"(?m)^size (\d{1,18})$"): ("search", "tried at the beginnings of lines"),
     ("formats/listing.py", r"([0-9]+)"): ("split", "a try cannot fail behind its first digit"),
-    ("formats/map_listing.py", r"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
+    ("formats/listing.py", r"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:"""):
         ("search", "tried at the beginnings of lines, where one run follows what is fixed"),
     ("formats/pnm.py", r"[ \t\n\v\f\r]*"): ("match", "one class, and it cannot fail"),
     ("formats/pnm.py", r"[ \t\n\v\f\r]"): ("search", "one character"),
@@ -71,20 +71,20 @@ REASONS = {
         ("search", "every repeat is bounded, so a try is, too"),
     ("formats/lint_config.py", r"[ \t]*([\w.-]+)[ \t]*"):
         ("match", "white space and names have nothing in common"),
-    ("formats/ros_parameters/ros2_scalar.py",
+    ("formats/ros_parameters/ros2.py",
      r"([-+]?)(?:0[xX]([0-9a-fA-F]+)|(0[0-7]*)|([1-9][0-9]*))"):
         ("fullmatch", "one run of digits at the end, after what tells the three apart"),
-    ("formats/ros_parameters/ros2_scalar.py",
+    ("formats/ros_parameters/ros2.py",
      r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"):
         ("fullmatch", "a point or an e stands between runs of digits"),
-    ("formats/ros_parameters/ros2_scalar.py",
+    ("formats/ros_parameters/ros2.py",
      r"[-+]?0[xX](?:[0-9a-fA-F]+(?:\.[0-9a-fA-F]*)?|\.[0-9a-fA-F]+)(?:[pP][-+]?[0-9]+)?"):
         ("fullmatch", "a point or a p stands between runs of digits"),
-    ("formats/ros_parameters/ros2_scalar.py",
+    ("formats/ros_parameters/ros2.py",
      r"[-+]?(?:inf(?:inity)?|nan(?:\([0-9a-z_]*\))?)"):
         ("fullmatch", "one run, between fixed characters"),
-    ("formats/ros_parameters/ros2_scalar.py", r"[eE]"): ("split", "one character"),
-    ("formats/ros_parameters/ros2_scalar.py", r"[pP]"): ("split", "one character"),
+    ("formats/ros_parameters/ros2.py", r"[eE]"): ("split", "one character"),
+    ("formats/ros_parameters/ros2.py", r"[pP]"): ("split", "one character"),
     ("formats/yaml_text.py", r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"):
         ("fullmatch", "a point or an e stands between runs of digits"),
     ("formats/yaml_text.py", r"[-+]?0\d"): ("match", "three characters"),

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.transform import Transform
 
 WALLS = [
     ((0, 0), (24, 0)), ((24, 0), (24, 15)), ((24, 15), (0, 15)), ((0, 15), (0, 0)),

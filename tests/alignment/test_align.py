@@ -11,8 +11,8 @@ from alignment.buildings import HALL, OTHER_WALLS, WALLS, between, cut, drawn, e
 from mapdeal.alignment.align import align
 from mapdeal.editing.turn import rotate
 from mapdeal.errors import ParameterError
+from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.transform import Transform
 from mapdeal.kernels.threads import use_threads
 
 pytestmark = pytest.mark.slow

@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 
 from alignment.buildings import WALLS, drawn
-from mapdeal.alignment.correlation import Near, moved, places_of
-from mapdeal.alignment.refinement import moved_back, refined
-from mapdeal.alignment.walls import walls_of
-from mapdeal.alignment.yaws import yaws_by_walls
-from mapdeal.grid.transform import Transform
+from mapdeal.alignment.correlation import (
+    Near,
+    moved,
+    moved_back,
+    places_of,
+    refined,
+    walls_of,
+    yaws_by_walls,
+)
+from mapdeal.grid.frame import Transform
 
 TURN = 0.7
 

@@ -23,11 +23,11 @@ from make_map import RESOLUTION, pixels_of_map
 from scipy import ndimage, sparse
 
 from mapdeal import Footprint
-from mapdeal.grid.footprint_cells import footprint_spans
+from mapdeal.grid.footprint import footprint_spans
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.configuration_space import ConfigurationSpace
 from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.spans import Spans, paint
+from mapdeal.kernels.polygons import Spans, paint
 from mapdeal.kernels.threads import use_threads
 
 HEADINGS = 72

@@ -27,8 +27,8 @@ import numpy as np
 from PIL import Image
 
 from mapdeal import OccupancyGrid, read_map
-from mapdeal.grid.transform import Transform
-from mapdeal.scoring.compare import compare_to_truth
+from mapdeal.grid.frame import Transform
+from mapdeal.scoring.comparing import compare_to_truth
 
 RIGHT, FINE = (0.5, 2.0), (0.1, 0.3)
 """Mean shift of the walls in metres, and degrees."""

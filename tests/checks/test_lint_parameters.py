@@ -7,7 +7,7 @@ import pytest
 
 import mapdeal
 from mapdeal.checks.finding import CHECKS
-from mapdeal.checks.lint_parameters import lint_parameters
+from mapdeal.checks.parameter_checks import lint_parameters
 from mapdeal.errors import FileAccessError
 
 GOOD = """\

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from mapdeal import MapdealWarning, OccupancyGrid, read_map
-from mapdeal.checks import image_checks, yaml_checks
+from mapdeal.checks import map_checks
 from mapdeal.checks.difference import compare
 from mapdeal.checks.facts import gather
 from mapdeal.checks.repair import repaired
@@ -44,36 +44,36 @@ def said(function, facts):
 def test_a_threshold_is_compared_with_the_shade_that_negate_makes(pair):
     text = "0.2 is the shade of grey {} (1 pixels): readers disagree on it"
     facts, _ = pair([[0, 51, 204, 254]], free_thresh="0.2")
-    assert said(image_checks.on_grey, facts) == [text.format(204)]
+    assert said(map_checks.on_grey, facts) == [text.format(204)]
     facts, _ = pair([[0, 51, 204, 254]], free_thresh="0.2", negate="1")
-    assert said(image_checks.on_grey, facts) == [text.format(51)]
+    assert said(map_checks.on_grey, facts) == [text.format(51)]
     facts, _ = pair([[0, 51, 204, 254]], free_thresh="0.2", mode="raw")
-    assert said(image_checks.on_grey, facts) == []
+    assert said(map_checks.on_grey, facts) == []
     facts, _ = pair([[0, 203, 205]], free_thresh="0.2")
-    assert said(image_checks.on_grey, facts) == []
+    assert said(map_checks.on_grey, facts) == []
 
 
 def test_cartographer_is_named_above_a_tenth_of_the_pixels(pair):
     row = [0] * 30
     facts, _ = pair([[128] * 3 + row[3:]])
-    assert said(image_checks.cartographer, facts) == []
+    assert said(map_checks.cartographer, facts) == []
     facts, _ = pair([[128] * 4 + row[4:]])
-    assert said(image_checks.cartographer, facts) == [
+    assert said(map_checks.cartographer, facts) == [
         "4 pixels have grey 128, Cartographer's unknown"
     ]
 
 
 def test_greys_that_no_map_saver_writes_are_counted_the_most_first(pair):
     facts, _ = pair([[0, 205, 254, 255]])
-    assert said(image_checks.greys, facts) == []
+    assert said(map_checks.greys, facts) == []
     row = [7, 6, 6, 5, 5, 5, 9, 9, 9, 9, 8, 8, 8, 8, 8, 11, 11, 11, 11, 11, 11, 255]
     text = "21 pixels have greys other than 0, 205, 254 (11: 6, 8: 5, 9: 4, 5: 3, 6: 2{})"
     facts, _ = pair([row])
-    assert said(image_checks.greys, facts) == [text.format(", and 1 more greys")]
+    assert said(map_checks.greys, facts) == [text.format(", and 1 more greys")]
     facts, _ = pair([[*row[1:], 254]])
-    assert said(image_checks.greys, facts) == [text.format("").replace("21", "20", 1)]
+    assert said(map_checks.greys, facts) == [text.format("").replace("21", "20", 1)]
     facts, _ = pair([row], mode="scale")
-    assert said(image_checks.greys, facts) == []
+    assert said(map_checks.greys, facts) == []
 
 
 @pytest.mark.parametrize(
@@ -88,30 +88,30 @@ def test_greys_that_no_map_saver_writes_are_counted_the_most_first(pair):
 def test_a_resolution_in_the_image_may_be_rounded(pair, comment, resolution, is_told):
     facts, _ = pair(comment=f"CREATOR: map_saver {comment} m/pix", resolution=resolution)
     text = f"the image says {float(comment):g} m per pixel, the YAML {float(resolution):g}"
-    assert said(image_checks.comment_resolution, facts) == [text] * is_told
+    assert said(map_checks.comment_resolution, facts) == [text] * is_told
 
 
 def test_grey_205_that_is_free_is_counted_where_only_that_is_free(pair):
     facts, _ = pair([[0, 205, 205], [254, 254, 205]], free_thresh="0.25")
-    (text,) = said(image_checks.unknown_becomes_free, facts)
+    (text,) = said(map_checks.unknown_becomes_free, facts)
     assert text == (
         "3 cells (50 %) of grey 205, which map_saver writes for unknown, are read as free by nav2,"
         " humble and ros1; lower free_thresh from 0.25 to 0.196"
     )
     facts, _ = pair([[0, 254, 210]], free_thresh="0.25")
-    assert said(image_checks.unknown_becomes_free, facts) == []
+    assert said(map_checks.unknown_becomes_free, facts) == []
     facts, _ = pair([[0, 205, 254]], mode="raw")
-    assert said(image_checks.unknown_becomes_free, facts) == []
+    assert said(map_checks.unknown_becomes_free, facts) == []
 
 
 def test_a_few_pixels_of_grey_205_are_the_blur_of_edges(pair):
     """A thousandth of the cells is map_saver's."""
     row = [254] * 1000
     facts, _ = pair([[205, *row[1:]]], free_thresh="0.25")
-    (text,) = said(image_checks.unknown_becomes_free, facts)
+    (text,) = said(map_checks.unknown_becomes_free, facts)
     assert text.startswith("1 cells (0.1 %) of grey 205")
     facts, _ = pair([[205, *row]], free_thresh="0.25")
-    assert said(image_checks.unknown_becomes_free, facts) == []
+    assert said(map_checks.unknown_becomes_free, facts) == []
     assert repaired(facts.path, facts)[1] == []  # and so is none of them changed
 
 
@@ -124,14 +124,14 @@ def test_a_few_pixels_of_grey_205_are_the_blur_of_edges(pair):
 )
 def test_what_is_told_of_a_threshold_does_not_contradict_itself(pair, free_thresh, told):
     facts, _ = pair([[0, 205, 254]], free_thresh=free_thresh)
-    (text,) = said(image_checks.unknown_becomes_free, facts)
+    (text,) = said(map_checks.unknown_becomes_free, facts)
     assert text.endswith(f" are read as free by nav2, humble and ros1; {told}")
 
 
 def test_a_threshold_that_readers_round_differently_names_those_that_free_the_grey(pair):
     # the shade of grey 205; ROS 1 compares with <, and to humble 1 - 205 / 255 comes out below
     facts, _ = pair([[0, 205, 205, 254]], free_thresh=repr(50 / 255))
-    (text,) = said(image_checks.unknown_becomes_free, facts)
+    (text,) = said(map_checks.unknown_becomes_free, facts)
     assert text == (
         "2 cells (50 %) of grey 205, which map_saver writes for unknown, are read as free by nav2"
         " and humble; lower free_thresh from 0.19607843137254902 to 0.196"
@@ -149,7 +149,7 @@ def test_opacity_that_is_averaged_in_is_no_matter_of_thresholds(png_pair, free_t
     """(3 * 205 + 255) / 4 is 217.5, whose shade is 0.147."""
     opaque = [[[205] * 3 + [255], [254] * 3 + [255]]]
     facts = png_pair(opaque, free_thresh=free_thresh)
-    (text,) = said(image_checks.unknown_becomes_free, facts)
+    (text,) = said(map_checks.unknown_becomes_free, facts)
     assert text == (
         "1 cells (50 %) of grey 205, which map_saver writes for unknown, are read as free by"
         f" {who}; {advice} the image as a PGM, since humble and ros1 average the opacity into the"
@@ -164,14 +164,14 @@ def test_16_bit_greys_beside_that_of_map_saver_are_not_taken_for_it(tmp_path):
         entries = {**YAML, "image": "m.png", "free_thresh": "0.25"}
         (tmp_path / "m.yaml").write_text("\n".join(f"{k}: {v}" for k, v in entries.items()))
         facts = gather(tmp_path / "m.yaml")[0]
-        assert len(said(image_checks.unknown_becomes_free, facts)) == is_told
+        assert len(said(map_checks.unknown_becomes_free, facts)) == is_told
 
 
 def test_commands_warn_in_the_words_of_the_check(pair):
     facts, _ = pair([[0, 205, 254]], free_thresh="0.25")
     with pytest.warns(MapdealWarning) as caught:
         read_map(facts.path)
-    (text,) = said(image_checks.unknown_becomes_free, facts)
+    (text,) = said(map_checks.unknown_becomes_free, facts)
     assert [str(one.message) for one in caught] == [
         f"{facts.path}: {text}".replace(" by nav2, humble and ros1", "")
     ]
@@ -184,7 +184,7 @@ def test_commands_warn_in_the_words_of_the_check(pair):
 def test_cells_from_a_millimetre_to_ten_metres_are_usual(pair, resolution, is_told):
     facts, _ = pair(resolution=resolution)
     text = f"{float(resolution):g} m per cell is unusual; is the unit right?"
-    assert said(yaml_checks.resolution_unusual, facts) == [text] * is_told
+    assert said(map_checks.resolution_unusual, facts) == [text] * is_told
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_cells_from_a_millimetre_to_ten_metres_are_usual(pair, resolution, is_to
 )
 def test_an_origin_is_on_the_lattice_within_a_thousandth_of_a_cell(pair, origin, is_told):
     facts, _ = pair(origin=origin)
-    assert len(said(yaml_checks.origin_off_lattice, facts)) == is_told
+    assert len(said(map_checks.origin_off_lattice, facts)) == is_told
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_an_origin_is_on_the_lattice_within_a_thousandth_of_a_cell(pair, origin,
 )
 def test_an_origin_is_far_where_floats_are_coarser_than_a_tenth_of_a_cell(pair, origin, told):
     facts, _ = pair(origin=origin)
-    assert said(yaml_checks.origin_far, facts) == told
+    assert said(map_checks.origin_far, facts) == told
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_an_origin_is_far_where_floats_are_coarser_than_a_tenth_of_a_cell(pair, 
 def test_paths_of_both_kinds_of_systems_are_absolute(pair, name, is_told):
     facts, _ = pair()
     facts = replace(facts, metadata=replace(facts.metadata, image=name))
-    assert said(yaml_checks.absolute_path, facts) == [f"{name} is absolute; write m.pgm"] * is_told
+    assert said(map_checks.absolute_path, facts) == [f"{name} is absolute; write m.pgm"] * is_told
 
 
 def test_a_repair_raises_no_threshold(pair):
@@ -289,13 +289,13 @@ def png_pair(tmp_path):
 def test_coloured_and_see_through_pixels_are_counted(png_pair):
     grey, tinted, blue = [9, 9, 9], [9, 9, 8], [0, 0, 255]
     facts = png_pair([[grey, tinted, grey, blue], [grey, grey, grey, blue]])
-    assert said(image_checks.colour, facts) == [
+    assert said(map_checks.colour, facts) == [
         "3 pixels (37.5 %) are coloured; readers make grey of them differently"
     ]
-    assert said(image_checks.alpha, facts) == []
-    assert said(image_checks.colour, png_pair([[grey, grey], [grey, grey]])) == []
+    assert said(map_checks.alpha, facts) == []
+    assert said(map_checks.colour, png_pair([[grey, grey], [grey, grey]])) == []
     facts = png_pair([[[9, 9, 9, 255], [9, 9, 9, 254], [9, 9, 9, 0]]])
-    assert said(image_checks.alpha, facts) == [
+    assert said(map_checks.alpha, facts) == [
         "2 pixels (66.7 %) are not opaque: unknown to Nav2, grey to ROS 1"
     ]
-    assert said(image_checks.alpha, png_pair([[[9, 9, 9, 255]]])) == []
+    assert said(map_checks.alpha, png_pair([[[9, 9, 9, 255]]])) == []

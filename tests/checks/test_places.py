@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import Footprint, OccupancyGrid, write_map
-from mapdeal.checks import tallies
-from mapdeal.checks.facts import GridFacts, gather
+from mapdeal.checks import facts
+from mapdeal.checks.facts import CellTallies, GridFacts, gather, tallies_of
 from mapdeal.checks.map_checks import islands, mostly_unknown, open_border, specks
-from mapdeal.checks.tallies import CellTallies, tallies_of
 from oracles import groups
 from strategies import occupancies
 
@@ -117,7 +116,7 @@ def test_what_is_known_lies_around_its_middle():
 @given(occupancies(longest=14), st.integers(1, 5))
 def test_places_are_the_same_from_either_side_and_in_any_bands(cells, rows):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tallies, "_CELLS_TOGETHER", 2 * cells.shape[1])
+        patch.setattr(facts, "_CELLS_TOGETHER", 2 * cells.shape[1])
         south, north = tallies_of(cells), CellTallies(cells.shape, from_north=True)
         for first in range(0, len(cells), rows):
             north.add(cells[::-1][first : first + rows])

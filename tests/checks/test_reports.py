@@ -12,10 +12,8 @@ from typing import get_args
 import pytest
 
 from mapdeal.checks.finding import CHECKS, Finding
+from mapdeal.checks.formats import REPORTS, LintReport, MapReport, ReportForm, sum_of
 from mapdeal.checks.lint import lint_file  # noqa: F401 - lists all checks
-from mapdeal.checks.reports.as_text import sum_of
-from mapdeal.checks.reports.catalogue import REPORTS, ReportForm
-from mapdeal.checks.reports.report import LintReport, MapReport
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import Footprint, OccupancyGrid, ParameterError, write_map
-from mapdeal.checks import facts, room_checks
+from mapdeal.checks import facts, map_checks
 from mapdeal.checks.facts import RoomFacts
 from mapdeal.checks.lint import lint_file
 from mapdeal.formats.budget import use_memory
@@ -40,7 +40,7 @@ def room(tmp_path, monkeypatch):
 
 
 def said(radius, grid=TWO_ROOMS):
-    return [one.message for one in room_checks.disconnected(RoomFacts(grid, radius))]
+    return [one.message for one in map_checks.disconnected(RoomFacts(grid, radius))]
 
 
 def mask_of(is_open, seed):
@@ -88,7 +88,7 @@ def test_unknown_cells_are_no_way():
 
 
 def test_many_passages_are_counted(monkeypatch):
-    monkeypatch.setattr(room_checks, "_SHOWN", 2)
+    monkeypatch.setattr(map_checks, "_SHOWN", 2)
     row = np.concatenate([TWO_ROOMS.occupancy[:, :-1]] * 3 + [TWO_ROOMS.occupancy[:, -1:]], axis=1)
     row[6:9, 2 * (SIDE + 1)] = row[6:9, 4 * (SIDE + 1)] = 0
     texts = said(0.5, TWO_ROOMS.with_values(row))

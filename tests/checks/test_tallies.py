@@ -11,9 +11,8 @@ import pytest
 
 import oracles
 from mapdeal import read_map
-from mapdeal.checks import facts, tallies
-from mapdeal.checks.facts import gather
-from mapdeal.checks.tallies import CellTallies, PixelTallies, tallies_of
+from mapdeal.checks import facts
+from mapdeal.checks.facts import CellTallies, PixelTallies, gather, tallies_of
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.budget import use_memory
 from mapdeal.formats.dialects import DIALECTS, cells_of
@@ -168,7 +167,7 @@ def test_cells_are_counted_as_in_the_whole_whichever_side_comes_first(shape, see
     cells = rng.choice(np.array([-1, -1, -1, 0, 0, 50, 100], np.int8), shape)
     if seed == 3:
         cells[cells >= 0] = -1
-    monkeypatch.setattr(tallies, "_CELLS_TOGETHER", 2 * shape[1])
+    monkeypatch.setattr(facts, "_CELLS_TOGETHER", 2 * shape[1])
     assert told(tallies_of(cells)) == by_hand(cells)
     from_the_north = CellTallies(shape)
     for first in range(0, shape[0], 3):

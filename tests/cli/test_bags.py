@@ -27,7 +27,7 @@ from formats.bags.making import (
     words,
 )
 from mapdeal import build_map, read_map
-from mapdeal.formats.bags import chunks
+from mapdeal.formats.bags import chunked
 
 LASER, TF = "sensor_msgs/msg/LaserScan", "tf2_msgs/msg/TFMessage"
 ODOMETRY, MAP = "nav_msgs/msg/Odometry", "nav_msgs/msg/OccupancyGrid"
@@ -787,7 +787,7 @@ def test_an_extra_without_room_is_not_called_missing(command, tmp_path, monkeypa
     def without_room(name):
         raise ImportError("failed to map", name=name, path="backend.so")
 
-    monkeypatch.setattr("mapdeal.formats.bags.extra.import_module", without_room)
+    monkeypatch.setattr("mapdeal.formats.bags.reader.import_module", without_room)
     code, _, err = command("info", whole(Drive()).write(tmp_path, "ros1"))
     assert (code, err.splitlines()[0]) == (4, "error: a library cannot be loaded: failed to map")
 
@@ -796,9 +796,9 @@ def test_a_chunk_is_not_called_damaged_for_lack_of_memory(monkeypatch, tmp_path)
     def without_memory(*_):
         raise MemoryError
 
-    monkeypatch.setitem(chunks._EXPANDERS, "lz4", without_memory)
+    monkeypatch.setitem(chunked._EXPANDERS, "lz4", without_memory)
     with pytest.raises(MemoryError):  # and not what comes before it, as of a truncated bag
-        chunks.expanded(b"abc", "lz4", 10, tmp_path, partly=True)
+        chunked.expanded(b"abc", "lz4", 10, tmp_path, partly=True)
 
 
 def test_a_bag_is_no_map(command, tmp_path):

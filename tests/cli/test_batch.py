@@ -166,18 +166,18 @@ def test_a_dry_run_of_one_map_ends_as_its_run_would(command, maps, tmp_path):
 
 def test_jobs_share_out_threads_and_memory(monkeypatch):
     from mapdeal.formats import budget
-    from mapdeal.pipeline import jobs
+    from mapdeal.pipeline import batch
     from mapdeal.pipeline.recipe import load_recipe
     from mapdeal.pipeline.settings import Settings
 
-    monkeypatch.setattr(jobs, "available_threads", lambda: 8)
+    monkeypatch.setattr(batch, "available_threads", lambda: 8)
     monkeypatch.setattr(budget, "free_memory", lambda: 16_000_000_000)
-    run = jobs.MapRun(load_recipe("default"))
+    run = batch.MapRun(load_recipe("default"))
     shared = run.sharing(3)
     assert (shared.settings.threads, shared.settings.max_memory) == (2, 8_000_000_000 // 3)
     assert not shared.settings.memory_is_chosen
     assert run.sharing(1) == run
-    chosen = jobs.MapRun(load_recipe("default"), Settings(threads=5, max_memory=10**9))
+    chosen = batch.MapRun(load_recipe("default"), Settings(threads=5, max_memory=10**9))
     assert chosen.sharing(3) == chosen
     monkeypatch.setattr(budget, "free_memory", lambda: 100)
     assert run.sharing(64).settings.max_memory >= 100_000_000

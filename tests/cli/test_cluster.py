@@ -15,10 +15,9 @@ import pytest
 
 import batch_work
 from mapdeal import OccupancyGrid, write_map
-from mapdeal.formats.map_listing import ListedMap
+from mapdeal.formats.listing import ListedMap
 from mapdeal.pipeline import cluster
-from mapdeal.pipeline.batch import run_all
-from mapdeal.pipeline.jobs import Job, jobs_of
+from mapdeal.pipeline.batch import Job, jobs_of, run_all
 
 pytest.importorskip("distributed")
 

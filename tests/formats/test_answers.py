@@ -9,10 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal.checks.finding import Finding
-from mapdeal.checks.reports.as_json import json_lines
-from mapdeal.checks.reports.report import LintReport, MapReport
+from mapdeal.checks.formats import LintReport, MapReport, json_lines
 from mapdeal.errors import FileAccessError, MalformedInputError
-from mapdeal.formats.alignment_json import AlignmentAnswer
 from mapdeal.formats.answers import (
     ComparisonAnswer,
     DiffAnswer,
@@ -23,8 +21,7 @@ from mapdeal.formats.answers import (
     ShapesAnswer,
     read_answer,
 )
-from mapdeal.formats.reach_json import reach_json
-from mapdeal.formats.routes import route_json
+from mapdeal.formats.documents import AlignmentAnswer, reach_json, route_json
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.reach import Bottleneck, Goal, GoalReach, Passage, Reach
 from mapdeal.grid.route import Route

@@ -7,9 +7,15 @@ import pytest
 from PIL import Image
 
 from mapdeal import DistanceField, OccupancyGrid
-from mapdeal.formats.deflate import PART, deflated, pieces
 from mapdeal.formats.npz import write_npz
-from mapdeal.formats.png import write_grey_png, write_indexed_png, write_rgba_png
+from mapdeal.formats.png import (
+    PART,
+    deflated,
+    pieces,
+    write_grey_png,
+    write_indexed_png,
+    write_rgba_png,
+)
 from mapdeal.kernels.threads import use_threads
 
 SIZES = [0, 1, PART - 1, PART, PART + 1, 3 * PART + 12_345]

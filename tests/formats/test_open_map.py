@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, MapdealError
-from mapdeal.formats.free_memory import free_memory
+from mapdeal.formats.budget import free_memory
 from mapdeal.formats.maps import MapFile, open_map, read_source
 from mapdeal.formats.source import sums_of_reads
 from mapdeal.kernels.blocks import blocks_of

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mapdeal import FileAccessError, MalformedInputError, MapdealWarning
 from mapdeal.formats.scans import carmen
 from mapdeal.formats.scans.reader import open_log
-from mapdeal.formats.scans.text import ScanTexts
+from mapdeal.formats.scans.source import ScanTexts
 
 
 def flaser(ranges, pose=(1.0, -2.0, 0.5), time=7.0):

@@ -6,8 +6,8 @@ import math
 import pytest
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.transforms import read_transform, transform_document
-from mapdeal.grid.transform import Transform
+from mapdeal.formats.poses import read_transform, transform_document
+from mapdeal.grid.frame import Transform
 
 
 def written(folder, value):

@@ -3,7 +3,7 @@
 import pytest
 
 from mapdeal import OccupancyGrid, ParameterError
-from mapdeal.grid.coordinates import cells_to_cover, check_point
+from mapdeal.grid.frame import cells_to_cover, check_point
 
 
 @pytest.mark.parametrize(

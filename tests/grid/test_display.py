@@ -11,7 +11,7 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal.grid.canvas import on_canvas
-from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.robot.parameters import ListedLayer
 

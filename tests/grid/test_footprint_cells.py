@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.footprint_cells import footprint_spans
+from mapdeal.grid.footprint import Footprint, footprint_spans
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.configuration_space import ConfigurationSpace
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal import Frame, OccupancyGrid, ParameterError
-from mapdeal.grid.coordinates import cells_to_cover
+from mapdeal.grid.frame import cells_to_cover
 
 YAWED = Frame(4, 7, 0.25, (1.5, -2.0, math.pi / 2))
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mapdeal import ParameterError
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.open_cells import cell_of_point, nearest_marked, nearest_open_text
+from mapdeal.grid.reaching import cell_of_point, nearest_marked, nearest_open_text
 
 FRAME = Frame(3, 5, 0.5, (2.0, 1.0, math.pi / 2))
 

@@ -10,13 +10,15 @@ from scipy import ndimage
 from conftest import NO_TEST_DATA, TEST_DATA
 from drawn import cells
 from mapdeal import OccupancyGrid, read_map
-from mapdeal.grid import ways as ways_module
-from mapdeal.grid.passages import (
+from mapdeal.grid import reaching as ways_module
+from mapdeal.grid.reaching import (
+    Ground,
+    Ways,
     bottleneck_on_way,
     disconnected,
+    largest_closed_square,
     passages,
 )
-from mapdeal.grid.ways import Ground, Ways, largest_closed_square
 from mapdeal.kernels.clearance_tree import clearance_tree
 
 RESOLUTION, ORIGIN = 0.07, (3.0, -2.0, 0.4)

@@ -3,9 +3,8 @@
 import pytest
 
 from mapdeal import ParameterError
-from mapdeal.grid import region
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.region import Region, region_around, region_of
+from mapdeal.grid import frame
+from mapdeal.grid.frame import Frame, Region, region_around, region_of
 
 FRAME = Frame(5, 8, 0.5, (1.0, -2.0, 0.0))
 
@@ -63,7 +62,7 @@ def test_a_region_and_the_grid_share_what_lies_in_both():
 
 
 def test_a_window_has_at_most_so_many_cells(monkeypatch):
-    monkeypatch.setattr(region, "MOST_CELLS", 12)
+    monkeypatch.setattr(frame, "MOST_CELLS", 12)
     assert Region(1, 2, 3, 4).frame_in(FRAME) == Frame(3, 4, 0.5, (2.0, -1.5, 0.0))
     with pytest.raises(ParameterError, match="more than 12 cells"):
         Region(0, 0, 13, 1).frame_in(FRAME)

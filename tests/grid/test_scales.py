@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mapdeal import Costmap, OccupancyGrid, ParameterError
-from mapdeal.grid.scales import (
+from mapdeal.grid.values import (
     cost_from_occupancy,
     occupancy_from_cost,
     static_layer_cost_from_occupancy,

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.transform import Transform
+from mapdeal.grid.frame import Frame, Transform
 
 METRES = st.floats(-50, 50)
 TURNS = st.floats(-7, 7)

@@ -7,7 +7,7 @@ import pytest
 from drawn import cells
 from mapdeal import OccupancyGrid
 from mapdeal.grid.frame import Frame
-from mapdeal.grid.ways import Ground, largest_closed_square, squares_to
+from mapdeal.grid.reaching import Ground, largest_closed_square, squares_to
 from mapdeal.kernels.distance import squared_distance
 
 

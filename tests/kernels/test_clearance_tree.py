@@ -19,8 +19,7 @@ from mapdeal.kernels.clearance_tree import (
     widest_from,
     widest_metres,
 )
-from mapdeal.kernels.distance import squared_distance
-from mapdeal.kernels.squares import unreachable
+from mapdeal.kernels.distance import squared_distance, unreachable
 from mapdeal.kernels.threads import use_threads
 
 pytestmark = pytest.mark.usefixtures("each_engine")

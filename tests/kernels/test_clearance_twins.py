@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from engines import needs_compiled
 from mapdeal.kernels import clearance_twin
-from mapdeal.kernels.distance import squared_distance
-from mapdeal.kernels.squares import unreachable
+from mapdeal.kernels.distance import squared_distance, unreachable
 
 pytestmark = [pytest.mark.slow, needs_compiled]
 

@@ -8,9 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from mapdeal.kernels.column_runs import halos_of, runs_of
-from mapdeal.kernels.distance import signed_distance
-from mapdeal.kernels.row_minima import row_minima
+from mapdeal.kernels.distance import halos_of, row_minima, runs_of, signed_distance
 from strategies import masks
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("each_engine")]

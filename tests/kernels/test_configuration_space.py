@@ -12,7 +12,7 @@ from scipy import ndimage
 import oracles
 from mapdeal.kernels.blocks import LazyLayer
 from mapdeal.kernels.configuration_space import ConfigurationSpace, memory
-from mapdeal.kernels.spans import Spans
+from mapdeal.kernels.polygons import Spans
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("each_engine")]
 

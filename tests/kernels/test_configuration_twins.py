@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from engines import needs_compiled
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.footprint_cells import footprint_spans
+from mapdeal.grid.footprint import Footprint, footprint_spans
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.configuration_space import ConfigurationSpace
-from mapdeal.kernels.spans import Spans
+from mapdeal.kernels.polygons import Spans
 from mapdeal.kernels.threads import use_threads
 
 pytestmark = needs_compiled

@@ -15,8 +15,8 @@ from mapdeal.kernels.distance import (
     signed_distance,
     signed_squared_distance,
     squared_distance,
+    unreachable,
 )
-from mapdeal.kernels.squares import unreachable
 from mapdeal.kernels.threads import use_threads
 from strategies import masks
 

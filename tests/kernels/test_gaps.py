@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from mapdeal.kernels.distance import squared_distance
-from mapdeal.kernels.gaps import gap_at
+from mapdeal.kernels.meetings import gap_at
 
 
 def room_with_a_wall(first, last, gap, thickness, turned):

@@ -3,7 +3,7 @@ from hypothesis import given
 
 import oracles
 from drawn import cells
-from mapdeal.kernels.groups import touching_groups
+from mapdeal.kernels.components import touching_groups
 from strategies import masks
 
 

@@ -2,9 +2,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapdeal.kernels.distance import squared_distance
+from mapdeal.kernels.distance import squared_distance, unreachable
 from mapdeal.kernels.inflation_queue import queue_squares
-from mapdeal.kernels.squares import unreachable
 from strategies import masks
 
 

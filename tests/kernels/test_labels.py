@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.kernels import labels
-from mapdeal.kernels.labels import labelled
+from mapdeal.kernels import components
+from mapdeal.kernels.components import labelled
 from strategies import masks
 
 
@@ -31,7 +31,7 @@ CORNERS = [*EDGES, (1, 1), (1, -1), (-1, 1), (-1, -1)]
 @given(masks(), masks(), st.booleans(), st.sampled_from([1, 13, 1 << 20]))
 def test_components_are_those_of_a_flood(marked, others, corners, together):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(labels, "_CELLS_TOGETHER", together)  # counted in bands of rows
+        patch.setattr(components, "_CELLS_TOGETHER", together)  # counted in bands of rows
         found = labelled(marked, corners=corners)
         chosen = np.arange(len(found.sizes)) % 2 == 1
         cells = found.cells_of(chosen)

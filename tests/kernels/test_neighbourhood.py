@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from mapdeal.kernels.neighbourhood import drop_small_groups
+from mapdeal.kernels.components import drop_small_groups
 from strategies import masks
 
 

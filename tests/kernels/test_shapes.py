@@ -9,10 +9,16 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import oracles
-from mapdeal.kernels.bresenham import FARTHEST_CELL, edges_through, line_spans
-from mapdeal.kernels.discs import capsule_spans
-from mapdeal.kernels.polygons import polygon_spans
-from mapdeal.kernels.spans import Spans, bands, paint
+from mapdeal.kernels.polygons import (
+    FARTHEST_CELL,
+    Spans,
+    bands,
+    capsule_spans,
+    edges_through,
+    line_spans,
+    paint,
+    polygon_spans,
+)
 
 HEIGHT, WIDTH = 7, 11
 CELLS = st.tuples(st.integers(-9, 16), st.integers(-9, 20))
@@ -70,7 +76,7 @@ def test_a_line_to_the_farthest_cell_stays_exact():
 @given(st.lists(CELLS, min_size=2, max_size=6))
 def test_several_lines_in_small_parts_are_the_same(cells):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mapdeal.kernels.spans.MOST_TOGETHER", 3)
+        patch.setattr("mapdeal.kernels.polygons.MOST_TOGETHER", 3)
         parts = list(line_spans(edges_through(cells), (HEIGHT, WIDTH)))
     ends = swapped(cells)
     expected = {c for a, b in itertools.pairwise(ends) for c in oracles.line(a, b)}
@@ -93,7 +99,7 @@ def test_any_ring_is_outline_and_inside(ring):
 @given(rings(), st.lists(rings(3, 4), max_size=3), st.sampled_from([2, 1 << 20]))
 def test_holes_leave_out_their_inside_but_not_their_edge(ring, holes, together):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mapdeal.kernels.spans.MOST_TOGETHER", together)
+        patch.setattr("mapdeal.kernels.polygons.MOST_TOGETHER", together)
         found = painted(polygon_spans([ring, *holes], (HEIGHT, WIDTH)))
     solid = oracles.ring_fill([swapped(ring)], WIDTH, HEIGHT)
     rims = {c for hole in holes for c in oracles.outline(swapped(hole))}
@@ -158,7 +164,7 @@ def test_bands_hold_all_rows_and_not_too_many_at_once(ranges, most):
     starts = np.array([first for first, _ in ranges])
     stops = starts + [count for _, count in ranges]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mapdeal.kernels.spans.MOST_TOGETHER", most)
+        patch.setattr("mapdeal.kernels.polygons.MOST_TOGETHER", most)
         found = list(bands(starts, stops, height))
     rows = [row for first, stop in found for row in range(first, stop)]
     used = {r for a, b in zip(starts, stops, strict=True) for r in range(max(a, 0), min(b, height))}

@@ -3,7 +3,7 @@ from hypothesis import given
 
 import oracles
 from drawn import cells
-from mapdeal.kernels.thickness import thickness_of
+from mapdeal.kernels.components import thickness_of
 from strategies import masks
 
 

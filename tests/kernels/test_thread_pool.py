@@ -7,8 +7,7 @@ from concurrent.futures import CancelledError
 
 import pytest
 
-from mapdeal.kernels.thread_pool import ThreadPool
-from mapdeal.kernels.threads import in_parallel, use_threads
+from mapdeal.kernels.threads import ThreadPool, in_parallel, use_threads
 
 
 @pytest.mark.parametrize("available", [0, 1, 3, 100])
@@ -92,7 +91,7 @@ def test_an_interrupt_while_a_thread_is_started_does_not_hang_the_end(monkeypatc
     pool = ThreadPool(3)
     first = pool.submit(work)
     assert began.wait(60)
-    monkeypatch.setattr("mapdeal.kernels.thread_pool.is_started", interrupted)
+    monkeypatch.setattr("mapdeal.kernels.threads.is_started", interrupted)
     with pytest.raises(KeyboardInterrupt):
         pool.submit(int)
     threading.Timer(0.1, may_end.set).start()

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.kernels.wall_directions import edge_points, hough_spectrum, main_direction
+from mapdeal.kernels.rotations import edge_points, hough_spectrum, main_direction
 
 
 def counted_strip_by_strip(points, angle, width):

@@ -10,7 +10,7 @@ from mapdeal import MalformedInputError, MapBuilder, ParameterError, build_map
 from mapdeal.grid.frame import Frame
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
-from mapdeal.mapping.counting import Counting
+from mapdeal.mapping.evidence import Counting
 from oracles import line
 
 RES = 0.25

@@ -8,7 +8,7 @@ from drawn import cells
 from mapdeal import MapBuilder, Scans, build_map
 from mapdeal.grid.frame import Frame
 from mapdeal.mapping.build import frame_of
-from mapdeal.mapping.hit_groups import HitGroups, hit_groups, vanished_groups
+from mapdeal.mapping.evidence import HitGroups, hit_groups, vanished_groups
 
 
 @st.composite

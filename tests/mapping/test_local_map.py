@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mapdeal import LocalMapper, LocalOptions, MapdealWarning, OccupancyGrid, ParameterError
 from mapdeal import local_map as make
-from mapdeal.mapping.poses import CoveredAngles, wrapped
+from mapdeal.mapping.transforms import CoveredAngles, wrapped
 
 
 def cells(grid):

@@ -12,10 +12,9 @@ import pytest
 import batch_work
 from mapdeal import FileAccessError, MalformedInputError, MapdealError, ParameterError
 from mapdeal.errors import BatchError, FindingError
-from mapdeal.formats.map_listing import ListedMap
-from mapdeal.pipeline import jobs as jobs_module
-from mapdeal.pipeline.batch import run_all, text_of
-from mapdeal.pipeline.jobs import Job, MapRun, jobs_of
+from mapdeal.formats.listing import ListedMap
+from mapdeal.pipeline import batch as jobs_module
+from mapdeal.pipeline.batch import Job, MapRun, jobs_of, run_all, text_of
 from mapdeal.pipeline.processes import ProcessWorkers
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.settings import Settings

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mapdeal import FileAccessError, MalformedInputError, OccupancyGrid, ParameterError, write_map
+from mapdeal.checks.formats import REPORTS
 from mapdeal.checks.lint import lint_file
-from mapdeal.checks.reports.catalogue import REPORTS
 from mapdeal.formats.budget import SHARE_OF_JOB
 from mapdeal.formats.source import contents_of as real_contents_of
 from mapdeal.pipeline import lint as module
@@ -107,7 +107,7 @@ def test_a_folder_that_cannot_be_read_is_a_finding_and_the_others_go_on(maps, mo
             raise FileAccessError("cannot be read: Permission denied", source=folder)
         return real_contents_of(folder)
 
-    monkeypatch.setattr("mapdeal.formats.map_listing.contents_of", closed)
+    monkeypatch.setattr("mapdeal.formats.listing.contents_of", closed)
     monkeypatch.setattr("mapdeal.checks.run_checks.contents_of", closed)
     for name in ("maps", "maps/b"):
         paths = listed(name)

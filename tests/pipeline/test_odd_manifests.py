@@ -8,7 +8,7 @@ import pytest
 from drawn import grid_from_text
 from mapdeal import FileAccessError, MalformedInputError, write_map
 from mapdeal.checks.lint import lint_file
-from mapdeal.pipeline.golden import differences_from_golden
+from mapdeal.pipeline.folder import differences_from_golden
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings

@@ -12,7 +12,7 @@ from mapdeal.grid.framed import Framed
 from mapdeal.kernels.blocks import CacheBudget, LazyLayer, rows_reported
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline import memory
-from mapdeal.pipeline.one_pass import one_pass
+from mapdeal.pipeline.folder import one_pass
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import run_map
 from mapdeal.pipeline.settings import Settings

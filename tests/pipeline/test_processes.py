@@ -15,7 +15,7 @@ import pytest
 
 import batch_work
 from mapdeal import FileAccessError
-from mapdeal.pipeline.jobs import Job
+from mapdeal.pipeline.batch import Job
 from mapdeal.pipeline.processes import ProcessWorkers
 
 pytestmark = pytest.mark.slow

@@ -10,9 +10,9 @@ import mapdeal
 from alignment.buildings import WALLS, drawn
 from drawn import grid_from_text
 from mapdeal.errors import ParameterError
-from mapdeal.grid.transform import Transform
+from mapdeal.grid.frame import Transform
+from mapdeal.pipeline.reports.comparisons import drafts_about
 from mapdeal.pipeline.reports.draft import Draft
-from mapdeal.pipeline.reports.findings import drafts_about
 from mapdeal.pipeline.reports.gather import gathered
 from mapdeal.pipeline.reports.grids import Grids
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mapdeal import Footprint, OccupancyGrid, RobotParameters
 from mapdeal.api.recipe import apply_recipe, load_recipe
 from mapdeal.errors import ParameterError
-from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.pipeline.robot import step_for
 from mapdeal.robot.parameters import ListedLayer
 from oracles import master_grid

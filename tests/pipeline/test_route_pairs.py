@@ -8,7 +8,7 @@ import pytest
 from mapdeal import Costmap, write_map
 from mapdeal.errors import MalformedInputError
 from mapdeal.formats.points import PairLine
-from mapdeal.pipeline.route_pairs import compare_pairs
+from mapdeal.pipeline.route import compare_pairs
 from mapdeal.pipeline.settings import Settings
 
 

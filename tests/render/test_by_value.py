@@ -25,15 +25,13 @@ from mapdeal.render import colours, pen
 from mapdeal.render.canvas import _Pen, sheet
 from mapdeal.render.colours import interpolated, mixed
 from mapdeal.render.cost_curve import cost_curve_image
-from mapdeal.render.difference import difference_image
+from mapdeal.render.difference import difference_image, merge_image
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
-from mapdeal.render.merge import merge_image
+from mapdeal.render.overlay import PoseOverlay, RouteOverlay
 from mapdeal.render.pen import capital_height, text_width
-from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster
 from mapdeal.render.reach import reach_image
-from mapdeal.render.route import RouteOverlay
 from mapdeal.render.style import ColourBar, Swatch
 
 

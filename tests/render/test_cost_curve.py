@@ -8,9 +8,9 @@ import pytest
 from mapdeal import cost_curve
 from mapdeal.render import colours
 from mapdeal.render.cost_curve import cost_curve_image
-from mapdeal.render.cost_palette import CostPalette
 from mapdeal.render.cost_zones import ZoneKind, end_of, marks_of, zones_of
 from mapdeal.render.pen import Pen, text_width
+from mapdeal.render.styles import CostPalette
 
 WIDTH = 960
 

@@ -33,9 +33,9 @@ from mapdeal.render.colours import (
     obstacle_side,
 )
 from mapdeal.render.layers import cost_image, field_image, occupancy_image
+from mapdeal.render.overlay import RouteOverlay
 from mapdeal.render.potential import potential_image
 from mapdeal.render.raster import Raster, inner_outline
-from mapdeal.render.route import RouteOverlay
 
 BLACK, RVIZ_UNKNOWN = (0, 0, 0), (112, 137, 134)
 

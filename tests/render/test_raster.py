@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapdeal.grid.region import Region
+from mapdeal.grid.frame import Region
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.render.raster import Raster
 

@@ -11,8 +11,7 @@ from mapdeal.render import colours
 from mapdeal.render.canvas import sheet
 from mapdeal.render.captions import Captions
 from mapdeal.render.colours import _oklab_from_rgb
-from mapdeal.render.overlay import place_of
-from mapdeal.render.pose import PoseOverlay
+from mapdeal.render.overlay import PoseOverlay, place_of
 from mapdeal.render.raster import Raster
 from mapdeal.render.reach import reach_image
 

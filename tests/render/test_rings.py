@@ -3,8 +3,8 @@ import pytest
 
 from mapdeal.grid.frame import Frame
 from mapdeal.render.difference import difference_image
+from mapdeal.render.overlay import RingOverlay
 from mapdeal.render.raster import Raster
-from mapdeal.render.rings import RingOverlay
 
 FRAME = Frame(60, 90, 0.25, (1.5, -2.0, 0.4))
 

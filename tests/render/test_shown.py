@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mapdeal
-from mapdeal.grid.region import Region
+from mapdeal.grid.frame import Region
 from mapdeal.kernels.blocks import lazy_layer
-from mapdeal.pipeline.products import _FILES
+from mapdeal.pipeline.folder import _FILES
 from mapdeal.render.layers import occupancy_image
-from mapdeal.render.pose import PoseOverlay
+from mapdeal.render.overlay import PoseOverlay
 from mapdeal.render.raster import Raster
 from mapdeal.render.shown import known_box, shown_part
 

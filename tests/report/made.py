@@ -4,8 +4,8 @@ import numpy as np
 
 import mapdeal
 from mapdeal.render import colours
-from mapdeal.render.cost_palette import COST_LEVELS, CostPalette
 from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch
+from mapdeal.render.styles import COST_LEVELS, CostPalette
 from mapdeal.report.document import Entry, PageLayer
 
 FREE_LEVELS, OBSTACLE_LEVELS = 70, 49

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import mapdeal
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.report.document import Item
-from mapdeal.report.extent import extent_of
 from mapdeal.report.layers import page_layers
+from mapdeal.report.tiles import extent_of
 
 
 def layers_of(cells, origin=(2.0, -3.0, 0.0), resolution=0.5):

@@ -8,12 +8,11 @@ import pytest
 import mapdeal
 from drawn import grid_from_text
 from mapdeal import OccupancyGrid, esdf, potential
-from mapdeal.pipeline.products import _FILES
+from mapdeal.pipeline.folder import _FILES
 from mapdeal.render.styles import POTENTIAL_OBSTACLE
-from mapdeal.report.body import body_of
+from mapdeal.report.body import body_of, legend_of
 from mapdeal.report.document import Entry, Item, Report
 from mapdeal.report.layers import kinds_of, page_layers
-from mapdeal.report.legends import legend_of
 from mapdeal.report.page import page_of
 
 ROOMS = """

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from mapdeal import Footprint, RobotParameters
-from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
-from mapdeal.robot.effects import effect_of, on_map, reach_of
-from mapdeal.robot.parameters import ListedLayer
+from mapdeal.grid.costmap import InflationLayer, StaticLayer
+from mapdeal.robot.parameters import ListedLayer, effect_of, on_map, reach_of
 
 
 def _robot(*layers, track=True):

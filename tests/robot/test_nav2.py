@@ -7,7 +7,7 @@ from functools import cache
 import pytest
 
 import mapdeal
-from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.robot.nav2 import nav2_robot
 from recorded_costmaps import sum_of
 

@@ -5,8 +5,8 @@ import json
 import pytest
 import yaml
 
-from mapdeal.formats.ros_parameters.problem import Problem
-from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.formats.ros_parameters.value import Problem
+from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.robot.ros1 import ros1_robot
 
 FOOTPRINT = "footprint: [[-0.2, -0.1], [-0.2, 0.1], [0.3, 0.1], [0.3, -0.1]]\n"

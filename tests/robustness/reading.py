@@ -26,7 +26,7 @@ from mapdeal import (
 from mapdeal.checks.lint import lint_file
 from mapdeal.checks.selection import selection_of
 from mapdeal.cli.options import numbers, pair, size_of
-from mapdeal.editing.evidence import chosen_layers, evidence_of
+from mapdeal.editing.merge import chosen_layers, evidence_of
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
@@ -42,7 +42,7 @@ from mapdeal.formats.dialects import DIALECTS
 from mapdeal.formats.image import open_pixel_rows, read_image, read_image_size
 from mapdeal.formats.kinds import kind_of
 from mapdeal.formats.lint_config import read_lint_config
-from mapdeal.formats.map_listing import list_maps
+from mapdeal.formats.listing import list_maps
 from mapdeal.formats.map_yaml import MapMetadata, read_metadata, yaml_of
 from mapdeal.formats.maps import open_map, read_map
 from mapdeal.formats.npz import npz_frame, open_npz, read_evidence, read_npz, read_reach
@@ -53,19 +53,17 @@ from mapdeal.formats.points import (
     read_points,
     read_pose_lines,
 )
-from mapdeal.formats.poses import has_times, read_poses, read_trajectory
+from mapdeal.formats.poses import has_times, read_poses, read_trajectory, read_transform
 from mapdeal.formats.ros_parameters.ros2 import read_ros2
 from mapdeal.formats.scans.reader import open_log
-from mapdeal.formats.scans.text import ScanTexts
+from mapdeal.formats.scans.source import ScanTexts
 from mapdeal.formats.shapes import read_shapes
-from mapdeal.formats.transforms import read_transform
-from mapdeal.grid.coordinates import FARTHEST
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import FARTHEST, Frame
 from mapdeal.pipeline.bags.clouds import clouds_of_bag
 from mapdeal.pipeline.bags.frames import FrameOptions
 from mapdeal.pipeline.bags.inspect import describe_bag
-from mapdeal.pipeline.golden import differences_from_golden
+from mapdeal.pipeline.folder import differences_from_golden
 from mapdeal.pipeline.lint import (
     LintRules,
     ParameterFiles,

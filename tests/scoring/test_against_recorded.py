@@ -10,10 +10,8 @@ import pytest
 from PIL import Image
 
 from mapdeal import OccupancyGrid, read_map
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.transform import Transform
-from mapdeal.scoring.compare import compare_states, compare_to_truth
-from mapdeal.scoring.states import FREE, OCCUPIED, UNKNOWN
+from mapdeal.grid.frame import Frame, Transform
+from mapdeal.scoring.comparing import FREE, OCCUPIED, UNKNOWN, compare_states, compare_to_truth
 from recorded_scores import PAIRS, agreement, recorded_pairs
 
 GREYS = {UNKNOWN: 205, FREE: 254, OCCUPIED: 0}

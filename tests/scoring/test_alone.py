@@ -8,14 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapdeal.grid.frame import Frame
-from mapdeal.kernels.groups import touching_groups
+from mapdeal.kernels.components import touching_groups
 from mapdeal.kernels.threads import use_threads
-from mapdeal.scoring import corners
-from mapdeal.scoring.alone import score_alone
-from mapdeal.scoring.corners import corners_of
-from mapdeal.scoring.enclosed import enclosed_areas
-from mapdeal.scoring.names import figure_in, figures_named
-from mapdeal.scoring.states import FREE, OCCUPIED, UNKNOWN
+from mapdeal.scoring import alone
+from mapdeal.scoring.alone import corners_of, enclosed_areas, score_alone
+from mapdeal.scoring.bounds import figure_in, figures_named
+from mapdeal.scoring.comparing import FREE, OCCUPIED, UNKNOWN
 
 
 def rooms():
@@ -137,9 +135,9 @@ def test_bands_and_threads_change_no_corner(monkeypatch):
     walls = np.random.default_rng(5).random((700, 400)) < 0.2
     whole = corners_of(walls)
     assert whole.any()
-    monkeypatch.setattr(corners, "TOGETHER", 1)
+    monkeypatch.setattr(alone, "TOGETHER", 1)
     for rows in (37, 333):
-        monkeypatch.setattr(corners, "LEAST_ROWS_ALONE", rows)
+        monkeypatch.setattr(alone, "LEAST_ROWS_ALONE", rows)
         with use_threads(2):
             assert (corners_of(walls) == whole).all()
 

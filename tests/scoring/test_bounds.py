@@ -7,9 +7,8 @@ import pytest
 
 from mapdeal import ParameterError, ScoreBound
 from mapdeal.grid.frame import Frame
-from mapdeal.scoring.bounds import checked_bounds, judged
-from mapdeal.scoring.compare import compare_states
-from mapdeal.scoring.names import figures_named
+from mapdeal.scoring.bounds import checked_bounds, figures_named, judged
+from mapdeal.scoring.comparing import compare_states
 from recorded_scores import flat
 
 

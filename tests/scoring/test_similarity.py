@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapdeal.kernels.threads import use_threads
-from mapdeal.scoring import similarity
-from mapdeal.scoring.similarity import gaussian_similarity, uniform_similarity
+from mapdeal.scoring import comparing
+from mapdeal.scoring.comparing import gaussian_similarity, uniform_similarity
 
 PIXELS = np.array([0.5, 1.0, 0.0])  # unknown, free, occupied
 
@@ -58,7 +58,7 @@ def test_bands_and_threads_change_nothing(monkeypatch):
     first, second = rng.integers(0, 3, (2, 700, 611), dtype=np.uint8)
     scores = []
     for together, threads in ((1 << 20, 1), (9000, 2)):
-        monkeypatch.setattr(similarity, "TOGETHER", together)
+        monkeypatch.setattr(comparing, "TOGETHER", together)
         with use_threads(threads):
             scores.append((uniform_similarity(first, second), gaussian_similarity(first, second)))
     assert scores[0] == scores[1]

@@ -20,7 +20,7 @@ from mapdeal import (
     threshold_cost,
 )
 from mapdeal.grid.cost_curve import MOST_LISTED
-from mapdeal.grid.costmap_layers import InflationLayer
+from mapdeal.grid.costmap import InflationLayer
 from mapdeal.pipeline.step import make_step
 from recorded_costmaps import recorded_costmaps
 

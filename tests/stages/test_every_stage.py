@@ -10,7 +10,7 @@ import pytest
 import mapdeal
 from drawn import cells
 from mapdeal import MalformedInputError, OccupancyGrid, ParameterError
-from mapdeal.pipeline.products import files_of
+from mapdeal.pipeline.folder import files_of
 from mapdeal.pipeline.step import make_step
 from mapdeal.stages import catalogue
 from mapdeal.stages.definition import Stage, meanings_of, stages_among

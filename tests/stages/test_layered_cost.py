@@ -19,7 +19,7 @@ from mapdeal import (
     field_view,
     layered_cost,
 )
-from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
+from mapdeal.grid.costmap import InflationLayer, StaticLayer
 from mapdeal.kernels import engine
 from mapdeal.kernels.blocks import lazy_layer
 from mapdeal.pipeline.recipe import load_recipe

@@ -25,8 +25,8 @@ from mapdeal import (
     read_map,
     shortest_route,
 )
-from mapdeal.grid.passages import disconnected
 from mapdeal.grid.reach import Goal
+from mapdeal.grid.reaching import disconnected
 from strategies import RESOLUTIONS, occupancies
 
 ROOMS = """

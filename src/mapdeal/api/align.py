@@ -8,7 +8,7 @@ from mapdeal.alignment.align import Alignment
 from mapdeal.alignment.align import align as align_grids
 from mapdeal.api.maps import Map, occupancy_of, transform_of
 from mapdeal.formats.map_yaml import Dialect
-from mapdeal.grid.transform import Transform
+from mapdeal.grid.frame import Transform
 from mapdeal.pipeline.settings import Settings
 
 

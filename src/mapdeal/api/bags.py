@@ -7,13 +7,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-from mapdeal.grid.coordinates import Point
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.frame import Point
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.beams import BeamLimits
 from mapdeal.mapping.build import BuiltMap, Method
-from mapdeal.mapping.poses import Pose, check_pose
+from mapdeal.mapping.transforms import Pose, check_pose
 from mapdeal.pipeline.build import BuildSettings, build
 from mapdeal.pipeline.settings import Settings
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from mapdeal.formats.scans.reader import open_log
 from mapdeal.formats.scans.source import DEFAULT_MAX_BAD
-from mapdeal.grid.coordinates import Point
+from mapdeal.grid.frame import Point
 from mapdeal.kernels.threads import use_threads
 from mapdeal.mapping.beams import BeamLimits
 from mapdeal.mapping.build import BuiltMap, Method

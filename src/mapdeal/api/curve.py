@@ -10,7 +10,7 @@ import numpy as np
 from mapdeal.errors import ParameterError
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.field_view import View
+from mapdeal.grid.field import View
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid

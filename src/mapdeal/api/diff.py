@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.api.maps import Map, occupancy_of
-from mapdeal.checks.bounds import Bound, Bounds
 from mapdeal.checks.difference import WallShift, compare
+from mapdeal.checks.selection import Bound, Bounds
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.display import Drawn
 from mapdeal.grid.frame import Frame

@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import get_args
 
-from mapdeal.checks.reports.report import LintReport
+from mapdeal.checks.formats import LintReport
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed

@@ -30,19 +30,15 @@ from mapdeal.grid.reach import Reach
 from mapdeal.grid.route import Route
 from mapdeal.mapping.build import BuiltMap
 from mapdeal.mapping.local_map import LocalMap
-from mapdeal.mapping.poses import check_pose
-from mapdeal.pipeline.products import PICTURE, files_of
+from mapdeal.mapping.transforms import check_pose
+from mapdeal.pipeline.folder import PICTURE, files_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
 from mapdeal.render.cost_curve import cost_curve_image
-from mapdeal.render.difference import difference_image
-from mapdeal.render.merge import merge_image
-from mapdeal.render.overlay import Overlay, Overlays
+from mapdeal.render.difference import difference_image, merge_image
+from mapdeal.render.overlay import Overlay, Overlays, PoseOverlay, RobotOverlay, RouteOverlay
 from mapdeal.render.pen import Image
-from mapdeal.render.pose import PoseOverlay
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX
-from mapdeal.render.robot import RobotOverlay
-from mapdeal.render.route import RouteOverlay
 from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent
 
 Drawable = Grid | BitMap | LocalMap | BuiltMap | DiffReport | Merged | Score | CostCurve

@@ -13,15 +13,14 @@ from mapdeal.api.maps import Map, occupancy_of, transform_of
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.grid.display import Drawn
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.transform import Transform
+from mapdeal.grid.frame import Frame, Transform
 from mapdeal.pipeline.score import Asked, ScoreReport, score_files, score_grids, title_of, walls_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
 from mapdeal.render.pen import Image
 from mapdeal.render.score import score_image
 from mapdeal.scoring.bounds import ScoreBound
-from mapdeal.scoring.compare import Comparison
+from mapdeal.scoring.comparing import Comparison
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,9 +6,8 @@ import inspect
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar, get_type_hints
 
-from mapdeal.checks.facts import GridFacts, PairFacts, RoomFacts
+from mapdeal.checks.facts import GridFacts, PairFacts, ParameterFacts, RobotFacts, RoomFacts
 from mapdeal.checks.finding import Check, Remark, Severity, add_check
-from mapdeal.checks.parameter_facts import ParameterFacts, RobotFacts
 
 _FACTS = (PairFacts, GridFacts, RoomFacts, ParameterFacts, RobotFacts)
 

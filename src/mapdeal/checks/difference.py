@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import MOST_CELLS, Frame, Region, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.region import MOST_CELLS, Region, region_around
 from mapdeal.grid.resample import sampled
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.dilation import within_distance

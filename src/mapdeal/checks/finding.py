@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from mapdeal.errors import one_line
 from mapdeal.formats.ros_parameters.value import ParameterValue
-from mapdeal.grid.coordinates import Point
+from mapdeal.grid.frame import Point
 from mapdeal.records import dataclass
 
 Severity = Literal["error", "warning", "note"]

@@ -7,14 +7,9 @@ from pathlib import Path
 from typing import Any
 
 # The modules of checks: importing one adds its checks to the list.
-from mapdeal.checks import (  # noqa: F401
-    image_checks,
-    layer_checks,
-    map_checks,
-    parameter_problems,
-    robot_checks,
-    room_checks,
-    yaml_checks,
+from mapdeal.checks import (
+    map_checks,  # noqa: F401
+    parameter_checks,  # noqa: F401
 )
 from mapdeal.checks.facts import PairFacts, RoomFacts, gather, gather_rooms
 from mapdeal.checks.finding import CHECKS, SEVERITIES, Check, Finding, Remark, declare_check

@@ -1,13 +1,151 @@
-"""Checks of a map's cells."""
+"""Checks of maps, their YAML and their images."""
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections.abc import Iterator
+from pathlib import PurePosixPath, PureWindowsPath
+
+import numpy as np
 
 from mapdeal.checks.check import check
-from mapdeal.checks.facts import GridFacts
-from mapdeal.checks.finding import Remark
-from mapdeal.formats.map_remarks import NOTHING_KNOWN
+from mapdeal.checks.facts import GridFacts, PairFacts, RoomFacts, without_rounding_noise
+from mapdeal.checks.finding import Remark, places_of
+from mapdeal.formats.image import IMAGE_FORMATS
+from mapdeal.formats.map_remarks import MAP_SAVER_UNKNOWN, NOTHING_KNOWN, percent, remark_on_freed
+
+_CARTOGRAPHER_UNKNOWN = 128
+_TRINARY = {0, MAP_SAVER_UNKNOWN, 254, 255}
+# A number begins where none is before it and has an end, in a long comment of digits, too.
+_PER_PIXEL = re.compile(
+    r"(?<![0-9.])([0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})\s{0,9}m(?:eters?)?/pix"
+)
+
+
+@check(
+    "thresholds.unknown-becomes-free",
+    "error",
+    "map_saver's unknown, grey 205, is read as free in 0.1 % of the cells or more",
+)
+def unknown_becomes_free(facts: PairFacts) -> Iterator[Remark]:
+    """Count them for each reader: free_thresh is above 0.196, or opacity makes them lighter."""
+    if facts.pixels.freed:
+        text = remark_on_freed(facts.pixels.freed, facts.pixels.size, facts.metadata)
+        if text is not None:
+            places = facts.places_of_greys(facts.pixels.freed_greys)
+            yield Remark(text, "free_thresh", places=places)
+
+
+@check("thresholds.on-grey", "warning", "a threshold that is exactly a grey of the image")
+def on_grey(facts: PairFacts) -> Iterator[Remark]:
+    """Look for equality: readers compare in different precision, some with and some without it."""
+    if facts.metadata.mode == "raw":
+        return
+    for key in ("occupied_thresh", "free_thresh"):
+        threshold = getattr(facts.metadata, key)
+        for grey, count in facts.pixels.greys.items():
+            shade = (grey if facts.metadata.negate else 255 - grey) / 255
+            if abs(shade - threshold) < 1e-6:
+                text = f"{threshold:g} is the shade of grey {grey} ({count} pixels)"
+                places = facts.places_of_greys([grey])
+                yield Remark(f"{text}: readers disagree on it", key, places=places)
+
+
+@check("readers.differ", "warning", "cells that nav2, humble and ROS 1 read differently")
+def readers_differ(facts: PairFacts) -> Iterator[Remark]:
+    """Compare all cells as the three readers have them."""
+    pixels = facts.pixels
+    for name, cells in pixels.differing.items():
+        if cells:
+            counts = "; ".join(
+                f"{who}: {', '.join(f'{kind} {n}' for kind, n in pixels.counts[who].items() if n)}"
+                for who in ("nav2", name)
+            )
+            share = percent(cells, pixels.size)
+            text = f"{cells} cells ({share}) differ between nav2 and {name} ({counts})"
+            yield Remark(text, places=facts.places_of_greys(pixels.differing_greys[name]))
+
+
+@check("image.ending", "note", "an image whose name ends as another format does")
+def ending(facts: PairFacts) -> Iterator[Remark]:
+    """Compare name and contents; these decide, here and in ROS, but people are misled."""
+    suffix, kind = facts.image_path.suffix.lower(), facts.kind.file_format
+    if suffix not in IMAGE_FORMATS[kind].suffixes:
+        yield Remark(f"{facts.image_path.name} is a {kind} image", "image")
+
+
+@check("image.maxval", "warning", "a brightness that does not end at 255")
+def maxval(facts: PairFacts) -> Iterator[str]:
+    """Look at the header of PNM images: readers disagree on other maxvals."""
+    if facts.kind.file_format == "PNM" and facts.kind.maxval not in (1, 255):
+        yield f"maxval is {facts.kind.maxval}: not all readers scale it"
+
+
+@check("image.alpha", "note", "pixels that are not opaque")
+def alpha(facts: PairFacts) -> Iterator[str]:
+    """Count them: they are unknown to Nav2, and averaged into the brightness by ROS 1."""
+    count = facts.pixels.not_opaque
+    if count:
+        share = percent(count, facts.pixels.size)
+        yield f"{count} pixels ({share}) are not opaque: unknown to Nav2, grey to ROS 1"
+
+
+@check("image.gamma", "note", "a gamma or colour profile (PNG gAMA, iCCP), which is not applied")
+def gamma(facts: PairFacts) -> Iterator[str]:
+    """Look for them: viewers may show other greys than map readers take."""
+    if facts.kind.display:
+        display = " and ".join(facts.kind.display)
+        yield f"{display}: viewers may show other greys than map readers, which ignore it, take"
+
+
+@check("image.colour", "warning", "pixels that are not grey")
+def colour(facts: PairFacts) -> Iterator[str]:
+    """Count them: colour becomes grey by rules that differ between readers."""
+    count = facts.pixels.coloured
+    if count:
+        share = percent(count, facts.pixels.size)
+        yield f"{count} pixels ({share}) are coloured; readers make grey of them differently"
+
+
+@check("image.palette", "warning", "an image with a palette, of which ROS 1 reads the indices")
+def palette(facts: PairFacts) -> Iterator[str]:
+    """Look for a palette: ROS 1 takes the indices for brightness."""
+    if facts.kind.colour == "palette" and facts.kind.file_format != "BMP":
+        yield "ROS 1 reads indices of the palette, not colours"
+
+
+@check("image.greys", "note", "greys other than 0, 205, 254 and 255 in a trinary map")
+def greys(facts: PairFacts) -> Iterator[Remark]:
+    """Count them: of edited or anti-aliased maps, thresholds decide what they are."""
+    others = {g: n for g, n in facts.pixels.greys.items() if g not in _TRINARY}
+    if others and facts.metadata.mode == "trinary":
+        most = sorted(others.items(), key=lambda item: -item[1])[:5]
+        shown = ", ".join(f"{grey}: {count}" for grey, count in most)
+        rest = f", and {len(others) - len(most)} more greys" if len(others) > len(most) else ""
+        text = f"{sum(others.values())} pixels have greys other than 0, 205, 254 ({shown}{rest})"
+        yield Remark(text, places=facts.places_of_greys(grey for grey, _ in most))
+
+
+@check("image.cartographer", "note", "Cartographer's grey for unknown, 128")
+def cartographer(facts: PairFacts) -> Iterator[str]:
+    """Look for a tenth of the pixels and more."""
+    count = facts.pixels.greys.get(_CARTOGRAPHER_UNKNOWN, 0)
+    if count > facts.pixels.size / 10:
+        yield f"{count} pixels have grey 128, Cartographer's unknown"
+
+
+@check("image.comment-resolution", "warning", "a resolution in the image that is not the YAML's")
+def comment_resolution(facts: PairFacts) -> Iterator[Remark]:
+    """Read the comments that map_saver and Cartographer write into the image's header."""
+    for comment in facts.comments:
+        match = _PER_PIXEL.search(comment)
+        if match is None:
+            continue
+        noted, used = float(match[1]), facts.metadata.resolution
+        if abs(noted - used) > 0.51e-3 + 1e-6 * used:  # it is written with 3 decimals
+            yield Remark(f"the image says {noted:g} m per pixel, the YAML {used:g}", "resolution")
+
 
 _MIN_ISLAND_AREA = 1.0
 """Square metres at or above which a component of free space is an island, not a speck."""
@@ -97,3 +235,139 @@ def open_border(facts: GridFacts) -> Iterator[Remark]:
 def _cell_area(facts: GridFacts) -> float:
     """Return the square metres of a cell."""
     return facts.frame.resolution**2
+
+
+_ROOM = 4.0
+"""Square metres of places for the robot's centre that are worth a warning: two metres by two. What
+is smaller is a niche, a shaft, or the floor below a desk between the marks of its legs."""
+
+_SHOWN, _MOST_PLACES = 10, 20
+
+
+@check(
+    "map.disconnected",
+    "warning",
+    "areas that only a passage too narrow for the robot joins; with a robot's shape alone",
+)
+def disconnected(facts: RoomFacts) -> Iterator[Remark]:
+    """Look for the passages that cut a room or more off, the one that costs most first."""
+    from mapdeal.grid.reaching import disconnected as passages_between
+
+    needed = 2 * facts.radius
+    found = passages_between(facts.grid, facts.radius, _ROOM)
+    found.sort(key=lambda one: -one.cut_off)
+    for one in found[:_SHOWN]:
+        x, y = round(one.x, 2) + 0.0, round(one.y, 2) + 0.0
+        text = (
+            f"{one.cut_off:.4g} m2 are cut off by a passage of {one.width:.3g} m at {x:.10g}, "
+            f"{y:.10g}; the robot needs more than {needed:.3g} m"
+        )
+        yield Remark(text, places=places_of([(one.x, one.y)]))
+    rest = found[_SHOWN:]
+    if rest:
+        text = f"{len(rest)} more passages cut off {rest[0].cut_off:.4g} m2 or less each"
+        yield Remark(text, places=places_of((one.x, one.y) for one in rest[:_MOST_PLACES]))
+
+
+_KNOWN = ("image", "resolution", "origin", "mode", "negate", "occupied_thresh", "free_thresh")
+_OLD_MODES = ("trinary", "scale", "raw")
+_STRING = "tag:yaml.org,2002:str"
+
+
+@check("yaml.unknown-key", "warning", "a key that map_server does not know")
+def unknown_key(facts: PairFacts) -> Iterator[Remark]:
+    """Name the known key that it may be meant to be."""
+    for key in facts.metadata.extra:
+        near = difflib.get_close_matches(key, _KNOWN, n=1)
+        meant = f"; did you mean {near[0]}?" if near else ""
+        yield Remark(f"unknown key '{key}', which map_server ignores{meant}", key)
+
+
+@check("yaml.mode-case", "warning", "a mode in capitals, which ROS 1 refuses")
+def mode_case(facts: PairFacts) -> Iterator[Remark]:
+    """Compare letter by letter, as ROS 1 does."""
+    if "mode" in facts.entries:
+        text = facts.entries["mode"].text()
+        if text != text.lower():
+            yield Remark(f"{text} is refused by ROS 1; write {text.lower()}", "mode")
+
+
+@check("yaml.image-unquoted", "warning", "an image name that YAML takes for a date or number")
+def image_unquoted(facts: PairFacts) -> Iterator[Remark]:
+    """Look at its type: the readers of ROS take the text, others the value."""
+    node = facts.entries["image"].node
+    if node.tag != _STRING:
+        yield Remark(f"{facts.metadata.image} is not text in YAML; put it in quotes", "image")
+
+
+@check(
+    "yaml.resolution-noise",
+    "warning",
+    "a resolution with the noise of rounding: 0.05000000074505806",
+)
+def resolution_noise(facts: PairFacts) -> Iterator[Remark]:
+    """Name the decimal: cells lie a little off where other maps of that resolution have them."""
+    value = facts.metadata.resolution
+    plain = without_rounding_noise(value)
+    if plain is not None:
+        yield Remark(
+            f"{value!r} is {plain!r} stored as a 32-bit float; write {plain!r}", "resolution"
+        )
+
+
+@check("yaml.resolution-unusual", "warning", "cells larger than 10 m or smaller than 1 mm")
+def resolution_unusual(facts: PairFacts) -> Iterator[Remark]:
+    """Look at the size: often a unit is wrong."""
+    value = facts.metadata.resolution
+    if not 1e-3 <= value <= 10:
+        yield Remark(f"{value:g} m per cell is unusual; is the unit right?", "resolution")
+
+
+@check("yaml.origin-noise", "note", "an origin with the noise of rounding, as -10.000000149011612")
+def origin_noise(facts: PairFacts) -> Iterator[Remark]:
+    """Name the decimal of each number."""
+    for name, value in zip(("x", "y", "yaw"), facts.metadata.origin, strict=True):
+        plain = without_rounding_noise(value)
+        if plain is not None:
+            yield Remark(f"{name} {value!r} is {plain!r} with the noise of rounding", "origin")
+
+
+@check("yaml.origin-yaw", "warning", "a map that is turned, which costmap_2d and AMCL ignore")
+def origin_yaw(facts: PairFacts) -> Iterator[Remark]:
+    """Look for a yaw: mapdeal honours it, much of ROS does not."""
+    yaw = facts.metadata.origin[2]
+    if yaw:
+        yield Remark(f"yaw {yaw:g} rad is ignored by costmap_2d and AMCL", "origin")
+
+
+@check("yaml.origin-off-lattice", "note", "an origin that is not a multiple of the resolution")
+def origin_off_lattice(facts: PairFacts) -> Iterator[Remark]:
+    """Compare them: layers of different maps do not share their cells then."""
+    x, y, _ = facts.metadata.origin
+    cells = np.array([x, y]) / facts.metadata.resolution
+    if np.abs(cells - np.rint(cells)).max() > 1e-3:
+        yield Remark(f"{x:g}, {y:g} is not a multiple of {facts.metadata.resolution:g} m", "origin")
+
+
+@check("yaml.origin-far", "warning", "an origin too far for the 32-bit floats of some readers")
+def origin_far(facts: PairFacts) -> Iterator[Remark]:
+    """Compare the step of such floats with the resolution, of UTM coordinates for example."""
+    step = max(float(np.spacing(np.float32(abs(v)))) for v in facts.metadata.origin[:2])
+    if step > facts.metadata.resolution / 10:
+        yield Remark(f"32-bit floats have steps of {step:g} m there", "origin")
+
+
+@check("image.absolute-path", "warning", "an absolute path, which holds on one machine")
+def absolute_path(facts: PairFacts) -> Iterator[Remark]:
+    """Name the path that is relative to the YAML file."""
+    name = facts.metadata.image
+    if PurePosixPath(name).is_absolute() or PureWindowsPath(name).is_absolute():
+        yield Remark(f"{name} is absolute; write {facts.image_path.name}", "image")
+
+
+@check("image.outside-folder", "note", "an image that is not beside its YAML file")
+def outside_folder(facts: PairFacts) -> Iterator[Remark]:
+    """Look for steps out of the folder: copying the pair needs care then."""
+    name = facts.metadata.image
+    if ".." in PurePosixPath(name).parts:
+        yield Remark(f"{name} leaves the folder of the YAML file", "image")

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mapdeal.checks.facts import PairFacts
-from mapdeal.checks.rounding import without_rounding_noise
+from mapdeal.checks.facts import PairFacts, without_rounding_noise
 from mapdeal.errors import MalformedInputError, kept_warnings
 from mapdeal.formats.budget import PIECES, claim
 from mapdeal.formats.dialects import cells_of
@@ -19,9 +18,8 @@ from mapdeal.formats.map_remarks import USUAL_FREE_THRESH, FreedCells, remark_on
 from mapdeal.formats.map_yaml import Dialect
 from mapdeal.formats.npz import read_npz
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, region_around
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.region import region_around
 from mapdeal.grid.resample import is_turned, resampled
 from mapdeal.records import dataclass
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from mapdeal.checks.finding import CHECKS, Finding, declare_check
 from mapdeal.errors import FileAccessError
-from mapdeal.formats.json_text import read_json
+from mapdeal.formats.json_values import read_json
 from mapdeal.formats.kinds import kind_of
-from mapdeal.formats.map_listing import WholeFolders
+from mapdeal.formats.listing import WholeFolders
 from mapdeal.formats.source import contents_of, exists, holds
 from mapdeal.grid.costmap import UNIFORM_SHARE
 

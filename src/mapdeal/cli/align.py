@@ -14,8 +14,8 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError, one_line
-from mapdeal.grid.transform import Transform
-from mapdeal.mapping.poses import check_pose
+from mapdeal.grid.frame import Transform
+from mapdeal.mapping.transforms import check_pose
 from mapdeal.pipeline.align import AlignReport, align_files
 from mapdeal.pipeline.settings import Settings
 from mapdeal.stages.parameters import is_plain

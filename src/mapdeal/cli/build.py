@@ -18,8 +18,7 @@ from mapdeal.cli.stage_command import say_written
 from mapdeal.errors import ParameterError
 from mapdeal.formats.kinds import is_bag
 from mapdeal.formats.scans.reader import open_log
-from mapdeal.formats.scans.source import DEFAULT_MAX_BAD, ScanSource
-from mapdeal.formats.scans.text import ScanTexts
+from mapdeal.formats.scans.source import DEFAULT_MAX_BAD, ScanSource, ScanTexts
 from mapdeal.mapping.beams import BeamLimits
 from mapdeal.mapping.build import Method
 from mapdeal.pipeline.build import BuildSettings, build_file

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from mapdeal.checks.bounds import Bound, Bounds
 from mapdeal.checks.difference import STATES, Difference, WallShift
+from mapdeal.checks.selection import Bound, Bounds
 from mapdeal.cli import terminal
 from mapdeal.cli.options import OR_STDIN
 from mapdeal.cli.shared_options import shared_options

@@ -18,7 +18,7 @@ from mapdeal.editing.window import blank as blank_of
 from mapdeal.editing.window import reset_region
 from mapdeal.errors import ParameterError
 from mapdeal.formats.shapes import read_shapes
-from mapdeal.grid.coordinates import Point
+from mapdeal.grid.frame import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.grid.values import OverlayType
 from mapdeal.pipeline.edit import Drawable, draw_on_file

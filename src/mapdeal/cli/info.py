@@ -1,9 +1,10 @@
-"""``mapdeal info``: what a file holds."""
+"""mapdeal info."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,16 +12,140 @@ import typer
 
 from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
-from mapdeal.cli.info_bag import text_of_bag
-from mapdeal.cli.info_robot import line_of_robot, text_of_robot
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import one_line
 from mapdeal.pipeline.figures import said, summary_of
-from mapdeal.pipeline.inspect import describe_file
-from mapdeal.pipeline.inspect_robot import describe_robot, robots_among
+from mapdeal.pipeline.inspect import describe_file, describe_robot, robots_among
 from mapdeal.pipeline.settings import Settings
 from mapdeal.robot.parameters import CostmapName
+
+_LATEST = 253402300799
+"""Seconds up to which Python has dates: the year 9999."""
+
+
+def text_of_bag(report: dict[str, Any]) -> str:
+    """Return what there is to say of a bag, for a person."""
+    lines = [f"  {name:<11} {value}" for name, value in _rows(report)]
+    return "\n".join(one_line(line) for line in [str(report["file"]), *lines])
+
+
+def _rows(report: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "kind", report["is"]
+    yield "messages", _when(report)
+    for index, line in enumerate(_table(report["topics"])):
+        yield "topics" if index == 0 else "", line
+    for index, line in enumerate(_transforms(report["transforms"])):
+        yield "transforms" if index == 0 else "", line
+    for index, line in enumerate(report["use"]):
+        yield "use" if index == 0 else "", line
+
+
+def _when(report: dict[str, Any]) -> str:
+    if not report["messages"]:
+        return "none"
+    text = f"{report['messages']} in {report['duration_s']:.6g} s"
+    seconds = report["start_ns"] / 1e9
+    if 0 < seconds <= _LATEST:
+        text += f", from {datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    return text
+
+
+def _table(topics: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield a line for each topic, in columns."""
+    rows = [
+        (
+            one["topic"],
+            one["type"],
+            str(one["count"]),
+            "" if one["frame"] is None else f"in {one['frame']}",
+            f"for {', '.join(one['commands'])}" if one["commands"] else "",
+        )
+        for one in topics
+    ]
+    widths = [max((len(row[k]) for row in rows), default=0) for k in range(5)]
+    for row in rows:
+        topic, name, count, frame, use = row
+        yield (
+            f"{topic:<{widths[0]}}  {name:<{widths[1]}}  {count:>{widths[2]}}  "
+            f"{frame:<{widths[3]}}  {use}"
+        ).rstrip()
+
+
+def _transforms(edges: list[dict[str, Any]]) -> Iterator[str]:
+    width = max((len(f"{one['parent']} -> {one['child']}") for one in edges), default=0)
+    digits = max((len(str(one["count"])) for one in edges), default=0)
+    for one in edges:
+        edge = f"{one['parent']} -> {one['child']}"
+        yield f"{edge:<{width}}  {one['count']:>{digits}} on {one['topic']}"
+
+
+_RADII = ("inscribed_radius", "circumscribed_radius")
+_STACKS = {"nav2": "Nav2", "ros1": "ROS 1"}
+
+
+def text_of_robot(report: Mapping[str, Any]) -> str:
+    """Return the report of `describe_robot` as lines for a person."""
+    names = [file["name"] for file in report["files"]]
+    lines = [f"  {name:<13} {value}" for name, value in _rows_of(report)]
+    first = ", ".join(names) if len(names) > 1 else str(report["file"])
+    return "\n".join(one_line(line) for line in [first, *lines])
+
+
+def line_of_robot(robot: Any) -> str:
+    """Return what a manifest says of the robot, on one line; changed by somebody, as it is."""
+    try:
+        names = ", ".join(file["name"] for file in robot["files"])
+        radii = [f"{name} {robot[name]:.6g} m" for name in _RADII]
+        return f"{robot['node']} of {names}, {', '.join(radii)}"
+    except (LookupError, TypeError, ValueError):
+        return said(robot)
+
+
+def _rows_of(report: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    window = ", a window that moves with the robot" if report["rolling_window"] else ""
+    yield "kind", f"robot parameters of {_STACKS[report['flavour']]}"
+    yield "costmap", f"{report['costmap']}, {report['node']}{window}"
+    yield "shape", _shape_of(report)
+    yield "inscribed", f"{report['inscribed_radius']:.6g} m"
+    yield "circumscribed", f"{report['circumscribed_radius']:.6g} m"
+    yield "starts out", "unknown" if report["track_unknown_space"] else "free"
+    width = max((len(_name_of(one)) for one in report["layers"]), default=0)
+    for index, one in enumerate(report["layers"]):
+        yield "" if index else "layers", f"{_name_of(one):<{width}}  {one['effect']}"
+    for one in report.get("on_map", ()):
+        yield "on the map", _on_map(one, Path(report["map"]).name)
+    for text in report["warnings"]:
+        yield "warning", text
+    for file in report["files"]:
+        yield (
+            "sha256",
+            f"{file['sha256']}" + (f"  {file['name']}" if len(report["files"]) > 1 else ""),
+        )
+
+
+def _shape_of(report: Mapping[str, Any]) -> str:
+    footprint, padding = report["footprint"], report["footprint_padding"]
+    if isinstance(footprint, dict):
+        return f"round, radius {footprint['radius']:.6g} m"
+    padded = f", moved outwards by {padding:.6g} m" if padding else ""
+    if report["robot_radius"] is not None:
+        corners = f"a polygon of {len(footprint)} corners"
+        return f"round, robot_radius {report['robot_radius']:g} m: {corners}{padded}"
+    corners = ", ".join(f"[{x:.6g}, {y:.6g}]" for x, y in footprint)
+    return f"[{corners}]" + (f", with footprint_padding {padding:.6g} m" if padding else "")
+
+
+def _name_of(layer: Mapping[str, Any]) -> str:
+    kind = "filter" if layer.get("filter") else layer["plugin"].rpartition(":")[2]
+    return f"{layer['name']} ({kind})"
+
+
+def _on_map(one: Mapping[str, Any], name: str) -> str:
+    text = f"{name}: {one['layer']} reaches {one['cell_inflation_radius']} cells, "
+    text += f"{one['reach']:.4g} m; cost at the circumscribed radius {one['circumscribed_cost']}"
+    return text
+
 
 _NAMES = {"distance field": "distances", "potential field": "values", "reach": "area"}
 

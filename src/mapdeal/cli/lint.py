@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from mapdeal.checks.reports.as_text import repair_lines, sum_of
-from mapdeal.checks.reports.catalogue import REPORTS, ReportForm
+from mapdeal.checks.formats import REPORTS, ReportForm, repair_lines, sum_of
 from mapdeal.cli import terminal
 from mapdeal.cli.completion import check_words
 from mapdeal.cli.many_maps import jobs_at_once, say_listing

@@ -24,15 +24,15 @@ from mapdeal.errors import (
 from mapdeal.formats.kinds import is_bag
 from mapdeal.formats.poses import has_times
 from mapdeal.grid.footprint import Footprint
-from mapdeal.mapping.local_options import CloudFrame, LocalOptions, Unknown
-from mapdeal.mapping.poses import Pose, check_pose
+from mapdeal.mapping.local_map import CloudFrame, LocalOptions, Unknown
+from mapdeal.mapping.transforms import Pose, check_pose
 from mapdeal.pipeline.applied import LOCAL_RECIPE, RunReport
-from mapdeal.pipeline.batch import run_all
-from mapdeal.pipeline.jobs import SUMMARY, Job, Outcome
+from mapdeal.pipeline.batch import SUMMARY, Job, Outcome, run_all
 from mapdeal.pipeline.local import (
     Keep,
     LocalCommon,
     LocalJob,
+    RollingRun,
     make_local,
     only_cloud,
     other_folders,
@@ -41,7 +41,6 @@ from mapdeal.pipeline.local import (
     sequence_of_bag,
 )
 from mapdeal.pipeline.recipe import load_recipe
-from mapdeal.pipeline.rolling import RollingRun
 from mapdeal.pipeline.settings import Settings
 from mapdeal.robot.parameters import RobotParameters
 

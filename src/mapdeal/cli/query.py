@@ -18,8 +18,7 @@ from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.formats.points import NumberLines, read_points, read_pose_lines
 from mapdeal.formats.source import chunks_of
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.footprint_costs import FootprintRule
+from mapdeal.grid.footprint import Footprint, FootprintRule
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.query import Answers, answers_of, field_to_ask
 from mapdeal.pipeline.query_poses import answers_at_poses, costs_to_ask

@@ -10,8 +10,8 @@ from mapdeal.cli import options as opt
 from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
+from mapdeal.pipeline.edit import rescale_file
 from mapdeal.pipeline.settings import Settings
-from mapdeal.pipeline.turn import rescale_file
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 

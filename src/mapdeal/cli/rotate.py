@@ -12,8 +12,8 @@ from mapdeal.cli import terminal
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.cli.stage_command import say_written
 from mapdeal.errors import ParameterError
+from mapdeal.pipeline.edit import rotate_file
 from mapdeal.pipeline.settings import Settings
-from mapdeal.pipeline.turn import rotate_file
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)
 

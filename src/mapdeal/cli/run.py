@@ -18,13 +18,12 @@ from mapdeal.cli.robot_options import say_queue
 from mapdeal.cli.run_batch import run_batch, run_single, say_plans
 from mapdeal.cli.shared_options import shared_options
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
-from mapdeal.formats.map_listing import list_maps
+from mapdeal.formats.listing import list_maps
 from mapdeal.formats.source import absolute_path
 from mapdeal.grid.display import count_text
 from mapdeal.grid.footprint import Footprint
 from mapdeal.pipeline.applied import LOCAL_RECIPE, around_in
-from mapdeal.pipeline.dispatch import Workers
-from mapdeal.pipeline.jobs import MapRun, jobs_of
+from mapdeal.pipeline.batch import MapRun, Workers, jobs_of
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.run import output_folder
 from mapdeal.pipeline.settings import Canvas, Settings
@@ -220,7 +219,7 @@ def run(
 
 def _page_of(output: Path) -> Path:
     """Return where the report goes, which no other file may be."""
-    from mapdeal.pipeline.reports.place import REPORT, check_replaceable
+    from mapdeal.pipeline.reports.draft import REPORT, check_replaceable
 
     page = output / REPORT
     check_replaceable(page)
@@ -233,7 +232,7 @@ def _compare_with_golden(
     """Store the runs, or tell what differs from those that are stored."""
     if golden is None:
         return
-    from mapdeal.pipeline.golden import differences_from_golden, store_golden
+    from mapdeal.pipeline.folder import differences_from_golden, store_golden
 
     if update:
         stored = [store_golden(folder, golden, place) for folder, place in runs]

@@ -11,14 +11,14 @@ from mapdeal.cli import options as opt
 from mapdeal.cli.completion import recipe_words, setting_words
 from mapdeal.errors import ParameterError
 from mapdeal.grid.footprint import Footprint
-from mapdeal.mapping.local_options import CloudFrame, LocalOptions
-from mapdeal.mapping.poses import check_pose
+from mapdeal.mapping.local_map import CloudFrame, LocalOptions
+from mapdeal.mapping.transforms import check_pose
 from mapdeal.pipeline.applied import LOCAL_RECIPE
 from mapdeal.pipeline.recipe import BUILT_IN, load_recipe
 from mapdeal.stages.parameters import unknown_name
 
 if TYPE_CHECKING:
-    from mapdeal.pipeline.around import Around
+    from mapdeal.pipeline.local import Around
 
 _SET = "--local-set"
 
@@ -94,8 +94,10 @@ def around_of(
         return None
     if cloud is None and frame is not None:
         raise ParameterError("needs --cloud", source="--frame")
-    from mapdeal.pipeline.around import Around  # slow to import, as the next
-    from mapdeal.pipeline.local import only_cloud
+    from mapdeal.pipeline.local import (
+        Around,  # slow to import, as the next
+        only_cloud,
+    )
 
     place = check_pose(opt.numbers(pose, 3, "X,Y,YAW", "--pose"), "--pose")
     own = [text for text in changes or [] if text.strip().startswith(f"{LOCAL_RECIPE}.")]

@@ -13,11 +13,20 @@ from mapdeal.errors import BatchError, MapdealError, one_line
 from mapdeal.formats.budget import size_text
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.applied import RunReport
-from mapdeal.pipeline.batch import run_all, text_of
-from mapdeal.pipeline.dispatch import Workers, dispatch
+from mapdeal.pipeline.batch import (
+    SUMMARY,
+    Job,
+    MapRun,
+    Outcome,
+    Plan,
+    Workers,
+    attempt,
+    dispatch,
+    plan_of,
+    run_all,
+    text_of,
+)
 from mapdeal.pipeline.figures import summary_of
-from mapdeal.pipeline.jobs import SUMMARY, Job, MapRun, Outcome, attempt
-from mapdeal.pipeline.plan import Plan, plan_of
 
 _LONGEST_REASON = 100
 _LEAST_COLUMN = 8

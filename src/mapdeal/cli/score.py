@@ -16,8 +16,7 @@ from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.errors import ParameterError, one_line
 from mapdeal.pipeline.score import Asked, ScoreReport, score_files
 from mapdeal.pipeline.settings import Settings
-from mapdeal.scoring.bounds import ScoreBound, unit_of, why_missing
-from mapdeal.scoring.names import (
+from mapdeal.scoring.bounds import (
     AGAINST_TRUTH,
     ALONE,
     COUNT,
@@ -25,9 +24,12 @@ from mapdeal.scoring.names import (
     METRES,
     SHARE,
     THICKNESS,
+    ScoreBound,
     figure_in,
     figure_text,
     figures_named,
+    unit_of,
+    why_missing,
 )
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False)

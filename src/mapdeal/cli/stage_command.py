@@ -17,14 +17,14 @@ from mapdeal.cli.robot_options import say_queue
 from mapdeal.cli.shared_options import with_shared_options
 from mapdeal.cli.streams import FROM_STDIN, TO_STDOUT
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.formats.json_text import json_of
+from mapdeal.formats.json_values import json_of
 from mapdeal.formats.map_writer import Encoding
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
 from mapdeal.pipeline.figures import summary_of
-from mapdeal.pipeline.products import files_of
+from mapdeal.pipeline.folder import files_of
 from mapdeal.pipeline.robot import step_for
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.single import SingleResult, apply_to_file

@@ -15,7 +15,7 @@ from mapdeal.cli.streams import FROM_STDIN
 from mapdeal.editing.window import window as window_of
 from mapdeal.errors import ParameterError
 from mapdeal.formats.npz import Grid
-from mapdeal.grid.region import region_of
+from mapdeal.grid.frame import region_of
 from mapdeal.pipeline.edit import change_file
 from mapdeal.pipeline.files import frame_of_file
 from mapdeal.pipeline.settings import Settings

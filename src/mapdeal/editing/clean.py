@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.display import OneLine, count_text
-from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.field import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN
+from mapdeal.kernels.components import labelled
 from mapdeal.kernels.dilation import dilate_square
-from mapdeal.kernels.labels import labelled
 from mapdeal.records import dataclass
 
 Mask = NDArray[np.bool_]

@@ -10,7 +10,7 @@ from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.shapes import Shape
 from mapdeal.grid.values import OverlayType
-from mapdeal.kernels.spans import Spans
+from mapdeal.kernels.polygons import Spans
 
 
 class Paintable(Protocol):

@@ -1,33 +1,268 @@
-"""One map of several: their cells on the lattice of the first."""
+"""Several maps of one place as one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.editing.conflicts import MapCounts, compared, states_of
-from mapdeal.editing.evidence import (
-    EVEN,
-    ChosenLayers,
-    Layers,
-    chosen_layers,
-    evidence_of,
-    in_beams,
-)
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.display import Drawn, count_text
-from mapdeal.grid.field_view import FieldView
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.display import Drawn, OneLine, count_text
+from mapdeal.grid.field import FieldView
+from mapdeal.grid.frame import MOST_CELLS, Frame, Region, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.region import MOST_CELLS, Region
 from mapdeal.grid.resample import region_on_lattice, resampled
-from mapdeal.grid.transform import Transform
 from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, check_choice
+from mapdeal.kernels.dilation import within_distance
+from mapdeal.kernels.lookup import look_up
+from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
+
+NO_CONFLICT, BY_FIRST, BY_OTHERS, AMONG_OTHERS = range(4)
+"""No conflict; the first map is occupied; it is free; it is neither, and others differ."""
+
+OCCUPIED_FROM, FREE_UP_TO = 65, 25
+"""Values at which Nav2's map_saver by default calls a cell occupied, and free."""
+
+_NEAR = 2
+"""Cells: an obstacle that is farther is not the same, seen by another map."""
+
+_MANY = 0.01
+"""Share of common cells: maps whose walls lie on each other have fewer conflicts, or meet."""
+
+NOTHING, _IS_FREE, _IS_OCCUPIED, BETWEEN = range(4)
+
+States = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, repr=False)
+class MapCounts(OneLine):
+    """Comparison of one map with the others in a merge, in cells of the merged map.
+
+    Parameters
+    ----------
+    known : int
+        Number of cells known in this map.
+    common : int
+        Known cells that are known in another map as well.
+    added : int
+        Cells known in this map but in none before it, or occupied in this map but in none
+        before it.
+    occupied_here : int
+        Cells occupied in this map and free in another.
+    free_here : int
+        Cells free in this map and occupied in another.
+    walls : int
+        Cells occupied in this map and known in another.
+    met : int
+        Cells of `walls` with an obstacle of another map within two cells; most of them, if the
+        maps are aligned.
+    """
+
+    known: int
+    common: int
+    added: int
+    occupied_here: int
+    free_here: int
+    walls: int
+    met: int
+
+    def _told(self) -> Iterator[str]:
+        yield f"{self.known} known"
+        yield f"{self.common} in common"
+        yield f"{self.added} added"
+        yield count_text(self.conflicts, "conflict")
+        yield f"{self.met} of {self.walls} walls met"
+
+    @property
+    def conflicts(self) -> int:
+        """Number of cells in which this map and another contradict each other."""
+        return self.occupied_here + self.free_here
+
+    @property
+    def conflict_share(self) -> float:
+        """Conflicts as a share of `common`; 0 if no cell is common."""
+        return self.conflicts / self.common if self.common else 0.0
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the map is probably misaligned: many conflicts, and few walls met.
+
+        Conflicts alone prove nothing: moved furniture causes some, and if two maps have the same
+        wall one cell apart, each is free where the other has the wall.
+        """
+        return self.conflict_share > _MANY and 2 * self.met < self.walls
+
+
+def states_of(values: NDArray[np.int8]) -> States:
+    """Return whether cells are `NOTHING` (unknown), `FREE`, `OCCUPIED` or `BETWEEN`."""
+    table = np.full(256, BETWEEN, dtype=np.uint8)
+    table[: FREE_UP_TO + 1] = _IS_FREE
+    table[OCCUPIED_FROM:] = _IS_OCCUPIED
+    table[UNKNOWN] = NOTHING
+    states: States = look_up(values, table)
+    return states
+
+
+def compared(
+    states: Sequence[States],
+) -> tuple[NDArray[np.uint8], tuple[MapCounts, ...], int]:  # fmt: skip
+    """Return the conflicts of maps, the counts of each, and how many cells several know."""
+    shape = states[0].shape
+    occupied = _Marks((one == _IS_OCCUPIED for one in states), shape)
+    free = _Marks((one == _IS_FREE for one in states), shape)
+    known = _Marks((one != NOTHING for one in states), shape)
+    conflicts = np.where(occupied.once & free.once, np.uint8(AMONG_OTHERS), np.uint8(NO_CONFLICT))
+    for state, kind in ((_IS_OCCUPIED, BY_FIRST), (_IS_FREE, BY_OTHERS)):
+        conflicts[(conflicts != NO_CONFLICT) & (states[0] == state)] = kind
+    counts = tuple(_counts(states, occupied, free, known))
+    return conflicts, counts, int(np.count_nonzero(known.twice))
+
+
+class _Marks:
+    """Cells that are marked in one of several masks, and in more than one."""
+
+    def __init__(self, masks: Iterable[Mask], shape: tuple[int, ...]) -> None:
+        self.once, self.twice = np.zeros((2, *shape), dtype=np.bool_)
+        for mask in masks:
+            self.twice |= self.once & mask
+            self.once |= mask
+
+    def elsewhere(self, own: Mask) -> Mask:
+        """Return which cells are marked in another mask than this one of them."""
+        found: Mask = self.twice | (self.once & ~own)
+        return found
+
+
+def _counts(
+    states: Sequence[States], occupied: _Marks, free: _Marks, known: _Marks
+) -> Iterator[MapCounts]:
+    known_before, occupied_before = np.zeros((2, *states[0].shape), dtype=np.bool_)
+    for one in states:
+        own_known, own_occupied, own_free = one != NOTHING, one == _IS_OCCUPIED, one == _IS_FREE
+        shared = own_known & known.elsewhere(own_known)
+        other_occupied = occupied.elsewhere(own_occupied)
+        walls = own_occupied & shared
+        yield MapCounts(
+            known=int(np.count_nonzero(own_known)),
+            common=int(np.count_nonzero(shared)),
+            added=int(
+                np.count_nonzero((own_known & ~known_before) | (own_occupied & ~occupied_before))
+            ),
+            occupied_here=int(np.count_nonzero(own_occupied & free.elsewhere(own_free))),
+            free_here=int(np.count_nonzero(own_free & other_occupied)),
+            walls=int(np.count_nonzero(walls)),
+            met=int(np.count_nonzero(walls & within_distance(other_occupied, _NEAR**2))),
+        )
+        known_before |= own_known
+        occupied_before |= own_occupied
+
+
+Layers = Mapping[str, ArrayLike]
+"""By the names that `build_map` gives them."""
+
+ChosenLayers = Mapping[str, NDArray[Any]]
+"""Layers with evidence about hits, checked."""
+
+EVEN = 50.0
+"""Of ``log_odds``: as much for as against an obstacle."""
+
+_PASS = 3 << 16
+"""Of a beam that passes, in whole numbers: sums are exact, in whatever order they are made."""
+
+_HIT = 7 << 16
+"""Of a beam that hits: 0.7 to 0.3, as for the share of hits above which a cell is occupied."""
+
+_MOST = 1e9
+"""Bounds what a layer may hold, so that sums of many fit 64 bits."""
+
+_LOG_ODDS, _HITS, _MISSES = "log_odds", "hits", "misses"
+
+
+def chosen_layers(layers: Layers, shape: tuple[int, int]) -> ChosenLayers:
+    """Return those of a map's layers that say what beams have hit; none if there are none."""
+    if _LOG_ODDS in layers:
+        wanted: tuple[str, ...] = (_LOG_ODDS,)
+    elif _HITS in layers or _MISSES in layers:
+        wanted = (_HITS, _MISSES)
+    else:
+        return {}
+    chosen = {}
+    for key in wanted:
+        if key not in layers:
+            raise ParameterError("is missing", place=key)
+        layer = np.asarray(layers[key])
+        if layer.shape != shape:
+            raise ParameterError(f"must be of the map's {shape[1]} x {shape[0]} cells", place=key)
+        chosen[key] = _checked_evidence(layer, key)
+    return chosen
+
+
+def _checked_evidence(layer: NDArray[Any], key: str) -> NDArray[Any]:
+    if layer.dtype.kind not in "fiu":
+        raise ParameterError("must be numbers", place=key, got=str(layer.dtype))
+    least = -_MOST if key == _LOG_ODDS else 0.0
+    odd = (layer < least) | (layer > _MOST)  # which nan is not: no beam has been there
+    if key != _LOG_ODDS and layer.dtype.kind == "f":
+        odd |= np.isnan(layer)
+    if odd.any():
+        rule = f"must lie in {least:g}..{_MOST:g}"
+        raise ParameterError(rule, place=key, got=layer[odd][0].item())
+    return layer
+
+
+def evidence_of(
+    lattice: Frame,
+    states: Sequence[States],
+    frames: Sequence[Frame],
+    layers: Sequence[ChosenLayers],
+) -> NDArray[np.int64]:
+    """Return the summed evidence of maps, in cells of a lattice."""
+    total = np.zeros(lattice.shape, dtype=np.int64)
+    for state, frame, own in zip(states, frames, layers, strict=True):
+        if own:
+            _add_layers(total, lattice, own, frame)
+        else:
+            total[state == _IS_OCCUPIED] += _PASS
+            total[state == _IS_FREE] -= _PASS
+    return total
+
+
+def in_beams(evidence: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return evidence in beams that pass."""
+    return evidence / _PASS
+
+
+def _add_layers(
+    total: NDArray[np.int64], lattice: Frame, layers: ChosenLayers, source: Frame
+) -> None:
+    """Add what the layers of a map say at the centres of cells."""
+
+    def add(part: slice) -> None:
+        numbers = np.arange(part.start, part.stop)
+        cells = np.stack(np.meshgrid(numbers, np.arange(lattice.width), indexing="ij"), axis=-1)
+        centres = lattice.xy_from_rowcol(cells.reshape(-1, 2))
+        at, inside = source.bounded_rowcol_from_xy(centres)
+        row, col = at[inside].T
+        rows = total[part].reshape(-1)  # a view: rows are whole
+        rows[inside] += _weighed({name: layer[row, col] for name, layer in layers.items()})
+
+    for_rows(add, lattice.shape)
+
+
+def _weighed(values: ChosenLayers) -> NDArray[np.int64]:
+    """Return what the values of layers at some cells come to."""
+    if _LOG_ODDS in values:
+        units = np.rint((values[_LOG_ODDS].astype(np.float64) - EVEN) * _PASS)
+        return np.where(np.isnan(units), 0.0, units).astype(np.int64)
+    hits, misses = (values[name].astype(np.int64) for name in (_HITS, _MISSES))
+    weighed: NDArray[np.int64] = hits * _HIT - misses * _PASS
+    return weighed
+
 
 Rule = Literal["occupied", "newest", "evidence"]
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from typing import TypeVar
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import cells_to_cover, check_resolution
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import MOST_CELLS, Frame, cells_to_cover, check_resolution
 from mapdeal.grid.framed import ValueGrid
-from mapdeal.grid.region import MOST_CELLS
 from mapdeal.grid.resample import ResamplingRule, check_rule, check_values, resampled
 
 V = TypeVar("V", bound=ValueGrid)

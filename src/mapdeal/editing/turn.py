@@ -10,13 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.coordinates import Origin
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import MOST_CELLS, Frame, Origin, Transform, region_around
 from mapdeal.grid.framed import ValueGrid
-from mapdeal.grid.region import MOST_CELLS, region_around
 from mapdeal.grid.resample import ResamplingRule, check_rule, check_values, resampled
-from mapdeal.grid.transform import Transform
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
 
 _QUARTER = math.pi / 2
@@ -140,7 +137,7 @@ def yaw_to_straighten(grid: ValueGrid) -> float | None:
     >>> yaw_to_straighten(OccupancyGrid(wall, 0.05, (1.0, 2.0, 0.3)))
     -0.3
     """
-    from mapdeal.kernels.wall_directions import main_direction
+    from mapdeal.kernels.rotations import main_direction
 
     direction = main_direction(_walls_of(grid))
     if direction is None:

@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 from mapdeal.errors import FindingError, ParameterError, emit_warning
 from mapdeal.grid.bit_map import BitMap
 from mapdeal.grid.canvas import FieldGrid, cut_out, on_canvas, replaced
-from mapdeal.grid.coordinates import Point, check_point
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, Point, Region, check_point, region_of
 from mapdeal.grid.framed import Framed, ValueGrid
 from mapdeal.grid.reach import Reach
-from mapdeal.grid.region import Region, region_of
 from mapdeal.grid.resample import is_turned, region_on_lattice
 
 G = TypeVar("G", bound=ValueGrid | FieldGrid | Reach)

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.formats.alignment_json import AlignmentAnswer, alignment_answer
-from mapdeal.formats.geojson import geojson_shapes
-from mapdeal.formats.json_kinds import (
+from mapdeal.formats.documents import AlignmentAnswer, ScoreAnswer, alignment_answer, score_answer
+from mapdeal.formats.json_values import (
     ALIGNMENT,
     COMPARISON,
     DIFF,
@@ -22,17 +21,17 @@ from mapdeal.formats.json_kinds import (
     REACH,
     ROUTE,
     SCORE,
+    JsonValue,
+    NamedMap,
     document_kind,
+    named_map,
+    read_document,
 )
-from mapdeal.formats.json_values import JsonValue, read_document
 from mapdeal.formats.kinds import SHAPES, recognised
-from mapdeal.formats.named_map import NamedMap, named_map
-from mapdeal.formats.score_json import ScoreAnswer, score_answer
-from mapdeal.formats.shapes import read_shapes
+from mapdeal.formats.shapes import geojson_shapes, read_shapes
 from mapdeal.formats.source import head_of
-from mapdeal.grid.coordinates import FARTHEST, Origin, Point
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.outline import checked_corners
+from mapdeal.grid.footprint import Footprint, checked_corners
+from mapdeal.grid.frame import FARTHEST, Origin, Point
 from mapdeal.grid.reach import MOST_HEADINGS, Bottleneck, Goal, GoalReach, Passage, PlaceOfLimit
 from mapdeal.grid.route import Method, Route
 from mapdeal.grid.shapes import Shape

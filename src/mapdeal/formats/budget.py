@@ -1,11 +1,8 @@
-"""The memory that may be used: readers ask here before they take it.
-
-A small file can ask for any amount of memory, by the numbers in its header or because it is
-compressed. So every reader says what it is about to take, and the answer may be an error.
-"""
+"""The memory that may be used."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -13,8 +10,45 @@ from dataclasses import replace
 from pathlib import Path
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.free_memory import free_memory
 from mapdeal.records import dataclass
+
+_MEMINFO = Path("/proc/meminfo")
+_OWN_GROUP = Path("/proc/self/cgroup")
+_GROUPS = Path("/sys/fs/cgroup")
+
+
+def free_memory(
+    meminfo: Path = _MEMINFO, own_group: Path = _OWN_GROUP, groups: Path = _GROUPS
+) -> int | None:
+    """Return the bytes that are available before anything is swapped out or killed.
+
+    The smaller of what the machine has and what is left of the limits of the control groups
+    (version 2) that the process is in, as containers set them.
+    """
+    match = re.search(r"^MemAvailable:\s+(\d+) kB", _text(meminfo), re.MULTILINE)
+    if match is None:
+        return None
+    free = int(match[1]) * 1024
+    group = re.search(r"^0::/(.*)$", _text(own_group), re.MULTILINE)
+    folder = groups / (group[1] if group else "")
+    while True:
+        limit, used = _text(folder / "memory.max").strip(), _text(folder / "memory.current").strip()
+        if limit.isdecimal() and used.isdecimal():
+            # files that were read stay in memory as long as nobody else needs it
+            cached = re.search(r"^inactive_file (\d+)", _text(folder / "memory.stat"), re.MULTILINE)
+            free = min(free, int(limit) - int(used) + (int(cached[1]) if cached else 0))
+        if folder in (groups, folder.parent):
+            return max(free, 0)
+        folder = folder.parent
+
+
+def _text(path: Path) -> str:
+    """Return what a file says, nothing if it cannot be read: it may not be there."""
+    try:
+        return path.read_text()
+    except (OSError, UnicodeDecodeError):
+        return ""
+
 
 MOST_EXPANSION = 1000
 """Times their size that compressed data may expand to."""

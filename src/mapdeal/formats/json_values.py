@@ -1,20 +1,60 @@
-"""Values of a JSON document that somebody else may have written, checked as they are taken."""
+"""JSON documents of mapdeal: their text, their kind, their values."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.errors import MalformedInputError
+from mapdeal.errors import FileAccessError, MalformedInputError
 from mapdeal.formats.budget import OF_JSON, claim
 from mapdeal.formats.source import read_file
-from mapdeal.grid.coordinates import FARTHEST, Point
+from mapdeal.grid.frame import FARTHEST, Point
 from mapdeal.records import dataclass
+
+_LARGEST_FILE = 1 << 22  # a manifest has some kilobytes
+
+
+def json_of(value: Any) -> bytes:
+    """Return `value` as indented JSON in UTF-8; it must not hold nan or infinity."""
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        return f"{text}\n".encode()
+    except UnicodeEncodeError:  # a file name that is not UTF-8
+        return (json.dumps(value, indent=2, allow_nan=False) + "\n").encode()
+
+
+def read_json(path: Path) -> Any:
+    """Return the value in a JSON file, or None if there is none, or it is damaged or too large."""
+    try:
+        data = read_file(path, limit=_LARGEST_FILE)
+    except (FileAccessError, MalformedInputError):
+        return None
+    claim(path, OF_JSON * len(data))
+    try:
+        return json.loads(data, parse_constant=_refuse_constant, parse_float=_finite)
+    # numbers of many thousand digits are ValueErrors, as is text that is not UTF-8
+    except (ValueError, RecursionError):
+        return None
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not a JSON number")
+
+
+def _finite(text: str) -> float:
+    """Return a number; one too large for a float is refused, since it could not be written."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is too large")
+    return value
+
 
 LARGEST_DOCUMENT = 1 << 26
 _LARGEST_WHOLE = 1 << 53
@@ -179,10 +219,6 @@ def parse_document(path: Path, data: bytes, place: str = "") -> Any:
         raise MalformedInputError(rule, source=path, place=place or None) from None
 
 
-def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is not a JSON number")
-
-
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
@@ -192,3 +228,63 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
                 raise ValueError(f"key {name!r} appears twice")
             seen.add(name)
     return found
+
+
+SHAPES, MANIFEST, SUMMARY = "shapes", "manifest", "summary"
+ROUTE, REACH, LINT, DIFF, COMPARISON = "route", "reach", "lint", "diff", "comparison"
+SCORE, ALIGNMENT = "score", "alignment"
+
+COMPARISON_FORMAT = "mapdeal-comparison/1"
+SCORE_FORMAT = "mapdeal-score/1"
+ALIGNMENT_FORMAT = "mapdeal-alignment/1"
+_BY_FORMAT = {
+    COMPARISON_FORMAT: COMPARISON, SCORE_FORMAT: SCORE, ALIGNMENT_FORMAT: ALIGNMENT
+}  # fmt: skip
+_GEOMETRIES = (
+    "FeatureCollection", "Feature", "GeometryCollection", "Polygon", "LineString", "Point",
+    "MultiPolygon", "MultiLineString", "MultiPoint",
+)  # fmt: skip
+
+
+def document_kind(value: Any) -> str | None:
+    """Return what a JSON value is; None if it is nothing that is known.
+
+    Examples
+    --------
+    >>> document_kind({"maps": [], "errors": 0, "suppressed": 0})
+    'lint'
+    """
+    if not isinstance(value, dict):
+        return None
+    if value.get("type") in _GEOMETRIES:
+        return SHAPES
+    if isinstance(value.get("outputs"), dict) and isinstance(value.get("stages"), list):
+        return MANIFEST
+    maps = value.get("maps")
+    if isinstance(maps, list) and {"errors", "suppressed"} <= value.keys():
+        return LINT
+    if isinstance(maps, list) and all(isinstance(one, dict) and "status" in one for one in maps):
+        return SUMMARY
+    if "reached" in value and isinstance(value.get("points"), list):
+        return ROUTE
+    if "reachable_m2" in value and isinstance(value.get("passages"), list):
+        return REACH
+    if {"confusion", "walls"} <= value.keys():
+        return DIFF
+    return _BY_FORMAT.get(str(value.get("format")))
+
+
+@dataclass(frozen=True)
+class NamedMap:
+    """A map that a document is about."""
+
+    file: str
+    sha256: Mapping[str, str]
+
+
+def named_map(one: JsonValue) -> NamedMap | None:
+    """Return a map and its files; None of one that was no file."""
+    if one.is_null:
+        return None
+    sums = {name: digest.sha256() for name, digest in one["sha256"].fields().items()}
+    return NamedMap(one["file"].text(), sums)

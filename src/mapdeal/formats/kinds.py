@@ -17,8 +17,7 @@ import yaml
 
 from mapdeal.errors import FileAccessError, MalformedInputError, MapdealError
 from mapdeal.formats.image import read_image_size, recognised_format
-from mapdeal.formats.json_kinds import document_kind
-from mapdeal.formats.json_text import read_json
+from mapdeal.formats.json_values import document_kind, read_json
 from mapdeal.formats.source import chunks_of, contents_of, exists, head_of, is_folder, status_of
 from mapdeal.formats.text_rows import delimiter_of, is_number
 from mapdeal.formats.yaml_text import OF_RECIPES, Entry, read_mapping

@@ -1,4 +1,4 @@
-"""Files selected by names of files, folders and patterns."""
+"""Files that names, folders, patterns and lists stand for."""
 
 from __future__ import annotations
 
@@ -10,14 +10,30 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from glob import has_magic
 from pathlib import Path
 
-from mapdeal.errors import FileAccessError, MapdealWarning, ParameterError, emit_warning
+from mapdeal.errors import (
+    FileAccessError,
+    MapdealError,
+    MapdealWarning,
+    ParameterError,
+    emit_warning,
+)
+from mapdeal.formats.budget import claim
+from mapdeal.formats.kinds import kind_of, other_kind
+from mapdeal.formats.map_server import BIT_MAP
 from mapdeal.formats.source import (
     contents_of,
     exists,
+    head_of,
     identity_of,
     is_folder,
+    joined,
+    normal_path,
+    read_file,
+    real_path,
     status_of,
 )
+from mapdeal.formats.yaml_text import read_mapping
+from mapdeal.records import dataclass
 
 _ANY_FOLDERS = "**"
 
@@ -163,3 +179,271 @@ def natural_key(text: str) -> tuple[list[str | int], str]:
     """
     parts = re.split(r"([0-9]+)", text)  # words and numbers take turns
     return [int(part) if k % 2 else part for k, part in enumerate(parts)], text
+
+
+_YAML = (".yaml", ".yml")
+_NAMED = (".npz", BIT_MAP)
+"""Endings of files that are maps by their names; YAML files may be of anything."""
+
+_HEAD = 1 << 20
+_LARGEST_LIST = 1 << 26
+_PER_NAME = 400
+"""Bytes that the name of a map takes in memory, and what is made of it."""
+
+# Most files need no parser: keys at the top of a mapping stand at the beginning of a line.
+_IMAGE_KEY = re.compile(rb"""^(\xef\xbb\xbf)?["']?image["']?[ \t]*:""", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class ListedMap:
+    """A map that names stand for."""
+
+    path: Path
+    name: str
+
+    @property
+    def place(self) -> Path:
+        """The folder for what is made of it, below that of all: the name without its ending."""
+        return Path(self.name).parent / self.path.stem
+
+
+@dataclass(frozen=True)
+class WholeFolders:
+    """Folders that count as one thing, listed as they are, rather than searched for maps.
+
+    Notes
+    -----
+    Other folders in one, and the files in those, are listed as everywhere. A folder that cannot
+    be read, or holds nothing to be listed, is listed, too: whoever looks at it says so.
+    """
+
+    mark: str
+    is_one: Callable[[Path], bool]
+    summary: str
+    parts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MapListing:
+    """The maps that names stand for."""
+
+    maps: tuple[ListedMap, ...]
+    is_set: bool
+    left_out: tuple[Path, ...]
+    repeated: tuple[Path, ...]
+
+
+@dataclass
+class _Found:
+    """Files that one name stands for; `root` is None if it is a map's own."""
+
+    root: Path | None
+    files: list[Path]
+    left_out: list[Path]
+
+
+@dataclass(frozen=True)
+class _Rules:
+    """Files to leave out of folders, and folders not to look into; see `list_maps`."""
+
+    output: Path | None
+    whole: WholeFolders | None
+
+
+def list_maps(
+    names: Iterable[str],
+    output: Path | None,
+    standard_input: Callable[[], Iterable[bytes]],
+    *,
+    whole_folders: WholeFolders | None = None,
+) -> MapListing:
+    """Return the maps that names stand for."""
+    rules = _Rules(None if output is None else real_path(output), whole_folders)
+    found: list[_Found] = []
+    for name in names:
+        if name.startswith("@"):
+            lines = _lines_of(name[1:], standard_input)
+            found += [_found_by(line, rules, is_listed=True) for line in lines]
+        else:
+            found.append(_found_by(name, rules, is_listed=False))
+    root = _common_root(found)
+    maps: dict[tuple[Path, str], ListedMap] = {}
+    repeated: dict[tuple[Path, str], Path] = {}
+    for one in found:
+        for path in one.files:
+            file = _yaml_of(path)
+            key = (real_path(file.parent), file.name)
+            name = path.name if one.root is None else _below(path, root)
+            if key in maps:
+                repeated[key] = path
+            else:
+                maps[key] = ListedMap(path, name)
+    left_out = {real_path(path): path for one in found for path in one.left_out}
+    is_set = any(one.root is not None for one in found)
+    return MapListing(
+        tuple(maps.values()), is_set, tuple(left_out.values()), tuple(repeated.values())
+    )
+
+
+def _yaml_of(path: Path) -> Path:
+    """Return the YAML file beside a bit map; other files, and one without, as they are."""
+    if path.suffix.lower() != BIT_MAP:
+        return path
+    return next((p for p in map(path.with_suffix, _YAML) if exists(p)), path)
+
+
+def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[str]:
+    """Return the names in a list, without comments and empty lines."""
+    what = f"@{name}"
+    try:
+        if name == "-":
+            data = joined(standard_input(), limit=_LARGEST_LIST, source="standard input")
+        else:
+            data = read_file(Path(name), limit=_LARGEST_LIST)
+        claim(what, 4 * len(data) + _PER_NAME * data.count(b"\n"))
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        rule = "a list of maps must be UTF-8 text"
+        raise ParameterError(rule, source=what, place=f"line {line}") from None
+    stripped = (line.strip() for line in text.split("\n"))
+    lines = [line for line in stripped if line and not line.startswith("#")]
+    if not lines:
+        raise ParameterError("the list names no map", source=what)
+    if any("\0" in line for line in lines):
+        raise ParameterError("a list of maps must be UTF-8 text", source=what)
+    return lines
+
+
+def _found_by(name: str, rules: _Rules, *, is_listed: bool) -> _Found:
+    if not name:
+        raise ParameterError("the name of a map must not be empty")
+    path, output, whole = Path(name), rules.output, rules.whole
+    if whole is not None and path.name in (whole.mark, whole.summary):
+        path = path.parent
+    if is_folder(path):
+        candidates, folders = _below_folder(path, rules)
+        maps = [one for one in candidates if _is_map(one)]
+        kind = None if maps or whole is not None else kind_of(path)
+        if kind is not None:
+            raise other_kind(path, kind, "a folder of maps")
+        if not maps and whole is None:
+            rule = f"is a directory without a map: no .yaml with the key image{_outside_of(output)}"
+            raise FileAccessError(rule, source=name)
+        maps = [*maps, *folders] or [path]
+        root = path
+    elif has_magic(name) and not exists(path):
+        matches = list_files([name], (*_YAML, ".npz", BIT_MAP))
+        candidates = [one for one in matches if not _lies_in(one.parent, output)]
+        candidates = _without_images(candidates, keep_all=path.suffix.lower() == BIT_MAP)
+        maps = [one for one in candidates if one.suffix.lower() in _NAMED or _is_map(one)]
+        if not maps:
+            rule = (
+                f"matches no map: no .npz or .pbm, no .yaml with the key image{_outside_of(output)}"
+            )
+            raise ParameterError(rule, source=name)
+        root = _fixed_part(path)
+    else:
+        return _Found(path.parent if is_listed else None, [path], [])
+    known = set(maps)
+    return _Found(root, maps, [one for one in candidates if one not in known])
+
+
+def _without_images(files: list[Path], *, keep_all: bool) -> list[Path]:
+    """Return the files without the bit maps that are the image of a YAML file's map.
+
+    Of a pair both match most patterns, and are one map. One that has no YAML file of its name
+    beside it is another's image, unless it was asked for.
+    """
+    yamls = {one.with_suffix("") for one in files if one.suffix.lower() in _YAML}
+
+    def is_map(path: Path) -> bool:
+        if path.suffix.lower() != BIT_MAP:
+            return True
+        is_alone = not any(exists(path.with_suffix(ending)) for ending in _YAML)
+        return keep_all if is_alone else path.with_suffix("") not in yamls
+
+    return [one for one in files if is_map(one)]
+
+
+def _outside_of(output: Path | None) -> str:
+    is_there = output is not None and exists(output)
+    return f" outside of {output}, where outputs go" if is_there else ""
+
+
+def _lies_in(folder: Path, output: Path | None) -> bool:
+    if output is None:
+        return False
+    real = real_path(folder)
+    return real == output or output in real.parents
+
+
+def _fixed_part(pattern: Path) -> Path:
+    """Return the folder that a pattern names before its first sign."""
+    fixed: list[str] = []
+    for part in pattern.parts:
+        if has_magic(part):
+            break
+        fixed.append(part)
+    return Path(*fixed)
+
+
+def _below_folder(folder: Path, rules: _Rules) -> tuple[list[Path], list[Path]]:
+    """Return what may be maps in a folder and below, and the folders that are listed themselves.
+
+    Hidden ones and outputs are left aside.
+    """
+    listed: list[Path] = []
+    whole = rules.whole
+
+    def look_into(one: Path) -> Contents:
+        try:
+            folders, files = contents_of(one)
+        except FileAccessError:
+            if whole is None:
+                raise
+            listed.append(one)
+            return [], []
+        if whole is not None and whole.mark in files and whole.is_one(one):
+            listed.append(one)
+            return [name for name in folders if name not in whole.parts], []
+        return folders, files
+
+    walk = folders_below([folder], look_into, leave_out=lambda one: _lies_in(one, rules.output))
+    files = [one / name for one, names in walk for name in names]
+    yamls = sorted_naturally(file for file in files if _may_be_maps(file))
+    return yamls, sorted(listed, key=lambda one: natural_key(str(one)))
+
+
+def _may_be_maps(file: Path) -> bool:
+    """Return whether a file is a YAML file, or a link to nothing that may have been a folder."""
+    return file.suffix.lower() in _YAML or not (file.suffix or exists(file))
+
+
+def _is_map(path: Path) -> bool:
+    """Return whether a YAML file is a map's: it has the key image, broken though it may be."""
+    try:
+        if _IMAGE_KEY.search(head_of(path, _HEAD)):
+            return True
+        return "image" in read_mapping(path)
+    except FileAccessError:
+        return True  # whoever reads it says why not
+    except MapdealError:
+        return False
+
+
+def _common_root(found: Iterable[_Found]) -> Path:
+    """Return the deepest folder that holds all sets."""
+    sets = [one for one in found if one.root is not None]
+    # a pattern can lead upwards behind its fixed part, so the files count, too
+    folders = {one.root for one in sets} | {path.parent for one in sets for path in one.files}
+    if not folders:
+        return Path()
+    try:
+        return Path(os.path.commonpath([normal_path(folder) for folder in folders if folder]))
+    except ValueError:  # Windows
+        raise ParameterError("folders on several drives have no common root") from None
+
+
+def _below(path: Path, root: Path) -> str:
+    return normal_path(path).relative_to(root).as_posix()

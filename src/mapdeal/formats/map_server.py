@@ -17,7 +17,7 @@ from mapdeal.formats.picture import Picture
 from mapdeal.formats.pnm import BinaryRows
 from mapdeal.formats.source import contents_of, exists, is_same_file, status_of
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.field import FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.blocks import CacheBudget, Layer, lazy_layer
 

@@ -16,11 +16,10 @@ from mapdeal.formats.pnm import begin_pgm
 from mapdeal.formats.temporary import Writer
 from mapdeal.formats.transaction import RowsWriter, Transaction
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.field import FieldView
 from mapdeal.grid.framed import Framed
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.scales import occupancy_from_cost
-from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale
+from mapdeal.grid.values import FREE, OCCUPIED, UNKNOWN, CostScale, occupancy_from_cost
 from mapdeal.kernels.blocks import Layer, counts_of, is_lazy, lazy_layer, looked_up, mapped
 from mapdeal.kernels.lookup import look_up
 

@@ -10,8 +10,8 @@ from typing import Any, Literal, get_args
 
 from mapdeal.errors import MalformedInputError, MapdealWarning, ParameterError, emit_warning
 from mapdeal.formats.yaml_text import Entry, read_mapping, yaml_document
-from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
-from mapdeal.grid.field_view import ESDF_VIEW, View, ViewScale
+from mapdeal.grid.field import ESDF_VIEW, View, ViewScale
+from mapdeal.grid.frame import Origin, check_origin, check_resolution
 from mapdeal.grid.values import CostScale
 from mapdeal.records import dataclass
 

@@ -45,8 +45,7 @@ from mapdeal.formats.source import FileState, check_state, exists, sha256_of, st
 from mapdeal.formats.temporary import locked
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField
-from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField

@@ -10,8 +10,8 @@ from typing import IO, Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.lib import format as npy_format
 
-from mapdeal.formats.deflate import pieces
 from mapdeal.formats.pillow_images import one_at_a_time
+from mapdeal.formats.png import pieces
 from mapdeal.kernels.blocks import Layer
 
 _LONGEST_HEADER = 1 << 16

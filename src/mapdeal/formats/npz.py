@@ -19,17 +19,15 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.budget import PIECES
-from mapdeal.formats.deflate import Buffer, deflated, pieces
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.npy import npy_header
 from mapdeal.formats.npz_reader import NpzReader
 from mapdeal.formats.picture import LARGEST_CELLS
-from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
+from mapdeal.formats.png import Buffer, deflated, pieces
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField
-from mapdeal.grid.field_view import ESDF_VIEW, FieldView, View, ViewScale
+from mapdeal.grid.field import ESDF_VIEW, DistanceField, FieldView, View, ViewScale
 from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import MalformedInputError, shown
 from mapdeal.formats.poses import TUM, planar_pose
 from mapdeal.formats.text_rows import delimiter_of, is_number
-from mapdeal.grid.coordinates import Point
+from mapdeal.grid.frame import Point
 from mapdeal.records import dataclass
 
 _LONGEST_LINE = 1 << 16

@@ -27,8 +27,7 @@ from mapdeal.formats.temporary import (
     sync_folder,
 )
 from mapdeal.kernels.blocks import Layer, swept
-from mapdeal.kernels.thread_pool import ThreadPool
-from mapdeal.kernels.threads import thread_count
+from mapdeal.kernels.threads import ThreadPool, thread_count
 from mapdeal.records import dataclass
 
 _ATTEMPTS = 10_000

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, Region
 from mapdeal.grid.framed import Figures, Framed, ValueGrid
 from mapdeal.grid.reach import Reach
-from mapdeal.grid.region import Region
 from mapdeal.grid.resample import region_on_lattice
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.blocks import Layer, is_lazy, made_by_rows

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.grid.display import Drawn
 from mapdeal.grid.values import CostScale
-from mapdeal.kernels.squares import squares_between_cells
+from mapdeal.kernels.distance import squares_between_cells
 from mapdeal.records import dataclass
 
 Metric = Literal["euclidean", "chebyshev"]

@@ -1,22 +1,139 @@
-"""The robot's shape seen from above, and the two radii that inflation needs."""
+"""A robot's footprint: its polygon, its cells, its costs."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise, starmap
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.coordinates import Point
+from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.display import OneLine, points_text
-from mapdeal.grid.outline import (
-    check_simple,
-    checked_corners,
-    contains_centre,
-    distance_to_edge,
-    edges_of,
-)
+from mapdeal.grid.frame import Frame, Point, as_float32
+from mapdeal.grid.values import check_choice
+from mapdeal.kernels.footprints import Lattice, costs_at_poses
+from mapdeal.kernels.polygons import Spans, stacked_spans
 from mapdeal.records import dataclass
+
+
+def checked_corners(
+    points: Sequence[Sequence[float]], what: str, *, within: float, least: int, most: int
+) -> tuple[Point, ...]:
+    """Return `points` as pairs of finite floats."""
+    if not isinstance(points, Iterable) or isinstance(points, (str, bytes)):
+        raise ParameterError(f"a {what} takes a list of vertices [x, y]", place=what, got=points)
+    points = list(points)
+    if len(points) > most:
+        raise ParameterError(f"a {what} has at most {most} vertices", place=what, got=len(points))
+    corners: list[Point] = []
+    for index, vertex in enumerate(points):
+        place = f"{what} vertex {index + 1}"
+        try:
+            x, y = (float(v) for v in vertex)
+        except (TypeError, ValueError, OverflowError):
+            rule = "a vertex must be a pair of numbers [x, y]"
+            raise ParameterError(rule, place=place, got=vertex) from None
+        if not all(abs(v) <= within for v in (x, y)):  # refuses nan too
+            rule = f"coordinates must be finite and within {within:g} m"
+            raise ParameterError(rule, place=place, got=(x, y))
+        corners.append((x, y))
+    if len(corners) < least:
+        words = {1: "one vertex", 2: "two vertices", 3: "three vertices"}[least]
+        raise ParameterError(f"a {what} needs at least {words}", place=what, got=len(corners))
+    return tuple(corners)
+
+
+def edges_of(points: Sequence[Point]) -> list[tuple[Point, Point]]:
+    """Return the edges of a closed polygon, the one back to the first corner included."""
+    return list(pairwise([*points, points[0]]))
+
+
+def check_simple(points: Sequence[Point], what: str) -> None:
+    """Refuse outlines whose edges cross, naming the edge by its first corner."""
+    starts = np.array(points, dtype=np.float64)
+    ends = np.roll(starts, -1, axis=0)
+    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
+    for i in range(len(points) - 1):
+        # Most edges are far from each other, which four comparisons tell.
+        near = (low[i + 1 :, 0] <= high[i, 0]) & (high[i + 1 :, 0] >= low[i, 0])
+        near &= (low[i + 1 :, 1] <= high[i, 1]) & (high[i + 1 :, 1] >= low[i, 1])
+        others = i + 1 + np.flatnonzero(near)
+        a, b, c, d = starts[i], ends[i], starts[others], ends[others]
+        apart = _side(a, b, c) * _side(a, b, d) < 0
+        crosses = apart & (_side(c, d, a) * _side(c, d, b) < 0)
+        if crosses.any():
+            other = int(others[np.argmax(crosses)])
+            rule = f"the edge crosses the one that starts at vertex {other + 1}"
+            raise ParameterError(rule, place=f"{what} vertex {i + 1}", got=points[i])
+
+
+def area_of(points: Sequence[Point]) -> float:
+    """Return the area of a polygon, square metres, whichever way it goes round.
+
+    Examples
+    --------
+    >>> area_of([(1, 1), (1, 3), (4, 3), (4, 1)])
+    6.0
+    """
+    corners = np.array(points, dtype=np.float64) - np.array(points[0])
+    return abs(float(_cross(corners, np.roll(corners, -1, axis=0)).sum())) / 2
+
+
+def distance_to_edge(a: Point, b: Point) -> float:
+    """Return the distance from (0, 0) to the segment from `a` to `b`."""
+    (ax, ay), (bx, by) = a, b
+    length_squared = (bx - ax) ** 2 + (by - ay) ** 2
+    if length_squared == 0.0:  # a repeated corner; costmap_2d divides by zero here
+        return math.hypot(ax, ay)
+    along = min(1.0, max(0.0, -(ax * (bx - ax) + ay * (by - ay)) / length_squared))
+    return math.hypot(ax + along * (bx - ax), ay + along * (by - ay))
+
+
+def contains_centre(points: Sequence[Point]) -> bool:
+    """Return whether (0, 0) lies in the polygon or on its outline."""
+    if min(distance_to_edge(a, b) for a, b in edges_of(points)) == 0.0:
+        return True
+    inside = False
+    for (ax, ay), (bx, by) in edges_of(points):
+        if (ay > 0) != (by > 0) and ax + (bx - ax) * (-ay) / (by - ay) > 0:
+            inside = not inside
+    return inside
+
+
+def is_number(value: object) -> bool:
+    """Return whether a value is a number, nan and infinity included."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def _side(
+    a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return on which side of the line through `a` and `b` a point lies: -1, 1, or 0 on it.
+
+    Decimal coordinates that touch on paper are apart by their rounding, and count as touching.
+    """
+    along, beside = b - a, p - a
+    rounding = 8 * np.finfo(np.float64).eps * np.maximum(np.abs(a), np.maximum(abs(b), abs(p)))
+    slack = _near_product(along, rounding) + _near_product(rounding, beside)
+    cross = _cross(along, beside)
+    sign: NDArray[np.float64] = np.where(np.abs(cross) <= slack, 0.0, np.sign(cross))
+    return sign
+
+
+def _near_product(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    product: NDArray[np.float64] = np.abs(u[..., 0] * v[..., 1]) + np.abs(u[..., 1] * v[..., 0])
+    return product
+
+
+def _cross(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    crossed: NDArray[np.float64] = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    return crossed
+
 
 _LARGEST_COORDINATE = 1000.0
 _MOST_VERTICES = 500
@@ -157,3 +274,164 @@ def _pairs(text: str) -> list[str]:
             return []
         pairs.append(inner)
     return [] if pieces[-1].strip() else pairs
+
+
+_ROUNDING = 1e-9
+"""Cells within which a corner on the edge between two cells counts as in the upper one, whatever
+the cosine and the division did to its last bits."""
+
+_FARTHEST = float(1 << 40)
+"""Cells; more than any grid has, and whole numbers still convert."""
+
+
+def footprint_spans(footprint: Footprint, frame: Frame, heading_count: int) -> tuple[Spans, ...]:
+    """Return the cells that a footprint covers in each heading, relative to the robot's cell.
+
+    Notes
+    -----
+    The robot's centre is the middle of its cell. A corner is in the cell
+    ``floor(0.5 + coordinate / resolution)``, and from there on cells are those that costmap_2d
+    draws: the lines between the corners, and what is inside (`mapdeal.kernels.polygons`).
+    """
+    shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
+    vertices = np.array(shape.vertices, dtype=np.float64)
+    yaw = frame.origin[2]
+    turns = [2 * math.pi * k / heading_count - yaw for k in range(heading_count)]
+    corners = [_corner_cells(vertices, turn, frame.resolution) for turn in turns]
+    fitting = [k for k, cells in enumerate(corners) if _fits(cells, frame)]
+    spans = [Spans(cells[:, 0], cells[:, 1], cells[:, 1] + 1) for cells in corners]
+    drawn = _drawn([corners[k] for k in fitting]) if fitting else []
+    for k, found in zip(fitting, drawn, strict=True):
+        spans[k] = found
+    return tuple(spans)
+
+
+def _corner_cells(
+    corners: NDArray[np.float64], turn: float, resolution: float
+) -> NDArray[np.int64]:
+    """Return row and column of each corner's cell, shape (N, 2)."""
+    cos, sin = math.cos(turn), math.sin(turn)
+    x, y = corners.T
+    turned = np.stack([x * sin + y * cos, x * cos - y * sin], axis=1)
+    with np.errstate(over="ignore"):
+        cells = np.floor(0.5 + turned / resolution + _ROUNDING)
+    return np.clip(cells, -_FARTHEST, _FARTHEST).astype(np.int64)
+
+
+def _fits(corners: NDArray[np.int64], frame: Frame) -> bool:
+    """Return whether a polygon between these cells is no larger than the grid."""
+    height, width = (np.ptp(corners, axis=0) + 1).tolist()
+    return bool(height <= frame.height and width <= frame.width)
+
+
+def _drawn(polygons: list[NDArray[np.int64]]) -> list[Spans]:
+    """Return the cells of polygons between these cells, each around its own (0, 0).
+
+    They are drawn at once, one above the other.
+    """
+    least = np.array([cells.min(axis=0) for cells in polygons])
+    sizes = np.array([cells.max(axis=0) for cells in polygons]) - least + 1
+    tops = np.cumsum(sizes[:, 0])
+    shifts = least.copy()
+    shifts[:, 0] -= tops - sizes[:, 0]
+    rings = [(cells - shift).tolist() for cells, shift in zip(polygons, shifts, strict=True)]
+    parts = list(stacked_spans(rings, (int(tops[-1]), int(sizes[:, 1].max()))))
+    rows, starts, stops = map(np.concatenate, zip(*parts, strict=True))
+    edges = np.searchsorted(rows, [0, *tops.tolist()])
+    return [
+        Spans(rows[some] + row, starts[some] + col, stops[some] + col)
+        for some, (row, col) in zip(starmap(slice, pairwise(edges)), shifts.tolist(), strict=True)
+    ]
+
+
+FootprintRule = Literal["outline", "full"]
+"""Which cells count: those of the outline, as in Nav2, or those inside of it, too."""
+
+
+class PoseSamples(NamedTuple):
+    """Costs of a footprint at poses."""
+
+    cost: NDArray[np.uint8]
+    inside: NDArray[np.bool_]
+
+
+def footprint_costs(
+    costmap: Costmap, footprint: Footprint, poses: ArrayLike, *, rule: FootprintRule = "outline"
+) -> NDArray[np.uint8]:
+    """Return the costs that Nav2's collision checker computes for a robot at poses.
+
+    Parameters
+    ----------
+    costmap : Costmap
+        Costs on scale ``costmap2d``; use `Costmap.from_static_layer` for a map.
+    footprint : Footprint
+        Robot shape. A circle is treated as `Footprint.sixteen_gon`, as in Nav2.
+    poses : array_like of float, shape (N, 3)
+        Poses of the robot's centre in the map frame, or a single pose: x, y (metres) and yaw
+        (radians).
+    rule : {'outline', 'full'}
+        Cells that count: those of the outline only, as in Nav2, or all cells of the footprint.
+
+    Returns
+    -------
+    numpy.ndarray of uint8, shape (N,)
+        Largest cost of these cells: below 254 there is no collision; 254 if an obstacle is hit, a
+        corner is outside the map, or a number is not finite; 255 if unknown cells are touched.
+
+    Raises
+    ------
+    ParameterError
+        If `poses` has another shape, the costs are on another scale, or the rule is unknown.
+
+    Notes
+    -----
+    With ``outline``, 255 may hide 254, as in Nav2: the edges are traced from corner to corner, and
+    the first one that meets 254 ends the search, unless an earlier one has met 255. With ``full``,
+    254 in any cell gives 254.
+
+    The resolution is rounded to float32, as in a map message and every ROS costmap: 0.05 becomes
+    0.0500000007. This matters if a corner lies nominally on the edge between two cells. ROS
+    costmaps have no yaw; the yaw of this one is taken into account.
+
+    References
+    ----------
+    ``FootprintCollisionChecker::footprintCostAtPose`` in Nav2.
+
+    Examples
+    --------
+    >>> costmap = Costmap([[0, 0, 0, 7, 254], [0, 0, 0, 7, 254], [0, 0, 0, 7, 254]], 0.5)
+    >>> robot = Footprint.polygon([[0.4, 0.1], [0.4, -0.1], [-0.4, -0.1], [-0.4, 0.1]])
+    >>> footprint_costs(costmap, robot, [[0.75, 0.75, 0], [1.25, 0.75, 0], [1.25, 0.75, 1.5708]])
+    array([0, 7, 0], dtype=uint8)
+    """
+    return sample_poses(costmap, footprint, poses, rule=rule).cost
+
+
+def sample_poses(
+    costmap: Costmap, footprint: Footprint, poses: ArrayLike, *, rule: FootprintRule = "outline"
+) -> PoseSamples:
+    """Return the result of `footprint_costs`, and whether all corners lie on the map."""
+    check_choice(rule, FootprintRule, "rule")
+    if costmap.scale != "costmap2d":
+        text = "footprints are checked against costs on scale costmap2d"
+        hint = (
+            "published costs, and those of rings and thresholds, do not show what a footprint hits"
+        )
+        raise ParameterError(text, place="cost scale", got=costmap.scale, hint=hint)
+    places = np.asarray(poses, dtype=np.float64)
+    if places.shape == (3,):
+        places = places.reshape(1, 3)
+    if places.ndim != 2 or places.shape[1] != 3:
+        text = "poses must be an array of x, y, yaw, shape (N, 3)"
+        raise ParameterError(text, got=places.shape)
+    shape = footprint if footprint.vertices else Footprint.sixteen_gon(footprint.radius)
+    resolution = as_float32(costmap.resolution)
+    costs = np.asarray(costmap.cost).view(np.uint8)
+    results, inside = costs_at_poses(
+        costs,
+        Lattice(resolution, *costmap.origin),
+        np.array(shape.vertices),
+        places,
+        filled=rule == "full",
+    )
+    return PoseSamples(results, inside)

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import Origin, check_origin, check_resolution
 from mapdeal.grid.display import MOST_COUNTED, Drawn, numbers_text
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, Origin, check_origin, check_resolution
 from mapdeal.grid.values import OverlayType
 from mapdeal.kernels.blocks import Layer, LazyLayer, is_lazy
-from mapdeal.kernels.spans import Spans, paint
+from mapdeal.kernels.polygons import Spans, paint
 
 Figures = dict[str, Any]
 """The figures of a grid, as JSON can hold them."""

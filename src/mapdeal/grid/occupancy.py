@@ -9,10 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import Origin
+from mapdeal.grid.frame import Origin
 from mapdeal.grid.framed import Figures, ValueGrid, as_layer
-from mapdeal.grid.scales import amcl_from_occupancy
-from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
+from mapdeal.grid.values import (
+    DEFAULT_LETHAL_THRESHOLD,
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    amcl_from_occupancy,
+)
 from mapdeal.kernels.blocks import counts_of, is_lazy, mapped
 from mapdeal.kernels.lookup import look_up
 from mapdeal.records import dataclass

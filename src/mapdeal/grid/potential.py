@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.canvas import FieldGrid, layer_of_box, put_around
-from mapdeal.grid.coordinates import Origin, Point, check_point
 from mapdeal.grid.display import count_text, numbers_text
+from mapdeal.grid.frame import Origin, Point, Region, check_point
 from mapdeal.grid.framed import Figures, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
-from mapdeal.grid.region import Region
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.records import dataclass
 

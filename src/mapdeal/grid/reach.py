@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import Origin, Point
 from mapdeal.grid.display import OneLine, count_text, numbers_text
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import Footprint, contains_centre
+from mapdeal.grid.frame import Origin, Point
 from mapdeal.grid.framed import Figures, Framed, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
-from mapdeal.grid.outline import contains_centre
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.records import dataclass
 

@@ -1,31 +1,536 @@
-"""Computation of where a robot can go: the map it moves on, where it can stand, what it reaches."""
+"""What a robot can reach, and the passages that limit it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import field
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid.coordinates import check_point
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.footprint_cells import footprint_spans
-from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_marked, nearest_open_text
-from mapdeal.grid.passages import bottleneck_on_way, passages
+from mapdeal.grid.footprint import Footprint, footprint_spans
+from mapdeal.grid.frame import CELL_TOLERANCE, Frame, Point, check_point, largest_square_within
+from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import (
+    Bottleneck,
     Goal,
     GoalReach,
+    Passage,
     Reach,
     reach_radius,
     robot_text,
     width_of,
 )
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
-from mapdeal.grid.ways import Ground, Ways, WaysFrom, largest_closed_square, squares_to
+from mapdeal.kernels.clearance_tree import (
+    ClearanceTree,
+    RootedTree,
+    basin_areas,
+    clearance_metres,
+    clearance_tree,
+    rooted,
+    widest_metres,
+)
 from mapdeal.kernels.configuration_space import ConfigurationSpace, Pose, Reached
+from mapdeal.kernels.distance import SquaredDistances, squared_distance
+from mapdeal.kernels.meetings import gap_at, joined, saddles_between, sums_behind
+from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
+
+Cell = tuple[int, int]
+
+
+def cell_of_point(frame: Frame, point: Point, name: str) -> Cell:
+    """Return the row and column of the cell that a point of the map frame lies in."""
+    cells, inside = frame.bounded_rowcol_from_xy([check_point(point, name)])
+    if not inside[0]:
+        rule = "lies outside of the map"
+        raise ParameterError(rule, place=name, got=point, hint=extent_text(frame))
+    return int(cells[0, 0]), int(cells[0, 1])
+
+
+def extent_text(frame: Frame) -> str:
+    """Return where a grid lies in the map frame, as a hint."""
+    height, width = frame.shape
+    corners = [[0, 0], [0, width], [height, 0], [height, width]]
+    corners_xy = frame.xy_from_continuous_rowcol(corners).round(6) + 0.0
+    (x, y), (right, top) = corners_xy.min(axis=0).tolist(), corners_xy.max(axis=0).tolist()
+    return f"the map lies within x {x:.10g} .. {right:.10g}, y {y:.10g} .. {top:.10g}"
+
+
+def nearest_open_text(frame: Frame, is_open: NDArray[np.bool_], cell: Cell) -> str:
+    """Return where the open cell is that is nearest to a cell, as a hint."""
+    nearest = nearest_marked(is_open, cell)
+    if nearest is None:
+        return "no cell of the map is open"
+    x, y = frame.xy_from_rowcol([nearest])[0].round(6).tolist()
+    metres = math.dist(nearest, cell) * frame.resolution
+    return f"the nearest open cell is {metres:.3g} m away, at {x + 0.0:.10g},{y + 0.0:.10g}"
+
+
+def nearest_marked(marked: NDArray[np.bool_], cell: Cell) -> Cell | None:
+    """Return the marked cell nearest to a cell, the first of several, row by row; None if none is.
+
+    The cell may lie outside. Rows are searched from it on: a list of all marked cells would take
+    much memory.
+    """
+    best = None
+    for row in sorted(range(len(marked)), key=lambda row: abs(row - cell[0])):
+        away = (row - cell[0]) ** 2
+        if best is not None and away > best[0]:
+            break
+        cols = np.flatnonzero(marked[row])
+        if len(cols):
+            col = int(cols[np.argmin(np.abs(cols - cell[1]))])
+            found = (away + (col - cell[1]) ** 2, row, col)
+            best = found if best is None else min(best, found)
+    return None if best is None else best[1:]
+
+
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """The widths of the ways between the cells of a map: its clearance tree, in metres."""
+
+    tree: ClearanceTree
+    squared: SquaredDistances
+    frame: Frame
+    _gaps: dict[int, tuple[Point, Point]] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def cell_area(self) -> float:
+        """Area of a cell, square metres."""
+        return self.frame.resolution * self.frame.resolution
+
+    def counts(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return how many cells of a mask lie in each basin."""
+        return _counts(self.tree.basins, mask, len(self.tree.peaks)).astype(np.float64)
+
+    def least_count(self, area: float) -> float:
+        """Return how many cells make an area in square metres, exact multiples exactly."""
+        return area / self.cell_area * (1 - CELL_TOLERANCE)
+
+    def gap(self, saddle: int) -> tuple[Point, Point]:
+        """Return the ends of the gap that a cell, by its flat index, lies in; computed once."""
+        if saddle not in self._gaps:
+            row, col = divmod(saddle, self.frame.width)
+            ends = gap_at(self.squared, self.tree.basins, (row, col))
+            first, second = self.frame.xy_from_rowcol(ends).tolist()
+            self._gaps[saddle] = (first[0], first[1]), (second[0], second[1])
+        return self._gaps[saddle]
+
+    def middle(self, saddle: int) -> Point:
+        """Return the middle of the gap that a cell lies in."""
+        (x, y), (other_x, other_y) = self.gap(saddle)
+        return (x + other_x) / 2, (y + other_y) / 2
+
+    def is_open(self, closed_up_to: int) -> NDArray[np.bool_]:
+        """Return the cells that ways may use above a square, shape (H, W)."""
+        found = np.empty(self.squared.shape, dtype=np.bool_)
+
+        def fill(rows: slice) -> None:
+            np.greater(self.squared[rows], closed_up_to, out=found[rows])
+            found[rows] &= self.tree.basins[rows] >= 0
+
+        for_rows(fill, found.shape)
+        return found
+
+    def clearance(self, *, in_place: bool = False) -> NDArray[np.float32]:
+        """Return the distance of each cell to what `squared` measures to, metres, shape (H, W).
+
+        With `in_place` it reuses the memory of the squares, which are then lost.
+        """
+        return clearance_metres(self.squared, self.frame.resolution, in_place=in_place)
+
+    def in_largest_area(self, closed_up_to: int) -> NDArray[np.bool_] | None:
+        """Return the cells of the largest area above a square, shape (H, W); None if none is.
+
+        Areas are connected by the four straight neighbours. Of areas of equal size, the one whose
+        first basin comes first is returned.
+        """
+        tree = self.tree
+        areas = basin_areas(tree, self.squared, closed_up_to)
+        if not areas.any():
+            return None
+        is_wider = tree.squares > closed_up_to
+        labels, _ = joined(len(areas), tree.one[is_wider], tree.other[is_wider])
+        largest = np.argmax(np.bincount(labels, weights=areas))
+        return self.cells_of(labels == largest, closed_up_to)
+
+    def cells_of(self, is_chosen: NDArray[np.bool_], closed_up_to: int) -> NDArray[np.bool_]:
+        """Return the cells above a square that are in some of the basins, shape (H, W)."""
+        by_basin = np.append(is_chosen, False)  # -1 is the last one
+        found = np.empty(self.squared.shape, dtype=np.bool_)
+
+        def fill(rows: slice) -> None:
+            np.greater(self.squared[rows], closed_up_to, out=found[rows])
+            found[rows] &= by_basin[self.tree.basins[rows]]
+
+        for_rows(fill, found.shape)
+        return found
+
+    def begun_at(self, start: Cell) -> WaysFrom:
+        """Return the ways from a cell."""
+        basin = int(self.tree.basins[start])
+        return WaysFrom(self, start, None if basin < 0 else rooted(self.tree, basin))
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The map that a robot moves on."""
+
+    occupancy: NDArray[np.int8]
+    frame: Frame
+    through_unknown: bool
+
+    @property
+    def obstacles(self) -> NDArray[np.bool_]:
+        """Mask of obstacles, computed on each access to save memory."""
+        obstacles: NDArray[np.bool_] = self.occupancy == OCCUPIED
+        return obstacles
+
+    @property
+    def blocked(self) -> NDArray[np.bool_]:
+        """Mask of cells that no way leads through, computed on each access."""
+        blocked = self.obstacles
+        if not self.through_unknown:
+            for_rows(
+                lambda rows: np.logical_or(
+                    blocked[rows], self.occupancy[rows] == UNKNOWN, out=blocked[rows]
+                ),
+                blocked.shape,
+            )
+        return blocked
+
+    def ways(self) -> Ways:
+        """Return the ways and their widths."""
+        squared = squares_to(self.obstacles)
+        traversable = self.blocked
+        np.logical_not(traversable, out=traversable)
+        return Ways(clearance_tree(squared, traversable), squared, self.frame)
+
+
+@dataclass(frozen=True, eq=False)
+class WaysFrom:
+    """The ways from a start."""
+
+    ways: Ways
+    start: Cell
+    rooted: RootedTree | None
+
+    def widest_square_at(self, cell: Cell) -> int:
+        """Return the least square on the widest way to a cell, 0 if there is no way."""
+        basin = int(self.ways.tree.basins[cell])
+        if self.rooted is None or basin < 0 or self.rooted.bottlenecks[basin] < 0:
+            return 0
+        ends = min(int(self.ways.squared[self.start]), int(self.ways.squared[cell]))
+        return min(ends, int(self.rooted.bottlenecks[basin]))
+
+    def reachable(self, closed_up_to: int) -> NDArray[np.uint8]:
+        """Return 1 for cells that a way staying above a square leads to, else 0, shape (H, W)."""
+        squared = self.ways.squared
+        if self.rooted is None or squared[self.start] <= closed_up_to:
+            return np.zeros(squared.shape, dtype=np.uint8)
+        is_reached = self.rooted.bottlenecks > closed_up_to
+        return self.ways.cells_of(is_reached, closed_up_to).view(np.uint8)
+
+    def widest(self, *, in_place: bool = False) -> NDArray[np.float32]:
+        """Return the least clearance on the widest way to each cell, metres, 0 if there is none.
+
+        With `in_place` it reuses the memory of the basins, which are then lost.
+        """
+        if self.rooted is None:
+            return np.zeros(self.ways.squared.shape, dtype=np.float32)
+        return widest_metres(
+            self.ways.tree,
+            self.ways.squared,
+            self.start,
+            self.ways.frame.resolution,
+            seen=self.rooted,
+            in_place=in_place,
+        )
+
+
+def squares_to(marked: NDArray[np.bool_]) -> SquaredDistances:
+    """Return the squared distance of each cell to the nearest cell that is marked or outside."""
+    squared = squared_distance(marked)
+    up, right = (
+        np.minimum(np.arange(1, n + 1), np.arange(n, 0, -1), dtype=squared.dtype) ** 2
+        for n in squared.shape
+    )
+
+    def lower(rows: slice) -> None:
+        np.minimum(squared[rows], right, out=squared[rows])
+        np.minimum(squared[rows], up[rows, np.newaxis], out=squared[rows])
+
+    for_rows(lower, squared.shape)
+    return squared
+
+
+def largest_closed_square(radius: float, frame: Frame) -> int:
+    """Return the largest squared distance in cells that is closed to a round robot.
+
+    Cells at this distance have cost 253 around an obstacle, those beyond it less.
+    """
+    return largest_square_within(min(radius, max(frame.size_xy)), frame.resolution)
+
+
+def _counts(basins: NDArray[np.int32], mask: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
+    """Return how many cells of a mask lie in each basin."""
+    counts = np.zeros(count, dtype=np.int64)
+    lock = Lock()
+
+    def add(rows: slice) -> None:
+        inside = basins[rows][mask[rows]]
+        inside = inside[inside >= 0]  # a robot may stand beside its centre, which is in an obstacle
+        if not len(inside):
+            return
+        first = int(inside.min())  # basins are numbered by rows: those of a few are near together
+        found = np.bincount(inside - first)
+        with lock:
+            counts[first : first + len(found)] += found
+
+    for_rows(add, basins.shape)
+    return counts
+
+
+DEFAULT_MARGIN = 0.1
+"""Of radius, metres: a robot that is larger by as much would be stopped."""
+
+DEFAULT_MIN_AREA = 1.0
+"""Square metres on each side of a passage."""
+
+
+def passages(
+    ways: Ways,
+    is_open: NDArray[np.bool_],
+    start: Cell,
+    *,
+    radius: float,
+    margin: float = DEFAULT_MARGIN,
+    min_area: float = DEFAULT_MIN_AREA,
+    circumscribed_radius: float | None = None,
+    is_reached: NDArray[np.bool_] | None = None,
+) -> tuple[Passage, ...]:
+    """Return the passages that stop a robot or barely let it pass, the narrowest first."""
+    tree = ways.tree
+    root = int(tree.basins[start])
+    if root < 0 or not len(tree.squares):
+        return ()
+    closed, tight = (
+        largest_closed_square(one, ways.frame) for one in (radius, radius + margin)
+    )  # fmt: skip
+    levels = [(closed, -1), (tight, closed)]
+    if is_reached is not None and circumscribed_radius is not None:
+        levels.append((largest_closed_square(circumscribed_radius, ways.frame), tight))
+    counts, least = ways.counts(is_open), ways.least_count(min_area)
+    meetings = [
+        _meetings(tree, counts, root, wide, narrow, least)
+        for wide, narrow in levels
+        if wide > narrow
+    ]
+    edges = np.concatenate(meetings)
+    if not len(edges):
+        return ()
+    values = counts[:, np.newaxis]
+    if is_reached is not None:
+        values = np.column_stack([counts, ways.counts(is_reached)])
+    behind, near, far = _behind(tree, edges, root, values)
+    is_passed = tree.squares[edges] > closed
+    is_kept = behind[:, 0] > 0  # nan: there is no way
+    if is_reached is not None:
+        is_passed = behind[:, 1] >= np.minimum(least, behind[:, 0] / 2)
+        is_kept &= (tree.squares[edges] <= tight) | (~is_passed & (near[:, 1] > 0))
+    cells = [(int(tree.cells[edges[which]]), which) for which in np.flatnonzero(is_kept).tolist()]
+    stops = is_kept & ~is_passed
+    begin = 0
+    for level in meetings:
+        of_level = slice(begin, begin := begin + len(level))
+        if stops[of_level].any():
+            doors = _other_doors(ways, level, far[of_level], behind[of_level, 0])
+            cells += [(cell, of_level.start + i) for cell, i in doors if stops[of_level][i]]
+    made = [
+        _passage(ways, cell, float(behind[which, 0]), bool(is_passed[which]))
+        for cell, which in cells
+    ]
+    return tuple(sorted(made, key=_order))
+
+
+def _order(one: Passage) -> tuple[object, ...]:
+    return one.width, -one.cut_off, one.ends
+
+
+def disconnected(
+    grid: OccupancyGrid, radius: float, min_area: float = DEFAULT_MIN_AREA
+) -> list[Passage]:
+    """Return the passages that stop a round robot between areas of a map.
+
+    If no way at all connects some parts of the map, each part is seen from its own largest area.
+    """
+    ways, is_open = _ways_of(grid, radius)
+    counts, basins = _regions(ways, is_open, radius)
+    parts, _ = joined(len(counts), ways.tree.one, ways.tree.other)
+    _, first, which = np.unique(parts[basins], return_index=True, return_inverse=True)
+    largest = counts[basins[first]]
+    others = np.bincount(which, counts[basins], minlength=len(first)) - largest
+    is_parted = np.minimum(largest, others) >= ways.least_count(min_area)
+    found: list[Passage] = []
+    for basin in basins[first[is_parted]].tolist():
+        start = divmod(int(ways.tree.peak_cells[basin]), grid.frame.width)
+        found += passages(ways, is_open, start, radius=radius, margin=0.0, min_area=min_area)
+    return sorted(found, key=_order)
+
+
+def bottleneck_on_way(from_start: WaysFrom, goal: Cell) -> Bottleneck | None:
+    """Return the narrowest place on the widest way from the start to a goal."""
+    ways, start, rooted = from_start.ways, from_start.start, from_start.rooted
+    tree, squared = ways.tree, ways.squared
+    basin = int(tree.basins[goal])
+    if rooted is None or basin < 0 or rooted.bottlenecks[basin] < 0:
+        return None
+    at_start, at_goal, on_way = (
+        int(square) for square in (squared[start], squared[goal], rooted.bottlenecks[basin])
+    )
+    square = min(at_start, at_goal, on_way)
+    width = width_of(square, ways.frame.resolution)
+    edge = _first_edge(tree, rooted, basin, square)
+    if edge is not None:
+        x, y = ways.middle(int(tree.cells[edge]))
+        return Bottleneck(x, y, width, "passage")
+    place = start if at_start == square else goal
+    x, y = ways.frame.xy_from_rowcol([place])[0].tolist()
+    return Bottleneck(x, y, width, "start" if at_start == square else "goal")
+
+
+def _first_edge(tree: ClearanceTree, rooted: RootedTree, basin: int, square: int) -> int | None:
+    """Return the first edge towards the root that is as narrow as a square."""
+    while (edge := int(rooted.parent_edges[basin])) >= 0:
+        if tree.squares[edge] <= square:
+            return edge
+        basin = int(tree.one[edge]) + int(tree.other[edge]) - basin
+    return None
+
+
+def _meetings(
+    tree: ClearanceTree,
+    counts: NDArray[np.float64],
+    root: int,
+    wide: int,
+    narrow: int,
+    least: float,
+) -> NDArray[np.intp]:
+    """Return the edges at which large regions meet, of squares above `narrow` and up to `wide`.
+
+    A region is what is connected by wider edges; that of the root may be small. Where a robot is
+    stopped, small regions that lie behind one another are a large one together.
+    """
+    first, end = (_first_not_above(tree.squares, limit) for limit in (wide, narrow))
+    count = len(counts)
+    labels, _ = joined(count, tree.one[:first], tree.other[:first])
+    sizes = np.bincount(labels, counts, minlength=count)
+    is_large = sizes >= least
+    is_large[labels[root]] = True
+    is_large &= tree.peaks > wide
+    ends = labels[np.array([tree.one[first:end], tree.other[first:end]])]
+    if narrow >= 0:
+        return first + joined(count, ends[0], ends[1], is_large)[1]
+    is_piece = is_large | ((sizes > 0) & (tree.peaks > wide))
+    pieces, between = joined(count, ends[0], ends[1], is_piece)
+    ends = pieces[ends[:, between]]
+    is_meeting = np.zeros(len(between), dtype=np.bool_)
+    is_meeting[joined(count, ends[0], ends[1], is_large)[1]] = True
+    is_small = ~is_large[ends]
+    within = ends[:, is_small.all(axis=0) & ~is_meeting]
+    clusters, _ = joined(count, within[0], within[1])
+    in_clusters = np.bincount(clusters, np.where(is_large, 0, sizes), minlength=count)
+    hidden = np.where(is_small, in_clusters[clusters[ends]], 0).max(axis=0)
+    is_meeting |= (is_small.sum(axis=0) == 1) & (hidden >= least)
+    return first + between[is_meeting]
+
+
+def _behind(
+    tree: ClearanceTree, edges: NDArray[np.intp], root: int, values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.intp]]:
+    """Return the sum behind each of some edges, that right before it, and a basin behind it."""
+    labels = _parted(tree, edges)
+    ends = labels[np.array([tree.one[edges], tree.other[edges], np.full(len(edges), root)])]
+    used, ends = np.unique(ends, return_inverse=True)
+    ends = ends.reshape(3, -1)
+    sums = np.column_stack(
+        [np.bincount(labels, column, minlength=len(values))[used] for column in values.T]
+    )
+    behind, near, far = sums_behind(ends[0], ends[1], int(ends[2, 0]), sums)
+    return behind, sums[near], np.where(far < 0, -1, used[far])
+
+
+def _parted(tree: ClearanceTree, edges: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return for each basin a basin that stands for all that it is joined to without some edges."""
+    is_other = np.ones(len(tree.one), dtype=np.bool_)
+    is_other[edges] = False
+    return joined(len(tree.peaks), tree.one[is_other], tree.other[is_other])[0]
+
+
+def _other_doors(
+    ways: Ways,
+    edges: NDArray[np.intp],
+    far: NDArray[np.intp],
+    behind: NDArray[np.float64],
+) -> Iterator[tuple[int, int]]:
+    """Yield the other doors between areas than the edges, the widest ones, that part them.
+
+    Each is the flat index of its narrowest cell, and which of the edges leads to the same area.
+    What is less than half as wide as that edge is left out: a laser's walls are full of holes.
+    """
+    labels = _parted(ways.tree, edges)
+    leading_to = {
+        label: which
+        for which, label in enumerate(np.where(far < 0, -1, labels[far]).tolist())
+        if label >= 0
+    }
+    cells, squares = ways.tree.cells[edges].tolist(), ways.tree.squares[edges].tolist()
+    for cell, *ends in saddles_between(ways.squared, ways.tree.basins, labels).tolist():
+        found = [leading_to[label] for label in ends if label in leading_to]
+        if found and cell not in cells:
+            which = min(found, key=lambda which: float(behind[which]))
+            if 4 * ways.squared.flat[cell] >= squares[which]:
+                yield cell, which
+
+
+def _passage(ways: Ways, cell: int, behind: float, is_open: bool) -> Passage:
+    x, y = ways.middle(cell)
+    width = width_of(int(ways.squared.flat[cell]), ways.frame.resolution)
+    return Passage(x, y, width, behind * ways.cell_area, is_open, ways.gap(cell))
+
+
+def _first_not_above(falling: NDArray[np.int64], limit: int) -> int:
+    return int(np.searchsorted(-falling, -limit, side="left"))
+
+
+def _ways_of(grid: OccupancyGrid, radius: float) -> tuple[Ways, NDArray[np.bool_]]:
+    """Return how wide the ways over the free cells of a map are, and where a robot fits."""
+    ways = Ground(grid.occupancy, grid.frame, through_unknown=False).ways()
+    return ways, ways.is_open(largest_closed_square(radius, grid.frame))
+
+
+def _regions(
+    ways: Ways, is_open: NDArray[np.bool_], radius: float
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return how many cells each basin's region has, and a basin of each, the largest first.
+
+    A region's basin is the one with its widest place.
+    """
+    tree = ways.tree
+    end = _first_not_above(tree.squares, largest_closed_square(radius, ways.frame))
+    labels, _ = joined(len(tree.peaks), tree.one[:end], tree.other[:end])
+    own = ways.counts(is_open)
+    counts: NDArray[np.float64] = np.bincount(labels, own, len(labels))[labels].astype(np.float64)
+    order = np.lexsort((-tree.peaks, labels))
+    widest = order[np.flatnonzero(np.diff(labels[order], prepend=-1))]
+    widest = widest[counts[widest] > 0]
+    return counts, widest[np.lexsort((widest, -counts[widest]))]
+
 
 _TURN = 2 * math.pi
 _DECIMALS = 9

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, Region
 from mapdeal.grid.framed import ValueGrid
-from mapdeal.grid.region import Region
 from mapdeal.kernels.overlaps import TOUCHING, Lattice, largest_under, nearest_under
 from mapdeal.kernels.threads import for_rows
 

@@ -11,14 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import CELL_TOLERANCE, FARTHEST, Point
 from mapdeal.grid.display import OneLine, count_text, points_text
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.outline import area_of, check_simple, checked_corners, is_number
-from mapdeal.kernels.bresenham import FARTHEST_CELL, Cell, edges_through, line_spans
-from mapdeal.kernels.discs import capsule_spans
-from mapdeal.kernels.polygons import polygon_spans
-from mapdeal.kernels.spans import Spans
+from mapdeal.grid.footprint import area_of, check_simple, checked_corners, is_number
+from mapdeal.grid.frame import CELL_TOLERANCE, FARTHEST, Frame, Point
+from mapdeal.kernels.polygons import (
+    FARTHEST_CELL,
+    Cell,
+    Spans,
+    capsule_spans,
+    edges_through,
+    line_spans,
+    polygon_spans,
+)
 from mapdeal.records import dataclass
 
 _MOST_VERTICES = 10_000

@@ -12,8 +12,8 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.kernels.distance import SquaredDistances
 from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.squares import SquaredDistances
 from mapdeal.records import dataclass
 
 Cell = tuple[int, int]

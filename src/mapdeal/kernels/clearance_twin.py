@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.clearance_tree import ClearanceTree, RootedTree
-from mapdeal.kernels.squares import SquaredDistances, unreachable
+from mapdeal.kernels.distance import SquaredDistances, unreachable
 from mapdeal.kernels.threads import for_rows
 
 Cells = NDArray[np.int64]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels import _clearance_tree
 from mapdeal.kernels.clearance_tree import ClearanceTree, RootedTree
-from mapdeal.kernels.squares import SquaredDistances, unreachable
+from mapdeal.kernels.distance import SquaredDistances, unreachable
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, for_rows, in_parallel, use_threads
 
 _MOST = unreachable(np.zeros(0, dtype=np.int32))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapdeal.kernels._configuration_space import PoseMaker, flood
 from mapdeal.kernels.blocks import Layer
-from mapdeal.kernels.spans import Spans, halves
+from mapdeal.kernels.polygons import Spans, halves
 from mapdeal.kernels.threads import for_rows, in_parallel, thread_count
 
 Bits = NDArray[np.uint8]

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.column_runs import Halo, Mask, Runs
-from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares
+from mapdeal.kernels.distance import Halo, Mask, Runs, SquaredDistances, dtype_of_squares
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, in_parallel, use_threads
 
 if TYPE_CHECKING:

@@ -1,9 +1,4 @@
-"""Sizes of connected components, found while rows go by: no labels of the whole are kept.
-
-Marked cells are runs along their rows. Runs of neighbouring rows that touch are joined; of what is
-behind, only the components that reach the last row can still grow. Of each size some components are
-remembered by a cell of theirs: the middle of the longest run, which is well inside of most.
-"""
+"""Connected components."""
 
 from __future__ import annotations
 
@@ -13,9 +8,145 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.groups import least_joined
+from mapdeal.records import dataclass
+
+
+def drop_small_groups(marked: NDArray[np.bool_], min_cells: int) -> NDArray[np.bool_]:
+    """Return `marked` without its 8-connected groups of fewer than `min_cells` cells."""
+    if min_cells <= 1:
+        return marked
+    from scipy import ndimage
+
+    groups, _ = ndimage.label(marked, structure=np.ones((3, 3), dtype=bool))
+    sizes = np.bincount(groups.ravel())
+    keep = sizes >= min_cells
+    keep[0] = False
+    kept: NDArray[np.bool_] = keep[groups]
+    return kept
+
+
+Mask = NDArray[np.bool_]
+
+_LABELS_TOGETHER = 1 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """The connected components of marked cells."""
+
+    cells: NDArray[np.int32]
+    sizes: NDArray[np.int64]
+
+    def touched_by(self, marked: Mask) -> Mask:
+        """Return which components have a cell that is marked, shape (N + 1,)."""
+        touched = np.zeros(len(self.sizes), dtype=np.bool_)
+        touched[self.cells[marked]] = True
+        touched[0] = False
+        return touched
+
+    def cells_of(self, chosen: Mask) -> Mask:
+        """Return the cells of chosen components, shape (H, W)."""
+        found = np.empty(self.cells.shape, dtype=np.bool_)
+        for rows in _bands(self.cells.shape):
+            np.take(chosen, self.cells[rows], out=found[rows])
+        return found
+
+
+def labelled(marked: Mask, *, corners: bool) -> Labels:
+    """Return the connected components of marked cells."""
+    from scipy import ndimage
+
+    cells, count = ndimage.label(marked, structure=np.ones((3, 3)) if corners else None)
+    sizes = np.zeros(count + 1, dtype=np.int64)
+    for rows in _bands(cells.shape):
+        labels = cells[rows][marked[rows]]
+        if len(labels):  # labels are in the order of cells: those of a band lie close together
+            first = labels.min()
+            counts = np.bincount(labels - first)
+            sizes[first : first + len(counts)] += counts
+    return Labels(cells, sizes)
+
+
+def _bands(shape: tuple[int, int]) -> list[slice]:
+    """Return slices of rows that hold no more cells than fit the processor's caches."""
+    height, width = shape
+    step = max(1, _LABELS_TOGETHER // width)
+    return [slice(row, row + step) for row in range(0, height, step)]
+
 
 Cells = NDArray[np.int64]
+
+
+def touching_groups(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:
+    """Return marked cells, and which of the groups each of them is in."""
+    width = marked.shape[1]
+    at = np.flatnonzero(marked)
+    cells = np.stack([at // width, at % width], axis=1)
+    pairs = [_beside(at, cells, step, width) for step in ((0, 1), (1, -1), (1, 0), (1, 1))]
+    first, second = np.concatenate(pairs, axis=1)
+    return cells, np.unique(least_joined(first, second, len(at)), return_inverse=True)[1]
+
+
+def least_joined(first: Cells, second: Cells, count: int) -> Cells:
+    """Return for each of some things the least of all that it is joined to, by whatever way.
+
+    Examples
+    --------
+    >>> least_joined(np.array([1, 4]), np.array([4, 3]), 5).tolist()
+    [0, 1, 2, 1, 1]
+    """
+    least = np.arange(count)  # of those known to be joined
+    while True:
+        one, other = least[first], least[second]
+        apart = one != other
+        if not apart.any():
+            return least
+        first, second, one, other = first[apart], second[apart], one[apart], other[apart]
+        np.minimum.at(least, np.maximum(one, other), np.minimum(one, other))
+        while not np.array_equal(nearer := least[least], least):
+            least = nearer
+
+
+def _beside(at: Cells, cells: Cells, step: tuple[int, int], width: int) -> Cells:
+    """Return pairs of marked cells a step apart, shape (2, M), as positions in the list."""
+    col = cells[:, 1] + step[1]
+    inside = np.flatnonzero((col >= 0) & (col < width))
+    wanted = at[inside] + step[0] * width + step[1]
+    found = np.minimum(np.searchsorted(at, wanted), len(at) - 1)
+    is_marked = at[found] == wanted
+    return np.stack([inside[is_marked], found[is_marked]])
+
+
+Lengths = NDArray[np.int64]
+
+
+def thickness_of(marked: NDArray[np.bool_]) -> Lengths:
+    """Return how thick a structure is at each of its cells.
+
+    Notes
+    -----
+    A straight wall has its thickness along its shorter axis, a slanted one of one cell is one
+    cell thick. Where two walls cross, both runs may be long: the cells there count as thick.
+    """
+    height, width = marked.shape
+    _, along = _runs_along(marked)
+    cols, across = _runs_along(marked.T)
+    # the second list goes through the cells column by column
+    order = np.argsort(cols % height * width + cols // height, kind="stable")
+    return np.minimum(along, across[order])
+
+
+def _runs_along(marked: NDArray[np.bool_]) -> tuple[Lengths, Lengths]:
+    """Return the marked cells as indices, row by row, and the length of each one's run."""
+    width = marked.shape[1]
+    at = np.flatnonzero(marked)
+    if not len(at):
+        return at, at
+    begins = (np.diff(at, prepend=-2) > 1) | (at % width == 0)
+    first = np.flatnonzero(begins)
+    lengths = np.diff(first, append=len(at))
+    return at, np.repeat(lengths, lengths)
+
 
 MOST_PLACES = 20
 """Components of a size of which a cell is kept."""

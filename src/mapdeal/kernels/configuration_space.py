@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mapdeal.kernels import configuration_twin
 from mapdeal.kernels.blocks import Layer
 from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.spans import Spans
+from mapdeal.kernels.polygons import Spans
 from mapdeal.records import dataclass
 
 Pose = tuple[int, int, int]

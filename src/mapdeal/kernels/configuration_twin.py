@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.blocks import Layer
-from mapdeal.kernels.groups import least_joined
-from mapdeal.kernels.spans import Indices, Spans, halves
+from mapdeal.kernels.components import least_joined
+from mapdeal.kernels.polygons import Indices, Spans, halves
 
 Bits = NDArray[np.uint8]
 Labels = NDArray[np.int32]

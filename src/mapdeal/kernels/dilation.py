@@ -13,10 +13,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.distance import bytes_by_distance, squared_distance
+from mapdeal.kernels.distance import bytes_by_distance, squared_distance, unreachable
 from mapdeal.kernels.engine import engine_name
 from mapdeal.kernels.lookup import set_where
-from mapdeal.kernels.squares import unreachable
 from mapdeal.kernels.threads import CELLS_WORTH_A_THREAD, in_parallel
 
 Mask = NDArray[np.bool_]

@@ -4,7 +4,7 @@ References
 ----------
 ``FootprintCollisionChecker`` in ``footprint_collision_checker.cpp`` of Nav2. The corners are
 turned and moved, and those of the grid are cut off to cells (``worldToMap``). Lines of cells
-(``LineIterator``, the same as costmap_2d's in `mapdeal.kernels.bresenham`) lead from each corner
+(``LineIterator``, the same as costmap_2d's in `mapdeal.kernels.polygons`) lead from each corner
 to the next, and one from the first to the last. A line costs 254 if it meets that, else the
 largest of its costs. The footprint costs the largest of its lines, but the first line that costs
 254 ends the search, so that a line of 255 before it hides it.
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.kernels.engine import engine_name
-from mapdeal.kernels.spans import Indices, enumerated
+from mapdeal.kernels.polygons import Indices, enumerated
 from mapdeal.kernels.threads import in_parallel
 
 Bytes = NDArray[np.uint8]

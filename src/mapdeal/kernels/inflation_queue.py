@@ -10,7 +10,7 @@ import heapq
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.squares import unreachable
+from mapdeal.kernels.distance import unreachable
 
 Cells = NDArray[np.int64]
 """Indices of cells, row by row."""

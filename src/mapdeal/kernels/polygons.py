@@ -1,13 +1,250 @@
-"""Polygons of cells: outline and inside, exactly, in integers."""
+"""Cells of polygons, discs and lines, as spans of rows."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mapdeal.kernels.bresenham import Cell, Edges, edges_through, runs
-from mapdeal.kernels.spans import Indices, Spans, bands, enumerated
+Indices = NDArray[np.int64]
+
+_SHORT = 8
+"""Cells up to which runs are painted all together, cell by cell, rather than one by one."""
+
+MOST_TOGETHER = 1 << 20
+"""Runs that are made at the same time, so that no shape takes memory beyond its map's."""
+
+
+class Spans(NamedTuple):
+    """Cells as runs along rows; runs may overlap."""
+
+    rows: Indices
+    starts: Indices
+    stops: Indices
+
+    def clipped(self, width: int) -> Spans:
+        """Return what lies in columns 0 .. `width` - 1, without empty runs."""
+        starts, stops = np.clip(self.starts, 0, width), np.clip(self.stops, 0, width)
+        kept = starts < stops
+        return Spans(self.rows[kept], starts[kept], stops[kept])
+
+
+def paint(
+    values: NDArray[Any], spans: Spans, value: int, *, over: NDArray[np.bool_] | None = None
+) -> None:
+    """Give the cells of `spans` a value, in place."""
+    long, short = _by_length(spans)
+    for row, start, stop in zip(*(column.tolist() for column in long), strict=True):
+        cells = values[row, start:stop]
+        if over is None:
+            cells[:] = value
+        else:
+            cells[over[cells.view(np.uint8)]] = value
+    for rows, cols in short:
+        if over is not None:
+            kept = over[values[rows, cols].view(np.uint8)]
+            rows, cols = rows[kept], cols[kept]
+        values[rows, cols] = value
+
+
+def enumerated(starts: Indices, stops: Indices) -> tuple[Indices, Indices]:
+    """Return the numbers of all half open ranges one after the other, and whose each is.
+
+    Examples
+    --------
+    >>> whose, numbers = enumerated(np.array([5, 0, 2]), np.array([7, 0, 5]))
+    >>> whose.tolist(), numbers.tolist()
+    ([0, 0, 2, 2, 2], [5, 6, 2, 3, 4])
+    """
+    counts = np.maximum(stops - starts, 0)
+    whose = np.repeat(np.arange(len(counts)), counts)
+    before = np.cumsum(counts) - counts
+    return whose, np.arange(len(whose)) - before[whose] + starts[whose]
+
+
+def halves(spans: Spans) -> tuple[Indices, Indices, Indices]:
+    """Return two runs for each, as long as a power of two, that overlap and together are it.
+
+    Examples
+    --------
+    >>> spans = Spans(np.array([4, 5]), np.array([0, -1]), np.array([4, 4]))
+    >>> [column.tolist() for column in halves(spans)]
+    [[4, 5, 5], [0, -1, 0], [2, 2, 2]]
+    """
+    lengths = spans.stops - spans.starts
+    exponents = np.frexp(lengths.astype(np.float64))[1].astype(np.int64) - 1
+    second = np.flatnonzero(lengths != 1 << exponents)
+    others = (spans.stops - (1 << exponents))[second]
+    return (
+        np.concatenate([spans.rows, spans.rows[second]]),
+        np.concatenate([spans.starts, others]),
+        np.concatenate([exponents, exponents[second]]),
+    )
+
+
+def bands(starts: Indices, stops: Indices, height: int) -> Iterator[tuple[int, int]]:
+    """Return ranges of rows that hold about `MOST_TOGETHER` rows of all given ranges each."""
+    change = np.zeros(height + 1, dtype=np.int64)
+    np.add.at(change, np.clip(starts, 0, height), 1)
+    np.add.at(change, np.clip(np.maximum(starts, stops), 0, height), -1)
+    in_row = np.cumsum(change[:-1])
+    used = np.flatnonzero(in_row)
+    if used.size == 0:
+        return
+    bottom, top = int(used[0]), int(used[-1]) + 1
+    share = np.cumsum(in_row[bottom:top]) // MOST_TOGETHER
+    edges = bottom + np.flatnonzero(np.diff(share, prepend=-1))
+    yield from zip(edges.tolist(), [*edges[1:].tolist(), top], strict=True)
+
+
+def _by_length(spans: Spans) -> tuple[Spans, Iterator[tuple[Indices, Indices]]]:
+    """Return the long runs, and the cells of the short ones, each once per run."""
+    lengths = spans.stops - spans.starts
+    is_long = lengths > _SHORT
+    long = Spans(*(column[is_long] for column in spans))
+    rows, starts, lengths = spans.rows[~is_long], spans.starts[~is_long], lengths[~is_long]
+
+    def cells() -> Iterator[tuple[Indices, Indices]]:
+        for k in range(_SHORT):
+            reach = lengths > k
+            if not reach.any():
+                return
+            yield rows[reach], starts[reach] + k
+
+    return long, cells()
+
+
+_TOLERANCE = 1e-9
+"""In cells: centres exactly on the rim belong to the shape, whatever rounding says."""
+
+_LEVEL = 1e-12
+"""In cells: a side that rises less lies within a single row's centre line."""
+
+Position = tuple[float, float]
+
+
+def capsule_spans(
+    start: Position, stop: Position, radius: float, shape: tuple[int, int]
+) -> Spans:  # fmt: skip
+    """Return the cells whose centre lies within a distance of the segment between two points."""
+    reach = radius + _TOLERANCE
+    bottom = math.ceil(max(min(start[0], stop[0]) - reach - 0.5, 0))
+    top = math.floor(min(max(start[0], stop[0]) + reach - 0.5, shape[0] - 1))
+    rows = np.arange(bottom, top + 1, dtype=np.int64)
+    if rows.size == 0:
+        return Spans(rows, rows, rows)
+    y: NDArray[np.float64] = rows.astype(np.float64) + 0.5
+    # The shape is convex, so that it meets each row in one run: from the leftmost to the
+    # rightmost of its parts.
+    ends = [_disc(start, reach, y), _disc(stop, reach, y), *_rim(start, stop, reach, y)]
+    left = np.min([end[0] for end in ends], axis=0)
+    right = np.max([end[1] for end in ends], axis=0)
+    first = np.ceil(np.clip(left - 0.5, -1, shape[1] + 1))
+    last = np.floor(np.clip(right - 0.5, -1, shape[1] + 1))
+    return Spans(rows, first.astype(np.int64), last.astype(np.int64) + 1).clipped(shape[1])
+
+
+_Ends = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def _disc(centre: Position, radius: float, y: NDArray[np.float64]) -> _Ends:
+    """Return where a disc begins and ends in each row; inf, -inf where it has no part."""
+    squared = radius**2 - (y - centre[0]) ** 2
+    half = np.sqrt(np.maximum(squared, 0.0))
+    within = squared >= 0
+    return (
+        np.where(within, centre[1] - half, np.inf),
+        np.where(within, centre[1] + half, -np.inf),
+    )
+
+
+def _rim(start: Position, stop: Position, radius: float, y: NDArray[np.float64]) -> list[_Ends]:
+    """Return the same of the two long sides of the rectangle around the segment."""
+    (y0, x0), (y1, x1) = start, stop
+    length = math.hypot(y1 - y0, x1 - x0)
+    if length == 0.0:
+        return []
+    across_y, across_x = radius * (x1 - x0) / length, -radius * (y1 - y0) / length
+    sides = []
+    for sign in (-1, 1):
+        a_y, a_x = y0 + sign * across_y, x0 + sign * across_x
+        b_y, b_x = y1 + sign * across_y, x1 + sign * across_x
+        if abs(b_y - a_y) < _LEVEL:
+            continue  # along a row: the discs at its ends reach as far
+        share = (y - a_y) / (b_y - a_y)
+        x = a_x + share * (b_x - a_x)
+        within = (share >= 0) & (share <= 1)
+        sides.append((np.where(within, x, np.inf), np.where(within, x, -np.inf)))
+    return sides
+
+
+Cell = tuple[int, int]
+
+FARTHEST_CELL = 1 << 30
+"""Cell indices up to which no product in here or in `polygons` exceeds 64 bits."""
+
+
+class Edges(NamedTuple):
+    """Lines between cells, each from its first to its second end: arrays of int64, shape (N,)."""
+
+    row: Indices
+    col: Indices
+    next_row: Indices
+    next_col: Indices
+
+    @property
+    def bottom(self) -> Indices:
+        """The lowest row of each."""
+        return np.minimum(self.row, self.next_row)
+
+    @property
+    def top(self) -> Indices:
+        """The highest row of each."""
+        return np.maximum(self.row, self.next_row)
+
+    def chosen(self, which: Indices) -> Edges:
+        """Return some of the edges."""
+        return Edges(*(column[which] for column in self))
+
+
+def edges_through(cells: Sequence[Cell], *, closed: bool = False) -> Edges:
+    """Return the edges from each cell to the next, and from the last to the first."""
+    ends = np.array(cells, dtype=np.int64).reshape(-1, 2)
+    following = np.roll(ends, -1, axis=0)
+    if not closed:
+        ends, following = ends[:-1], following[:-1]
+    return Edges(ends[:, 0], ends[:, 1], following[:, 0], following[:, 1])
+
+
+def line_spans(edges: Edges, shape: tuple[int, int]) -> Iterator[Spans]:
+    """Return the cells of lines, their ends included, that lie in a grid, in parts."""
+    for bottom, top in bands(edges.bottom, edges.top + 1, shape[0]):
+        _, spans = runs(edges, bottom, top)
+        yield spans.clipped(shape[1])
+
+
+def runs(edges: Edges, bottom: int, top: int) -> tuple[Indices, Spans]:
+    """Return how far each line reaches within each of the rows `bottom` .. `top` - 1."""
+    which, rows = enumerated(np.maximum(edges.bottom, bottom), np.minimum(edges.top + 1, top))
+    row, col, next_row, next_col = edges.chosen(which)
+    across, along = np.abs(next_row - row), np.abs(next_col - col)
+    moved = np.abs(rows - row)
+    n = np.maximum(np.maximum(across, along), 1)
+    # Where rows are the major axis there is one cell a row. Elsewhere row k holds the steps i
+    # with (n // 2 + i * across) // n == k.
+    single = (n // 2 + moved * along) // n
+    steps = np.maximum(across, 1)
+    first = np.where(moved == 0, 0, -((n // 2 - moved * n) // steps))
+    last = np.where(moved == across, n, -((n // 2 - (moved + 1) * n) // steps) - 1)
+    first, last = (np.where(across >= along, single, end) for end in (first, last))
+    to_the_right = next_col >= col
+    lowest = np.where(to_the_right, col + first, col - last)
+    highest = np.where(to_the_right, col + last, col - first)
+    return which, Spans(rows, lowest, highest + 1)
+
 
 _COUNT_BITS = 20
 """Bits that count how many runs of one kind a cell lies in; three such counts share 64 bits."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.spans import enumerated
+from mapdeal.kernels.polygons import enumerated
 
 if TYPE_CHECKING:
     from mapdeal.kernels.rays import Odds

@@ -1,6 +1,6 @@
 """Rays from a sensor's cell to another, and the evidence that they leave on their way.
 
-A ray passes the cells of costmap_2d's line between both ends (`mapdeal.kernels.bresenham`), the
+A ray passes the cells of costmap_2d's line between both ends (`mapdeal.kernels.polygons`), the
 first included, the last not: that is where it hits, or where it stops. Ends may lie outside of the
 grid; what lies inside is then the same as it would be on a larger one.
 

@@ -7,9 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.kernels.column_runs import Halo
-from mapdeal.kernels.row_minima import squares_of_block
-from mapdeal.kernels.squares import SquaredDistances, dtype_of_squares, unreachable
+from mapdeal.kernels.distance import (
+    Halo,
+    SquaredDistances,
+    dtype_of_squares,
+    squares_of_block,
+    unreachable,
+)
 
 
 def squares(

@@ -9,18 +9,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mapdeal.errors import MalformedInputError, ParameterError
-from mapdeal.grid.coordinates import Point, cells_to_cover, check_point, check_resolution
 from mapdeal.grid.display import Drawn, count_text
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import (
+    MOST_CELLS,
+    Frame,
+    Point,
+    Region,
+    cells_to_cover,
+    check_point,
+    check_resolution,
+)
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.region import MOST_CELLS, Region
 from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
-from mapdeal.mapping.counting import Counting
-from mapdeal.mapping.evidence import Evidence, Layers
-from mapdeal.mapping.hit_groups import HitGroups, hit_groups
-from mapdeal.mapping.log_odds import LogOdds
-from mapdeal.mapping.tsdf import Tsdf
-from mapdeal.mapping.tsdf_as_written import TsdfAsWritten
+from mapdeal.mapping.evidence import Counting, Evidence, HitGroups, Layers, LogOdds, hit_groups
+from mapdeal.mapping.tsdf import Tsdf, TsdfAsWritten
 from mapdeal.records import dataclass
 
 Method = Literal["log-odds", "counting", "tsdf"]

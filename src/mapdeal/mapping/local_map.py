@@ -1,25 +1,301 @@
-"""Local maps: a robot's surroundings from a point cloud and a global map."""
+"""Maps around a robot, from point clouds and a global map."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapdeal.errors import ParameterError
 from mapdeal.grid.display import Drawn, count_text, numbers_text
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import (
+    CELL_TOLERANCE,
+    FARTHEST,
+    ROUNDING,
+    Frame,
+    Region,
+    check_point,
+    check_resolution,
+    region_of,
+    turned,
+)
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.region import Region, region_of
 from mapdeal.grid.resample import is_turned, obstacles_in, rows_and_cols_under, wholly_in
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, FREE, OCCUPIED, UNKNOWN
-from mapdeal.mapping.local_options import LocalOptions
-from mapdeal.mapping.poses import Pose, check_pose, wrapped
-from mapdeal.mapping.seen_cloud import CloudCounts, SeenCloud
-from mapdeal.mapping.sightings import Sightings
+from mapdeal.kernels.clouds import CloudRule, mark_cloud, marks_clouds
+from mapdeal.mapping.evidence import Sightings
+from mapdeal.mapping.transforms import CoveredAngles, Pose, check_pose, wrapped
 from mapdeal.records import dataclass
+
+CloudFrame = Literal["robot", "map"]
+Unknown = Literal["keep", "free"]
+
+
+@dataclass(frozen=True)
+class LocalOptions:
+    """Options for making a local map from point clouds.
+
+    Parameters
+    ----------
+    frame : {'robot', 'map'}
+        Frame of the cloud's coordinates: ``robot``, with x ahead and y to the left, or ``map``.
+    offset : tuple of float
+        x and y to subtract from the points' coordinates in the map frame, metres.
+    size : tuple of float
+        Extent of the map along x and y, rounded up to whole cells, metres.
+    resolution : float
+        Side of a cell, metres.
+    min_height, max_height : float, optional
+        Lowest and highest z of the points to use, in the cloud's own coordinates, metres.
+    min_range, max_range : float, optional
+        Smallest and largest horizontal distance from the robot of the points to use, metres.
+    raytrace_range : float, optional
+        Distance from the robot up to which beams clear cells, metres; `max_range` if not given.
+    unknown : {'keep', 'free'}
+        Whether cells that nothing has seen stay unknown or become free. Without a global map,
+        `local_map` and `LocalMapper` always make them free.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite or has the wrong sign, or a minimum exceeds its maximum.
+    """
+
+    frame: CloudFrame = "robot"
+    offset: tuple[float, float] = (0.0, 0.0)
+    size: tuple[float, float] = (20.0, 20.0)
+    resolution: float = 0.05
+    min_height: float | None = None
+    max_height: float | None = None
+    min_range: float | None = None
+    max_range: float | None = None
+    raytrace_range: float | None = None
+    unknown: Unknown = "keep"
+
+    def __post_init__(self) -> None:
+        for name, known in (("frame", CloudFrame), ("unknown", Unknown)):
+            if getattr(self, name) not in get_args(known):
+                rule = f"must be one of {', '.join(get_args(known))}"
+                raise ParameterError(rule, place=name, got=getattr(self, name))
+        object.__setattr__(self, "offset", check_point(self.offset, "offset"))
+        object.__setattr__(self, "size", check_point(self.size, "size"))
+        object.__setattr__(self, "resolution", check_resolution(self.resolution))
+        for name in ("min_height", "max_height"):
+            self._check_limit(name, signed=True)
+        for name in ("min_range", "max_range", "raytrace_range"):
+            self._check_limit(name, signed=False)
+        for what in ("height", "range"):
+            self._check_order(f"min_{what}", f"max_{what}")
+
+    def _check_limit(self, name: str, *, signed: bool) -> None:
+        value = getattr(self, name)
+        if value is None:
+            return
+        if not math.isfinite(value) or (value < 0 and not signed):
+            rule = "must be a finite number" + ("" if signed else ", at least 0")
+            raise ParameterError(rule, place=name, got=value)
+
+    def _check_order(self, least: str, most: str) -> None:
+        low, high = getattr(self, least), getattr(self, most)
+        if low is not None and high is not None and low > high:
+            raise ParameterError(f"must not be above {most}, {high:g}", place=least, got=low)
+
+    @property
+    def asks_for_heights(self) -> bool:
+        """Whether heights are limited, so that points need a z coordinate."""
+        return self.min_height is not None or self.max_height is not None
+
+    @property
+    def reach(self) -> float | None:
+        """Distance from the robot up to which beams clear cells, metres; None if unlimited."""
+        return self.max_range if self.raytrace_range is None else self.raytrace_range
+
+
+Floats = NDArray[np.float64]
+Cells = NDArray[np.int64]
+
+_FARTHEST_KEY = 1 << 31
+"""In cells: of cells that are nearer, row and column together are one number of 64 bits."""
+
+
+@dataclass(frozen=True)
+class CloudCounts:
+    """Number of points of a cloud by outcome; a point counts only for the first that applies."""
+
+    points: int = 0
+    not_finite: int = 0
+    beyond_height: int = 0
+    beyond_range: int = 0
+    outside: int = 0
+    marking: int = 0
+
+
+class SeenCloud:
+    """The cells of a cloud whose points come some at a time."""
+
+    def __init__(
+        self, pose: Pose, options: LocalOptions, lattice: Frame, window: Region, *, with_beams: bool
+    ) -> None:
+        self._pose = pose
+        self._options = options
+        self._lattice = lattice
+        self._window = window
+        self._frame = window.frame_in(lattice)
+        self._with_beams = with_beams
+        self._counts = np.zeros(6, dtype=np.int64)
+        self._angles = CoveredAngles()
+        self._marks, self._ends = np.zeros((2, 0), dtype=np.int64)
+        self.is_hit = np.zeros(self._frame.shape, dtype=np.bool_)
+        """Cells of the window with a point."""
+
+    def add(self, points: ArrayLike) -> None:
+        """Take points, shape (N, 2) or (N, 3 or more)."""
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] < 2:
+            rule = "must be an array of shape (N, 2) or wider"
+            raise ParameterError(rule, place="points", got=points.shape)
+        if self._options.asks_for_heights and points.shape[1] < 3:
+            rule = "the cloud has no heights"
+            raise ParameterError(rule, place="min_height, max_height")
+        if marks_clouds() and not self._with_beams:
+            counts, seen = mark_cloud(
+                points, self._rule(), self.is_hit, is_placed=self._options.frame == "map"
+            )
+            self._angles.add(np.arctan2(seen[:, 1], seen[:, 0]))
+            self._counts += counts
+            return
+        count = len(points)
+        finite = np.isfinite(points[:, :3]).all(axis=1)
+        points = points[finite] if not finite.all() else points
+        not_finite, (points, beyond_height) = count - len(points), self._within_heights(points)
+        with np.errstate(over="ignore", invalid="ignore"):  # of points at 1e300
+            seen, placed = self._from_robot(points[:, :2])
+            distance = np.hypot(seen[:, 0], seen[:, 1])
+        near = _between(distance, self._options.min_range, self._options.max_range)
+        if self._with_beams:
+            self._add_beams(placed, distance, near)
+        beyond_range = int(len(near) - np.count_nonzero(near))
+        seen, placed = seen[near], placed[near]
+        away = (distance[near] > 0) & np.isfinite(distance[near])
+        self._angles.add(np.arctan2(seen[away, 1], seen[away, 0]))
+        cells, inside = self._frame.bounded_rowcol_from_xy(placed)
+        cells = cells[inside]
+        self.is_hit[cells[:, 0], cells[:, 1]] = True
+        outside = len(placed) - len(cells)
+        self._counts += (count, not_finite, beyond_height, beyond_range, outside, len(cells))
+
+    @property
+    def counts(self) -> CloudCounts:
+        """Number of points by outcome."""
+        return CloudCounts(*self._counts.tolist())
+
+    @property
+    def angles(self) -> tuple[float, float] | None:
+        """First and last direction with points; see `LocalMap`."""
+        return self._angles.arc()
+
+    @property
+    def sensor(self) -> Cells:
+        """Row and column of the cell in which beams begin, shape (2,)."""
+        cell: Cells = self._lattice.unbounded_rowcol_from_xy(self._sensor_xy())[0]
+        return cell
+
+    @property
+    def marks(self) -> Cells:
+        """The cells with a point, shape (M, 2), each once."""
+        return _cells_from(self._marks)
+
+    @property
+    def ends(self) -> Cells:
+        """The cells in which beams end, shape (K, 2), each once."""
+        return _cells_from(self._ends)
+
+    def _rule(self) -> CloudRule:
+        """Return the same for the compiled code."""
+        options, frame = self._options, self._frame
+        x, y, yaw = self._pose
+        turn = -yaw if options.frame == "map" else yaw
+        corner_x, corner_y, frame_yaw = frame.origin
+        least, most = -math.inf, math.inf
+        return CloudRule(
+            x, y, math.cos(turn), math.sin(turn), options.offset[0], options.offset[1],
+            least if options.min_height is None else options.min_height,
+            most if options.max_height is None else options.max_height,
+            least if options.min_range is None else options.min_range,
+            most if options.max_range is None else options.max_range,
+            corner_x, corner_y, math.cos(-frame_yaw), math.sin(-frame_yaw), frame.resolution,
+            FARTHEST, ROUNDING, CELL_TOLERANCE,
+        )  # fmt: skip
+
+    def _within_heights(self, points: Floats) -> tuple[Floats, int]:
+        least, most = self._options.min_height, self._options.max_height
+        if least is None and most is None:
+            return points, 0
+        kept = points[_between(points[:, 2], least, most)]
+        return kept, len(points) - len(kept)
+
+    def _from_robot(self, points_xy: Floats) -> tuple[Floats, Floats]:
+        """Return points as the robot sees them, and in the map frame."""
+        x, y, yaw = self._pose
+        if self._options.frame == "map":
+            placed = points_xy - np.array(self._options.offset)
+            return turned(placed - np.array([x, y]), -yaw), placed
+        return points_xy, turned(points_xy, yaw) + np.array([x, y]) - np.array(self._options.offset)
+
+    def _sensor_xy(self) -> Floats:
+        """Return where the cloud is seen from: moved as it is, shape (1, 2)."""
+        here = np.array([self._pose[:2]])
+        return here if self._options.frame == "map" else here - np.array(self._options.offset)
+
+    def _add_beams(self, placed: Floats, distance: Floats, near: NDArray[np.bool_]) -> None:
+        """Keep cells with a point, and those in which beams end: there, or where they clear to."""
+        useful = _between(distance, self._options.min_range, None) & np.isfinite(distance)
+        useful &= _both(np.abs(placed) <= FARTHEST)
+        placed, distance = placed[useful], distance[useful]
+        keys, is_kept = self._keys_of(placed)
+        marks = ends = np.unique(keys[near[useful] & is_kept])
+        reach = self._options.reach
+        clears = np.ones(len(keys), np.bool_) if reach is None else distance <= reach
+        if not (clears & near[useful])[is_kept].all():
+            ends = np.unique(keys[clears & is_kept])
+        if reach is not None and not clears.all():
+            sensor, share = self._sensor_xy(), reach / distance[~clears]
+            shortened = sensor + (placed[~clears] - sensor) * share[:, np.newaxis]
+            keys, is_kept = self._keys_of(shortened)
+            ends = _union(ends, np.unique(keys[is_kept]))
+        self._marks, self._ends = _union(self._marks, marks), _union(self._ends, ends)
+
+    def _keys_of(self, placed: Floats) -> tuple[Cells, NDArray[np.bool_]]:
+        """Return row and column of points as one number, and for which points there is one."""
+        cells = self._lattice.unbounded_rowcol_from_xy(placed)
+        return cells[:, 0] * (2 * _FARTHEST_KEY) + cells[:, 1], _both(np.abs(cells) < _FARTHEST_KEY)
+
+
+def _both(pairs: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where both of a pair are set: faster than `all` along short rows."""
+    return pairs[:, 0] & pairs[:, 1]
+
+
+def _union(one: Cells, other: Cells) -> Cells:
+    return np.union1d(one, other) if len(one) else other
+
+
+def _cells_from(keys: Cells) -> Cells:
+    """Return the pairs of row and column that stand for each number."""
+    rows = (keys + _FARTHEST_KEY) // (2 * _FARTHEST_KEY)
+    return np.stack([rows, keys - rows * (2 * _FARTHEST_KEY)], axis=1)
+
+
+def _between(values: Floats, least: float | None, most: float | None) -> NDArray[np.bool_]:
+    within = np.ones(len(values), dtype=np.bool_)
+    if least is not None:
+        within &= values >= least
+    if most is not None:
+        within &= values <= most
+    return within
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -243,3 +519,154 @@ class LocalMapper:
             evidence, self._frame, self._known, keeps_unknown=self._keeps_unknown
         )
         return LocalMap(grid, self._pose, self._cloud.counts, from_map, self._cloud.angles)
+
+
+class RollingMapper:
+    """Builder of a local map from the most recent clouds of a sequence, after each cloud.
+
+    A cloud marks the cells of its points, and clears the cells that its beams pass, from the robot
+    to each point. Cells marked by recent clouds stay marked until a later beam clears them.
+
+    Parameters
+    ----------
+    poses : array_like of float, shape (K, 3)
+        x, y (metres) and yaw (radians) of the robot in the map frame, one pose per cloud.
+    options : LocalOptions
+        Size of the maps, and how points become cells.
+    keep : int, optional
+        Number of clouds in a map, including the newest; all clouds so far if not given.
+    global_map : OccupancyGrid, optional
+        Map to take obstacles and free space from. Beams do not clear its obstacles.
+    lethal_threshold : int
+        Occupancy at or above which a cell of `global_map` is an obstacle, 1..100.
+
+    Raises
+    ------
+    ParameterError
+        If a pose is not finite, `keep` is below 1, or a window has too many cells.
+
+    Notes
+    -----
+    All maps lie on one lattice, so that cells never blur, and each map depends on its clouds and
+    poses alone. In costmap_2d's rolling obstacle layer, a cell that leaves the window for a moment
+    is forgotten, and beams have no effect outside the window; here, the cells of later windows are
+    remembered as well.
+
+    Examples
+    --------
+    >>> options = LocalOptions(size=(2, 0.5), resolution=0.5)
+    >>> mapper = RollingMapper([[0.0, 0.25, 0.0], [0.5, 0.25, 0.0]], options, keep=2)
+    >>> mapper.add([[0.6, 0.0]])
+    >>> mapper.result().grid.occupancy[0].tolist()  # nobody has looked back
+    [-1, -1, 0, 100]
+    >>> mapper.add([[0.7, 0.0]])
+    >>> mapper.result().grid.occupancy[0].tolist()  # what was at 0.6 is gone
+    [-1, 0, 0, 100]
+    """
+
+    def __init__(
+        self,
+        poses: Iterable[Sequence[float]],
+        options: LocalOptions,
+        *,
+        keep: int | None = None,
+        global_map: OccupancyGrid | None = None,
+        lethal_threshold: int = DEFAULT_LETHAL_THRESHOLD,
+    ) -> None:
+        if keep is not None and keep < 1:
+            raise ParameterError("must be at least 1", place="keep", got=keep)
+        self.poses: list[Pose] = [check_pose(pose) for pose in poses]
+        """x, y (metres) and yaw (radians) of the robot for each cloud, -pi < yaw <= pi."""
+        self._options = options
+        self._keep = keep
+        self._known = None if global_map is None else KnownMap(global_map, lethal_threshold)
+        self._lattice = lattice_of(options, global_map)
+        self._windows = [window_around(pose, options, self._lattice) for pose in self.poses]
+        self._corners = np.array([window[:2] for window in self._windows]).reshape(-1, 2)
+        self._sightings = Sightings(Region(0, 0, 0, 0), keep)
+        self.turn = 0
+        """Number of clouds added or skipped so far."""
+        self._said = np.zeros(len(self.poses), dtype=np.bool_)
+        self._newest: SeenCloud | None = None
+
+    @property
+    def remembered(self) -> Region:
+        """Largest region of the lattice that is remembered at any time."""
+        all_of_them = map(self._canvas, range(len(self.poses)))
+        return max(all_of_them, key=lambda region: region.cells, default=Region(0, 0, 0, 0))
+
+    def _canvas(self, turn: int) -> Region:
+        """Return the cells to remember at a cloud's turn: all that maps may still show.
+
+        These are the cells of, and between, all windows to which the cloud can contribute.
+        """
+        last = None if self._keep is None else turn + self._keep
+        corners = self._corners[turn:last]
+        row, col = corners.min(axis=0).tolist()
+        top, right = (corners.max(axis=0) + self._windows[turn][2:]).tolist()
+        return Region(row, col, top - row, right - col)
+
+    def add(self, points: ArrayLike) -> None:
+        """Add the next cloud, shape (N, 2) or (N, 3 or more), metres.
+
+        Raises
+        ------
+        ParameterError
+            If the cloud has no pose, or the points have another shape or no z although heights
+            are limited; nothing is added then.
+        """
+        self.add_in_parts([points])
+
+    def add_in_parts(self, parts: Iterable[ArrayLike]) -> None:
+        """Add the next cloud from several arrays of points; see `add`."""
+        turn = self._next()
+        cloud = SeenCloud(
+            self.poses[turn], self._options, self._lattice, self._windows[turn], with_beams=True
+        )
+        for points in parts:
+            cloud.add(points)
+        self._sightings.move(self._canvas(turn))
+        self._sightings.add(cloud.sensor, cloud.ends, cloud.marks)
+        self._newest, self.turn, self._said[turn] = cloud, turn + 1, True
+
+    def skip(self) -> None:
+        """Skip the next cloud, which adds nothing but still counts towards `keep`."""
+        turn = self._next()
+        self._sightings.move(self._canvas(turn))
+        self._sightings.skip()
+        self._newest, self.turn = None, turn + 1
+
+    def result(self) -> LocalMap:
+        """Return the local map at the cloud that was added last.
+
+        Raises
+        ------
+        ParameterError
+            If no cloud has been added, or the last one was skipped.
+        """
+        if self._newest is None:
+            raise ParameterError("no cloud has been added", place="result")
+        turn = self.turn - 1
+        window = self._windows[turn]
+        grid, from_map = joined(
+            self._sightings.evidence(window),
+            window.frame_in(self._lattice),
+            self._known,
+            keeps_unknown=self._options.unknown == "keep",
+        )
+        first = 0 if self._keep is None else max(0, self.turn - self._keep)
+        return LocalMap(
+            grid,
+            self.poses[turn],
+            self._newest.counts,
+            from_map,
+            self._newest.angles,
+            int(np.count_nonzero(self._said[first : self.turn])),
+            self._sightings.count_earlier(window),
+        )
+
+    def _next(self) -> int:
+        if self.turn >= len(self.poses):
+            rule = "must have a pose for each cloud"
+            raise ParameterError(rule, place="poses", got=len(self.poses))
+        return self.turn

@@ -10,19 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from mapdeal.alignment.align import Alignment, align
-from mapdeal.alignment.memory import bytes_to_align
+from mapdeal.alignment.align import Alignment, align, bytes_to_align
 from mapdeal.checks.difference import frame_around
 from mapdeal.errors import one_line
 from mapdeal.formats.budget import claim, holding
-from mapdeal.formats.json_kinds import ALIGNMENT_FORMAT
-from mapdeal.formats.json_text import json_of
+from mapdeal.formats.json_values import ALIGNMENT_FORMAT, json_of
 from mapdeal.formats.maps import Source, as_occupancy
 from mapdeal.formats.png import write_indexed_png
-from mapdeal.formats.transforms import transform_document
+from mapdeal.formats.poses import transform_document
+from mapdeal.grid.frame import Transform
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.resample import obstacles_in, sampled
-from mapdeal.grid.transform import Transform
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.diff import ComparedMap
 from mapdeal.pipeline.files import errors_named, outputs_of, read_summed

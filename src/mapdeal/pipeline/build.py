@@ -17,13 +17,12 @@ from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.npz import write_npz
 from mapdeal.formats.scans.source import ScanSource
 from mapdeal.formats.source import check_state, is_regular, state_of
-from mapdeal.grid.coordinates import Point
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, Point
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.mapping.beams import BeamCounts, BeamLimits, Beams, Scans, beams_of
 from mapdeal.mapping.build import BuiltMap, Extent, MapBuilder, Method, frame_of, reach_behind
-from mapdeal.mapping.hit_groups import NEAR, OFTEN, HitGroups
+from mapdeal.mapping.evidence import NEAR, OFTEN, HitGroups
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass

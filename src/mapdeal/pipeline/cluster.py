@@ -20,8 +20,7 @@ from typing import Any
 from mapdeal.errors import FileAccessError, MapdealError, ParameterError
 from mapdeal.formats.source import exists
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.dispatch import Submit, Work, WorkerDiedError
-from mapdeal.pipeline.jobs import Job, Outcome
+from mapdeal.pipeline.batch import Job, Outcome, Submit, Work, WorkerDiedError
 from mapdeal.records import dataclass
 from mapdeal.version import __version__
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mapdeal.checks.difference import STATES, changes_of, confusion_of, states_of
 from mapdeal.errors import ParameterError, one_line
-from mapdeal.formats.json_text import json_of
+from mapdeal.formats.json_values import json_of
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.scans.source import ScanSource
@@ -23,16 +23,16 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED
-from mapdeal.kernels.thickness import thickness_of
+from mapdeal.kernels.components import thickness_of
 from mapdeal.mapping.build import METHODS, MapBuilder, Method, all_parameters
-from mapdeal.mapping.hit_groups import HitGroups
+from mapdeal.mapping.evidence import HitGroups
 from mapdeal.pipeline.build import Advance, BuildSettings, Gathered, gather, warn_of_nothing
 from mapdeal.pipeline.files import outputs_of
-from mapdeal.pipeline.products import write_picture
+from mapdeal.pipeline.folder import write_picture
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
 from mapdeal.render.difference import difference_image
-from mapdeal.render.rings import RingOverlay
+from mapdeal.render.overlay import RingOverlay
 from mapdeal.render.shown import ImageExtent
 from mapdeal.version import __version__
 

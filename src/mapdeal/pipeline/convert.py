@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mapdeal.errors import ParameterError
-from mapdeal.formats.bags.names import BAG_OUTPUTS, bag_paths
+from mapdeal.formats.bags.bag import BAG_OUTPUTS, bag_paths
 from mapdeal.formats.kinds import is_bag
 from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
 from mapdeal.formats.map_writer import in_trinary
@@ -16,8 +16,7 @@ from mapdeal.formats.maps import Source, output_paths, write_grid
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField
-from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField

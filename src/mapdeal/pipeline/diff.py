@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mapdeal.checks.bounds import Bound, Bounds
 from mapdeal.checks.difference import STATES, Difference, WallShift, compare, frame_around
+from mapdeal.checks.selection import Bound, Bounds
 from mapdeal.errors import emit_warning, one_line
 from mapdeal.formats.budget import claim, holding
 from mapdeal.formats.maps import Source, as_occupancy

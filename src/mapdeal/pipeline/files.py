@@ -12,14 +12,14 @@ from mapdeal.formats.maps import Source, open_map, read_source
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import sums_of_reads
 from mapdeal.formats.transaction import Transaction
-from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.field import FieldView
 from mapdeal.grid.frame import Frame
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.products import write_picture
+from mapdeal.pipeline.folder import write_picture
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.overlay import Overlay
 

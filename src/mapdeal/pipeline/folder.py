@@ -1,35 +1,370 @@
-"""A folder with the products of some stages, and the manifest that describes them."""
+"""The files of a run: products, checksums, the manifest last."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from mapdeal.errors import FileAccessError, emit_warning, one_line
-from mapdeal.formats.json_text import json_of, read_json
-from mapdeal.formats.npz import Grid
-from mapdeal.formats.source import exists, holds, is_same_file, real_path
-from mapdeal.formats.transaction import Transaction
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.framed import Figures
-from mapdeal.pipeline.figures import are_figures_of
-from mapdeal.pipeline.heard import heard_from, located, portable
-from mapdeal.pipeline.products import (
-    figures_of,
-    passes_of,
-    paths_of,
-    robot_overlays,
-    write_picture,
-    write_products,
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.errors import (
+    FileAccessError,
+    MalformedInputError,
+    ParameterError,
+    emit_warning,
+    one_line,
 )
+from mapdeal.formats.json_values import json_of, read_json
+from mapdeal.formats.map_writer import Encoding
+from mapdeal.formats.maps import output_paths, write_grid
+from mapdeal.formats.npy import write_npy
+from mapdeal.formats.npz import Grid
+from mapdeal.formats.png import write_indexed_png
+from mapdeal.formats.source import exists, holds, is_same_file, real_path, status_of
+from mapdeal.formats.transaction import Begun, PutRows, RowsWriter, Transaction
+from mapdeal.formats.yaml_text import yaml_document
+from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.field import DistanceField, FieldView
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.framed import Figures, Framed
+from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reach import Reach
+from mapdeal.kernels.blocks import blocks_of, gathered, made_by_rows, report_rows
+from mapdeal.kernels.lookup import histogram
+from mapdeal.pipeline.figures import are_figures_of, changes_between
+from mapdeal.pipeline.heard import heard_from, located, portable
 from mapdeal.pipeline.progress import passes_reported
 from mapdeal.pipeline.settings import ProgressCallback, Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass
+from mapdeal.render.layers import (
+    CostDrawing,
+    Drawing,
+    FieldDrawing,
+    OccupancyDrawing,
+    cost_image,
+    field_image,
+    occupancy_image,
+)
 from mapdeal.render.overlay import Overlay, Overlays
+from mapdeal.render.pen import Image
+from mapdeal.render.raster import DEFAULT_IMAGE_MAX
+from mapdeal.render.shown import DEFAULT_EXTENT, ImageExtent, KnownLines, OtherThan
+from mapdeal.stages.catalogue import models_of
 from mapdeal.version import __version__
+
+
+@contextmanager
+def one_pass(transaction: Transaction, grid: Grid) -> Iterator[Grid]:
+    """Write all files of a grid within a ``with`` block in one pass.
+
+    Its rows are then made once for all of them, where layers have no room to be kept. Files of a
+    grid in memory are written as ever, at the same time.
+    """
+    if not grid.is_lazy:
+        yield grid
+        return
+    rows = _Pass(grid)
+    with transaction.together(rows.write_all):
+        yield rows.asked
+
+
+class _Pass:
+    """A pass through the rows of a grid, from the first to the last."""
+
+    def __init__(self, grid: Grid) -> None:
+        layer = grid.layer
+
+        def handed_on(rows: slice) -> NDArray[np.generic]:
+            values = layer[rows]
+            self._hand_on(rows)
+            return values
+
+        self._layer = layer
+        self._next = 0
+        self._puts: list[PutRows] = []
+        self.asked: Grid = grid.with_layer(made_by_rows(layer, layer.dtype, handed_on))
+
+    def write_all(self, files: Sequence[Begun]) -> None:
+        """Write all files."""
+        finishes = []
+        for path, file, writer in files:
+            if isinstance(writer, RowsWriter):
+                with _failing_at(path):
+                    put, finish = writer.begin(file)
+                self._puts.append(_named(path, put))
+                finishes.append((path, finish))
+        for path, file, writer in files:
+            if not isinstance(writer, RowsWriter):
+                with _failing_at(path):
+                    writer(file)
+        for block in blocks_of(self._layer):
+            if block.stop > self._next:
+                self._hand_on(slice(self._next, block.stop))
+        for path, finish in finishes:
+            with _failing_at(path):
+                finish()
+
+    def _hand_on(self, rows: slice) -> None:
+        if rows.start != self._next:  # asked for once more
+            return
+        for put in self._puts:
+            put(rows)
+        self._next = rows.stop
+        report_rows(self._layer, rows)
+
+
+def _named(path: Path, put: PutRows) -> PutRows:
+    def put_here(rows: slice) -> None:
+        with _failing_at(path):
+            put(rows)
+
+    return put_here
+
+
+@contextmanager
+def _failing_at(path: Path) -> Iterator[None]:
+    """Name the file that cannot be written, for instance on a full disk."""
+    try:
+        yield
+    except OSError as error:
+        rule = f"cannot be written: {error.strerror or error}"
+        raise FileAccessError(rule, source=path) from None
+
+
+PICTURE = ".png"
+
+_FARTHEST = 100.0
+"""Metres: a radius beyond that is of no robot, and would fit no picture."""
+
+
+@dataclass(frozen=True)
+class GridFiles:
+    """Output files for one type of grid."""
+
+    metavar: str
+    about: str
+    endings: tuple[str, ...]
+    in_folder: tuple[str, ...]
+    draw: Callable[..., Image]
+    drawing: type[Drawing] | None = None
+
+
+def _potential_image(grid: PotentialField, **how: Any) -> Image:
+    from mapdeal.render.potential import potential_image
+
+    return potential_image(grid, **how)
+
+
+def _reach_image(grid: Reach, **how: Any) -> Image:
+    from mapdeal.render.reach import reach_image
+
+    return reach_image(grid, **how)
+
+
+_FILES: dict[type[Any], GridFiles] = {
+    OccupancyGrid: GridFiles(
+        "OUT", "The result: .yaml (with .pgm) or .npz.",
+        (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image, OccupancyDrawing,
+    ),
+    FieldView: GridFiles(
+        "OUT", "The view: .yaml (with .pgm) or .npz.",
+        (".yaml", ".yml", ".npz"), (".pgm", ".yaml"), occupancy_image, OccupancyDrawing,
+    ),
+    Costmap: GridFiles(
+        "OUT", "The costs: .yaml (with .pgm) or .npz.",
+        (".yaml", ".yml", ".npz"), (".npz", ".pgm", ".yaml"), cost_image, CostDrawing,
+    ),
+    DistanceField: GridFiles(
+        "OUT", "The field as .npz, as a bare .npy, or its 0..100 view as .yaml (with .pgm).",
+        (".yaml", ".yml", ".npz", ".npy"), (".npz", ".pgm", ".yaml"), field_image, FieldDrawing,
+    ),
+    PotentialField: GridFiles(
+        "OUT.npz", "The field, with all its layers.",
+        (".npz",), (".npz",), _potential_image,
+    ),
+    Reach: GridFiles(
+        "OUT", "The answer as .json, or its layers as .npz.",
+        (".json", ".npz"), (".npz", ".json"), _reach_image,
+    ),
+}  # fmt: skip
+
+
+def files_of(made: type[Any]) -> GridFiles:
+    """Return how grids of a type are written."""
+    if made not in _FILES:
+        raise TypeError(f"it is not known how a {made.__name__} is written")
+    return _FILES[made]
+
+
+def paths_of(step: Step, folder: Path, *, images: bool) -> list[Path]:
+    """Return the files that a step of a run writes into `folder`, in the order of writing."""
+    endings = [*files_of(step.stage.makes).in_folder, *([PICTURE] if images else [])]
+    return [folder / f"{step.stage.product}{ending}" for ending in endings]
+
+
+def passes_of(step: Step, endings: Iterable[str]) -> int:
+    """Return how often lazy layers are gone through for a step and some files of its product.
+
+    Once for its figures and once for the files; besides that by the stage, and by its view.
+    """
+    has_view = step.stage.view is not None and not {".pgm", ".yaml", ".yml"}.isdisjoint(endings)
+    return 2 + step.stage.passes + (step.stage.view_passes(step.view) if has_view else 0)
+
+
+def figures_of(grid: Grid, *, box_of_known: bool) -> Figures:
+    """Return the figures of a grid."""
+    if box_of_known and isinstance(grid, (OccupancyGrid, Costmap)) and grid.is_lazy:
+        gathered(grid.layer, histogram, KnownLines(OtherThan(grid.unknown_value)))
+    return grid.figures()
+
+
+def output_of(step: Step, output: Path) -> list[Path]:
+    """Return the files that a step's product becomes if it is written to `output`."""
+    endings = files_of(step.stage.makes).endings
+    if output.suffix not in endings:
+        hint = "--image writes a picture" if output.suffix == PICTURE else None
+        rule = f"the output must end in {' or '.join(e for e in endings if e != '.yml')}"
+        raise ParameterError(rule, source=output, hint=hint)
+    if output.suffix == ".npy":
+        return [output, output.with_suffix(".yaml")]
+    return list(output_paths(output))
+
+
+def write_product(
+    transaction: Transaction,
+    output: Path,
+    grid: Grid,
+    step: Step,
+    *,
+    asked: Grid,
+    encoding: Encoding = "occupancy",
+) -> None:
+    """Write a step's product to a file, and the other one of a pair.
+
+    Within a pass; `asked` is the grid that `one_pass` gives.
+    """
+    if isinstance(asked, DistanceField) and output.suffix == ".npy":
+        transaction.write(output, lambda file: write_npy(file, asked.distance))
+        document = yaml_document(_geometry_of_npy(grid, output))
+        transaction.write_bytes(output.with_suffix(".yaml"), document)
+    elif isinstance(grid, Reach) and output.suffix == ".json":
+        from mapdeal.formats.documents import reach_json
+
+        transaction.write_bytes(output, f"{reach_json(grid)}\n".encode())
+    elif isinstance(grid, DistanceField) and output.suffix != ".npz":
+        write_grid(transaction, output, step.view_of(grid), mode="raw")
+    else:
+        made = asked if output.suffix == ".npz" else grid
+        write_grid(transaction, output, made, encoding=encoding)
+
+
+def write_products(
+    transaction: Transaction,
+    step: Step,
+    grid: Grid,
+    folder: Path,
+    *,
+    stem: str,
+    images: bool = True,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = DEFAULT_EXTENT,
+    overlay: Overlay | None = None,
+) -> None:
+    """Write all files of a step's product, those of `paths_of`."""
+    with one_pass(transaction, grid) as asked:
+        for path in paths_of(step, folder, images=images):
+            if path.suffix == PICTURE:
+                title = one_line(f"{stem}: {step.title}")
+                write_picture(
+                    transaction,
+                    path,
+                    grid,
+                    title,
+                    image_max=image_max,
+                    image_extent=image_extent,
+                    overlay=overlay,
+                )
+            elif path.suffix != ".pgm":  # it is written with its YAML
+                write_product(transaction, path, grid, step, asked=asked)
+
+
+def write_picture(
+    transaction: Transaction,
+    path: Path,
+    grid: Grid,
+    title: str,
+    *,
+    image_max: int = DEFAULT_IMAGE_MAX,
+    image_extent: ImageExtent = DEFAULT_EXTENT,
+    overlay: Overlay | None = None,
+) -> None:
+    """Write the picture of a grid; it is drawn in the thread that writes it."""
+    files = files_of(type(grid))
+    how: dict[str, Any] = {
+        "image_max": image_max, "image_extent": image_extent, "overlay": overlay
+    }  # fmt: skip
+
+    def write(file: BinaryIO, image: Image) -> None:
+        write_indexed_png(file, image.indices, image.palette)
+
+    if files.drawing is None:
+        transaction.write(path, lambda file: write(file, files.draw(grid, title=title, **how)))
+        return
+    make_drawing = files.drawing
+
+    def begin(file: BinaryIO) -> tuple[PutRows, Callable[[], object]]:
+        drawing = make_drawing(grid, **how)
+        return drawing.take, lambda: write(file, drawing.image(title))
+
+    transaction.write(path, RowsWriter(grid.layer, begin))
+
+
+def robot_overlays(step: Step, robot: Footprint | None = None) -> list[Overlay]:
+    """Return what the picture of a step's product shows of the robot that the step is about."""
+    shape = step.stage.robot
+    if shape is None or step.stage.makes is Reach:  # whose picture has it at its start
+        return []
+    from mapdeal.render.overlay import RobotOverlay
+
+    given = [step.parameters.get(name) for name in (*shape.sets, shape.replaces)]
+    known = next((one for one in given if isinstance(one, Footprint)), robot)
+    radius = step.parameters[shape.replaces]
+    if known is None and radius and radius <= _FARTHEST:
+        around = step.parameters.get("circumscribed_radius")
+        is_round = around is None or around == radius
+        label = {} if is_round else {"label": "the robot's inscribed circle"}
+        return [RobotOverlay(Footprint.circle(radius), **label)]
+    return [] if known is None or not radius else [RobotOverlay(known)]
+
+
+def write_curve(transaction: Transaction, path: Path, curve: CostCurve, title: str) -> None:
+    """Write the picture of a cost curve; it is drawn in the thread that writes it."""
+    from mapdeal.render.cost_curve import cost_curve_image
+
+    def write(file: object) -> None:
+        image = cost_curve_image(curve, title=one_line(title))
+        write_indexed_png(file, image.indices, image.palette)  # type: ignore[arg-type]
+
+    transaction.write(path, write)
+
+
+def _geometry_of_npy(grid: Framed, output: Path) -> dict[str, Any]:
+    """Return what the YAML beside a bare ``.npy`` says of the field: geometry and parameters."""
+    names = ("convention", "strength", "max_distance", "lethal_threshold", "unknown")
+    return {
+        "distance": output.name,
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
+        **{name: getattr(grid, name) for name in names},
+    }
+
 
 MANIFEST = "manifest.json"
 INPUT_PICTURE = "input.png"
@@ -254,3 +589,123 @@ def fill_together(
         ) as transaction,
     ):
         return [filling.folder.write(transaction, filling) for filling in fillings]
+
+
+def manifest_in(folder: Path) -> dict[str, Any]:
+    """Return the manifest of the run in a folder."""
+    manifest = _manifest_or_none(folder)
+    if manifest is None:
+        raise MalformedInputError("is not the manifest of a run", source=folder / MANIFEST)
+    return manifest
+
+
+def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict[str, Any]] | None:
+    """Return the stages that have made a file, with their parameters, from its manifest."""
+    manifest = _manifest_or_none(folder)
+    if manifest is None or any(manifest["outputs"].get(key) != sums[key] for key in sums):
+        return None
+    stages: list[dict[str, Any]] = manifest["stages"]
+    products = [product_of(next(iter(one))) for one in stages]
+    stem = Path(name).stem
+    return stages[: products.index(stem) + 1] if stem in products else None
+
+
+def product_of(stage: str) -> str:
+    """Return what the files of a stage are called; of one that is no recipe's, its name."""
+    return next((one.product for one in models_of(stage).values()), stage)
+
+
+def _manifest_or_none(folder: Path) -> dict[str, Any] | None:
+    value = read_json(folder / MANIFEST)
+    return value if _is_manifest(value) else None
+
+
+def _is_manifest(value: object) -> bool:
+    """Return whether figures, outputs and stages are there in the shape that a run gives them.
+
+    No stage runs twice, see `Recipe`.
+    """
+    if not isinstance(value, dict):
+        return False
+    figures, outputs, stages = (value.get(key) for key in ("figures", "outputs", "stages"))
+    return (
+        isinstance(figures, dict)
+        and all(isinstance(one, dict) for one in figures.values())
+        and isinstance(outputs, dict)
+        and all(isinstance(digest, str) for digest in outputs.values())
+        and isinstance(stages, list)
+        and all(isinstance(stage, dict) and len(stage) == 1 for stage in stages)
+        and all(isinstance(one, dict) for stage in stages for one in stage.values())
+        and len({name for stage in stages for name in stage}) == len(stages)
+    )
+
+
+_SHOWN = 3
+_PICTURE = ".png"
+
+
+def store_golden(folder: Path, golden: Path, place: str | None = None) -> Path:
+    """Copy the manifest of a run into a folder of golden runs."""
+    manifest = manifest_in(folder)
+    target = golden / (place or folder.name) / MANIFEST
+    with Transaction([target], force=True) as transaction:
+        transaction.write_bytes(target, json_of(manifest))
+    return target
+
+
+def differences_from_golden(folder: Path, golden: Path, place: str | None = None) -> list[str]:
+    """Return what differs between a run and its golden run, a line each stage."""
+    stored = golden / (place or folder.name) / MANIFEST
+    try:
+        status_of(stored)
+    except FileAccessError as error:
+        rule, hint = f"no golden run: {error.rule}", "--update-golden stores it"
+        raise FileAccessError(rule, source=stored, hint=hint) from None
+    new, old = manifest_in(folder), manifest_in(stored.parent)
+    lines = []
+    for stage in dict.fromkeys([*old["figures"], *new["figures"]]):
+        told = _difference(stage, old, new)
+        if told is not None:
+            lines.append(f"{place or folder.name}: {stage}: {told}")
+    return lines
+
+
+def _difference(stage: str, old: dict[str, Any], new: dict[str, Any]) -> str | None:
+    for one, other in ((old, "is new"), (new, "is missing")):
+        if stage not in one["figures"]:
+            return other
+    parameters = [_parameters(manifest, stage) for manifest in (old, new)]
+    changed = _changes(*parameters)
+    if changed:
+        return f"other parameters: {changed}"
+    files = [_files(manifest, stage) for manifest in (old, new)]
+    differing = [name for name in sorted({*files[0], *files[1]}) if _differs(name, *files)]
+    if not differing:
+        return None
+    told = _changes(old["figures"][stage], new["figures"][stage])
+    return f"{', '.join(differing)} differ" + (f": {told}" if told else "")
+
+
+def _parameters(manifest: dict[str, Any], stage: str) -> dict[str, Any]:
+    found: dict[str, Any] = next((s[stage] for s in manifest["stages"] if stage in s), {})
+    return found
+
+
+def _files(manifest: dict[str, Any], stage: str) -> dict[str, str]:
+    stem = product_of(stage)
+    return {
+        name: str(digest)
+        for name, digest in manifest["outputs"].items()
+        if Path(name).stem == stem and Path(name).suffix != _PICTURE
+    }
+
+
+def _differs(name: str, old: dict[str, str], new: dict[str, str]) -> bool:
+    return old.get(name) != new.get(name)
+
+
+def _changes(old: Figures, new: Figures) -> str:
+    """Return the figures that differ, the first of them."""
+    texts = changes_between(old, new)
+    shown = one_line(", ".join(texts[:_SHOWN]))
+    return shown + (f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else "")

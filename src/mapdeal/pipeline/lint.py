@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from mapdeal.checks.facts import RoomFacts
 from mapdeal.checks.finding import CHECKS, Finding
+from mapdeal.checks.formats import LintReport, MapReport
 from mapdeal.checks.lint import LEFT_OUT, checks_of, lint_file
-from mapdeal.checks.reports.report import LintReport, MapReport
 from mapdeal.checks.run_checks import RUN_FOLDERS
 from mapdeal.checks.selection import Selection, selection_of
 from mapdeal.errors import (
@@ -29,7 +29,7 @@ from mapdeal.formats.lint_config import (
     read_ignore_comments,
     read_lint_config,
 )
-from mapdeal.formats.map_listing import MapListing, list_maps
+from mapdeal.formats.listing import MapListing, list_maps
 from mapdeal.formats.map_server import BIT_MAP
 from mapdeal.formats.maps import open_map
 from mapdeal.formats.source import is_folder, normal_path
@@ -41,7 +41,7 @@ from mapdeal.robot.parameters import CostmapName
 from mapdeal.version import __version__
 
 if TYPE_CHECKING:  # what only several processes need
-    from mapdeal.pipeline.jobs import Job
+    from mapdeal.pipeline.batch import Job
 
 _NOT_CHECKED = "lint.not-checked"
 _NO_ACCESS = "file.access"
@@ -184,7 +184,7 @@ def _radius_of(footprint: Footprint | None, parameters: ParameterFiles | None) -
         return reach_radius(footprint)
     if parameters is None:
         return None
-    from mapdeal.checks.lint_parameters import robot_in  # few calls look at any
+    from mapdeal.checks.parameter_checks import robot_in  # few calls look at any
 
     robot = robot_in(parameters.paths, costmap=parameters.costmap, namespace=parameters.namespace)
     return None if robot is None else reach_radius(robot.footprint)
@@ -242,7 +242,7 @@ def _reports_of(
 def _lint_parameters(
     parameters: ParameterFiles, maps: Sequence[Path], settings: Settings
 ) -> dict[Path, list[Finding]]:
-    from mapdeal.checks.lint_parameters import lint_parameters  # few calls look at any
+    from mapdeal.checks.parameter_checks import lint_parameters  # few calls look at any
 
     try:
         return lint_parameters(
@@ -322,8 +322,7 @@ def _lint_in_processes(
     jobs: int,
     done: Callable[[int, _Found], None],
 ) -> None:
-    from mapdeal.pipeline.dispatch import dispatch
-    from mapdeal.pipeline.jobs import Job, Outcome, attempt
+    from mapdeal.pipeline.batch import Job, Outcome, attempt, dispatch
     from mapdeal.pipeline.memory import memory_budget
     from mapdeal.pipeline.processes import ProcessWorkers
 

@@ -1,41 +1,49 @@
-"""Local maps from files of point clouds, through a recipe, into folders."""
+"""Local maps from point clouds and a global map."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.errors import (
     FileAccessError,
     MalformedInputError,
+    MapdealError,
     ParameterError,
     emit_warning,
 )
-from mapdeal.formats.budget import holding
-from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES
+from mapdeal.formats.budget import claim, holding
+from mapdeal.formats.clouds.reader import CLOUD_SUFFIXES, cloud_chunks
+from mapdeal.formats.json_values import json_of
 from mapdeal.formats.listing import list_files, numbered_folders
-from mapdeal.formats.maps import as_occupancy, open_map
+from mapdeal.formats.maps import Source, as_occupancy, open_map
 from mapdeal.formats.poses import read_poses
 from mapdeal.formats.source import (
+    FileState,
+    check_state,
     is_same_file,
     real_path,
+    sha256_of,
+    state_of,
     sums_of_reads,
 )
-from mapdeal.grid.coordinates import cells_to_cover
+from mapdeal.grid.frame import MOST_CELLS, cells_to_cover
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.region import MOST_CELLS
 from mapdeal.grid.resample import frames_overlap
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD
 from mapdeal.kernels.threads import use_threads
-from mapdeal.mapping.local_map import LocalMap, LocalMapper, local_map
-from mapdeal.mapping.local_options import LocalOptions
-from mapdeal.mapping.poses import Pose
-from mapdeal.pipeline.applied import RunReport, products_of
-from mapdeal.pipeline.clouds import Cloud, FileCloud
+from mapdeal.mapping.local_map import LocalMap, LocalMapper, LocalOptions, RollingMapper, local_map
+from mapdeal.mapping.transforms import Pose
+from mapdeal.pipeline.applied import RunReport, around_in, products_of
 from mapdeal.pipeline.files import errors_named
 from mapdeal.pipeline.folder import Filling, OutputFolder, Product, fill_together
 from mapdeal.pipeline.heard import heard
@@ -44,11 +52,84 @@ from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass
-from mapdeal.render.pose import PoseOverlay
+from mapdeal.render.overlay import PoseOverlay
 from mapdeal.stages.definition import Stage
 
-if TYPE_CHECKING:  # only bags need what it imports
+if TYPE_CHECKING:
     from mapdeal.pipeline.bags.clouds import BagClouds
+
+Points = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SummedCloud:
+    """A cloud as it was when its checksum was made."""
+
+    cloud: Cloud
+    sums: Mapping[str, str]
+    options: Mapping[str, str]
+    states: Mapping[Path, FileState]
+
+    def points(self) -> Iterator[Points]:
+        """Yield the points, some at a time; an error names the cloud, also if it was replaced."""
+        with errors_named(self.cloud.path):
+            yield from self.cloud.chunks()
+        for path, state in self.states.items():
+            check_state(path, state)
+
+    @property
+    def identity(self) -> list[str]:
+        """What tells it from all others."""
+        return [*self.sums.values(), *self.options.values()]
+
+
+class Cloud(ABC):
+    """A cloud that can be read more than once."""
+
+    @property
+    @abstractmethod
+    def path(self) -> Path:
+        """What errors and pictures name."""
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that it is read from."""
+        return (self.path,)
+
+    @property
+    def name(self) -> str:
+        """What summaries call it."""
+        return self.path.name
+
+    @abstractmethod
+    def summed(self) -> SummedCloud:
+        """Return the cloud with its checksum."""
+
+    @abstractmethod
+    def chunks(self) -> Iterator[Points]:
+        """Yield the points, shape (N, 2) or (N, 3), some at a time."""
+
+
+@dataclass(frozen=True)
+class FileCloud(Cloud):
+    """A cloud in a file of its own."""
+
+    file: Path
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.file
+
+    def summed(self) -> SummedCloud:
+        """Return the cloud with its checksum; see `Cloud`."""
+        state = state_of(self.path)  # of what its sum is of, and then its points
+        return SummedCloud(self, {self.path.name: sha256_of(self.path)}, {}, {self.path: state})
+
+    def chunks(self) -> Iterator[Points]:
+        """Yield the points; see `Cloud`."""
+        return cloud_chunks(self.path)
+
 
 _DIGITS = 4
 
@@ -367,3 +448,151 @@ def only_cloud(names: Sequence[str]) -> FileCloud:
         hint = "--poses FILE takes a pose for each"
         raise ParameterError(rule, source="--pose", hint=hint)
     return FileCloud(clouds[0])
+
+
+_PER_CELL = 10
+"""Bytes for each cell that is remembered: while the cells move, twice."""
+
+
+class RollingRun:
+    """Makes the rolling maps of a sequence, in its order.
+
+    A map is a function of the last clouds and their poses: those that are there already are
+    skipped, and their clouds read only once a later map needs them.
+    """
+
+    def __init__(self, jobs: Sequence[LocalJob], common: LocalCommon) -> None:
+        if common.keep is None:
+            raise ParameterError("must be given", place="keep")
+        known = common.global_map
+        self._jobs = jobs
+        self._common = common
+        self._keep = None if common.keep == "all" else common.keep
+        self._mapper = RollingMapper(
+            [job.pose for job in jobs],
+            common.options,
+            keep=self._keep,
+            global_map=None if known is None else known.grid,
+            lethal_threshold=common.lethal_threshold,
+        )
+        with common.settings.memory(), holding_map(known):
+            source = jobs[0].source(common)
+            check_window(source, common)
+            most = self._mapper.remembered
+            claim(
+                source,
+                _PER_CELL * most.cells,
+                what=f"{most.width} x {most.height} cells to remember",
+                hint="a smaller --keep takes less",
+            )
+        self._summed: list[SummedCloud | None] = []
+
+    def __call__(self, index: int) -> RunReport:
+        """Make the map of a cloud; each is asked for after those before it, once."""
+        job = self._jobs[index]
+        self._summed.append(None)  # unless it can be read
+        if job.cloud is None:
+            raise ParameterError("must be given", place="cloud")
+        summed = job.cloud.summed()
+        first = 0 if self._keep is None else max(0, index + 1 - self._keep)
+        before = self._summed[first:index]
+        missing = sum(one is None for one in before)
+        filling = filling_of(
+            job,
+            self._mapper.poses[index],
+            summed.sums,
+            self._common,
+            lambda: self._made(index, missing),
+            {"clouds_before": self._sum_before(first, index), **summed.options},
+        )
+        self._summed[index] = summed
+        return filled(filling, self._common.settings, skip=True)
+
+    def _cloud(self, index: int) -> Path:
+        return self._jobs[index].source(self._common)
+
+    def _sum_before(self, first: int, index: int) -> str:
+        """Return one checksum of the earlier clouds of a map, and of their poses."""
+        parts = [
+            [*([None] if one is None else one.identity), *pose]
+            for one, pose in zip(
+                self._summed[first:index], self._mapper.poses[first:index], strict=True
+            )
+        ]
+        return sha256(json_of(parts)).hexdigest()
+
+    def _made(self, index: int, missing: int) -> LocalMap:
+        while self._mapper.turn < index:
+            self._catch_up(index)
+        self._add(index)
+        if missing:
+            text = f"{missing} of the clouds before it could not be read: the map is without them"
+            emit_warning(f"{self._cloud(index)}: {text}", stacklevel=2)
+        return self._mapper.result()
+
+    def _catch_up(self, index: int) -> None:
+        """Add the cloud whose turn it is, if the map of a later one needs it."""
+        turn = self._mapper.turn
+        forgotten = self._keep is not None and turn + self._keep <= index
+        if forgotten or self._summed[turn] is None:
+            self._mapper.skip()
+        else:
+            self._add(turn)
+
+    def _add(self, turn: int) -> None:
+        """Add a cloud; one that cannot be read is left out of the maps after it."""
+        known = self._summed[turn]
+        if known is None:
+            raise ParameterError("was not read", source=self._cloud(turn))
+        try:
+            with errors_named(self._cloud(turn)):
+                self._mapper.add_in_parts(known.points())
+        except MapdealError:
+            self._summed[turn] = None
+            self._mapper.skip()
+            raise
+
+
+@dataclass(frozen=True)
+class Around:
+    """Where a robot stands on the map of a run, and how its local map is made."""
+
+    pose: Pose
+    recipe: Recipe
+    options: LocalOptions
+    cloud: Path | None = None
+    takes_cells: bool = False
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """What is read beside the map."""
+        return () if self.cloud is None else (self.cloud,)
+
+    def filling(
+        self, folder: Path, source: Source, settings: Settings, heard: Sequence[str]
+    ) -> Filling:
+        """Return what goes into the local map's folder, given that of the run and its map.
+
+        `heard` is what reading the map has warned of.
+        """
+        grid = as_occupancy(source.grid, source.files[0])
+        known = GlobalMap(grid, source.files, dict(source.sums), heard)
+        common = self._common(settings, known.grid.resolution, known)
+        cloud = None if self.cloud is None else FileCloud(self.cloud)
+        with holding_map(None if known.grid.is_lazy else known):
+            return local_filling(LocalJob(cloud, self.pose, around_in(folder)), common)
+
+    def folder(
+        self, folder: Path, sums: Mapping[str, str], resolution: float, settings: Settings
+    ) -> OutputFolder:
+        """Return the local map's folder, given the run's, and sums and cells of its map."""
+        cloud = {} if self.cloud is None else {self.cloud.name: sha256_of(self.cloud)}
+        common = self._common(settings, resolution)
+        check_window(self.cloud or folder, common)
+        return local_folder(around_in(folder), self.pose, {**cloud, **sums}, common, has_map=True)
+
+    def _common(
+        self, settings: Settings, resolution: float, known: GlobalMap | None = None
+    ) -> LocalCommon:
+        options = replace(self.options, resolution=resolution) if self.takes_cells else self.options
+        return LocalCommon(options, self.recipe, settings, known)

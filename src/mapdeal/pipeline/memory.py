@@ -47,7 +47,7 @@ _DEMANDS = {
 }  # fmt: skip
 
 _PER_COLUMN_OF_BLOCK = 20
-"""Bytes for each column of each block, for its halo: `mapdeal.kernels.column_runs`."""
+"""Bytes for each column of each block, for its halo: `mapdeal.kernels.distance`."""
 
 _BLOCK_CELLS = 1 << 22
 _NO_LIMIT = 1 << 62

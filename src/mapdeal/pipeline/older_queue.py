@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import kept_warnings
-from mapdeal.grid.costmap_layers import InflationLayer
+from mapdeal.grid.costmap import InflationLayer
 from mapdeal.pipeline.files import read_input
 from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.settings import Settings

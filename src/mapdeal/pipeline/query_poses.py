@@ -14,16 +14,15 @@ from mapdeal.formats.maps import as_occupancy
 from mapdeal.formats.points import NumberLines
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.footprint import Footprint
-from mapdeal.grid.footprint_costs import FootprintRule, PoseSamples, sample_poses
+from mapdeal.grid.footprint import Footprint, FootprintRule, PoseSamples, sample_poses
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.scales import static_layer_cost_from_occupancy
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
     FREE_SPACE,
     LETHAL_OBSTACLE,
     NO_INFORMATION,
     UNKNOWN,
+    static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.number_texts import Form, Kind, row_texts

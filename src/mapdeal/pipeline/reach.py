@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import FindingError, ParameterError, emit_warning
+from mapdeal.formats.documents import reach_json
 from mapdeal.formats.maps import write_grid
 from mapdeal.formats.npz import Grid
-from mapdeal.formats.reach_json import reach_json
-from mapdeal.grid.coordinates import RADIUS_TOLERANCE
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.costmap_layers import InflationLayer
+from mapdeal.grid.costmap import Costmap, InflationLayer
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.reach import GoalReach, Reach, reach_radius
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.pipeline.files import (

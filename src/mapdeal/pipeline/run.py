@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mapdeal.errors import emit_warning
-from mapdeal.formats.json_text import read_json
+from mapdeal.formats.json_values import read_json
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.applied import RunReport, around_in, products_of
 from mapdeal.pipeline.folder import MANIFEST, Filling, OutputFolder, fill_together
@@ -18,7 +18,7 @@ from mapdeal.pipeline.recipe import Recipe
 from mapdeal.pipeline.settings import DEFAULT_SETTINGS, Settings
 
 if TYPE_CHECKING:  # only runs around a robot need what it imports
-    from mapdeal.pipeline.around import Around
+    from mapdeal.pipeline.local import Around
 
 
 def run_map(

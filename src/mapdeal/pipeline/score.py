@@ -10,17 +10,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mapdeal.alignment.memory import bytes_to_align
+from mapdeal.alignment.align import bytes_to_align
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
 from mapdeal.formats.budget import claim, holding
-from mapdeal.formats.json_kinds import SCORE_FORMAT
+from mapdeal.formats.json_values import SCORE_FORMAT
 from mapdeal.formats.maps import Source, as_occupancy
 from mapdeal.formats.png import write_indexed_png
-from mapdeal.formats.transforms import TransformFile, read_transform, transform_document
+from mapdeal.formats.poses import TransformFile, read_transform, transform_document
 from mapdeal.grid.display import count_text
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, Transform
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.transform import Transform
 from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import use_threads
@@ -32,10 +31,16 @@ from mapdeal.records import dataclass
 from mapdeal.render.score import ScoredWalls, score_image
 from mapdeal.scoring.alone import score_alone
 from mapdeal.scoring.bounds import ScoreBound, checked_bounds, judged
-from mapdeal.scoring.compare import Comparison, compare_to_truth
-from mapdeal.scoring.distances import metres_of
-from mapdeal.scoring.memory import bytes_alone, bytes_to_compare
-from mapdeal.scoring.states import UNKNOWN, States, states_of
+from mapdeal.scoring.comparing import (
+    UNKNOWN,
+    Comparison,
+    States,
+    bytes_alone,
+    bytes_to_compare,
+    compare_to_truth,
+    metres_of,
+    states_of,
+)
 
 Way = Literal["frames", "transform", "align"]
 """How the maps were placed: by their files, by a transform, or by aligning them."""

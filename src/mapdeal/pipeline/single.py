@@ -16,22 +16,21 @@ from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import add_picture, errors_named, outputs_of
-from mapdeal.pipeline.memory import bytes_of, opened_map
-from mapdeal.pipeline.one_pass import one_pass
-from mapdeal.pipeline.products import (
+from mapdeal.pipeline.folder import (
     PICTURE,
+    one_pass,
     output_of,
     passes_of,
     robot_overlays,
     write_curve,
     write_product,
 )
+from mapdeal.pipeline.memory import bytes_of, opened_map
 from mapdeal.pipeline.progress import passes_reported
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.records import dataclass
-from mapdeal.render.keepout import KeepoutOverlay
-from mapdeal.render.overlay import Overlays
+from mapdeal.render.overlay import KeepoutOverlay, Overlays
 from mapdeal.stages.keepout import apply_keepout_mask
 
 

@@ -13,9 +13,8 @@ from mapdeal.formats.maps import as_occupancy
 from mapdeal.formats.npz import Grid
 from mapdeal.grid.canvas import FieldGrid
 from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.costmap_layers import InflationLayer, StaticLayer
-from mapdeal.grid.field import DistanceField
-from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.costmap import InflationLayer, StaticLayer
+from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.framed import Figures
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.reach import Goal

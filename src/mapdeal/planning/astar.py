@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.coordinates import Point
 from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.frame import Point
 from mapdeal.grid.route import Route
 from mapdeal.kernels.shortest_paths import cheapest_path
 from mapdeal.planning.terrain import NO_WAY, Terrain, check_factor

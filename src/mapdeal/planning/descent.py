@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import Point
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.open_cells import Cell
+from mapdeal.grid.frame import Point
 from mapdeal.grid.potential import PotentialField
+from mapdeal.grid.reaching import Cell
 from mapdeal.grid.route import Route
 from mapdeal.planning.terrain import Place, Terrain
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.coordinates import Point
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
-from mapdeal.grid.open_cells import Cell, cell_of_point, nearest_open_text
+from mapdeal.grid.frame import Point
+from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
 from mapdeal.grid.values import (
     INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,

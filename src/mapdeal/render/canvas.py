@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.region import Region
+from mapdeal.grid.frame import Frame, Region
 from mapdeal.kernels.lookup import histogram
 from mapdeal.render.colours import Colours
 from mapdeal.render.pen import Image, Pen, capital_height, text_width

@@ -11,10 +11,10 @@ from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.records import dataclass
 from mapdeal.render import colours
 from mapdeal.render.canvas import ticks_between
-from mapdeal.render.cost_palette import CostPalette
 from mapdeal.render.cost_zones import ZoneKind, described, end_of, marks_of, zones_of
 from mapdeal.render.overlay import Brush
 from mapdeal.render.pen import BLACK, GREY, WHITE, Image, Pen, text_width
+from mapdeal.render.styles import CostPalette
 
 _SIZE = 16  # pixels per em of the text
 _WIDTH = 960  # pixels of the plot

@@ -7,8 +7,8 @@ from enum import Enum
 
 import numpy as np
 
-from mapdeal.grid.coordinates import RADIUS_TOLERANCE
 from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.grid.frame import RADIUS_TOLERANCE
 from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE
 from mapdeal.records import dataclass
 

@@ -22,7 +22,6 @@ from mapdeal.render.canvas import (
     sheet,
     swatches_in,
 )
-from mapdeal.render.cost_palette import CostPalette
 from mapdeal.render.field_style import (
     FIELD_LEVELS,
     LINE,
@@ -38,7 +37,7 @@ from mapdeal.render.pen import Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster, inner_outline
 from mapdeal.render.shown import ImageExtent, OtherThan, shown_part
 from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch
-from mapdeal.render.styles import bounds_circumscribed, cost_style, occupancy_style
+from mapdeal.render.styles import CostPalette, bounds_circumscribed, cost_style, occupancy_style
 
 
 class Drawing(ABC):

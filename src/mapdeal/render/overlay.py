@@ -1,14 +1,22 @@
-"""Lines, arrows and dots on a map's pixels, as vector drawings are made."""
+"""What is drawn over a map: routes, robots, poses, zones."""
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.costmap import Costmap
+from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import Frame, turned, xy_ahead
+from mapdeal.grid.route import Route
+from mapdeal.grid.values import LETHAL_OBSTACLE, OCCUPIED
+from mapdeal.kernels.blocks import Layer, made_by_rows
+from mapdeal.kernels.lookup import histogram
 from mapdeal.records import dataclass
+from mapdeal.render import colours
 from mapdeal.render.colours import Colour
 from mapdeal.render.raster import Raster
 from mapdeal.render.style import Swatch
@@ -174,3 +182,233 @@ def _edge(places: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _left_of(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([-direction[..., 1], direction[..., 0]], axis=-1)
+
+
+_CORNERS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class RingOverlay:
+    """Rings around places."""
+
+    places_xy: NDArray[np.float64]
+    label: str
+    text: str
+
+    @property
+    def colours(self) -> list[Colour]:
+        """Of the rings."""
+        return [colours.REMOVED]
+
+    def draw(
+        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
+    ) -> list[Swatch]:
+        """Draw the rings; see `Overlay`."""
+        if not len(self.places_xy):
+            return []
+        side = max(pixels.shape)
+        radius, thickness = max(6.0, side / 80), max(2, round(side / 400))
+        turns = np.linspace(0, 2 * math.pi, _CORNERS + 1)
+        circle = radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+        brush = Brush(pixels)
+        for place in place_of(self.places_xy, frame, raster):
+            brush.polyline(place + circle, first_index, thickness=thickness)
+        return [Swatch(first_index, self.label)]
+
+
+@dataclass(frozen=True)
+class PoseOverlay:
+    """An arrowhead where a robot stands, along its heading."""
+
+    pose: tuple[float, float, float]
+
+    @property
+    def colours(self) -> list[Colour]:
+        """Of the arrowhead."""
+        return [colours.ROBOT]
+
+    @property
+    def text(self) -> str:
+        """The pose."""
+        x, y, yaw = self.pose
+        return f"robot at {x:.10g}, {y:.10g}, yaw {yaw:.4g}"
+
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        """Where the robot stands."""
+        return np.array([self.pose[:2]])
+
+    def draw(
+        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
+    ) -> list[Swatch]:
+        """Draw the arrowhead; see `Overlay`."""
+        ahead = xy_ahead(self.pose, frame.resolution)
+        centre, tip = place_of([self.pose[:2], ahead], frame, raster)
+        direction = (tip - centre) / np.hypot(*(tip - centre))
+        length = max(10.0, max(pixels.shape) / 25)
+        Brush(pixels).dart(centre, direction, first_index, length=length)
+        return [Swatch(first_index, "robot")]
+
+
+@dataclass(frozen=True)
+class RouteOverlay:
+    """A route with its ends, and the local minimum that it may have stopped in."""
+
+    route: Route
+
+    @property
+    def colours(self) -> list[Colour]:
+        """Of the line, the start, the goal and the minimum."""
+        return [colours.ROUTE, colours.START, colours.GOAL, colours.MINIMUM]
+
+    @property
+    def text(self) -> str:
+        """The route's length and clearance."""
+        route = self.route
+        if not len(route.points_xy):
+            return "no route"
+        text = f"{route.length:.4g} m"
+        if math.isfinite(route.min_clearance):
+            text += f", clearance {route.min_clearance:.3g} m"
+        return text if route.reached else f"stopped after {text}"
+
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        """The way, and its ends."""
+        return np.concatenate([self.route.points_xy, [self.route.start, self.route.goal]])
+
+    def draw(
+        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
+    ) -> list[Swatch]:
+        """Draw the route; see `Overlay`."""
+        route = self.route
+        line, start, goal, minimum = (first_index + k for k in range(4))
+        side = max(pixels.shape)
+        radius = max(4.0, side / 110)
+        swatches = []
+        brush = Brush(pixels)
+        if len(route.points_xy):
+            path = place_of(route.points_xy, frame, raster)
+            brush.polyline(path, line, thickness=max(3, round(side / 250)))
+            swatches.append(Swatch(line, "route"))
+        ends = [(route.goal, goal), (route.start, start)]
+        swatches += [Swatch(start, "start"), Swatch(goal, "goal")]
+        if route.local_minimum is not None:
+            ends.append((route.local_minimum, minimum))
+            swatches.append(Swatch(minimum, "local minimum"))
+        for point, index in ends:
+            brush.dot(place_of([point], frame, raster)[0], index, radius=radius)
+        return swatches
+
+
+_CORNERS_OF_CIRCLE = 48
+_AWAY = 10
+"""Pixels between the shape and the edges."""
+_LEAST, _LARGEST_SHARE = 4, 0.4
+"""Of a shape that is drawn: pixels, and its part of the picture's sides."""
+
+
+def outline_of(
+    robot: Footprint, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> NDArray[np.float64]:
+    """Return the closed outline of a robot at a pose, shape (N, 2), in the frame of the pose."""
+    if robot.vertices:
+        corners = np.array([*robot.vertices, robot.vertices[0]])
+    else:
+        turns = np.linspace(0, 2 * math.pi, _CORNERS_OF_CIRCLE + 1)
+        corners = robot.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    x, y, yaw = pose
+    outline: NDArray[np.float64] = turned(corners, yaw) + np.array([x, y])
+    return outline
+
+
+@dataclass(frozen=True)
+class RobotOverlay:
+    """A robot's shape, true to scale, in the corner of a picture where least is to be seen."""
+
+    robot: Footprint
+    label: str = "robot, to scale"
+
+    @property
+    def colours(self) -> list[Colour]:
+        """Of the outline, and of the line around it."""
+        return [colours.ROBOT_OUTLINE, colours.RVIZ_FREE]
+
+    @property
+    def text(self) -> str:
+        """Nothing: the legend says it."""
+        return ""
+
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        """None: a corner is always there."""
+        return np.empty((0, 2))
+
+    def draw(
+        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
+    ) -> list[Swatch]:
+        """Draw the outline, if there is room for it; see `Overlay`."""
+        outline = outline_of(self.robot) / raster.metres_per_pixel(frame.resolution)
+        outline -= outline.min(axis=0)
+        size = np.ceil(outline.max(axis=0)) + 2 * _AWAY  # columns and rows
+        height, width = pixels.shape
+        if outline.max() < _LEAST or (size > _LARGEST_SHARE * np.array([width, height])).any():
+            return []
+        cols, rows = size.astype(int).tolist()
+        corners = [(left, low) for low in (0, height - rows) for left in (width - cols, 0)]
+        left, low = max(corners, key=lambda at: _evenness(pixels, at, (cols, rows)))
+        outline += np.array([left, low]) + _AWAY
+        brush = Brush(pixels)
+        for index, thickness in ((first_index + 1, 4), (first_index, 2)):
+            brush.polyline(outline, index, thickness=thickness)
+        return [Swatch(first_index, self.label)]
+
+
+def _evenness(pixels: NDArray[np.uint8], corner: tuple[int, int], size: tuple[int, int]) -> int:
+    """Return how many pixels of a box, columns and rows, have the colour that most have."""
+    (left, low), (width, height) = corner, size
+    part = np.ascontiguousarray(pixels[low : low + height, left : left + width])
+    return int(histogram(part).max())
+
+
+@dataclass(frozen=True, eq=False)
+class KeepoutOverlay:
+    """Cells that are lethal by a mask alone."""
+
+    closed: Layer
+
+    @classmethod
+    def of(cls, before: Costmap, after: Costmap) -> KeepoutOverlay:
+        """Return what a mask has closed, given the costs without it and with it."""
+        lethal = LETHAL_OBSTACLE if after.scale == "costmap2d" else OCCUPIED
+
+        def closed(rows: slice) -> NDArray[np.bool_]:
+            found: NDArray[np.bool_] = after.cost[rows] == lethal
+            found &= before.cost[rows] != lethal
+            return found
+
+        return cls(made_by_rows(after.cost, bool, closed))
+
+    @property
+    def colours(self) -> list[Colour]:
+        """Of these cells."""
+        return [colours.KEEPOUT]
+
+    @property
+    def text(self) -> str:
+        """Nothing: the legend says it."""
+        return ""
+
+    @property
+    def places_xy(self) -> NDArray[np.float64]:
+        """None: cells are there anyhow."""
+        return np.empty((0, 2))
+
+    def draw(
+        self, pixels: NDArray[np.uint8], frame: Frame, raster: Raster, first_index: int
+    ) -> list[Swatch]:
+        """Draw the cells; see `Overlay`."""
+        del frame
+        closed = raster.enlarged(raster.largest(self.closed))
+        pixels[closed] = first_index
+        return [Swatch(first_index, "keepout")] if closed.any() else []

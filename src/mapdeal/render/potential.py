@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.grid.frame import Region
 from mapdeal.grid.potential import PotentialField
-from mapdeal.grid.region import Region
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.render.canvas import corner_of, frame_text, sheet
 from mapdeal.render.overlay import Brush, Overlay

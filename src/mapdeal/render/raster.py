@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.canvas import cut_out
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.region import Region
+from mapdeal.grid.frame import Frame, Region
 from mapdeal.kernels.blocks import Layer, blocks_of
 from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass

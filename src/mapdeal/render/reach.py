@@ -13,7 +13,7 @@ from mapdeal.grid.frame import Frame
 from mapdeal.grid.reach import GoalReach, Passage, Reach
 from mapdeal.render.canvas import corner_of, frame_text, sheet
 from mapdeal.render.captions import Captions
-from mapdeal.render.overlay import Brush, Overlay, place_of
+from mapdeal.render.overlay import Brush, Overlay, outline_of, place_of
 from mapdeal.render.pen import WHITE, Image
 from mapdeal.render.raster import DEFAULT_IMAGE_MAX, Raster
 from mapdeal.render.reach_style import (
@@ -27,7 +27,6 @@ from mapdeal.render.reach_style import (
     area_text,
     reach_codes,
 )
-from mapdeal.render.robot import outline_of
 from mapdeal.render.shown import ImageExtent, shown_part
 from mapdeal.render.style import Swatch
 

@@ -9,8 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapdeal.grid.frame import Frame
-from mapdeal.grid.region import Region
+from mapdeal.grid.frame import Frame, Region
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.blocks import Layer, gathered
 from mapdeal.render.overlay import Overlay

@@ -1,7 +1,4 @@
-"""The style of each kind of layer: the one place that says which colour a value takes.
-
-Pictures, and pages that show the same layers, draw with these.
-"""
+"""Legends and palettes of each type of grid."""
 
 from __future__ import annotations
 
@@ -10,15 +7,60 @@ from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.potential import PotentialField
-from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, NO_INFORMATION, OCCUPIED
+from mapdeal.grid.values import (
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
+    NO_INFORMATION,
+    OCCUPIED,
+    CostScale,
+)
+from mapdeal.records import dataclass
 from mapdeal.render import colours
 from mapdeal.render.canvas import round_length
-from mapdeal.render.colours import Colour, palette_of
-from mapdeal.render.cost_palette import COST_LEVELS, CostPalette
+from mapdeal.render.colours import Colour, Colours, palette_of
 from mapdeal.render.style import ColourBar, LayerStyle, Scale, Swatch
+
+COST_LEVELS = 200
+"""Colours of graded costs, the first of a palette."""
+
+
+@dataclass(frozen=True, eq=False)
+class CostPalette:
+    """Palette indices of the costs of a scale."""
+
+    by_value: NDArray[np.uint8]
+    colours: Colours
+    highest_graded: int
+    lethal_cost: int
+    free: int = COST_LEVELS
+    inscribed: int = COST_LEVELS + 1
+    lethal: int = COST_LEVELS + 2
+    unknown: int = COST_LEVELS + 3
+    contour: int = COST_LEVELS + 4
+
+    @classmethod
+    def of(cls, scale: CostScale) -> CostPalette:
+        """Return the palette of a scale of costs."""
+        on_byte_scale = scale == "costmap2d"
+        top = INSCRIBED_INFLATED_OBSTACLE - 1 if on_byte_scale else OCCUPIED - 1
+        by_value = np.full(256, cls.lethal, dtype=np.uint8)
+        by_value[0] = cls.free
+        by_value[1 : top + 1] = (np.arange(top) * COST_LEVELS) // top
+        if on_byte_scale:
+            by_value[INSCRIBED_INFLATED_OBSTACLE] = cls.inscribed
+        by_value[NO_INFORMATION] = cls.unknown  # -1 on the occupancy scale
+        palette = np.vstack([
+            colours.cost_scale(COST_LEVELS),
+            [colours.RVIZ_FREE, colours.INSCRIBED, colours.LETHAL, colours.RVIZ_UNKNOWN,
+             colours.CONTOUR],
+        ])  # fmt: skip
+        lethal_cost = LETHAL_OBSTACLE if on_byte_scale else OCCUPIED
+        return cls(by_value, palette.astype(np.uint8), top, lethal_cost)
+
 
 _NUMBER_LEVELS = 200
 

@@ -1,13 +1,269 @@
-"""The body of a page: all that is text, readable without a script."""
+"""The body of a page, section by section."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
-from mapdeal.report.curve import curve_figure
+import numpy as np
+from numpy.typing import NDArray
+
+from mapdeal.grid.cost_curve import CostCurve
+from mapdeal.render.cost_zones import Zone, ZoneKind, described, end_of, marks_of, zones_of
+from mapdeal.render.style import ColourBar, LayerStyle
+from mapdeal.render.styles import CostPalette
 from mapdeal.report.document import Entry, Item, PageLayer, Report, Table
-from mapdeal.report.legends import legend_of
 from mapdeal.report.markup import Content, Markup, element, joined
+
+_BAR_WIDTH, _BAR, _LABEL = 288, 12, 11  # of a colour bar, in pixels of the panel
+_BAR_LETTER = 6.5  # pixels at most that a character takes
+_CLOSE = 2.0  # levels that a gradient may differ from the palette
+
+
+def legend_of(style: LayerStyle, key: str) -> Markup:
+    """Return swatches and colour bar of a style; `key` tells it from others on the page."""
+    parts: list[Content] = []
+    if style.bar is not None:
+        parts.append(_bar(style, style.bar, key))
+    if style.swatches:
+        swatches = [
+            element("li", swatch(hex_of(style.colours[one.index])), " ", one.label)
+            for one in style.swatches
+        ]
+        parts.append(element("ul", *swatches, class_="swatches"))
+    return joined(parts)
+
+
+def swatch(colour: str) -> Markup:
+    """Return a small square of a colour."""
+    square = element("rect", x=0.5, y=0.5, width=13, height=13, fill=colour, class_="edge")
+    return element("svg", square, width=14, height=14, aria_hidden="true", class_="swatch")
+
+
+def hex_of(colour: NDArray[np.uint8]) -> str:
+    """Return a colour as SVG has it."""
+    return "#" + "".join(f"{int(part):02x}" for part in colour)
+
+
+def _bar(style: LayerStyle, bar: ColourBar, key: str) -> Markup:
+    colours = style.colours[np.asarray(bar.indices, dtype=np.intp)]
+    last = len(colours) - 1
+    stops = [
+        element("stop", offset=round(k / max(last, 1), 4), stop_color=hex_of(colours[k]))
+        for k in _stops(colours.astype(np.float64))
+    ]
+    gradient = element("linearGradient", *stops, id=key)
+    area = element(
+        "rect", x=0.5, y=0.5, width=_BAR_WIDTH - 1, height=_BAR, fill=f"url(#{key})", class_="edge"
+    )
+    label = f"{bar.unit}: " + ", ".join(text for _, text in sorted(bar.ticks))
+    return element(
+        "figure",
+        element("figcaption", bar.unit),
+        element(
+            "svg", element("defs", gradient), area, *_ticks(bar.ticks),
+            viewBox=f"0 0 {_WIDTH} {_BAR + 22}", class_="bar", role="img", aria_label=label,
+        ),
+    )  # fmt: skip
+
+
+def _stops(colours: NDArray[np.float64]) -> list[int]:
+    """Return few places between which the colours change evenly, near enough."""
+
+    def between(first: int, last: int) -> list[int]:
+        share = np.linspace(0.0, 1.0, last - first + 1)[:, np.newaxis]
+        line = colours[first] * (1 - share) + colours[last] * share
+        off = np.abs(colours[first : last + 1] - line).max(axis=1)
+        worst = int(np.argmax(off))
+        if off[worst] <= _CLOSE:
+            return []
+        middle = first + worst
+        return [*between(first, middle), middle, *between(middle, last)]
+
+    last = len(colours) - 1
+    return [0, *between(0, last), last] if last > 0 else [0]
+
+
+def _ticks(ticks: Sequence[tuple[float, str]]) -> list[Markup]:
+    """Return ticks and labels; the ends come first, others where there is room."""
+    taken: list[tuple[float, float]] = []
+    parts = []
+    for share, text in sorted(ticks, key=lambda tick: (0 < tick[0] < 1, tick[0])):
+        x = 0.5 + share * (_BAR_WIDTH - 1)
+        width = _BAR_LETTER * len(text)
+        start = min(max(x - width / 2, 0.0), _BAR_WIDTH - width)
+        if any(start < end + 4 and begin < start + width + 4 for begin, end in taken):
+            continue
+        taken.append((start, start + width))
+        anchor = "start" if start == 0 else "end" if start == _BAR_WIDTH - width else "middle"
+        at = {"start": 0.0, "end": float(_BAR_WIDTH), "middle": x}[anchor]
+        parts.append(element("line", x1=x, x2=x, y1=_BAR, y2=_BAR + 4, stroke="currentColor"))
+        parts.append(element("text", text, x=round(at, 2), y=_BAR + 4 + _LABEL, text_anchor=anchor))
+    return parts
+
+
+_LEFT, _RIGHT, _WIDTH = 44, 16, 700  # pixels
+_MARK, _PLOT, _BELOW = 18, 220, 40
+_COLUMNS = 700
+_LETTER = 6.4
+_TICKS = {"costmap2d": (0, 50, 100, 150, 200, 254), "occupancy": (0, 20, 40, 60, 80, 100)}
+_ZONE_COLOURS = {
+    ZoneKind.OBSTACLE: "#101014",
+    ZoneKind.COLLISION: "#00bec8",
+    ZoneKind.HEADING: "#f9be6e",
+    ZoneKind.CLEAR: "#ffeeaa",
+    ZoneKind.COST: "#ffeeaa",
+    ZoneKind.FREE: "#ffffff",
+    ZoneKind.NO_COST: "#ffffff",
+    ZoneKind.UNSEEN_COLLISION: "#e11e3c",
+    ZoneKind.UNSEEN_HEADING: "#ff8296",
+}
+_AXES = {
+    "euclidean": "distance from the nearest obstacle, centre to centre, m",
+    "chebyshev": "distance from the nearest obstacle, the longer of row and column, m",
+}
+
+
+def curve_figure(curve: CostCurve) -> Markup:
+    """Return a figure of a curve: the plot, and its zones as a list."""
+    plot = _Plot(curve)
+    zones = [_zone_row(zone, plot.end) for zone in plot.zones]
+    caption = f"Cells of {curve.resolution:.6g} m" + (f"; {curve.note}" if curve.note else "")
+    return element(
+        "figure",
+        element("div", plot.drawn(), class_="wide", tabindex=0, role="group", aria_label="Plot"),
+        element("figcaption", caption),
+        element("ul", *zones, class_="zones"),
+        class_="curve",
+    )
+
+
+def _zone_row(zone: Zone, end: float) -> Markup:
+    return element(
+        "li",
+        swatch(_ZONE_COLOURS[zone.kind]),
+        " ",
+        element("b", zone.kind.value),
+        " ",
+        described(zone, end),
+    )
+
+
+class _Plot:
+    """Where metres and costs lie on the drawing."""
+
+    def __init__(self, curve: CostCurve) -> None:
+        self.curve = curve
+        self.palette = CostPalette.of(curve.scale)
+        self.end = end_of(curve)
+        self.zones = zones_of(curve, self.end)
+        self.marks = [mark for mark in marks_of(curve) if mark.distance <= self.end]
+        self.half = curve.resolution / 2
+        self.top = 14 + _MARK * len(self.marks)
+        self.bottom = self.top + _PLOT
+
+    def x(self, metres: float) -> float:
+        """Return the pixel of a distance."""
+        share = (metres + self.half) / (self.end + self.half)
+        return round(_LEFT + share * (_WIDTH - _LEFT - _RIGHT), 2)
+
+    def y(self, cost: float) -> float:
+        """Return the pixel of a cost."""
+        return round(self.bottom - _PLOT * cost / self.palette.lethal_cost, 2)
+
+    def drawn(self) -> Markup:
+        """Return the drawing."""
+        return element(
+            "svg",
+            *self._bars(), *self._axes(), *self._formula(), *self._dots(), *self._marks(),
+            viewBox=f"0 0 {_WIDTH} {self.bottom + _BELOW}", role="img", aria_label=self._told(),
+        )  # fmt: skip
+
+    def _told(self) -> str:
+        zones = "; ".join(f"{zone.kind.value} {described(zone, self.end)}" for zone in self.zones)
+        return f"Cost over the distance from the nearest obstacle. {zones}."
+
+    def _bars(self) -> list[Markup]:
+        """Return the area below the curve, in the colours of costs."""
+        curve = self.curve
+        edges = np.linspace(-self.half, self.end, _COLUMNS + 1)
+        middles = np.maximum((edges[1:] + edges[:-1]) / 2, 0.0)
+        costs = curve.cost_near(middles / curve.resolution)
+        starts = np.flatnonzero(np.diff(costs, prepend=-1))
+        parts = []
+        for first, last in pairwise([*starts.tolist(), _COLUMNS]):
+            cost = int(costs[first])
+            if cost == 0:
+                continue
+            left, right = self.x(edges[first]), self.x(edges[last])
+            colour = hex_of(self.palette.colours[self.palette.by_value[cost]])
+            parts.append(
+                element(
+                    "rect", x=left, y=self.y(cost), width=round(right - left, 2),
+                    height=round(self.bottom - self.y(cost), 2), fill=colour,
+                )
+            )  # fmt: skip
+        return parts
+
+    def _axes(self) -> list[Markup]:
+        parts = []
+        left, right = self.x(-self.half), self.x(self.end)
+        for cost in _TICKS[self.curve.scale]:
+            y = self.y(cost)
+            parts.append(element("line", x1=left, x2=right, y1=y, y2=y, class_="rule"))
+            parts.append(element("text", str(cost), x=left - 6, y=y + 4, text_anchor="end"))
+        step = _round_step(self.end / 8)
+        for k in range(int(self.end / step) + 1):
+            x = self.x(k * step)
+            line = element("line", x1=x, x2=x, y1=self.bottom, y2=self.bottom + 5, class_="tick")
+            text = f"{k * step:.6g}"
+            parts += [line, element("text", text, x=x, y=self.bottom + 18, text_anchor="middle")]
+        parts.append(
+            element("line", x1=left, x2=right, y1=self.bottom, y2=self.bottom, class_="tick")
+        )
+        middle, low = (left + right) / 2, self.bottom + 35
+        axis = _AXES[self.curve.metric]
+        parts.append(element("text", axis, x=middle, y=low, text_anchor="middle"))
+        parts.append(element("text", "cost", x=left - 6, y=self.top - 10, text_anchor="end"))
+        return parts
+
+    def _formula(self) -> list[Markup]:
+        curve = self.curve
+        if curve.formula is None or curve.reach <= self.half:
+            return []
+        metres = np.linspace(self.half, min(curve.reach, self.end), 200)
+        costs = np.minimum(curve.formula(metres), self.palette.lethal_cost - 1.0)
+        pairs = zip(metres.tolist(), costs.tolist(), strict=True)
+        points = " ".join(f"{self.x(m):g},{self.y(c):g}" for m, c in pairs)
+        return [element("polyline", points=points, class_="formula")]
+
+    def _dots(self) -> list[Markup]:
+        """Return a dot for each whole number of cells, as long as there is room for them."""
+        curve = self.curve
+        if (_WIDTH - _LEFT - _RIGHT) * curve.resolution / (self.end + self.half) < 6:
+            return []
+        shown = (curve.cells == np.floor(curve.cells)) & (curve.distance <= self.end)
+        pairs = zip(curve.distance[shown].tolist(), curve.cost[shown].tolist(), strict=True)
+        return [element("circle", cx=self.x(m), cy=self.y(c), r=3, class_="dot") for m, c in pairs]
+
+    def _marks(self) -> list[Markup]:
+        parts = []
+        for row, mark in enumerate(self.marks):
+            x, y = self.x(mark.distance), 12 + row * _MARK
+            parts.append(element("line", x1=x, x2=x, y1=y - 8, y2=self.bottom, class_="mark"))
+            fits = x + 6 + _LETTER * len(mark.label) <= _WIDTH
+            anchor = "start" if fits else "end"
+            parts.append(
+                element("text", mark.label, x=x + 5 if fits else x - 5, y=y, text_anchor=anchor)
+            )
+        return parts
+
+
+def _round_step(about: float) -> float:
+    """Return 1, 2 or 5 times a power of ten, at least `about`."""
+    power = 10.0 ** np.floor(np.log10(about))
+    return next(float(factor * power) for factor in (1, 2, 5, 10) if factor * power >= about)
+
 
 _KINDS = {
     "passage": "Passages",

@@ -9,8 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField
-from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.potential import PotentialField
 from mapdeal.grid.reach import Reach

@@ -1,22 +1,183 @@
-"""A robot as described by its own parameter files."""
+"""A robot's parameters, and what they amount to."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from mapdeal.grid.costmap_layers import (
+import numpy as np
+
+from mapdeal.errors import ParameterError
+from mapdeal.grid.costmap import (
     CostmapLayer,
     CostmapLayers,
     InflationLayer,
     StaticLayer,
 )
 from mapdeal.grid.display import OneLine
-from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.footprint import Footprint, check_simple, contains_centre
+from mapdeal.grid.frame import as_float32
 from mapdeal.grid.values import FREE_SPACE, NO_INFORMATION
 from mapdeal.records import dataclass
+
+Corners = tuple[tuple[float, float], ...]
+
+MOST_CORNERS = 2000
+"""Corners that a robot may have: looking for edges that cross takes the time of their square."""
+
+_DIGITS = frozenset("0123456789")
+_C_SPACES = frozenset(" \t\n\v\f\r")
+
+
+class FootprintStringError(ValueError):
+    """Why ``parseVVF`` or ``makeFootprintFromString`` takes no footprint from a text."""
+
+
+def corners_of_string(text: str) -> Corners:
+    """Return the corners that a text has, each coordinate a float32.
+
+    Notes
+    -----
+    Numbers are read as a C++ stream reads them: ``0.3-0.2`` is two numbers, and behind ``0.3m``
+    nothing is read any more. An end of a line is a blank to it, but only within the inner
+    brackets.
+    """
+    groups: list[list[float]] = []
+    current: list[float] = []
+    depth, at = 0, 0
+    while at < len(text):
+        char = text[at]
+        if char == "[":
+            depth += 1
+            current = []
+            if depth > 2:
+                raise FootprintStringError("brackets are nested deeper than two")
+        elif char == "]":
+            depth -= 1
+            if depth < 0:
+                raise FootprintStringError("more closing than opening brackets")
+            if depth == 1:
+                groups.append(current)
+        elif char not in ", \t":
+            if depth != 2:
+                raise FootprintStringError(f"{char!r} stands outside the inner brackets")
+            value, at = _number_at(text, at)
+            current.append(value)
+            continue
+        at += 1
+    if depth:
+        raise FootprintStringError("a bracket is not closed")
+    if len(groups) < 3:
+        raise FootprintStringError(f"a footprint needs three points or more, has {len(groups)}")
+    if any(len(group) != 2 for group in groups):
+        raise FootprintStringError("points must be pairs of numbers")
+    return tuple((x, y) for x, y in groups)
+
+
+def _number_at(text: str, at: int) -> tuple[float, int]:
+    """Return the number that a stream of C++ reads at a place, and where it stops."""
+    start = at
+    while start < len(text) and text[start] in _C_SPACES:
+        start += 1
+    end = _end_of_number(text, start)
+    try:
+        value = float(text[start:end])
+    except ValueError:  # what is accepted bit by bit may be no number in the end, as "1e"
+        word = text[start : max(end, start + 1) + 9].split("]")[0].split(",")[0].strip()
+        raise FootprintStringError(f"{word!r} is not a number") from None
+    single = as_float32(value)
+    if math.isinf(single):
+        raise FootprintStringError(f"{text[start:end][:20]!r} is too large")
+    return single, end
+
+
+def _end_of_number(text: str, at: int) -> int:
+    """Return where characters end that a number can have, at most one point and one e."""
+    has_digit = has_point = has_exponent = False
+    before = ""
+    while at < len(text):
+        char = text[at]
+        if char in _DIGITS:
+            has_digit = True
+        elif char in "+-":
+            if before and before not in "eE":
+                break
+        elif char == "." and not has_point and not has_exponent:
+            has_point = True
+        elif char in "eE" and has_digit and not has_exponent:
+            has_exponent = True
+        else:
+            break
+        before = char
+        at += 1
+    return at
+
+
+def sixteen_corners(radius: float) -> Corners:
+    """Return the corners of a round robot, as ``makeFootprintFromRadius``."""
+    angles = [index * 2 * math.pi / 16 for index in range(16)]
+    return tuple((math.cos(a) * radius, math.sin(a) * radius) for a in angles)
+
+
+def padded_corners(corners: Corners, padding: float) -> Corners:
+    """Return the corners moved outwards, each coordinate by its own sign, as ``padFootprint``."""
+
+    def pad(v: float) -> float:
+        return v + (-1.0 if v < 0 else 1.0 if v > 0 else 0.0) * padding
+
+    return tuple((pad(x), pad(y)) for x, y in corners)
+
+
+def radii_of(corners: Corners) -> tuple[float, float]:
+    """Return inscribed and circumscribed radius, as ``calculateMinAndMaxDistances``."""
+    least, most = math.inf, 0.0
+    for first, second in zip(corners, (*corners[1:], corners[0]), strict=True):
+        # numpy's hypot is that of C, which Python's own is not
+        edge = float(np.hypot(*_nearest_to_centre(first, second)))
+        corner = float(np.hypot(*first))
+        least, most = min(least, edge, corner), max(most, edge, corner)
+    return least, most
+
+
+def up_to_millimetres(radius: float) -> str:
+    """Return a radius for a hint, rounded up to millimetres.
+
+    Examples
+    --------
+    >>> up_to_millimetres(0.22549849949589046)
+    '0.226'
+    """
+    scaled = radius * 1000
+    return f"{math.ceil(scaled) / 1000 if math.isfinite(scaled) else radius:g}"
+
+
+def _nearest_to_centre(
+    first: tuple[float, float], second: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the point of an edge that is nearest to (0, 0), as ``distanceToLine`` finds it."""
+    (x0, y0), (x1, y1) = first, second
+    c, d = x1 - x0, y1 - y0
+    square = c * c + d * d
+    share = (-x0 * c + -y0 * d) / square if square else 0.0
+    if share < 0:
+        return first
+    if share > 1:
+        return second
+    return x0 + share * c, y0 + share * d
+
+
+def oddities_of(corners: Corners) -> Iterator[str]:
+    """Yield what makes radii and costs of a polygon mean little; costmap_2d looks at neither."""
+    try:
+        check_simple(corners, "footprint")
+    except ParameterError as error:
+        yield f"the outline crosses itself ({error.place}: {error.rule})"
+    if not contains_centre(corners):
+        yield "the robot's centre (0, 0) lies outside of the outline"
+
 
 Flavour = Literal["nav2", "ros1"]
 CostmapName = Literal["global", "local"]
@@ -181,3 +342,78 @@ def _described(one: ListedLayer) -> dict[str, Any]:
     values = asdict(one.layer)
     values.pop("name")
     return entry | {"enabled": one.is_enabled} | values
+
+
+_UNKNOWN = 255
+
+
+def effect_of(one: ListedLayer, robot: RobotParameters) -> str:
+    """Return what a layer of the list does to a file, or why it does nothing."""
+    if one.layer is None:
+        return f"ignored: {one.why_ignored}"
+    if not one.is_enabled:
+        return "switched off"
+    if isinstance(one.layer, InflationLayer) and one.layer.inflation_radius <= 0:
+        return "no effect: inflation_radius is 0"
+    if all(one.layer is not other for other in robot.costmap_layers.that_count):
+        return "no effect: a static layer above it replaces all costs"
+    effect = _effect_of(one.layer)
+    return f"not in the file, put in front: {effect}" if one.name == INJECTED else effect
+
+
+def _effect_of(layer: CostmapLayer) -> str:
+    if isinstance(layer, StaticLayer):
+        return _effect_of_static(layer)
+    text = f"cost 253 as far as {layer.inscribed_radius:.4g} m from obstacles, then falling by "
+    text += f"{layer.cost_scaling_factor:g} per metre as far as {layer.inflation_radius:g} m"
+    if layer.inflate_around_unknown:
+        text += "; unknown cells are lethal, and inflated, too"
+    elif layer.inflate_unknown:
+        text += "; unknown cells take costs, too"
+    return text
+
+
+def _effect_of_static(layer: StaticLayer) -> str:
+    least = layer.lethal_cost_threshold
+    text = f"occupancy {least} is lethal" if least == 100 else f"occupancy {least}..100 is lethal"
+    if layer.inscribed_obstacle_cost_value is not None and not layer.trinary_costmap:
+        text += f", {layer.inscribed_obstacle_cost_value} inscribed"
+    text += ", all else free" if layer.trinary_costmap else ", less costs its share of 254"
+    if layer.unknown_cost_value != _UNKNOWN:
+        text += f"; {layer.unknown_cost_value} counts as unknown, and -1 as lethal"
+    text += ", unknown stays unknown" if layer.track_unknown_space else ", unknown becomes free"
+    return text + ("; costs are only raised" if layer.use_maximum else "")
+
+
+def reach_of(layer: InflationLayer, resolution: float) -> int:
+    """Return how many cells an inflation layer reaches on a map, its ``cell_inflation_radius``.
+
+    The resolution is that of the map's message: 0.45 m are 16 cells of 0.03 m, as float32(0.03)
+    is a little less.
+    """
+    return max(0, math.ceil(layer.inflation_radius / as_float32(resolution)))
+
+
+def on_map(robot: RobotParameters, resolution: float) -> list[dict[str, Any]]:
+    """Return what each inflation layer comes to on a map of some resolution, metres."""
+    return [
+        {
+            "layer": one.name,
+            "resolution": as_float32(resolution),
+            "cell_inflation_radius": reach_of(one, resolution),
+            "reach": reach_of(one, resolution) * as_float32(resolution),
+            "inscribed_radius_cells": one.inscribed_radius / as_float32(resolution),
+            "circumscribed_cost": _cost_at(one, robot.circumscribed_radius),
+        }
+        for one in robot.inflation_layers
+    ]
+
+
+def _cost_at(layer: InflationLayer, metres: float) -> int:
+    """Return the cost at some metres from an obstacle; 0 beyond the inflation radius."""
+    if metres > layer.inflation_radius:
+        return 0
+    if metres <= layer.inscribed_radius:
+        return 253
+    decay = math.exp(-layer.cost_scaling_factor * (metres - layer.inscribed_radius))
+    return int(252 * decay)

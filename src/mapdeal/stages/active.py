@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.grid.canvas import cut_out, on_canvas
-from mapdeal.grid.coordinates import cells_to_cover
+from mapdeal.grid.frame import Region, cells_to_cover
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.region import Region
 from mapdeal.grid.values import UNKNOWN
 from mapdeal.kernels.blocks import swept
-from mapdeal.kernels.neighbourhood import drop_small_groups
+from mapdeal.kernels.components import drop_small_groups
 from mapdeal.stages.definition import InSimulation, stage
 from mapdeal.stages.parameters import AT_LEAST_0, CELLS, METRES
 

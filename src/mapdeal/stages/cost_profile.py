@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.coordinates import RADIUS_TOLERANCE, as_float32, cells_to_cover
-from mapdeal.grid.costmap_layers import CostLookup
+from mapdeal.grid.costmap import CostLookup
 from mapdeal.grid.field import DistanceField
+from mapdeal.grid.frame import RADIUS_TOLERANCE, as_float32, cells_to_cover
 from mapdeal.grid.values import (
     FREE_SPACE,
     INSCRIBED_INFLATED_OBSTACLE,

@@ -20,7 +20,7 @@ import numpy as np
 from mapdeal.errors import ParameterError
 from mapdeal.grid.canvas import FieldGrid, on_canvas
 from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.costmap_layers import CostmapLayers
+from mapdeal.grid.costmap import CostmapLayers
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Figures
 from mapdeal.records import dataclass

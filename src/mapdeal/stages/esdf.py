@@ -9,9 +9,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.costmap_layers import CostmapLayers, StaticLayer
-from mapdeal.grid.field import DistanceField, obstacles_in
-from mapdeal.grid.field_view import FieldView, View, ViewScale
+from mapdeal.grid.costmap import CostmapLayers, StaticLayer
+from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, obstacles_in
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import (
     DEFAULT_LETHAL_THRESHOLD,
@@ -22,8 +21,7 @@ from mapdeal.grid.values import (
     UnknownPolicy,
 )
 from mapdeal.kernels.blocks import blocks_of, holds_everywhere, made_by_rows, swept
-from mapdeal.kernels.column_runs import Halo, halos_of, runs_of
-from mapdeal.kernels.distance import signed_distance
+from mapdeal.kernels.distance import Halo, halos_of, runs_of, signed_distance
 from mapdeal.kernels.threads import for_rows
 from mapdeal.records import dataclass
 from mapdeal.stages.definition import InSimulation, checked, stage

@@ -10,18 +10,17 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.costmap_layers import CostLookup, CostmapLayers, InflationLayer
+from mapdeal.grid.costmap import CostLookup, Costmap, CostmapLayers, InflationLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.footprint import Footprint
 from mapdeal.grid.framed import Framed
-from mapdeal.grid.scales import static_layer_cost_from_occupancy
 from mapdeal.grid.values import (
     FREE_SPACE,
     LETHAL_OBSTACLE,
     NO_INFORMATION,
     OCCUPIED,
     UNKNOWN,
+    static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.blocks import counts_of, made_by_rows, made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import emit_warning
-from mapdeal.grid.coordinates import RADIUS_TOLERANCE, cells_to_cover, largest_square_within
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import RADIUS_TOLERANCE, cells_to_cover, largest_square_within
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import holds_everywhere, made_by_windows

@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.coordinates import as_float32
 from mapdeal.grid.cost_curve import CostCurve, squares_up_to
-from mapdeal.grid.costmap_layers import InflationLayer
+from mapdeal.grid.costmap import InflationLayer
+from mapdeal.grid.frame import as_float32
 from mapdeal.grid.values import FREE_SPACE, INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE
 from mapdeal.stages.cost_profile import circumscribed_cost_of, costs_of_squares, reach_of
 

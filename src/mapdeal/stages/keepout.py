@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import emit_warning
-from mapdeal.grid.coordinates import cells_at
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.frame import Frame
+from mapdeal.grid.frame import Frame, cells_at
 from mapdeal.grid.occupancy import OccupancyGrid
-from mapdeal.grid.scales import cost_from_occupancy
+from mapdeal.grid.values import cost_from_occupancy
 from mapdeal.kernels.blocks import made_by_rows, swept
 from mapdeal.kernels.lookup import look_up
 from mapdeal.kernels.threads import for_rows

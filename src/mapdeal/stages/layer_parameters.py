@@ -13,7 +13,7 @@ from dataclasses import asdict, fields, replace
 from typing import Any, get_type_hints
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.costmap_layers import CostmapLayer, InflationLayer, StaticLayer
+from mapdeal.grid.costmap import CostmapLayer, InflationLayer, StaticLayer
 from mapdeal.stages.parameters import (
     AT_LEAST_0,
     PERCENT,

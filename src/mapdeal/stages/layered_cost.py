@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.grid.cost_curve import CostCurve
-from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.costmap_layers import CostmapLayer, CostmapLayers, InflationLayer, StaticLayer
+from mapdeal.grid.costmap import Costmap, CostmapLayer, CostmapLayers, InflationLayer, StaticLayer
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.framed import Framed
-from mapdeal.grid.scales import static_layer_cost_from_occupancy
 from mapdeal.grid.values import (
     FREE_SPACE,
     INSCRIBED_INFLATED_OBSTACLE,
     NO_INFORMATION,
     OCCUPIED,
     UNKNOWN,
+    static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.blocks import made_by_windows
 from mapdeal.kernels.lookup import look_up, set_where

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.field import DistanceField
-from mapdeal.grid.field_view import FieldView
+from mapdeal.grid.field import DistanceField, FieldView
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, OCCUPIED
 

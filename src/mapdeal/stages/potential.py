@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.grid.coordinates import check_point
+from mapdeal.grid.frame import check_point
 from mapdeal.grid.potential import LARGEST_GAIN, LARGEST_REPULSION, PotentialField
 from mapdeal.kernels.inverse_distance import sum_of_inverse_distances
 from mapdeal.stages.definition import stage

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapdeal.grid.costmap_layers import InflationLayer
+from mapdeal.grid.costmap import InflationLayer
 from mapdeal.kernels.inflation_queue import queue_squares
 from mapdeal.stages.cost_profile import CostProfile, raise_costs
 from mapdeal.stages.exponential_cost import BaseCosts, profile_of

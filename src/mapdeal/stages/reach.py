@@ -155,8 +155,10 @@ def reach(
     >>> int(found.reachable.sum()), found.widest[1, 3:].tolist()
     (19, [1.0, 1.0, 1.0, 1.0])
     """
-    from mapdeal.grid.reaching import reach_on  # of use to few, and slow to import
-    from mapdeal.grid.ways import Ground
+    from mapdeal.grid.reaching import (
+        Ground,
+        reach_on,  # of use to few, and slow to import
+    )
 
     ground = Ground(_occupancy_of(source, lethal_threshold), source.frame, through_unknown)
     return reach_on(

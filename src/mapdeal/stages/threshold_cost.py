@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import ParameterError, emit_warning
 from mapdeal.grid.cost_curve import CostCurve, squares_up_to
 from mapdeal.grid.costmap import Costmap
-from mapdeal.grid.field import DistanceField
-from mapdeal.grid.field_view import FieldView, View, ViewScale, whole_parts
+from mapdeal.grid.field import DistanceField, FieldView, View, ViewScale, whole_parts
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import looked_up, swept
 from mapdeal.records import dataclass

@@ -15,7 +15,7 @@ import pytest
 from cli.test_memory_of_commands import measured
 from formats.bags.making import START, Maker, occupancy, ros2_store, scan, tf
 from mapdeal import FileAccessError, MalformedInputError
-from mapdeal.formats.bags.chunks import KeptChunks, zstd_module
+from mapdeal.formats.bags.chunked import KeptChunks, zstd_module
 from mapdeal.formats.bags.decoding import Decoder
 from mapdeal.formats.bags.reader import open_bag
 from mapdeal.formats.budget import use_memory

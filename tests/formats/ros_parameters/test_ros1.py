@@ -13,8 +13,8 @@ from mapdeal.formats.ros_parameters.ros1 import (
     merge,
     parse_ros1_parameters,
     read_ros1_parameters,
+    why_unsendable,
 )
-from mapdeal.formats.ros_parameters.ros1_values import why_unsendable
 
 FILE = Path("a.yaml")
 

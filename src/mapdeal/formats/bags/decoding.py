@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.bags.bag import Bag, Connection, Place
-from mapdeal.formats.bags.extra import needs_bags
 from mapdeal.formats.bags.messages import TF_TYPES
+from mapdeal.formats.bags.reader import needs_bags
 from mapdeal.formats.budget import claim
 
 _T = TypeVar("_T")

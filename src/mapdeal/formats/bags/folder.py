@@ -24,7 +24,7 @@ from mapdeal.formats.bags.bag import (
     Recorded,
     normalised_topic,
 )
-from mapdeal.formats.bags.chunks import expanded, zstd_module
+from mapdeal.formats.bags.chunked import expanded, zstd_module
 from mapdeal.formats.bags.mcap import McapBag
 from mapdeal.formats.bags.sqlite import SqliteBag
 from mapdeal.formats.budget import check_expansion

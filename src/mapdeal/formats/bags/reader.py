@@ -1,14 +1,14 @@
-"""Opening a bag, whatever its format, and choosing topics of it."""
+"""Opening bags of all kinds."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 
-from mapdeal.errors import MalformedInputError
+from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.bags.bag import CAN_BE_READ, Bag, Connection, normalised_topic
-from mapdeal.formats.bags.extra import needs_bags
 from mapdeal.formats.bags.folder import METADATA, FolderBag, plain_file
 from mapdeal.formats.bags.mcap import MAGIC as MCAP_MAGIC
 from mapdeal.formats.bags.mcap import McapBag
@@ -16,6 +16,21 @@ from mapdeal.formats.bags.ros1 import Ros1Bag
 from mapdeal.formats.bags.sqlite import MAGIC as SQLITE_MAGIC
 from mapdeal.formats.bags.sqlite import SqliteBag
 from mapdeal.formats.source import head_of, is_folder
+
+
+def needs_bags(source: Path | str, *modules: str) -> None:
+    """Import rosbags' types, and other modules of it."""
+    try:
+        for module in ("rosbags.typesys", *modules):
+            import_module(module)
+    except ImportError as error:
+        if error.path and not error.path.endswith(".py"):
+            raise  # it is installed, and the system has no room for it
+        missing = (error.name or "").partition(".")[0] in ("rosbags", "")
+        why = "" if missing else f" ({error})"
+        hint = "pip install 'mapdeal[bags]'"
+        raise ParameterError(f"needs the extra 'bags'{why}", source=source, hint=hint) from None
+
 
 _NAMED = 12
 

@@ -12,10 +12,10 @@ from typing import Any, Literal
 import numpy as np
 
 from mapdeal.errors import FileAccessError, emit_warning
+from mapdeal.formats.bags.bag import bag_paths, check_frame, check_topic, name_inside
 from mapdeal.formats.bags.decoding import costmap_types
-from mapdeal.formats.bags.extra import needs_bags
 from mapdeal.formats.bags.messages import NAV2_COSTMAP, OCCUPANCY_GRID
-from mapdeal.formats.bags.names import bag_paths, check_frame, check_topic, name_inside
+from mapdeal.formats.bags.reader import needs_bags
 from mapdeal.formats.budget import claim
 from mapdeal.formats.source import access_to, chunks_of
 from mapdeal.formats.temporary import temporary_folder

@@ -1,12 +1,28 @@
-"""A parameter that was read: its value, its type in ROS's words, and where it stands."""
+"""Values of parameters, and what is wrong with them."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from mapdeal.errors import MalformedInputError
 from mapdeal.records import dataclass
+
+Level = Literal["refused", "warning", "note"]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A fault in a robot's parameters, or a trap."""
+
+    check: str
+    level: Level
+    text: str
+    parameter: str = ""
+    source: Path | None = None
+    line: int | None = None
+    got: str | None = None
+    hint: str | None = None
 
 
 class ParameterFileError(MalformedInputError):

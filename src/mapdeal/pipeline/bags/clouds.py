@@ -25,10 +25,10 @@ from mapdeal.formats.bags.reader import chosen_connections, open_bag
 from mapdeal.formats.budget import claim
 from mapdeal.formats.source import FileState, sha256_of, state_of
 from mapdeal.kernels.rotations import rotated
-from mapdeal.mapping.posed_scans import stances
+from mapdeal.mapping.beams import stances
 from mapdeal.pipeline.bags.frames import BASE_FRAMES, FIXED_FRAMES, FrameOptions, SensorFrames
-from mapdeal.pipeline.clouds import Cloud, Points, SummedCloud
 from mapdeal.pipeline.files import errors_named
+from mapdeal.pipeline.local import Cloud, Points, SummedCloud
 from mapdeal.records import dataclass
 
 Pose = tuple[float, float, float]

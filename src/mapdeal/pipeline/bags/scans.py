@@ -17,7 +17,7 @@ from mapdeal.formats.bags.messages import LASER_SCAN, LaserScan, laser_scan_of
 from mapdeal.formats.bags.reader import chosen_connections, open_bag
 from mapdeal.formats.budget import claim
 from mapdeal.formats.scans.source import ScanArrays, ScanSource
-from mapdeal.mapping.posed_scans import Stances, beams_in_plane, stances
+from mapdeal.mapping.beams import Stances, beams_in_plane, stances
 from mapdeal.mapping.transforms import Posed
 from mapdeal.pipeline.bags.frames import FrameOptions, SensorFrames
 from mapdeal.pipeline.files import errors_named

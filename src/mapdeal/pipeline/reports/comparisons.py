@@ -1,25 +1,131 @@
-"""Maps beside each other: two that were compared, and those of several methods."""
+"""Findings, scores and comparisons of maps, as parts of a page."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath
 
-from mapdeal.errors import MalformedInputError, MapdealError, kept_warnings, one_line
-from mapdeal.formats.alignment_json import AlignmentAnswer
+from mapdeal.errors import MalformedInputError, MapdealError, emit_warning, kept_warnings, one_line
 from mapdeal.formats.answers import ComparisonAnswer, DiffAnswer, read_answer
-from mapdeal.formats.named_map import NamedMap
-from mapdeal.formats.source import exists
+from mapdeal.formats.documents import AlignmentAnswer, ScoreAnswer, ToldBound
+from mapdeal.formats.json_values import NamedMap
+from mapdeal.formats.source import exists, is_same_file
 from mapdeal.pipeline.compare import DOCUMENT
 from mapdeal.pipeline.diff import diff_files
-from mapdeal.pipeline.reports.differences import difference_items
 from mapdeal.pipeline.reports.draft import Draft
 from mapdeal.pipeline.reports.grids import Grids
-from mapdeal.pipeline.reports.items import comparison_items, comparison_tables
+from mapdeal.pipeline.reports.items import comparison_items, comparison_tables, difference_items
 from mapdeal.pipeline.reports.runs import rows_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.styles import difference_style
 from mapdeal.report.document import PageLayer, Table
+from mapdeal.scoring.bounds import figure_text, figures_named
+
+
+def drafts_about(file: str, drafts: Sequence[Draft]) -> list[Draft]:
+    """Return the drafts of a map or run that lint has called by a name.
+
+    The map or the folder itself, wherever lint was started, counts most; then a name that a batch
+    gives a map, or a folder; then a file that a run was made of, if no other run was made of one
+    of its name.
+    """
+    path = Path(file)
+    same = [draft for draft in drafts if any(is_same_file(path, one) for one in draft.places)]
+    if same:
+        return same
+    ends = [draft for draft in drafts if any(_ends_with(file, name) for name in draft.names)]
+    if ends:
+        return ends
+    named = [draft for draft in drafts if path.name in draft.files]
+    return named if len(named) == 1 else []
+
+
+def _ends_with(file: str, name: str) -> bool:
+    """Return whether the last parts of a path are those of a name.
+
+    Examples
+    --------
+    >>> _ends_with("maps/a/one.yaml", "a/one.yaml"), _ends_with("maps/aa/one.yaml", "a/one.yaml")
+    (True, False)
+    """
+    parts = PurePath(name).parts
+    return bool(parts) and PurePath(file).parts[-len(parts) :] == parts
+
+
+_MOST_ROWS = 200
+_LONGEST = 200
+
+
+def score_table(answer: ScoreAnswer) -> Table:
+    """Return the figures of a score, with what they mean, and its bounds."""
+    rows = [("bound", _bound(one)) for one in answer.bounds]
+    if answer.has_truth:
+        rows.append(("truth", _text(answer.truth or "no file")))
+    if answer.transform is not None and any(answer.transform):
+        x, y, yaw = answer.transform
+        rows.append(("moved by", f"x {x:.6g} m, y {y:.6g} m, yaw {math.degrees(yaw):.6g} deg"))
+    size = f"{answer.width} x {answer.height} cells of {answer.resolution:.6g} m"
+    rows.append(("compared on" if answer.has_truth else "size", size))
+    names = figures_named(with_truth=answer.has_truth)
+    known = [name for name in names if name in answer.figures]
+    for name in known:
+        unit, meaning = names[name]
+        rows.append((f"{meaning} ({name})", figure_text(answer.figures[name], unit)))
+    for name in answer.figures:
+        if name not in names and name != "resolution_m":
+            value = answer.figures[name]
+            rows.append((_text(name), "-" if value is None else f"{value:.6g}"))
+    verdict = "" if not answer.bounds else f": {'passes' if answer.passes else 'does not pass'}"
+    return Table(f"Score{verdict}", tuple(rows[:_MOST_ROWS]))
+
+
+def _bound(one: ToldBound) -> str:
+    told = f"{_text(one.name)} {'at least' if one.is_least else 'at most'} {one.allowed:g}: "
+    told += "holds" if one.holds else "missed"
+    return f"{told}, {'not measured' if one.found is None else f'found {one.found:.9g}'}"
+
+
+def map_of(answer: ScoreAnswer, document: Path) -> Path | None:
+    """Return where the map of a score is: as it was named, or beside the document."""
+    if answer.file is None:
+        return None
+    places = (Path(answer.file), document.parent / Path(answer.file).name)
+    return next((one for one in places if exists(one)), places[0])
+
+
+def give_score(
+    document: Path, answer: ScoreAnswer, drafts: list[Draft], grids: Grids
+) -> None:  # fmt: skip
+    """Add the table of a score to the entries that it is about."""
+    named = None if answer.file is None else map_of(answer, document)
+    owners = [] if named is None else drafts_about(str(named), drafts)
+    if not owners and len(drafts) == 1:
+        owners = drafts
+    for draft in owners:
+        draft.tables.append(score_table(answer))
+        if named is not None and answer.sums:
+            _check_unchanged(draft, named, answer, document, grids)
+    if not owners:
+        name = "a map that is not a file" if answer.file is None else _text(answer.file)
+        text = f"{document}: the score of {name} is left out: the map is not shown here"
+        emit_warning(text, stacklevel=2)
+
+
+def _check_unchanged(
+    draft: Draft, named: Path, answer: ScoreAnswer, document: Path, grids: Grids
+) -> None:
+    for place in (one for one in draft.paths if is_same_file(named, one)):
+        if sorted(grids.open(place).sums.values()) != sorted(answer.sums.values()):
+            text = f"{place}: is not the map that {document.name} scores: its checksum differs"
+            draft.miss(text, place)
+
+
+def _text(text: str) -> str:
+    """Return a text that may come from anywhere as one short line."""
+    line = one_line(text)
+    return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}..."
 
 
 def methods_in(folder: Path, grids: Grids) -> Draft:

@@ -1,4 +1,4 @@
-"""An entry of a report while it is being gathered."""
+"""What a page is to show, as it is gathered."""
 
 from __future__ import annotations
 
@@ -9,12 +9,27 @@ from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
-from mapdeal.errors import emit_warning, one_line
+from mapdeal.errors import FileAccessError, emit_warning, one_line
+from mapdeal.formats.source import exists, head_of
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.pipeline.heard import portable
 from mapdeal.records import dataclass
 from mapdeal.report.document import Entry, Item, PageLayer, Table
-from mapdeal.report.extent import extent_of
+from mapdeal.report.tiles import extent_of
+
+REPORT = "report.html"
+"""The page of a run, in the folder that was named for its outputs."""
+
+_GENERATOR = b'<meta name="generator" content="mapdeal'
+_HEAD = 1 << 12
+
+
+def check_replaceable(page: Path) -> None:
+    """Refuse to replace what is in the place of a page, unless mapdeal has made it."""
+    if exists(page) and _GENERATOR not in head_of(page, _HEAD):
+        rule = "exists, and is not a page written by mapdeal"
+        raise FileAccessError(rule, source=page, hint="move it: --report writes there")
+
 
 Kind = TypeVar("Kind")
 

@@ -13,7 +13,6 @@ from mapdeal.errors import (
     emit_warning,
     one_line,
 )
-from mapdeal.formats.alignment_json import AlignmentAnswer
 from mapdeal.formats.answers import (
     Answer,
     ComparisonAnswer,
@@ -21,17 +20,23 @@ from mapdeal.formats.answers import (
     LintAnswer,
     read_answer,
 )
+from mapdeal.formats.documents import AlignmentAnswer, ScoreAnswer
 from mapdeal.formats.kinds import SHAPES, kind_of
-from mapdeal.formats.score_json import ScoreAnswer
 from mapdeal.formats.source import exists, identity_of, is_folder, status_of
 from mapdeal.grid.display import count_text
 from mapdeal.grid.occupancy import OccupancyGrid
+from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.compare import DOCUMENT
 from mapdeal.pipeline.folder import MANIFEST
-from mapdeal.pipeline.jobs import SUMMARY
-from mapdeal.pipeline.reports.comparisons import aligned_maps, methods_in, two_maps
+from mapdeal.pipeline.reports.comparisons import (
+    aligned_maps,
+    drafts_about,
+    give_score,
+    map_of,
+    methods_in,
+    two_maps,
+)
 from mapdeal.pipeline.reports.draft import Draft, folder_of
-from mapdeal.pipeline.reports.findings import drafts_about
 from mapdeal.pipeline.reports.grids import Grids, Opened
 from mapdeal.pipeline.reports.items import finding_items, items_of, lint_table, tables_of
 from mapdeal.pipeline.reports.runs import (
@@ -43,7 +48,6 @@ from mapdeal.pipeline.reports.runs import (
     rows_of,
     runs_in,
 )
-from mapdeal.pipeline.reports.scores import give_score, map_of
 from mapdeal.report.document import Report, Table
 from mapdeal.version import __version__
 

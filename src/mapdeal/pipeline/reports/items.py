@@ -1,4 +1,4 @@
-"""What was found out about a map, as a report lists it and shows it on the map."""
+"""What documents say, as parts of a page."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from mapdeal.checks.difference import ADDED, REMOVED, Difference
 from mapdeal.errors import one_line
-from mapdeal.formats.alignment_json import AlignmentAnswer
 from mapdeal.formats.answers import (
     Answer,
     ComparisonAnswer,
@@ -24,14 +24,54 @@ from mapdeal.formats.answers import (
     ShapesAnswer,
     ToldFinding,
 )
-from mapdeal.formats.named_map import NamedMap
-from mapdeal.grid.coordinates import Point
+from mapdeal.formats.documents import AlignmentAnswer
+from mapdeal.formats.json_values import NamedMap
 from mapdeal.grid.display import count_text
 from mapdeal.grid.footprint import Footprint
+from mapdeal.grid.frame import Point
 from mapdeal.grid.reach import GoalReach, Passage, robot_text
 from mapdeal.grid.route import Route
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
+from mapdeal.kernels.components import touching_groups
 from mapdeal.report.document import Item, Table, Tone
+
+_MOST = 50
+"""Groups that are listed of new walls, and of those that are gone."""
+
+
+def difference_items(found: Difference) -> list[Item]:
+    """Return groups of cells that touch where a wall is new, and where one is gone.
+
+    The largest come first. A group is placed at that of its cells which is nearest to its middle.
+    """
+    return [
+        *_groups_of(found, ADDED, "wall added"),
+        *_groups_of(found, REMOVED, "wall removed"),
+    ]
+
+
+def _groups_of(found: Difference, kind: int, what: str) -> list[Item]:
+    cells, groups = touching_groups(found.changes == kind)
+    if not len(cells):
+        return []
+    sizes = np.bincount(groups)
+    items = []
+    for group in np.argsort(-sizes, kind="stable")[:_MOST].tolist():
+        x, y = found.frame.xy_from_rowcol([_middle_of_lines(cells[groups == group])])[0].tolist()
+        text = f"{what}: {count_text(int(sizes[group]), 'cell')} at {x:.6g}, {y:.6g}"
+        items.append(Item("finding", text, "warning", (x, y)))
+    left = len(sizes) - _MOST
+    if left > 0:
+        items.append(Item("finding", f"{what}: {count_text(left, 'smaller group')} not listed"))
+    return items
+
+
+def _middle_of_lines(cells: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> tuple[int, int]:
+    """Return the cell that is nearest to the middle of some."""
+    away = np.square(cells - cells.mean(axis=0)).sum(axis=1)
+    row, col = cells[int(np.argmin(away))].tolist()
+    return row, col
+
 
 MOST_ITEMS = 1000
 """Of one kind: nobody looks through more, and a page with a million of them opens nowhere."""

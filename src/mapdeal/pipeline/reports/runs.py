@@ -13,16 +13,15 @@ import numpy as np
 
 from mapdeal.errors import MapdealError, ParameterError, one_line
 from mapdeal.formats.answers import read_answer
-from mapdeal.formats.json_text import read_json
+from mapdeal.formats.json_values import read_json
 from mapdeal.formats.listing import folders_below
 from mapdeal.formats.source import contents_of, exists, holds
 from mapdeal.grid.cost_curve import CostCurve
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.kernels.blocks import blocks_of
+from mapdeal.pipeline.batch import SUMMARY
 from mapdeal.pipeline.figures import said
-from mapdeal.pipeline.folder import MANIFEST
-from mapdeal.pipeline.jobs import SUMMARY
-from mapdeal.pipeline.manifest import manifest_in, product_of
+from mapdeal.pipeline.folder import MANIFEST, manifest_in, product_of
 from mapdeal.pipeline.reports.draft import Draft
 from mapdeal.pipeline.reports.grids import Grids
 from mapdeal.pipeline.reports.items import items_of, tables_of

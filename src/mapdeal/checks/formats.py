@@ -1,0 +1,374 @@
+"""How findings are reported: as text, JSON, JUnit, SARIF, or to GitHub."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from functools import cached_property
+from html import escape  # of the same marks; xml.sax takes ten times as long to import
+from pathlib import Path, PurePath
+from typing import Any, Literal, overload
+from urllib.parse import quote_from_bytes
+
+from mapdeal.checks.finding import CHECKS, SEVERITIES, Finding, Severity
+from mapdeal.errors import FileAccessError, one_line
+from mapdeal.formats.source import absolute_path, normal_path
+from mapdeal.grid.display import OneLine, count_text
+from mapdeal.records import dataclass
+
+
+@dataclass(frozen=True, repr=False)
+class MapReport(OneLine):
+    """Findings in one map, in the folder of a run, or in a robot's parameter file.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file or folder.
+    findings : tuple of Finding
+        Findings that are not suppressed, most severe first.
+    suppressed : int
+        Number of findings suppressed by a comment or by the project's configuration.
+    strict : bool
+        Whether warnings count as failures.
+    is_folder : bool
+        Whether `file` is the folder of a run.
+    repairs : tuple of str
+        Changes made to its files, one line each.
+    is_parameters : bool
+        Whether `file` is a robot's parameter file rather than a map.
+    """
+
+    file: str
+    findings: tuple[Finding, ...]
+    suppressed: int = 0
+    strict: bool = False
+    is_folder: bool = False
+    repairs: tuple[str, ...] = ()
+    is_parameters: bool = False
+
+    def _told(self) -> Iterator[str]:
+        yield f"{self.file}: {counts_text(counts_of(self.findings), self.suppressed)}"
+
+    @property
+    def failures(self) -> tuple[Finding, ...]:
+        """Findings that set the exit code to 1."""
+        failing = ("error", "warning") if self.strict else ("error",)
+        return tuple(found for found in self.findings if found.severity in failing)
+
+
+@dataclass(frozen=True, repr=False)
+class LintReport(OneLine, Sequence[Finding]):
+    """Findings in one or more maps, as a sequence, map by map.
+
+    A report without findings is empty and therefore false.
+
+    Parameters
+    ----------
+    maps : tuple of MapReport
+        One report per map, in the order in which the maps were given; a robot's parameter files
+        come first.
+    version : str
+        Version of mapdeal.
+    """
+
+    maps: tuple[MapReport, ...]
+    version: str
+
+    def __len__(self) -> int:
+        return len(self.findings)
+
+    @overload
+    def __getitem__(self, index: int) -> Finding: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Finding]: ...
+
+    def __getitem__(self, index: int | slice) -> Finding | list[Finding]:
+        return self.findings[index]
+
+    @property
+    def errors(self) -> list[Finding]:
+        """Findings of severity ``error``: wrong or unsafe for some reader."""
+        return self._of("error")
+
+    @property
+    def warnings(self) -> list[Finding]:
+        """Findings of severity ``warning``: traps."""
+        return self._of("warning")
+
+    @property
+    def notes(self) -> list[Finding]:
+        """Findings of severity ``note``: worth knowing."""
+        return self._of("note")
+
+    def _of(self, severity: Severity) -> list[Finding]:
+        return [found for found in self.findings if found.severity == severity]
+
+    def _told(self) -> Iterator[str]:
+        yield self.summary()
+
+    def summary(self) -> str:
+        """Return the number of maps and of findings, in one line."""
+        folders = sum(one.is_folder for one in self.maps)
+        files = sum(one.is_parameters for one in self.maps)
+        maps = len(self.maps) - folders - files
+        kinds = [count_text(files, "parameter file")] if files else []
+        kinds += [count_text(maps, "map")] if maps or not (folders or files) else []
+        kinds += [count_text(folders, "folder")] if folders else []
+        parts = [counts_text(self.counts, self.suppressed)]
+        repaired = sum(bool(one.repairs) for one in self.maps)
+        if repaired:
+            parts.append(f"{repaired} repaired")
+        return f"{', '.join(kinds)}: {', '.join(parts)}"
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Findings of all maps."""
+        return [found for one in self.maps for found in one.findings]
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """Number of findings of each severity."""
+        return counts_of(self.findings)
+
+    @property
+    def suppressed(self) -> int:
+        """Number of findings suppressed by comments or configuration."""
+        return sum(one.suppressed for one in self.maps)
+
+    @property
+    def passes(self) -> bool:
+        """Whether no finding sets the exit code to 1."""
+        return not any(one.failures for one in self.maps)
+
+
+def counts_of(findings: Iterable[Finding]) -> dict[str, int]:
+    """Return the number of findings of each severity."""
+    found = Counter(finding.severity for finding in findings)
+    return {severity: found[severity] for severity in SEVERITIES}
+
+
+def counts_text(counts: Mapping[str, int], suppressed: int) -> str:
+    """Return the counts of findings, and of suppressed ones, in words."""
+    parts = [count_text(count, severity) for severity, count in counts.items()]
+    return ", ".join([*parts, *([f"{suppressed} suppressed"] if suppressed else [])])
+
+
+_COMMANDS = {"error": "error", "warning": "warning", "note": "notice"}
+
+
+def github_lines(report: LintReport) -> list[str]:
+    """Return a workflow command for each finding."""
+    return [_annotation(found) for found in report.findings]
+
+
+def _annotation(found: Finding) -> str:
+    place = f"file={_escaped(found.file, more=True)}"
+    if found.line is not None:
+        place += f",line={found.line}"
+    title = _escaped(found.check, more=True)
+    return f"::{_COMMANDS[found.severity]} {place},title={title}::{_escaped(found.message)}"
+
+
+def _escaped(text: str, *, more: bool = False) -> str:
+    for mark, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
+        text = text.replace(mark, code)
+    return text.replace(":", "%3A").replace(",", "%2C") if more else text
+
+
+def text_lines(report: LintReport) -> list[str]:
+    """Return what was repaired and what was found, as a compiler would say it."""
+    return [*repair_lines(report), *map(line_of, report.findings)]
+
+
+def repair_lines(report: LintReport) -> list[str]:
+    """Return what was changed in the files of maps."""
+    return [
+        one_line(f"{one.file}: repaired: {told}") for one in report.maps for told in one.repairs
+    ]
+
+
+def line_of(found: Finding) -> str:
+    """Return a finding as one line."""
+    return str(found)
+
+
+def sum_of(report: LintReport) -> str:
+    """Return how many maps there were, and how much was found."""
+    return report.summary()
+
+
+def json_lines(report: LintReport) -> list[str]:
+    """Return the maps, each with its findings, and the numbers of all."""
+    files = [one for one in report.maps if one.is_parameters]
+    document = {
+        **({"parameter_files": [_map(one) for one in files]} if files else {}),
+        "maps": [_map(one) for one in report.maps if not one.is_parameters],
+        **{f"{severity}s": count for severity, count in report.counts.items()},
+        "suppressed": report.suppressed,
+    }
+    return [json.dumps(document, indent=2)]
+
+
+def _map(one: MapReport) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "file": one.file,
+        "findings": [_finding(found) for found in one.findings],
+        "suppressed": one.suppressed,
+    }
+    return {**entry, "repairs": list(one.repairs)} if one.repairs else entry
+
+
+def _finding(found: Finding) -> dict[str, Any]:
+    entry = asdict(found)
+    del entry["file"]
+    return entry
+
+
+def junit_lines(report: LintReport) -> list[str]:
+    """Return one suite of the maps.
+
+    Notes
+    -----
+    A failing map has one failure, whose text lists all that makes it fail, since some readers
+    show no more than the first; what else was found is its output. Times are left out, so that
+    equal maps give equal bytes.
+    """
+    failing = sum(bool(one.failures) for one in report.maps)
+    counts = f'tests="{len(report.maps)}" failures="{failing}" errors="0"'
+    cases = [line for one in report.maps for line in _case(one)]
+    return [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<testsuites name="mapdeal lint" {counts}>',
+        f'  <testsuite name="mapdeal lint" {counts} skipped="0">',
+        *cases,
+        "  </testsuite>",
+        "</testsuites>",
+    ]
+
+
+def _case(one: MapReport) -> list[str]:
+    path = PurePath(one.file)
+    name = f"name={_attribute(path.name or one.file)} classname={_attribute(str(path.parent))}"
+    others = [found for found in one.findings if found not in one.failures]
+    if not one.findings:
+        return [f"    <testcase {name}/>"]
+    lines = [f"    <testcase {name}>"]
+    if one.failures:
+        first = one.failures[0]
+        more = f" (and {len(one.failures) - 1} more)" if len(one.failures) > 1 else ""
+        message = _attribute(f"{first.message}{more}")
+        texts = "\n".join(escape(line_of(found)) for found in one.failures)
+        lines.append(f'      <failure type="{first.check}" message={message}>{texts}</failure>')
+    if others:
+        texts = "\n".join(escape(line_of(found)) for found in others)
+        lines.append(f"      <system-out>{texts}</system-out>")
+    return [*lines, "    </testcase>"]
+
+
+def _attribute(text: str) -> str:
+    """Return a text in quotes; XML has no way to write control characters."""
+    return f'"{escape(one_line(text))}"'
+
+
+_SCHEMA = (
+    "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
+)
+_ROOT = "%SRCROOT%"
+_MEANINGS = {
+    "error": "An error: the map is wrong, or unsafe for some reader.",
+    "warning": "A warning: a trap.",
+    "note": "A note: good to know.",
+}
+_OF_PARAMETERS = "params."
+_WRONG_PARAMETERS = "An error: ROS refuses the files, or the robot is unsafe with them."
+
+
+def sarif_lines(report: LintReport) -> list[str]:
+    """Return one run of the tool, with all checks as its rules.
+
+    Notes
+    -----
+    Files below the working directory have relative URIs, as services expect it of the root of a
+    repository; others absolute ones. A finding without a line gets line 1.
+    """
+    indices = {name: index for index, name in enumerate(CHECKS)}
+    results = [
+        _result(found, indices[found.check], one) for one in report.maps for found in one.findings
+    ]
+    driver = {
+        "name": "mapdeal lint",
+        "semanticVersion": report.version,
+        "rules": [_rule(name) for name in CHECKS],
+    }
+    run = {
+        "tool": {"driver": driver},
+        "columnKind": "unicodeCodePoints",
+        "results": results,
+    }
+    document = {"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}
+    return [json.dumps(document, indent=2)]
+
+
+def _rule(name: str) -> dict[str, Any]:
+    check = CHECKS[name]
+    about = f"{check.about[:1].upper()}{check.about[1:]}."
+    meaning = _MEANINGS[check.severity]
+    if check.severity == "error" and name.startswith(_OF_PARAMETERS):
+        meaning = _WRONG_PARAMETERS
+    text = f"{about} {meaning}"
+    return {
+        "id": name,
+        "shortDescription": {"text": about},
+        "help": {"text": f"{text} mapdeal's docs/lint.md lists all checks."},
+        "defaultConfiguration": {"level": check.severity},
+        "properties": {"tags": [name.partition(".")[0]]},
+    }
+
+
+def _result(found: Finding, index: int, one: MapReport) -> dict[str, Any]:
+    location = {
+        "artifactLocation": _location(found.file, is_folder=one.is_folder),
+        "region": {"startLine": found.line or 1},
+    }
+    if one.is_folder:  # a folder has no lines
+        del location["region"]
+    return {
+        "ruleId": found.check,
+        "ruleIndex": index,
+        "level": found.severity,
+        "message": {"text": one_line(found.message)},
+        "locations": [{"physicalLocation": location}],
+        **({"properties": {"places": found.places}} if found.places else {}),
+    }
+
+
+def _location(name: str, *, is_folder: bool) -> dict[str, str]:
+    """Return where a file is: its URI, relative to the working directory if it is below that."""
+    path = Path(name)
+    try:
+        path = normal_path(path).relative_to(absolute_path(Path()))
+    except ValueError:
+        path = normal_path(path)
+    except FileAccessError:  # without a working directory, names are all there is
+        pass
+    uri = quote_from_bytes(os.fsencode(path.as_posix())) + "/" * is_folder
+    if path.is_absolute():
+        return {"uri": f"file://{'' if uri.startswith('/') else '/'}{uri}"}
+    return {"uri": uri, "uriBaseId": _ROOT}
+
+
+ReportForm = Literal["text", "json", "github", "sarif", "junit"]
+
+REPORTS: dict[ReportForm, Callable[[LintReport], list[str]]] = {
+    "text": text_lines,
+    "json": json_lines,
+    "github": github_lines,
+    "sarif": sarif_lines,
+    "junit": junit_lines,
+}
+"""Functions that make the lines of a report, by format name on the command line."""

@@ -1,0 +1,697 @@
+"""Checks of a robot's parameter files."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from mapdeal.checks.check import check
+from mapdeal.checks.facts import ParameterFacts, RobotFacts
+from mapdeal.checks.finding import CHECKS, Check, Finding, Remark, Severity, declare_check
+from mapdeal.errors import MapdealError
+from mapdeal.formats.ros_parameters.value import ParameterValue, Problem
+from mapdeal.grid.costmap import InflationLayer
+from mapdeal.records import dataclass
+from mapdeal.robot.load import Name, costmap_values, costmaps_in, flavour_of, found_in
+from mapdeal.robot.parameters import INJECTED, CostmapName, Flavour, RobotParameters
+
+_COSTMAP = {
+    "always_send_full_costmap", "footprint", "footprint_padding", "footprint_topic",
+    "global_frame", "height", "lethal_cost_threshold", "map_topic", "origin_x", "origin_y",
+    "plugins", "publish_frequency", "published_footprint_topic", "resolution",
+    "robot_base_frame", "robot_radius", "rolling_window", "track_unknown_space",
+    "transform_tolerance", "unknown_cost_value", "update_frequency", "width",
+}  # fmt: skip
+_COSTMAP_OF = {
+    "ros1": {
+        "cost_scaling_factor", "inflation_radius", "map_type", "mark_threshold",
+        "max_obstacle_height", "observation_sources", "obstacle_range", "origin_z",
+        "publish_voxel_map", "raytrace_range", "static_map", "unknown_threshold", "z_resolution",
+        "z_voxels", "min_obstacle_height", "combination_method", "first_map_only", "meter_scoring",
+        "inflate_unknown", "trinary_costmap", "use_maximum", "subscribe_to_updates", "enabled",
+        "footprint_clearing_enabled", "max_obstacle_range", "obstacle_layer", "static_layer",
+    },
+    "nav2": {
+        "bond_heartbeat_period", "filters", "initial_transform_timeout",
+        "inscribed_obstacle_cost_value", "introspection_mode", "map_vis_z", "node_namespace",
+        "observation_sources", "plugin_names", "plugin_types", "subscribe_to_stamped_footprint",
+        "transform_timeout", "trinary_costmap", "unknown_threshold", "use_maximum",
+        "use_sim_time", "use_radius", "autostart_node", "service_introspection_mode",
+        "odom_topic", "enable_stamped_cmd_vel", "allow_parameter_qos_overrides",
+        "always_reset_initial_pose", "stamped_footprint",
+    },
+}  # fmt: skip
+_STATIC = {
+    "enabled", "first_map_only", "footprint_clearing_enabled", "lethal_cost_threshold",
+    "map_subscribe_transient_local", "map_topic", "plugin", "restore_cleared_footprint",
+    "subscribe_to_updates", "track_unknown_space", "transform_tolerance", "trinary_costmap",
+    "unknown_cost_value", "use_maximum", "inscribed_obstacle_cost_value", "resize_master",
+}  # fmt: skip
+_INFLATION = {
+    "cost_scaling_factor", "custom_inscribed_radius", "enabled", "inflate_around_unknown",
+    "inflate_unknown", "inflation_radius", "num_threads", "plugin", "robot_radius",
+}  # fmt: skip
+_ASYMMETRIC = _INFLATION - {"cost_scaling_factor", "custom_inscribed_radius"} | {
+    "cost_scaling_factor_left", "cost_scaling_factor_right", "goal_distance_threshold",
+    "plan_topic",
+}  # fmt: skip
+_OBSTACLE = {
+    "clearing", "combination_method", "data_type", "enabled", "footprint_clearing_enabled",
+    "inf_is_valid", "mark_threshold", "marking", "max_obstacle_height", "max_obstacle_range",
+    "min_obstacle_height", "min_obstacle_range", "observation_sources", "obstacle_max_range",
+    "obstacle_min_range", "obstacle_range", "origin_z", "plugin", "publish_voxel_map",
+    "raytrace_max_range", "raytrace_min_range", "raytrace_range", "tf_filter_tolerance", "topic",
+    "track_unknown_space", "transform_tolerance", "unknown_threshold", "z_resolution", "z_voxels",
+    "sensor_frame", "observation_persistence", "expected_update_rate", "restore_cleared_footprint",
+    "max_obstacle_distance", "restore_outdated_obstacles", "tf_tolerance",
+}  # fmt: skip
+_BY_CLASS = {
+    "StaticLayer": _STATIC, "InflationLayer": _INFLATION, "LegacyInflationLayer": _INFLATION,
+    "AsymmetricInflationLayer": _ASYMMETRIC, "ObstacleLayer": _OBSTACLE, "VoxelLayer": _OBSTACLE,
+}  # fmt: skip
+
+LOOKS_LIKE_A_LAYER = frozenset(
+    {"enabled", "plugin", "inflation_radius", "cost_scaling_factor", "observation_sources",
+     "map_subscribe_transient_local", "map_topic", "inflate_unknown"}
+)  # fmt: skip
+"""A section with one of these is meant to be a layer."""
+
+OF_AN_IDLE_LAYER = frozenset(
+    {"enabled", "plugin", "map_subscribe_transient_local", "map_topic", "subscribe_to_updates"}
+)
+"""A layer of no more than these that is not listed is not missed."""
+
+BELOW_INFLATION = frozenset({"inflation_radius", "cost_scaling_factor", "inflate_unknown"})
+"""What an inflation layer reads; Nav2 does not hand it down from the costmap."""
+
+_ALL_LAYERS = (
+    "StaticLayer", "InflationLayer", "LegacyInflationLayer", "AsymmetricInflationLayer",
+)  # fmt: skip
+_OF_COSTMAP: dict[str, tuple[str, ...]] = {
+    "footprint": _ALL_LAYERS,
+    "robot_radius": _ALL_LAYERS,
+    "footprint_padding": _ALL_LAYERS,
+}
+ABOVE_LAYERS: dict[Flavour, dict[str, tuple[str, ...]]] = {
+    "ros1": _OF_COSTMAP,
+    "nav2": _OF_COSTMAP
+    | dict.fromkeys(
+        ("track_unknown_space", "lethal_cost_threshold", "unknown_cost_value", "trinary_costmap",
+         "use_maximum", "inscribed_obstacle_cost_value"),
+        ("StaticLayer",),
+    ),
+}  # fmt: skip
+"""Parameters of a costmap that have no effect below layers of these classes."""
+
+SECTIONS_OF_OLD = ("static_map", "map_type")
+"""What ROS 1 reads where there is no list of plugins."""
+
+
+def known_names(flavour: Flavour, layer: str) -> frozenset[str]:
+    """Return the names that a costmap knows, or a layer of a class; none of other classes."""
+    if not layer:
+        return frozenset(_COSTMAP | _COSTMAP_OF[flavour])
+    return frozenset(_BY_CLASS.get(layer, set()))
+
+
+_ALIKE = 0.85
+_MOST, _LONGEST = 1000, 60
+"""Unknown names that are compared with all known ones, and the characters that they may have."""
+_MARKING = (
+    "StaticLayer", "ObstacleLayer", "VoxelLayer", "RangeSensorLayer", "NonPersistentVoxelLayer",
+    "SpatioTemporalVoxelLayer",
+)  # fmt: skip
+"""Classes that write lethal cells, by their names without a package."""
+
+
+def class_of(plugin: str) -> str:
+    """Return the class of a plugin without its package."""
+    return plugin.replace("/", "::").rpartition("::")[2]
+
+
+@check(
+    "params.layer-after-inflation",
+    "warning",
+    "a layer that writes obstacles after the inflation layer: they are not inflated",
+)
+def layer_after_inflation(facts: RobotFacts) -> Iterator[Remark]:
+    """Look for layers that mark cells after inflation, and so uninflated ones."""
+    inflation = None
+    for one in facts.robot.layers:
+        if not one.is_enabled or one.is_filter:
+            continue
+        if isinstance(one.layer, InflationLayer):
+            inflation = one.name
+        elif inflation is not None and class_of(one.plugin) in _MARKING:
+            overwrites = one.layer is not None and not getattr(one.layer, "use_maximum", False)
+            effect = "it overwrites the costs" if overwrites else "its obstacles are not inflated"
+            text = f"{one.name} comes after {inflation}: {effect}"
+            yield Remark(text, at=facts.value("plugins"))
+
+
+@check("params.two-inflations", "warning", "two inflation layers that are both switched on")
+def two_inflations(facts: RobotFacts) -> Iterator[Remark]:
+    """Count inflation layers; of two, each cell gets the higher cost."""
+    names = [one.name for one in facts.robot.inflation_layers]
+    if len(set(names)) > 1:
+        text = f"{' and '.join(names)} both inflate: a cell gets the higher of their costs"
+        yield Remark(text, at=facts.value("plugins"))
+
+
+@check("params.layer-disabled", "note", "a layer that is listed, and switched off")
+def layer_disabled(facts: RobotFacts) -> Iterator[Remark]:
+    """Look for ``enabled: false``."""
+    for one in facts.robot.layers:
+        is_last = isinstance(one.layer, InflationLayer) and not facts.robot.inflation_layers
+        if not one.is_enabled and not is_last:  # which params.no-inflation tells
+            yield Remark(f"{one.name} is switched off", at=facts.value(one.name, "enabled"))
+
+
+@check("params.plugin-twice", "warning", "a layer that is listed twice")
+def plugin_twice(facts: ParameterFacts) -> Iterator[Remark]:
+    """Count names in the list."""
+    for name, count in Counter(name for name, _ in facts.plugins).items():
+        if count > 1:
+            text = f"{name} is listed {count} times"
+            yield Remark(text, at=facts.values.get(("plugins",)))
+
+
+@check(
+    "params.unused-section", "note", "parameters of a layer that the list of plugins does not name"
+)
+def unused_section(facts: ParameterFacts) -> Iterator[Remark]:
+    """Look for parameters of layers that nobody loads: often the list spells them otherwise.
+
+    A file of ROS 1 that both costmaps load has the layers of either; and every second Nav2 file
+    has the static layer of Nav2's example in its local costmap, which changes nothing.
+    """
+    listed = {name for name, _ in facts.plugins} | set(_named_within(facts))
+    for name, section in facts.sections.items():
+        names = {path[1] for path in section}
+        if name in listed or names.isdisjoint(LOOKS_LIKE_A_LAYER):
+            continue
+        near = get_close_matches(name, listed, n=1, cutoff=_ALIKE)
+        if not near and (facts.flavour == "ros1" or names <= OF_AN_IDLE_LAYER):
+            continue
+        text = f"{name} is not in the list of plugins: its parameters have no effect"
+        hint = f"; did you mean {near[0]}?" if near else ""
+        yield Remark(text + hint, at=next(iter(section.values())))
+
+
+def _named_within(facts: ParameterFacts) -> Iterator[str]:
+    """Yield what layers of layers, and of sensors, name in lists of their own."""
+    for path, one in facts.values.items():
+        if len(path) == 2 and path[1] in ("plugins", "observation_sources"):
+            yield from _words(one.value)
+
+
+def _words(value: object) -> list[str]:
+    if isinstance(value, str):
+        return value.split()
+    return [one for one in value if isinstance(one, str)] if isinstance(value, list | tuple) else []
+
+
+@check("params.misspelt", "warning", "a name that is nearly that of a parameter")
+def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
+    """Compare names with those that the costmap and its layers read."""
+    unknown = 0
+    for places, known in _places(facts):
+        for path, value in places.items():
+            name = path[-1]
+            if name in known or len(name) > _LONGEST or (unknown := unknown + 1) > _MOST:
+                continue
+            near = get_close_matches(name, known, n=1, cutoff=_ALIKE)
+            if near and (*path[:-1], near[0]) not in facts.values:
+                text = f"no parameter is called {facts.shown(*path)}: did you mean {near[0]}?"
+                yield Remark(text, at=value)
+
+
+def _places(
+    facts: ParameterFacts,
+) -> Iterator[tuple[dict[Name, ParameterValue], frozenset[str]]]:
+    """Yield the parameters of the costmap and of each layer, with the names known there."""
+    own: dict[Name, ParameterValue] = {}
+    own |= {path: one for path, one in facts.values.items() if len(path) == 1}
+    yield own, known_names(facts.flavour, "")
+    for name, plugin in dict(facts.plugins).items():
+        known = known_names(facts.flavour, class_of(plugin))
+        if known:
+            section = facts.section(name)
+            yield {path: one for path, one in section.items() if len(path) == 2}, known
+
+
+@check("params.misplaced", "warning", "a parameter where nobody reads it")
+def misplaced(facts: ParameterFacts) -> Iterator[Remark]:
+    """Look for names that are read at another level."""
+    inflations = [name for name, kind in facts.plugins if kind.endswith("InflationLayer")]
+    for path, value in facts.values.items():
+        if facts.flavour == "nav2" and len(path) == 1 and path[0] in BELOW_INFLATION:
+            where = f"it belongs below {inflations[0]}" if inflations else "no layer takes it"
+            yield Remark(f"{path[0]} has no effect here: {where}", at=value)
+        if len(path) == 2 and path[1] in ABOVE_LAYERS[facts.flavour]:
+            classes = ABOVE_LAYERS[facts.flavour][path[1]]
+            if any(name == path[0] and class_of(kind) in classes for name, kind in facts.plugins):
+                text = f"{facts.shown(*path)} has no effect: it is a parameter of the costmap"
+                yield Remark(text, at=value)
+
+
+@check("params.without-effect", "note", "parameters of ROS 1 that a list of plugins makes useless")
+def without_effect(facts: ParameterFacts) -> Iterator[Remark]:
+    """Look for what pre-Hydro costmaps read, as ``warnForOldParameters`` does."""
+    if facts.flavour != "ros1" or ("plugins",) not in facts.values:
+        return
+    for name in SECTIONS_OF_OLD:
+        value = facts.values.get((name,))
+        if value is not None:
+            yield Remark(f"{name} has no effect: the layers are those of plugins", at=value)
+
+
+_SEVERITIES: dict[str, Severity] = {"refused": "error", "warning": "warning", "note": "note"}
+
+declare_check("params.syntax", "error", "a parameter file that ROS cannot read")
+declare_check("params.other-kind", "error", "a file of another kind, such as a map or a recipe")
+declare_check("params.empty", "error", "a parameter without a value, at which roslaunch ends")
+declare_check("params.name", "error", "a name that is not text")
+declare_check("params.type", "error", "a value of a type that ROS refuses")
+declare_check(
+    "params.silent-default",
+    "warning",
+    "a value of a wrong type in ROS 1, which silently takes its default, or rounds a number",
+)
+declare_check(
+    "params.sensor-type", "warning", "a value of a layer of sensors, of a type that Nav2 refuses"
+)
+declare_check("params.not-finite", "error", "a number that is not finite")
+declare_check("params.not-positive", "error", "a number that must be above 0, or not below it")
+declare_check(
+    "params.range",
+    "warning",
+    "a number out of its range, which ROS moves into it, or takes as it is",
+)
+declare_check("params.substitution", "error", "a value that a launch file would fill in")
+declare_check("params.namespace", "error", "no costmap of the name that is asked for, or several")
+declare_check(
+    "params.other-costmap", "warning", "a file of ROS 1 that is left out, as one of another costmap"
+)
+declare_check("params.footprint", "error", "a footprint that ROS refuses")
+declare_check("params.footprint-unused", "warning", "a footprint that ROS passes over")
+declare_check(
+    "params.outline", "warning", "a footprint that crosses itself, or is not around (0, 0)"
+)
+declare_check("params.no-shape", "warning", "neither a footprint nor a radius")
+declare_check("params.too-large", "error", "a footprint that reaches farther than a kilometre")
+declare_check("params.plugins", "error", "layers that cannot be loaded")
+declare_check(
+    "params.not-modelled", "warning", "a layer that mapdeal does not know, and leaves out"
+)
+declare_check(
+    "params.footprint-clearing", "note", "a static layer that frees the cells below the robot"
+)
+declare_check(
+    "params.inflation-radius", "error", "an inflation radius below the robot's inscribed radius"
+)
+declare_check(
+    "params.custom-inscribed-radius", "warning", "an inscribed radius that is not the footprint's"
+)
+declare_check(
+    "params.asymmetric", "note", "inflation that depends on the path, which a map does not have"
+)
+declare_check(
+    "params.no-static-layer", "warning", "a global costmap whose layers do not read the map"
+)
+declare_check(
+    "params.other-map", "warning", "static layers that read different maps: all get the one here"
+)
+declare_check("params.only-namespace", "warning", "a robot in a namespace that was not asked for")
+declare_check("params.no-node", "error", "a Nav2 file that says nothing of the costmap")
+declare_check(
+    "params.one-level",
+    "error",
+    "a costmap of Nav2 that is not nested twice, and so applies to no node",
+)
+declare_check("params.hidden", "warning", "a later value that ROS 2 ignores for its type")
+declare_check("params.overridden", "warning", "a value that another one takes the place of")
+declare_check("params.twice", "warning", "a key given twice, with different values")
+declare_check("params.repeated", "note", "a key given twice, with one value")
+
+
+def finding_of(problem: Problem, file: str) -> Finding:
+    """Return a problem of a robot's parameters as a finding."""
+    message = f"{problem.parameter}: {problem.text}" if problem.parameter else problem.text
+    if problem.got is not None:
+        message += f", got {_short(problem.got)}"
+    if problem.hint is not None:
+        message += f"; {problem.hint}"
+    source = file if problem.source is None else str(problem.source)
+    known = CHECKS.get(problem.check)
+    severity = _SEVERITIES[problem.level] if known is None else known.severity
+    return Finding(problem.check, severity, source, message, problem.line)
+
+
+def _short(text: str, limit: int = 60) -> str:
+    one = " ".join(text.split())
+    return one if len(one) <= limit else one[: limit - 3] + "..."
+
+
+_INSCRIBED_COST = 252
+_STEEP = 0.5
+_CLIFF = 128
+_SAME_RADIUS = 1e-6
+_SIDES = ("", "_left", "_right")
+"""Ends of the names of a factor: an AsymmetricInflationLayer has two."""
+
+
+def _widest(facts: RobotFacts) -> InflationLayer | None:
+    """Return the inflation layer that reaches farthest, if any has an effect."""
+    layers = [one for one in facts.robot.inflation_layers if one.inflation_radius > 0]
+    return max(layers, key=lambda one: one.inflation_radius, default=None)
+
+
+@check(
+    "params.inflation-below-circumscribed",
+    "warning",
+    "an inflation radius between the footprint's inscribed and circumscribed radius",
+)
+def inflation_below_circumscribed(facts: RobotFacts) -> Iterator[Remark]:
+    """Compare them: planners that trust in cost 0 turn the footprint into walls."""
+    layer, robot = _widest(facts), facts.robot
+    if layer is None or robot.robot_radius is not None:
+        return  # of a round robot, headings make no difference
+    if robot.inscribed_radius <= layer.inflation_radius < robot.circumscribed_radius:
+        yield Remark(
+            f"{_reach(layer)} is below the circumscribed radius, "
+            f"{robot.circumscribed_radius:.4g} m: cost 0 does not mean that every heading is free",
+            at=facts.of_layer(layer.name, "inflation_radius"),
+        )
+
+
+@check("params.no-inflation", "warning", "a costmap in which no inflation layer has an effect")
+def no_inflation(facts: RobotFacts) -> Iterator[Remark]:
+    """Look for an inflation layer that is switched on and reaches anywhere."""
+    robot = facts.robot
+    if _widest(facts) is not None:
+        return
+    if robot.flavour == "nav2" and robot.inflation_layers:
+        return  # of radius 0, which params.inflation-radius tells
+    listed = [one for one in robot.layers if isinstance(one.layer, InflationLayer)]
+    why = "no inflation layer is listed" if not listed else f"{listed[0].name} is switched off"
+    at = facts.value("plugins")
+    if listed and listed[0].is_enabled:
+        why = f"{listed[0].name}'s inflation_radius is 0"
+        at = facts.of_layer(listed[0].name, "inflation_radius")
+    elif listed:
+        at = facts.value(listed[0].name, "enabled")
+    yield Remark(
+        f"{why}: cells beside obstacles cost 0, although the robot collides there "
+        f"(inscribed radius {robot.inscribed_radius:.4g} m)",
+        at=at,
+    )
+
+
+@check("params.cost-cliff", "note", "costs that are still high where inflation ends")
+def cost_cliff(facts: RobotFacts) -> Iterator[Remark]:
+    """Take the cost at the inflation radius."""
+    layer = _widest(facts)
+    if layer is None or layer.inflation_radius <= layer.inscribed_radius:
+        return
+    beyond = layer.inflation_radius - layer.inscribed_radius
+    cost = math.floor(_INSCRIBED_COST * math.exp(-layer.cost_scaling_factor * beyond))
+    if cost >= _CLIFF:
+        fades = "cost_scaling_factor is 0"
+        if layer.cost_scaling_factor > 0:
+            ends = layer.inscribed_radius + math.log(_INSCRIBED_COST) / layer.cost_scaling_factor
+            fades = f"cost_scaling_factor {layer.cost_scaling_factor:g} lets them fade out at "
+            fades += f"{ends:.3g} m"
+        yield Remark(
+            f"costs drop from {cost} to 0 at {_reach(layer)}; {fades}",
+            at=facts.of_layer(layer.name, "cost_scaling_factor")
+            or facts.of_layer(layer.name, "inflation_radius"),
+        )
+
+
+@check("params.cost-ends-early", "note", "costs that are 0 long before inflation ends")
+def cost_ends_early(facts: RobotFacts) -> Iterator[Remark]:
+    """Take the distance at which costs become 0."""
+    layer = _widest(facts)
+    if layer is None or layer.cost_scaling_factor <= 0:
+        return
+    beyond = layer.inflation_radius - layer.inscribed_radius
+    fades = math.log(_INSCRIBED_COST) / layer.cost_scaling_factor
+    if fades < _STEEP * beyond:
+        yield Remark(
+            f"costs are 0 from {layer.inscribed_radius + fades:.3g} m on: with cost_scaling_factor "
+            f"{layer.cost_scaling_factor:g} the rest of {_reach(layer)} has none",
+            at=facts.of_layer(layer.name, "cost_scaling_factor")
+            or facts.of_layer(layer.name, "inflation_radius"),
+        )
+
+
+@check("params.inflation-defaults", "note", "an inflation layer that leaves ROS's defaults")
+def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
+    """Look for a radius or a scaling factor that nobody has chosen."""
+    for layer in facts.robot.inflation_layers:
+        told = [
+            f"{name} is {value:g}{unit}"
+            for name, value, unit in (
+                ("inflation_radius", layer.inflation_radius, " m"),
+                ("cost_scaling_factor", layer.cost_scaling_factor, ""),
+            )
+            if not any(facts.of_layer(layer.name, f"{name}{side}") for side in _SIDES)
+        ]
+        if told:
+            section = facts.parameters.section(layer.name)
+            at = next(iter(section.values()), facts.value("plugins"))
+            yield Remark(f"{layer.name}: not set, and so {' and '.join(told)}", at=at)
+
+
+@check(
+    "params.radius-and-footprint",
+    "warning",
+    "a robot_radius beside a footprint: it has no effect",
+)
+def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
+    """Look for both: ``setRobotFootprint`` takes the polygon."""
+    radius = facts.value("robot_radius")
+    if facts.robot.robot_radius is None and radius is not None:
+        footprint = facts.value("footprint")
+        where = f", which stands on line {footprint.line}" if footprint is not None else ""
+        yield Remark(f"robot_radius has no effect: footprint counts{where}", at=radius)
+
+
+@check(
+    "params.unknown-is-free",
+    "warning",
+    "unknown space that is free to drive in, as track_unknown_space is not set",
+)
+def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
+    """Look for a static layer that does not keep unknown cells."""
+    layers = [one for one in facts.robot.static_layers if one.name != INJECTED]
+    free = [one for one in layers if not one.track_unknown_space]
+    own = facts.value("track_unknown_space")  # of Nav2 the costmap's alone
+    if free and own is None and facts.of_layer(free[0].name, "track_unknown_space") is None:
+        text = "track_unknown_space is not set, and is false: the map's unknown cells cost 0"
+        yield Remark(text, at=facts.value("plugins"))
+
+
+@check(
+    "params.costmaps-differ",
+    "note",
+    "a global and a local costmap of robots of different shape",
+)
+def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
+    """Compare the radii of both costmaps."""
+    robot, other = facts.robot, facts.other
+    if other is None:
+        return
+    radii = [(one.inscribed_radius, one.circumscribed_radius) for one in (robot, other)]
+    if all(abs(a - b) <= _SAME_RADIUS for a, b in zip(*radii, strict=True)):
+        return
+    shapes = " and ".join(
+        f"in the {r.costmap} one {r.inscribed_radius:.4g} m and {r.circumscribed_radius:.4g} m"
+        for r in (robot, other)
+    )
+    yield Remark(
+        f"the robot differs between the costmaps: inscribed and circumscribed radius are {shapes}",
+        at=facts.value("footprint") or facts.value("robot_radius"),
+    )
+
+
+@check(
+    "params.resolution",
+    "note",
+    "a resolution of the global costmap that is not that of the map",
+)
+def resolution(facts: RobotFacts) -> Iterator[Remark]:
+    """Compare it with the map, whose geometry the static layer gives the costmap."""
+    value = facts.value("resolution")
+    if value is None or facts.robot.rolling_window or not facts.robot.static_layers:
+        return
+    if not isinstance(value.value, int | float) or isinstance(value.value, bool):
+        return
+    maps: dict[float, list[str]] = {}
+    for name, cell in facts.map_resolutions:
+        maps.setdefault(cell, []).append(name)
+    for cell, names in maps.items():
+        if not math.isclose(value.value, cell, rel_tol=1e-6):
+            of = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+            text = f"has no effect: the static layer takes the map's, {cell:g} m ({of})"
+            yield Remark(f"resolution {value.value:g} m {text}", at=value)
+
+
+def _reach(layer: InflationLayer) -> str:
+    return f"inflation_radius {layer.inflation_radius:g} m"
+
+
+# The modules of checks: importing one adds its checks to the list.
+
+_ONE_LEVEL = "params.one-level"
+_NOT_THERE = ("params.namespace", "params.no-node", _ONE_LEVEL)
+_OTHER_KIND = "params.other-kind"
+"""A file of which no name and no value is a parameter."""
+_OF_THE_OTHER = "params.other-costmap"
+"""A file that one costmap leaves out is one of the other's, if both are looked at."""
+
+
+@dataclass(frozen=True)
+class _Costmap:
+    """One costmap of the files: the robot, if it resolves, and all that was found while reading."""
+
+    name: CostmapName
+    robot: RobotParameters | None
+    problems: tuple[Problem, ...]
+
+
+def lint_parameters(
+    paths: Sequence[Path],
+    *,
+    costmap: CostmapName | None = None,
+    namespace: str | None = None,
+    map_resolutions: Sequence[tuple[str, float]] = (),
+) -> dict[Path, list[Finding]]:
+    """Return what all checks find in a robot's parameter files, by file, line by line."""
+    flavour = flavour_of(paths)
+    names = costmaps_in(paths, flavour, namespace) if costmap is None else (costmap,)
+    looked_at = [_resolve(paths, one, namespace) for one in names]
+    present = [one for one in looked_at if not _is_absent(one) or _is_misplaced(one)]
+    present = present or looked_at[:1]
+    findings: list[Finding] = []
+    last = str(paths[-1])
+    for index, one in enumerate(present):
+        other = present[1].robot if index == 0 and len(present) > 1 else None
+        told = [one for one in one.problems if len(present) == 1 or one.check != _OF_THE_OTHER]
+        own = [finding_of(problem, last) for problem in told]
+        own += _checked(paths, one, flavour, namespace, other, map_resolutions)
+        findings += [_named(found, one, len(present)) for found in own]
+    by_file: dict[Path, list[Finding]] = {path: [] for path in paths}
+    for found in dict.fromkeys(findings):
+        by_file.setdefault(Path(found.file), []).append(found)
+    return {path: sorted(found, key=lambda f: f.line or 0) for path, found in by_file.items()}
+
+
+def robot_in(
+    paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None
+) -> RobotParameters | None:
+    """Return the robot of parameter files, as its global costmap has it if there are both."""
+    names: tuple[CostmapName, ...] = ("global", "local") if costmap is None else (costmap,)
+    for name in names:
+        with suppress(MapdealError):
+            one = _resolve(paths, name, namespace)
+            if one.robot is not None and not _is_absent(one):
+                return one.robot
+    return None
+
+
+def _resolve(paths: Sequence[Path], costmap: CostmapName, namespace: str | None) -> _Costmap:
+    robot, problems = found_in(paths, costmap=costmap, namespace=namespace)
+    return _Costmap(costmap, robot, problems)
+
+
+def _is_absent(one: _Costmap) -> bool:
+    """Return whether the files say nothing of a costmap."""
+    return any(p.check in _NOT_THERE and p.level == "refused" for p in one.problems)
+
+
+def _is_misplaced(one: _Costmap) -> bool:
+    """Return whether the files mean to say something of a costmap, at the wrong level."""
+    return any(problem.check == _ONE_LEVEL for problem in one.problems)
+
+
+def _named(found: Finding, one: _Costmap, count: int) -> Finding:
+    """Return a finding that names its costmap, where a line does not and there are two."""
+    if found.line is not None or count == 1:
+        return found
+    return replace(found, message=f"{one.name} costmap: {found.message}")
+
+
+def _checked(
+    paths: Sequence[Path],
+    one: _Costmap,
+    flavour: Flavour,
+    namespace: str | None,
+    other: RobotParameters | None,
+    map_resolutions: Sequence[tuple[str, float]],
+) -> Iterator[Finding]:
+    """Yield what the checks find that look at values and robots."""
+    if any(problem.check == _OTHER_KIND for problem in one.problems):
+        return
+    values = costmap_values(paths, flavour, one.name, _node_of(one, namespace), namespace)
+    facts: dict[type, Any] = {
+        ParameterFacts: ParameterFacts(
+            flavour, one.name, values, _plugins(flavour, values, one.robot)
+        )
+    }
+    if one.robot is not None and not _is_absent(one):
+        facts[RobotFacts] = RobotFacts(
+            one.robot, facts[ParameterFacts], other, tuple(map_resolutions)
+        )
+    for known in CHECKS.values():
+        if known.facts in facts:
+            yield from _findings_of(known, facts[known.facts], str(paths[-1]))
+
+
+def _node_of(one: _Costmap, namespace: str | None) -> str:
+    """Return the name of the node of a costmap of Nav2, also of one that does not resolve."""
+    if one.robot is not None:
+        return one.robot.node
+    name = f"{one.name}_costmap"
+    return "/".join(["", *(part for part in (namespace or "").split("/") if part), name, name])
+
+
+def _findings_of(known: Check, facts: Any, file: str) -> Iterator[Finding]:
+    for found in known.run(facts) if known.run is not None else ():
+        remark = found if isinstance(found, Remark) else Remark(found)
+        source, line = (
+            (file, None) if remark.at is None else (str(remark.at.source), remark.at.line)
+        )
+        yield Finding(known.name, known.severity, source, remark.message, line)
+
+
+def _plugins(
+    flavour: Flavour, values: Mapping[Name, ParameterValue], robot: RobotParameters | None
+) -> tuple[tuple[str, str], ...]:
+    """Return names and classes of the layers and filters, of a robot that does not resolve, too."""
+    if robot is not None:
+        return tuple((one.name, one.plugin) for one in robot.layers)
+    listed = values.get(("plugins",))
+    entries = listed.value if listed is not None and isinstance(listed.value, list | tuple) else ()
+    if flavour == "ros1":
+        return tuple(
+            (str(one.get("name", "")), str(one.get("type", "")))
+            for one in entries
+            if isinstance(one, dict)
+        )
+    filters = values.get(("filters",))
+    more = filters.value if filters is not None and isinstance(filters.value, tuple) else ()
+    names = [one for one in (*entries, *more) if isinstance(one, str)]
+    return tuple((name, _class_in(values, name)) for name in names)
+
+
+def _class_in(values: Mapping[Name, ParameterValue], name: str) -> str:
+    plugin = values.get((name, "plugin"))
+    return plugin.value if plugin is not None and isinstance(plugin.value, str) else ""
