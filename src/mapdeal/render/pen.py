@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapdeal.kernels.room import check_room
 from mapdeal.records import dataclass
 from mapdeal.render.colours import Colours
 
@@ -23,6 +24,9 @@ GREY = MOST_COLOURS + _SHADES // 3
 
 _INK = [WHITE - round(covered * (_SHADES - 1) / 255) for covered in range(256)]
 """Indices by how much of a pixel is covered."""
+
+_FREETYPE = 16 << 20
+"""Bytes, more than FreeType takes for letters: it dies where it finds none."""
 
 _ALIKE = str.maketrans({
     "\u00d7": "x", "\u2010": "-", "\u2011": "-", "\u2012": "-", "\u2013": "-", "\u2014": "-",
@@ -91,6 +95,7 @@ class Pen:
     """Text and lines, in one size, on a white sheet of palette indices."""
 
     def __init__(self, size: int) -> None:
+        check_room(_FREETYPE)
         self.size = size
         self._title_size = round(1.25 * size)
         self.sheet = np.empty((0, 0), dtype=np.uint8)
