@@ -542,7 +542,7 @@ def brute_closed(squared, is_traversable, order, start, radius, min_cells):
             joined[top(joined, ends[0])] = top(joined, ends[1])
             far = [end for end in ends if end in behind]
             if far and cell not in leading.values():
-                far = min(far, key=lambda end: behind[end])
+                far = min(far, key=lambda end: (behind[end], -squared[leading[end]]))
                 if 2 * math.sqrt(squared[cell]) >= math.sqrt(squared[leading[far]]):
                     others.append((int(squared[cell]), int(behind[far])))
     return told, others

@@ -266,6 +266,13 @@ def sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
+def folder_for_sockets() -> Path:
+    """Return the system's folder for temporary files."""
+    import tempfile  # of use to few
+
+    return Path(tempfile.gettempdir())
+
+
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
     """Yield a private folder in the system's folder for temporary files, removed at the end."""

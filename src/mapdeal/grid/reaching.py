@@ -493,7 +493,8 @@ def _other_doors(
     for cell, *ends in saddles_between(ways.squared, ways.tree.basins, labels).tolist():
         found = [leading_to[label] for label in ends if label in leading_to]
         if found and cell not in cells:
-            which = min(found, key=lambda which: float(behind[which]))
+            # of two that lead to the same cells, as nobody fits between them, the wider one
+            which = min(found, key=lambda which: (float(behind[which]), -squares[which]))
             if 4 * ways.squared.flat[cell] >= squares[which]:
                 yield cell, which
 

@@ -1,4 +1,12 @@
-"""Values of cells, and the scales of costs."""
+"""Values of cells, and the scales of costs.
+
+Scales have 256 entries and are indexed by a value's byte, so that occupancy -1 is the last entry,
+as `mapdeal.kernels.lookup.look_up` expects. Their names read ``TO_from_FROM``.
+
+References
+----------
+``nav_msgs/OccupancyGrid`` for the occupancy values; ``costmap_2d/cost_values.h`` for the costs.
+"""
 
 from __future__ import annotations
 

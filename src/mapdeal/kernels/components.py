@@ -1,4 +1,9 @@
-"""Connected components."""
+"""Connected components.
+
+Marked cells are runs along their rows. Runs of neighbouring rows that touch are joined; of what is
+behind, only the components that reach the last row can still grow. Of each size some components are
+remembered by a cell of theirs: the middle of the longest run, which is well inside of most.
+"""
 
 from __future__ import annotations
 

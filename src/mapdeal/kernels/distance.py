@@ -1,4 +1,19 @@
-"""Exact squared distances, by either engine, whole or block by block."""
+"""Exact squared distances, by either engine, whole or block by block.
+
+Squares of distances are whole numbers of cells, and are kept so until the last step. The engine
+(see `mapdeal.kernels.engine`) makes no difference to any result.
+
+The first pass of a distance transform counts along the columns to the nearest cell of the other
+kind. A block, some rows of a grid, needs of all the others only how the runs of equal cells that
+touch its borders go on there: two numbers a column, its halo. So a grid can be looked at block by
+block, in any order or at the same time (`runs_of`), what was found makes the halos (`halos_of`),
+and then every block is solved alone (`signed_distance`).
+
+scipy's transform knows nothing of a halo. For it heights, the distances within the columns, are
+counted here, and each cell's square is the smallest of (x - i)^2 + height(i)^2 over all columns i.
+The best i never decreases with x. So the middle cells are solved first, and those between them
+among the columns that are left, all rows at the same time.
+"""
 
 from __future__ import annotations
 

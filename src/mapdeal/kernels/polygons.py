@@ -1,4 +1,12 @@
-"""Cells of polygons, discs and lines, as spans of rows."""
+"""Cells of polygons, discs and lines, as spans of rows.
+
+References
+----------
+``raytraceLine`` and ``bresenham2D`` in ``costmap_2d.hpp`` of both ROS navigation stacks: n is
+the larger difference, the error starts at n // 2 and grows by the smaller difference with each
+step; where it reaches n, the minor axis moves. So after i steps the minor axis has moved
+(n // 2 + i * minor) // n times. The line from b to a is not always that from a to b.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Rotations of sets of points, and directions of walls."""
+"""Rotations of sets of points, and directions of walls.
+
+Quaternions are arrays (..., 4) of x, y, z, w, as ROS has them; a transform is a translation
+(..., 3) and a quaternion, and takes a point p to q p + t.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The files of a run: products, checksums, the manifest last."""
+"""The files of a run: products, checksums, the manifest last.
+
+What draws pictures that few runs have is imported when one is drawn.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Processes that work for this one."""
+"""Processes that work for this one.
+
+They hold the reading end of a pipe of which that process alone has the other end. When it is
+closed, whether on purpose or because the process is gone, a worker stops: what it does ends as
+by an exception, so that temporary files are removed.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +12,7 @@ import contextlib
 import errno
 import multiprocessing
 import os
-import shutil
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,44 +20,15 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures import wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
-from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
-from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from mapdeal.errors import FileAccessError
-from mapdeal.formats.temporary import signals_put_off
+from mapdeal.formats.temporary import folder_for_sockets, signals_put_off
 from mapdeal.kernels.engine import VARIABLE
-from mapdeal.kernels.room import prepare_libraries
 from mapdeal.kernels.threads import is_started
 from mapdeal.pipeline.batch import Job, Outcome, Submit, Work
-
-_SERVER, _COMMAND = os.getpid(), os.getppid()
-
-
-def _remove_folder() -> None:
-    """Remove the folder that multiprocessing has made for the socket, if it is known.
-
-    So long as the command is there, it does so itself, and would miss it.
-    """
-    server = getattr(forkserver, "_forkserver", None)
-    address = getattr(server, "_forkserver_address", None)
-    if os.getpid() != _SERVER or os.getppid() == _COMMAND or not isinstance(address, str):
-        return
-    folder = Path(address).parent
-    if folder.name.startswith("pymp-"):
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def _fail_silently(*_: object) -> None:
-    """Keep a server that cannot fork from printing a traceback: the command says what it lacks."""
-
-
-prepare_libraries()
-sys.excepthook = _fail_silently
-atexit.register(_remove_folder)
-
 
 _T = TypeVar("_T")
 
@@ -62,8 +36,11 @@ _SECONDS_TO_CLEAN_UP = 10.0
 _SECONDS_BETWEEN_LOOKS = 0.1
 _STOPPED = 128 + signal.SIGTERM
 
+_LONGEST_FOLDER = 107 - len("/pymp-12345678/listener-12345678")
+"""Bytes that the name of the folder for temporary files may have, so that of a socket fits."""
+
 _PRELOADED = (
-    "mapdeal.pipeline.processes",
+    "mapdeal.pipeline.worker_server",
     "mapdeal.pipeline.batch", "mapdeal.pipeline.processes", "mapdeal.render.layers",
     "PIL.Image", "PIL.ImageDraw", "PIL.ImageFont", "PIL.PngImagePlugin", "tokenize",
 )  # fmt: skip
@@ -180,6 +157,8 @@ def _context() -> BaseContext:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(list(_PRELOADED))
         try:
+            if len(os.fsencode(folder_for_sockets())) > _LONGEST_FOLDER:
+                raise OSError("AF_UNIX path too long")  # before a folder is made, to be left there
             with _terminal_blocked():
                 forkserver.ensure_running()
         except OSError as error:

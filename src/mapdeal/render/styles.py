@@ -1,4 +1,7 @@
-"""Legends and palettes of each type of grid."""
+"""Legends and palettes of each type of grid.
+
+Pictures, and pages that show the same layers, draw with these.
+"""
 
 from __future__ import annotations
 

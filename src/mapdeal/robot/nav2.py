@@ -1,4 +1,12 @@
-"""Costmap parameters of Nav2, as its nodes take them."""
+"""Costmap parameters of Nav2, as its nodes take them.
+
+References
+----------
+costmap_2d_ros.cpp, static_layer.cpp, inflation_layer.cpp, legacy_inflation_layer.cpp,
+asymmetric_inflation_layer.cpp and costmap_plugins.xml of nav2_costmap_2d;
+``Costmap2DROS::init``, ``getParameters`` and ``setRobotFootprint`` of costmap_2d_ros.cpp;
+rclcpp's declaration of parameters, which refuses values of another type.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""A robot's parameters, and what they amount to."""
+"""A robot's parameters, and what they amount to.
+
+Footprints are those of ROS 1 and Nav2, to the last bit.
+
+References
+----------
+array_parser.cpp, footprint.cpp and costmap_math.cpp of costmap_2d and nav2_costmap_2d.
+"""
 
 from __future__ import annotations
 

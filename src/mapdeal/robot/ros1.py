@@ -1,4 +1,12 @@
-"""Costmap parameters of ROS 1, as costmap_2d takes them."""
+"""Costmap parameters of ROS 1, as costmap_2d takes them.
+
+A list is printed with six significant digits, and a string is read as float32: the polygon in use
+has been through both. Names are searched for in the costmap's namespace and all above it.
+
+The rules are those of the constructor of ``Costmap2DROS``, ``loadOldParameters`` and
+``copyParentParameters``, of the layers' ``onInitialize``, and of dynamic_reconfigure, which reads
+each number once more, takes defaults for other types and moves it into its limits.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Sources of laser scans, from arrays and text."""
+"""Sources of laser scans, from arrays and text.
+
+Texts are comma separated, without a header: a pose and the ranges of a scan a line, all angles on
+one.
+"""
 
 from __future__ import annotations
 

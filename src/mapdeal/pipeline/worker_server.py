@@ -1,0 +1,41 @@
+"""What the server that workers are forked from does at its own end; imported there, and only there.
+
+It outlives the command that started it until the last worker is gone. So it can take away the
+folder of its socket even if the command was killed.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import sys
+from multiprocessing import forkserver
+from pathlib import Path
+
+from mapdeal.kernels.room import prepare_libraries
+
+_SERVER, _COMMAND = os.getpid(), os.getppid()
+
+
+def _remove_folder() -> None:
+    """Remove the folder that multiprocessing has made for the socket, if it is known.
+
+    So long as the command is there, it does so itself, and would miss it.
+    """
+    server = getattr(forkserver, "_forkserver", None)
+    address = getattr(server, "_forkserver_address", None)
+    if os.getpid() != _SERVER or os.getppid() == _COMMAND or not isinstance(address, str):
+        return
+    folder = Path(address).parent
+    if folder.name.startswith("pymp-"):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _fail_silently(*_: object) -> None:
+    """Keep a server that cannot fork from printing a traceback: the command says what it lacks."""
+
+
+prepare_libraries()
+sys.excepthook = _fail_silently
+atexit.register(_remove_folder)
