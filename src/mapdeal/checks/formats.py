@@ -301,14 +301,14 @@ def sarif_lines(report: LintReport) -> list[str]:
     Files below the working directory have relative URIs, as services expect it of the root of a
     repository; others absolute ones. A finding without a line gets line 1.
     """
-    indices = {name: index for index, name in enumerate(CHECKS)}
+    indices = {name: index for index, name in enumerate(sorted(CHECKS))}
     results = [
         _result(found, indices[found.check], one) for one in report.maps for found in one.findings
     ]
     driver = {
         "name": "mapdeal lint",
         "semanticVersion": report.version,
-        "rules": [_rule(name) for name in CHECKS],
+        "rules": [_rule(name) for name in sorted(CHECKS)],
     }
     run = {
         "tool": {"driver": driver},

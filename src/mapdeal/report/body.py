@@ -62,7 +62,7 @@ def _bar(style: LayerStyle, bar: ColourBar, key: str) -> Markup:
         element("figcaption", bar.unit),
         element(
             "svg", element("defs", gradient), area, *_ticks(bar.ticks),
-            viewBox=f"0 0 {_WIDTH} {_BAR + 22}", class_="bar", role="img", aria_label=label,
+            viewBox=f"0 0 {_BAR_WIDTH} {_BAR + 22}", class_="bar", role="img", aria_label=label,
         ),
     )  # fmt: skip
 
