@@ -15,6 +15,8 @@ _OPENBLAS = 80 << 20
 _LOADED = {"scipy.linalg._fblas", "scipy.special._ufuncs"}
 """Modules of scipy that load it first."""
 
+_EPOCH_DIGITS = 11  # up to the year 5138
+
 
 def check_room(size: int) -> None:
     """Raise an OSError if the system does not give so many bytes."""
@@ -39,4 +41,8 @@ def prepare_libraries() -> None:
     """Set how a process that is mapdeal's own loads numpy and scipy."""
     # OpenBLAS would start a thread per processor, for nothing.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # scipy fails to import on one that is no time; no output of ours holds a time
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
+    if not epoch.isdecimal() or len(epoch) > _EPOCH_DIGITS:
+        del os.environ["SOURCE_DATE_EPOCH"]
     sys.meta_path.insert(0, _RoomFirst)
