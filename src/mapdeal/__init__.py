@@ -62,7 +62,6 @@ def _read_stub() -> dict[str, str]:
 
 
 def _home_of(name: str) -> str | None:
-    """Return the module of a public name, None if there is none."""
     if name in _homes():
         return _homes()[name]
     whole = (module for one, module in _homes().items() if one == module)

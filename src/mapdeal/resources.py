@@ -11,7 +11,6 @@ from typing import Any
 
 
 def packaged(package: str, name: str) -> bytes:
-    """Return the contents of a file of a package of ours."""
     module = sys.modules[package]
     loader: Any = module.__spec__.loader if module.__spec__ is not None else None
     path = os.path.join(os.path.dirname(str(module.__file__)), *name.split("/"))  # noqa: PTH118, PTH120 - as loaders take it

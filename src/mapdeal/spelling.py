@@ -12,7 +12,6 @@ _ALIKE = 0.75
 
 
 def _plain(word: str) -> str:
-    """Return what all spellings of a word have in common."""
     plain = word.lower().replace("_", "-")
     for british, american in BRITISH_AND_AMERICAN:
         plain = plain.replace(british, american)

@@ -98,7 +98,6 @@ class Agreement:
 
 
 def agreement_at(first: WallMap, second: WallMap, poses: Poses, most: int) -> Agreement:
-    """Return the agreement of two maps at some places."""
     agreeing = np.zeros((len(poses), len(TOLERANCES)))
     contradicting = np.zeros_like(agreeing)
     known = np.zeros(len(poses))
@@ -440,7 +439,6 @@ def _is_elsewhere(first: WallMap, poses: Poses, best: int) -> Mask:
 
 
 def _polished(first: WallMap, second: WallMap, poses: Poses) -> NDArray[np.float64]:
-    """Return a place to a fraction of a cell."""
     narrow = _narrow(first, second)
     # Faces of one wall lie up to a cell apart: at a smaller scale, some pull without the others.
     least = _LEAST_SCALE * max(first.resolution, second.resolution)

@@ -109,7 +109,6 @@ def walls_of(grid: OccupancyGrid, most: int = MOST_CELLS_A_SIDE) -> WallMap | No
 
 
 def pooled(cells: Mask, factor: int) -> NDArray[np.int64]:
-    """Return how many cells of each block are set."""
     height, width = (-(-side // factor) for side in cells.shape)
     padded = np.zeros((height * factor, width * factor), dtype=cells.dtype)
     padded[: cells.shape[0], : cells.shape[1]] = cells
@@ -146,7 +145,6 @@ def _faces(occupied: Mask, free: Mask) -> Mask:
 
 
 def _normals(cells: NDArray[np.int64], free: Mask) -> Singles:
-    """Return for each cell the mean direction to the free cells around it."""
     padded = np.pad(free, _REACH)
     total = np.zeros((len(cells), 2), dtype=np.float32)
     around = range(-_REACH, _REACH + 1)
@@ -353,7 +351,6 @@ class _Plan:
         return is_near.reshape(self._shape)
 
     def _splat(self, points_xy: Floats, weights: Floats | float) -> Floats:
-        """Return an array of cells with the weights of the points that lie in each."""
         col, row = np.floor(points_xy / self.cell).astype(np.int64).T
         every = np.broadcast_to(np.asarray(weights, dtype=np.float64), row.shape)
         height, width = self._shape

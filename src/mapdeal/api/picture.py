@@ -268,7 +268,6 @@ def png_of(shown: object) -> bytes | None:
 
 
 def _grid_in(shown: object) -> tuple[Grid, str]:
-    """Return the grid that stands for something, and what to call it."""
     if isinstance(shown, LocalMap):
         return shown.grid, "local map"
     if isinstance(shown, BuiltMap):

@@ -22,8 +22,6 @@ CheckFunction = TypeVar(
 
 
 def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction], CheckFunction]:
-    """Add a function to the list of checks."""
-
     def added(function: CheckFunction) -> CheckFunction:
         add_check(Check(name, severity, about, function, _facts_of(name, function)))
         return function
@@ -32,7 +30,6 @@ def check(name: str, severity: Severity, about: str) -> Callable[[CheckFunction]
 
 
 def _facts_of(name: str, function: Callable[..., Any]) -> type:
-    """Return the type of the facts that a check takes."""
     hints = get_type_hints(function)
     annotations = [hints.get(parameter) for parameter in inspect.signature(function).parameters]
     for facts in _FACTS:

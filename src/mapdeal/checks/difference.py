@@ -68,7 +68,6 @@ class Difference:
 
 
 def compare(first: OccupancyGrid, second: OccupancyGrid, *, tolerance: float = 0.0) -> Difference:
-    """Compare two maps cell by cell."""
     if not 0 <= tolerance <= _MOST_TOLERANCE:  # refuses nan too
         rule = f"must be 0 to {_MOST_TOLERANCE:g} cells"
         raise ParameterError(rule, place="tolerance", got=tolerance)

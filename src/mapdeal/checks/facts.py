@@ -344,11 +344,9 @@ class ParameterFacts:
     plugins: tuple[tuple[str, str], ...]
 
     def shown(self, *name: str) -> str:
-        """Return a name as ROS writes it."""
         return ("." if self.flavour == "nav2" else "/").join(name)
 
     def section(self, name: str) -> Mapping[Name, ParameterValue]:
-        """Return the values below a name, with their names from the costmap on."""
         return self.sections.get(name, {})
 
     @cached_property
@@ -371,7 +369,6 @@ class RobotFacts:
     map_resolutions: tuple[tuple[str, float], ...] = ()
 
     def value(self, *name: str) -> ParameterValue | None:
-        """Return a parameter of the costmap, if it is set."""
         return self.parameters.values.get(name)
 
     def of_layer(self, layer: str, parameter: str) -> ParameterValue | None:
@@ -404,7 +401,6 @@ class GridFacts:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of cells in each state."""
         return self.cells.counts
 
     def places(self, cells_rowcol: Sequence[tuple[float, float]]) -> tuple[Point, ...]:
@@ -579,7 +575,6 @@ def _finding(name: str, path: Path, text: str, entries: Mapping[str, Entry]) -> 
 
 
 def _line_in(place: str) -> tuple[int | None, str]:
-    """Return the line that a place names, if any, and what is left of the place."""
     if place.startswith("line "):  # line 3; line 3, column 7
         number, _, others = place.removeprefix("line ").partition(", ")
     else:  # origin (line 3)

@@ -152,13 +152,11 @@ class LintReport(OneLine, Sequence[Finding]):
 
 
 def counts_of(findings: Iterable[Finding]) -> dict[str, int]:
-    """Return the number of findings of each severity."""
     found = Counter(finding.severity for finding in findings)
     return {severity: found[severity] for severity in SEVERITIES}
 
 
 def counts_text(counts: Mapping[str, int], suppressed: int) -> str:
-    """Return the counts of findings, and of suppressed ones, in words."""
     parts = [count_text(count, severity) for severity, count in counts.items()]
     return ", ".join([*parts, *([f"{suppressed} suppressed"] if suppressed else [])])
 
@@ -167,7 +165,6 @@ _COMMANDS = {"error": "error", "warning": "warning", "note": "notice"}
 
 
 def github_lines(report: LintReport) -> list[str]:
-    """Return a workflow command for each finding."""
     return [_annotation(found) for found in report.findings]
 
 
@@ -191,14 +188,12 @@ def text_lines(report: LintReport) -> list[str]:
 
 
 def repair_lines(report: LintReport) -> list[str]:
-    """Return what was changed in the files of maps."""
     return [
         one_line(f"{one.file}: repaired: {told}") for one in report.maps for told in one.repairs
     ]
 
 
 def line_of(found: Finding) -> str:
-    """Return a finding as one line."""
     return str(found)
 
 
@@ -208,7 +203,6 @@ def sum_of(report: LintReport) -> str:
 
 
 def json_lines(report: LintReport) -> list[str]:
-    """Return the maps, each with its findings, and the numbers of all."""
     files = [one for one in report.maps if one.is_parameters]
     document = {
         **({"parameter_files": [_map(one) for one in files]} if files else {}),

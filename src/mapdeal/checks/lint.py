@@ -46,7 +46,6 @@ def lint_file(
 
 
 def checks_of(facts: type) -> list[str]:
-    """Return the names of the checks that look at facts of a type."""
     return [check.name for check in CHECKS.values() if check.facts is facts]
 
 

@@ -138,7 +138,6 @@ _MARKING = (
 
 
 def class_of(plugin: str) -> str:
-    """Return the class of a plugin without its package."""
     return plugin.replace("/", "::").rpartition("::")[2]
 
 
@@ -349,7 +348,6 @@ declare_check("params.repeated", "note", "a key given twice, with one value")
 
 
 def finding_of(problem: Problem, file: str) -> Finding:
-    """Return a problem of a robot's parameters as a finding."""
     message = f"{problem.parameter}: {problem.text}" if problem.parameter else problem.text
     if problem.got is not None:
         message += f", got {_short(problem.got)}"
@@ -375,7 +373,6 @@ _SIDES = ("", "_left", "_right")
 
 
 def _widest(facts: RobotFacts) -> InflationLayer | None:
-    """Return the inflation layer that reaches farthest, if any has an effect."""
     layers = [one for one in facts.robot.inflation_layers if one.inflation_radius > 0]
     return max(layers, key=lambda one: one.inflation_radius, default=None)
 
@@ -604,7 +601,6 @@ def lint_parameters(
 def robot_in(
     paths: Sequence[Path], *, costmap: CostmapName | None = None, namespace: str | None = None
 ) -> RobotParameters | None:
-    """Return the robot of parameter files, as its global costmap has it if there are both."""
     names: tuple[CostmapName, ...] = ("global", "local") if costmap is None else (costmap,)
     for name in names:
         with suppress(MapdealError):
@@ -620,7 +616,6 @@ def _resolve(paths: Sequence[Path], costmap: CostmapName, namespace: str | None)
 
 
 def _is_absent(one: _Costmap) -> bool:
-    """Return whether the files say nothing of a costmap."""
     return any(p.check in _NOT_THERE and p.level == "refused" for p in one.problems)
 
 
@@ -630,7 +625,6 @@ def _is_misplaced(one: _Costmap) -> bool:
 
 
 def _named(found: Finding, one: _Costmap, count: int) -> Finding:
-    """Return a finding that names its costmap, where a line does not and there are two."""
     if found.line is not None or count == 1:
         return found
     return replace(found, message=f"{one.name} costmap: {found.message}")
@@ -644,7 +638,6 @@ def _checked(
     other: RobotParameters | None,
     map_resolutions: Sequence[tuple[str, float]],
 ) -> Iterator[Finding]:
-    """Yield what the checks find that look at values and robots."""
     if any(problem.check == _OTHER_KIND for problem in one.problems):
         return
     values = costmap_values(paths, flavour, one.name, _node_of(one, namespace), namespace)

@@ -65,7 +65,6 @@ class Selection:
         return tuple(weighed), len(wanted) - len(kept)
 
     def _spared(self, file: Path) -> frozenset[str]:
-        """Return the checks of which a map is spared."""
         if not self.per_file or self.folder is None:
             return frozenset()
         path, folder = normal_path(file), normal_path(self.folder)
@@ -88,7 +87,6 @@ def selection_of(
     strict: bool = False,
     config: LintConfig | None = None,
 ) -> Selection:
-    """Return which findings count."""
     everything = frozenset(CHECKS)
     checks = everything
     per_file: tuple[tuple[str, frozenset[str]], ...] = ()
@@ -266,5 +264,4 @@ def largest_shift(found: Difference) -> float:
 
 
 def _lies_in(number: object, lowest: float, highest: float) -> bool:
-    """Return whether something is a number, and within limits."""
     return isinstance(number, Real) and lowest <= float(number) <= highest

@@ -66,7 +66,6 @@ class BagWords:
     deskew: bool = False
 
     def refuse(self, rule: str) -> None:
-        """Refuse all of them."""
         named = {
             "--topic": self.topics,
             "--fixed-frame": self.fixed_frame,
@@ -80,7 +79,6 @@ class BagWords:
                 raise ParameterError(rule, source=name)
 
     def frames(self, poses: Path | None) -> FrameOptions:
-        """Return how it is known where sensors were."""
         from mapdeal.pipeline.bags.frames import FrameOptions  # not loaded where there is no bag
 
         mount = None
@@ -99,7 +97,6 @@ class BagWords:
         return clouds_of_bag(path, self.topics or [], frames, has_poses=has_poses, is_raw=is_raw)
 
     def scans(self, path: Path, poses: Path | None) -> AbstractContextManager[BagScans]:
-        """Open the laser scans of a bag."""
         from mapdeal.pipeline.bags.scans import scans_of_bag
 
         return scans_of_bag(path, self.topics or [], self.frames(poses), deskew=self.deskew)

@@ -254,7 +254,6 @@ def _beams(figures: Mapping[str, Any]) -> str:
 
 
 def _table(folder: Path, figures: Mapping[str, Any]) -> list[str]:
-    """Return the figures of a comparison for a person."""
     x, y, _ = figures["origin"]
     hit = f"  {figures['cells_hit_three_times']} cells hit three times and more, with "
     head = f"  {'method':<10}{'occupied':>10}{'free':>10}{'unknown':>10}{'one cell wide':>15}"

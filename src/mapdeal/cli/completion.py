@@ -65,7 +65,6 @@ def prepare_completion() -> None:
 
 
 def recipe_words() -> Iterable[str]:
-    """Return the names of the built-in recipes."""
     from mapdeal.pipeline.recipe import BUILT_IN
 
     return BUILT_IN

@@ -111,7 +111,6 @@ def _verdict(report: DiffReport) -> str:
 
 
 def _judged(bound: Bound) -> str:
-    """Return a bound, whether it holds, and what was found."""
     told = f"--{bound.name} {bound.allowed:g} {bound.unit}: {'holds' if bound.holds else 'missed'}"
     if math.isnan(bound.found):
         return f"{told}, the maps have no common cell"

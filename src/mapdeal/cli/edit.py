@@ -251,7 +251,6 @@ def _draw(
 
 
 def _start(blank: bool, background: int | None) -> Callable[[Drawable], Drawable]:
-    """Return what makes of a map the grid that is drawn on."""
     if background is not None and not blank:
         raise ParameterError("needs --blank", source="--background")
     if not blank:

@@ -25,7 +25,6 @@ _LATEST = 253402300799
 
 
 def text_of_bag(report: dict[str, Any]) -> str:
-    """Return what there is to say of a bag, for a person."""
     lines = [f"  {name:<11} {value}" for name, value in _rows(report)]
     return "\n".join(one_line(line) for line in [str(report["file"]), *lines])
 
@@ -248,7 +247,6 @@ def _rows_of_run(report: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _rows_of_file(report: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return what there is to say of a file that is no map."""
     rows = [("kind", str(report["is"]))]
     if report["figures"]:
         rows.append(("holds", _measured(report["figures"])))

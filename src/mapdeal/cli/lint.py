@@ -214,7 +214,6 @@ def _names(given: list[str] | None) -> tuple[str, ...]:
 def _parameters_of(
     files: list[Path] | None, costmap: CostmapName | None, namespace: str | None
 ) -> ParameterFiles | None:
-    """Return the robot's parameter files, if there are any."""
     if files:
         return ParameterFiles(tuple(files), costmap, namespace)
     for option, value in (("--costmap", costmap), ("--namespace", namespace)):

@@ -274,7 +274,6 @@ def _pose(text: str) -> Pose:
 
 
 def _check_window_of_map(global_map: Path | None, given: dict[str, object]) -> None:
-    """Refuse what is of clouds alone, where there is none."""
     if global_map is None:
         raise ParameterError("a cloud or --map is required", source="--cloud")
     for name, value in given.items():
@@ -283,7 +282,6 @@ def _check_window_of_map(global_map: Path | None, given: dict[str, object]) -> N
 
 
 def _number_of_clouds(text: str | None, *, is_sequence: bool) -> Keep | None:
-    """Return what --keep says."""
     if text is None:
         return None
     if not is_sequence:

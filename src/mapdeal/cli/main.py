@@ -78,7 +78,6 @@ class _LazyGroup(TyperGroup):
         return command
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the commands in groups."""
         write_commands(self, ctx, formatter)
 
 

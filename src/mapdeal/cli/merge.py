@@ -99,7 +99,6 @@ def _lines(report: MergeReport) -> list[str]:
 
 
 def _line(number: int, one: Known, counts: MapCounts) -> str:
-    """Return what there is to say of one of the maps."""
     text = f"  {one.path}: {counts.known} cells known"
     if number:
         text += f", {counts.added} added"

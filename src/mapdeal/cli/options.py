@@ -53,7 +53,6 @@ Rule = Annotated[
 
 
 def output_argument(metavar: str, help_text: str) -> Any:
-    """Return the option -o of a command."""
     return typer.Option("--output", "-o", metavar=metavar, help=help_text)
 
 
@@ -105,7 +104,6 @@ def type_of(parameter: Parameter) -> Any:
 
 
 def given(**options: object) -> dict[str, object]:
-    """Return the options that were given on the command line."""
     return {name: value for name, value in options.items() if value is not None}
 
 

@@ -85,7 +85,6 @@ def around_of(
     changes: Sequence[str] | None,
     footprint: Footprint | None,
 ) -> Around | None:
-    """Return the robot that the options describe, if they do."""
     if pose is None:
         given = {"--cloud": cloud, "--frame": frame, "--local-recipe": recipe, _SET: changes}
         for name, value in given.items():

@@ -35,7 +35,6 @@ _ALL_AROUND = 2 * math.pi - 0.1
 
 
 def run_single(job: Job, run: MapRun, workers: Workers | None) -> None:
-    """Run one map, and end as it does."""
     if workers is None:
         settings = replace(run.settings, progress=terminal.blocks_done)
         terminal.summary(lines_of(job.path, replace(run, settings=settings)(job)))
@@ -81,7 +80,6 @@ def run_batch(
 
 
 def lines_of(path: Path, report: RunReport) -> list[str]:
-    """Return what a run has made, a line a stage."""
     local = [] if report.local is None else lines_of_local(path, report.local)
     if report.status == "unchanged":
         return [f"{path} -> {report.folder}: unchanged", *local]
@@ -124,7 +122,6 @@ def _points_in(local: Figures) -> str:
 
 
 def lines_of_stages(report: RunReport) -> list[str]:
-    """Return what each stage of a run has made."""
     width = max(_LEAST_COLUMN, *map(len, report.figures))
     return [
         f"  {stage:<{width}} {_size(figures['height'], figures['width'])} cells, "

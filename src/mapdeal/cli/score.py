@@ -147,7 +147,6 @@ def _moved(report: ScoreReport) -> str:
 
 
 def _distances(report: ScoreReport) -> list[str]:
-    """Return the table of distances."""
     wide = max(len(meaning) for meaning in DISTANCES.values())
     head = f"  {'distance to the nearest wall':<{wide}}"
     lines = ["", head + "".join(f"{title:>{room}}" for title, _, _, room in _COLUMNS)]
@@ -172,7 +171,6 @@ def _alone(report: ScoreReport) -> list[str]:
 
 
 def _table(rows: list[tuple[str, str, str]]) -> list[str]:
-    """Return figures with what they mean, and their names."""
     wide = max(len(meaning) for _, meaning, _ in rows)
     return [f"  {meaning:<{wide}}  {value:<10}  {name}" for name, meaning, value in rows]
 

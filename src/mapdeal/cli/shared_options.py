@@ -190,7 +190,6 @@ SHARED_OPTIONS = {
 
 
 def expanded(names: Iterable[str]) -> list[str]:
-    """Return names of options and groups as names of options."""
     groups: dict[str, list[str]] = {}
     for name, option in SHARED_OPTIONS.items():
         if option.group is not None:
@@ -279,7 +278,6 @@ def _spliced(
     names: Sequence[str],
     help_texts: Mapping[str, str] | None,
 ) -> list[Parameter]:
-    """Return the parameters of a command: its own that are not named, and what is named."""
     ordered = expanded([*names, _ALWAYS])
     for name in ordered:
         if name not in own and name not in SHARED_OPTIONS:

@@ -72,7 +72,6 @@ _MEMORY = (
 
 
 def stage_app(name: str) -> typer.Typer:
-    """Return the command of a stage: its parameters as options, and those of all stages."""
     models = models_of(name)
     first = next(iter(models.values()))
     has_robot = any(stage.robot is not None for stage in models.values())
@@ -218,7 +217,6 @@ def _step_of(
     footprint: Footprint | None,
     given: Mapping[str, object],
 ) -> Step:
-    """Return the step that the options of a command ask for."""
     parameters = opt.given(**given)
     if footprint is not None:
         model = parameters.get("model", next(iter(models)))
@@ -247,7 +245,6 @@ def _warn_of_unused(step: Step, robot: RobotParameters) -> None:
 
 
 def say_written(output: Path, figures: Figures, *, with_origin: bool = False) -> None:
-    """Say in one line what was written."""
     text = f"{output}: {figures['width']} x {figures['height']} cells"
     if with_origin:
         x, y, yaw = figures["origin"]

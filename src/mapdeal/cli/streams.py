@@ -29,7 +29,6 @@ FROM_STDIN, TO_STDOUT = Streamed(is_output=False), Streamed(is_output=True)
 
 
 def streamed(parameters: list[Parameter]) -> dict[str, bool]:
-    """Return the names of the parameters that are marked, and whether each is an output."""
     return {
         one.name: mark.is_output
         for one in parameters

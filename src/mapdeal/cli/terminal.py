@@ -67,7 +67,6 @@ def refuse_keyboard() -> None:
 
 
 def call_files(names: Mapping[Path, str]) -> None:
-    """Have files, in all that is said, be called by other names."""
     import json  # of use to few
     from urllib.parse import quote
 
@@ -193,7 +192,6 @@ class Progress:
         return f"{self._failed} failed" if self._failed else None
 
     def advance(self, steps: int = 1, *, failed: bool = False) -> None:
-        """Take steps."""
         self._done += steps
         self._failed += failed
         if self._bar is not None:

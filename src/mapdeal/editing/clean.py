@@ -53,7 +53,6 @@ class CleanCounts:
     changed: int
 
     def steps(self) -> dict[str, Patches]:
-        """Return the changes of each step, by the name of the step."""
         steps = [field.name for field in fields(self)][:-1]
         return {name: getattr(self, name) for name in steps}
 
@@ -223,7 +222,6 @@ def _between(values: Values) -> Mask:
 
 
 def _beside(cells: Mask) -> Mask:
-    """Return the cells that share an edge with one of those."""
     beside = np.zeros_like(cells)
     beside[1:] |= cells[:-1]
     beside[:-1] |= cells[1:]

@@ -133,7 +133,6 @@ class _Marks:
             self.once |= mask
 
     def elsewhere(self, own: Mask) -> Mask:
-        """Return which cells are marked in another mask than this one of them."""
         found: Mask = self.twice | (self.once & ~own)
         return found
 
@@ -221,7 +220,6 @@ def evidence_of(
     frames: Sequence[Frame],
     layers: Sequence[ChosenLayers],
 ) -> NDArray[np.int64]:
-    """Return the summed evidence of maps, in cells of a lattice."""
     total = np.zeros(lattice.shape, dtype=np.int64)
     for state, frame, own in zip(states, frames, layers, strict=True):
         if own:
@@ -233,7 +231,6 @@ def evidence_of(
 
 
 def in_beams(evidence: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return evidence in beams that pass."""
     return evidence / _PASS
 
 
@@ -255,7 +252,6 @@ def _add_layers(
 
 
 def _weighed(values: ChosenLayers) -> NDArray[np.int64]:
-    """Return what the values of layers at some cells come to."""
     if _LOG_ODDS in values:
         units = np.rint((values[_LOG_ODDS].astype(np.float64) - EVEN) * _PASS)
         return np.where(np.isnan(units), 0.0, units).astype(np.int64)
@@ -401,7 +397,6 @@ def merge(
 def placed(
     maps: Sequence[OccupancyGrid], transforms: Sequence[Transform | None] | None
 ) -> list[Frame]:
-    """Return where each map lies in the frame of the first."""
     further = [None] * (len(maps) - 1) if transforms is None else transforms
     return [
         grid.frame if transform is None else transform.inverse().frame(grid.frame)
@@ -473,7 +468,6 @@ def remarks_on(
     *,
     advice: str = "",
 ) -> Iterator[str]:
-    """Yield what there is to warn of."""
     if rule == "evidence" and len(layerless) == len(names):
         yield "no map has evidence layers; each of their cells counts as one vote"
     elif rule == "evidence":
@@ -526,7 +520,6 @@ def _checked(
 
 
 def check_is_map(grid: object, name: str) -> OccupancyGrid:
-    """Return a map, refusing what is none."""
     if not isinstance(grid, OccupancyGrid) or isinstance(grid, FieldView):
         rule = "is not a map; merge the maps, and compute costs and fields from the result"
         raise ParameterError(rule, source=name)

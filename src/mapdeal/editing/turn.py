@@ -185,7 +185,6 @@ def _turned(frame: Frame, yaw: float) -> tuple[Frame, int | None]:
 
 
 def _quarters_of(yaw: float) -> int | None:
-    """Return how many quarter turns an angle is, None if it is none of them."""
     quarters = round(yaw / _QUARTER)
     return quarters if abs(yaw - quarters * _QUARTER) <= _AS_WRITTEN else None
 
@@ -201,7 +200,6 @@ def _straight_around(frame: Frame) -> Frame:
 
 
 def _at(grid: V, origin: Origin, values: NDArray[Any] | None = None) -> V:
-    """Return a grid at another place, with other values if they are given."""
     layers = {} if values is None else {grid.layer_names[0]: values}
     like_any: Any = grid
     made: V = replace(like_any, origin=origin, **layers)

@@ -220,7 +220,6 @@ def blank(grid: D, value: int = 0) -> D:
 
 
 def _other_cells(lattice: Frame, frame: Frame) -> str:
-    """Return in what the cells of a frame are not those of a lattice."""
     if frame.resolution != lattice.resolution:
         own, other = lattice.resolution, frame.resolution
         return f"must have cells of {own:g} m as the grid has, not of {other:g} m"
@@ -257,7 +256,6 @@ def _copied(grid: G, region: Region, frame: Frame, *, fill: int | None, what: st
 
 
 def _beside(grid: G, frame: Frame, *, fill: int | None, what: str) -> G:
-    """Return a window that has no cell of the grid."""
     if not isinstance(grid, ValueGrid):
         raise ParameterError("no cell of it has a distance", place=what)
     text = "lies outside of the map, no cell is kept"

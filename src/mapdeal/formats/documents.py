@@ -32,7 +32,6 @@ class AlignmentAnswer:
 
 
 def alignment_answer(document: JsonValue) -> AlignmentAnswer:
-    """Return the content of a document of align."""
     moved, reason = document["transform"], document["reason"]
     x, y, yaw = (moved[key].number() for key in ("x", "y", "yaw"))
     return AlignmentAnswer(
@@ -80,7 +79,6 @@ class ScoreAnswer:
 
 
 def score_answer(document: JsonValue) -> ScoreAnswer:
-    """Return the content of a document of score."""
     own, truth, moved = document["map"], document["truth"], document["transform"]
     lattice = document["lattice"]
     return ScoreAnswer(
@@ -225,7 +223,6 @@ def route_json(route: Route) -> str:
 
 
 def route_line(route: Route, *, pair: int, method: str) -> str:
-    """Return a route as JSON on one line, without its points."""
     return json.dumps({"pair": pair, "method": method, **_entries(route)})
 
 

@@ -70,12 +70,10 @@ class JsonValue:
     place: str = ""
 
     def error(self, rule: str) -> MalformedInputError:
-        """Return the error for a value that must be something else."""
         place = self.place or "the document"
         return MalformedInputError(rule, source=self.source, place=place, got=self.value)
 
     def __getitem__(self, key: str) -> JsonValue:
-        """Return the value of a key, which must be there."""
         found = self.get(key)
         if found is None:
             rule = f"must have a key {key}"
@@ -90,11 +88,9 @@ class JsonValue:
         return JsonValue(self.source, fields[key], f"{self.place}.{key}" if self.place else key)
 
     def fields(self) -> dict[str, JsonValue]:
-        """Return the values of an object by their keys."""
         return {key: self[key] for key in self._fields()}
 
     def items(self) -> list[JsonValue]:
-        """Return the values of a list."""
         if not isinstance(self.value, list):
             raise self.error("must be a list")
         return [
@@ -104,11 +100,9 @@ class JsonValue:
 
     @property
     def is_null(self) -> bool:
-        """Whether it is null."""
         return self.value is None
 
     def number(self, *, least: float = -FARTHEST, most: float = FARTHEST) -> float:
-        """Return a finite number."""
         if isinstance(self.value, bool) or not isinstance(self.value, int | float):
             raise self.error("must be a number")
         if not least <= self.value <= most:
@@ -116,11 +110,9 @@ class JsonValue:
         return float(self.value)
 
     def number_or(self, otherwise: float, *, least: float = 0.0) -> float:
-        """Return a finite number, or what null stands for."""
         return otherwise if self.is_null else self.number(least=least)
 
     def whole(self, least: int = 0, most: int = _LARGEST_WHOLE) -> int:
-        """Return a whole number."""
         if isinstance(self.value, bool) or not isinstance(self.value, int):
             raise self.error("must be a whole number")
         if not least <= self.value <= most:
@@ -128,19 +120,16 @@ class JsonValue:
         return self.value
 
     def flag(self) -> bool:
-        """Return true or false."""
         if not isinstance(self.value, bool):
             raise self.error("must be true or false")
         return self.value
 
     def text(self) -> str:
-        """Return a text, whatever characters are in it."""
         if not isinstance(self.value, str):
             raise self.error("must be a text")
         return self.value
 
     def word(self, *allowed: str) -> str:
-        """Return a text that is one of some."""
         text = self.text()
         if text not in allowed:
             raise self.error(f"must be one of {', '.join(allowed)}")
@@ -154,7 +143,6 @@ class JsonValue:
         return text
 
     def shown(self) -> str:
-        """Return the value, whatever it is, as JSON on one line."""
         return json.dumps(self.value, ensure_ascii=False)
 
     def point(self) -> Point:
@@ -180,7 +168,6 @@ class JsonValue:
 
 
 def _is_pair(value: object) -> bool:
-    """Return whether a value is a list of two numbers, of any size."""
     return (
         type(value) is list
         and len(value) == 2
@@ -190,7 +177,6 @@ def _is_pair(value: object) -> bool:
 
 
 def read_document(path: Path) -> JsonValue:
-    """Return the value in a JSON file."""
     data = read_file(path, limit=LARGEST_DOCUMENT)
     claim(path, OF_JSON * len(data))
     return JsonValue(path, parse_document(path, data))

@@ -134,7 +134,6 @@ def recognised(path: Path, wanted: str, *kinds: str) -> Iterator[None]:
 
 
 def other_kind(path: Path, kind: FileKind, wanted: str) -> MalformedInputError:
-    """Return the error for a file that is of another kind than is wanted."""
     return MalformedInputError(f"is {kind.what}, not {wanted}", source=path, hint=kind.use)
 
 
@@ -335,7 +334,6 @@ def _stages_in(entry: Entry) -> list[str]:
 
 
 def _kind_of_numbers(path: Path, head: bytes) -> FileKind | None:
-    """Return what a text with numbers in each of its first lines is."""
     rows = [line.strip().decode("latin-1") for line in head.split(b"\n")[:-1] or [head]]
     rows = [row for row in rows if row and not row.startswith("#")]
     if not rows or b"\0" in head:

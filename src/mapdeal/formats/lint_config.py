@@ -172,7 +172,6 @@ def read_ignore_comments(path: Path, limit: int = OF_MAPS.bytes) -> list[IgnoreC
 
 
 def _listed(text: str) -> Names:
-    """Return the names at the start of a text, with commas between them."""
     names = []
     for part in text.split(","):
         name = _NAME.match(part)

@@ -44,7 +44,6 @@ Contents = tuple[list[str], list[str]]
 def list_files(
     names: Iterable[str], suffixes: Sequence[str], *, not_in_folders: Sequence[str] = ()
 ) -> list[Path]:
-    """Return the files that names stand for."""
     return [path for name in names for path in _files_of(name, suffixes, not_in_folders)]
 
 
@@ -97,7 +96,6 @@ def files_matching(pattern: str) -> list[Path]:
 
 
 def _one_part_on(folders: Iterable[Path], part: str) -> Iterator[Path]:
-    """Yield the folders that a part of a pattern leads to."""
     if part == _ANY_FOLDERS:
         for one, _ in folders_below(folders, _seen_in):
             yield one
@@ -115,7 +113,6 @@ def _matching(names: Iterable[str], part: str) -> Iterator[str]:
 
 
 def _seen_in(folder: Path) -> Contents:
-    """Return the names in a folder, none of one that cannot be read."""
     try:
         return contents_of(folder)
     except FileAccessError as error:
@@ -124,7 +121,6 @@ def _seen_in(folder: Path) -> Contents:
 
 
 def _shortest_ways(folders: Iterable[Path]) -> list[Path]:
-    """Return each real folder once."""
     nearest: dict[tuple[int, int] | None, Path] = {}
     for one in sorted(folders, key=lambda one: len(one.parts)):
         nearest.setdefault(identity_of(one), one)
@@ -137,7 +133,6 @@ def folders_below(
     *,
     leave_out: Callable[[Path], bool] = lambda _: False,
 ) -> Iterator[tuple[Path, list[str]]]:
-    """Yield folders and all those below them, and the files in each."""
     seen: set[tuple[int, int] | None] = set()
     waiting = [(len(one.parts), k, one) for k, one in enumerate(folders)]
     heapq.heapify(waiting)
@@ -257,7 +252,6 @@ def list_maps(
     *,
     whole_folders: WholeFolders | None = None,
 ) -> MapListing:
-    """Return the maps that names stand for."""
     rules = _Rules(None if output is None else real_path(output), whole_folders)
     found: list[_Found] = []
     for name in names:
@@ -293,7 +287,6 @@ def _yaml_of(path: Path) -> Path:
 
 
 def _lines_of(name: str, standard_input: Callable[[], Iterable[bytes]]) -> list[str]:
-    """Return the names in a list, without comments and empty lines."""
     what = f"@{name}"
     try:
         if name == "-":

@@ -178,7 +178,6 @@ class PixelRemarks:
             self._freed.add(picture, occupancy)
 
     def warn(self, yaml_path: Path, image: Path) -> None:
-        """Warn of what was found in all strips."""
         if self._reads_indices:
             text = "ROS 1 reads indices of the palette, not colours"
             _warn(image, text, "image.palette")
@@ -233,7 +232,6 @@ def warn_of_cost_figures(path: Path, figures: Figures) -> None:
 
 
 def _advice_on_costs(figures: Figures) -> str:
-    """Return what to change of costs of which nobody knows how they were made."""
     if not figures["lethal"]:
         return "there is no obstacle"
     if figures["most_common"]["cost"] < _HALF_WAY:

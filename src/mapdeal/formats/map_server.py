@@ -33,7 +33,6 @@ def read_cells(
     dialect: Dialect = "nav2",
     max_cells: int | None = None,
 ) -> OccupancyGrid | Costmap:
-    """Return the map in an image, given what its YAML file says."""
     with open_strips(image_path, max_cells=max_cells) as strips:
         if metadata.cost_scale is not None:
             cost = np.empty(strips.shape, dtype=np.uint8)

@@ -50,7 +50,6 @@ def write_pair(
     encoding: Encoding = "occupancy",
     extra: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a map or costmap as an image and its YAML."""
     image, yaml_path = pair_paths(output)
     cost_scale: CostScale | None = None
     if isinstance(grid, Costmap):
@@ -90,7 +89,6 @@ def write_pair(
 
 
 def write_map_image(transaction: Transaction, image: Path, grid: OccupancyGrid) -> Mode:
-    """Write the image of a map, and return the mode that its YAML file has to name."""
     mode: Mode = "raw" if _has_between(grid.occupancy) else "trinary"
     transaction.write(image, _occupancy_writer(image, grid, mode))
     return mode

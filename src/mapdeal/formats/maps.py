@@ -91,7 +91,6 @@ class MapFile:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that hold the map, the named one first."""
         return (self.path,) if self._image is None else (self.path, self._image)
 
     @property
@@ -124,7 +123,6 @@ class MapFile:
         return Frame(*self.shape(), self.metadata.resolution, self.metadata.origin)
 
     def read(self) -> Source:
-        """Return the map, all of it in memory."""
         if self.metadata is None or self._image is None:
             grid: Grid = read_npz(self.path, max_cells=self._max_cells)
             if type(grid) is OccupancyGrid and holds_reach(self.path):
@@ -163,7 +161,6 @@ class MapFile:
         return Source(grid, self.files, metadata)
 
     def _warn_of_cells(self, grid: Grid) -> None:
-        """Warn of a grid of which nothing can be concluded."""
         if isinstance(grid, Costmap):
             warn_of_one_cost(self.path, grid)
         elif isinstance(grid, OccupancyGrid):

@@ -33,7 +33,6 @@ class NpyHeader(NamedTuple):
 
     @property
     def elements(self) -> int:
-        """How many values there are."""
         return math.prod(map(int, self.shape))
 
     @property
@@ -63,7 +62,6 @@ def read_npy_header(file: IO[bytes]) -> NpyHeader:
 
 
 def write_npy(file: BinaryIO, array: Layer) -> None:
-    """Write an array."""
     file.write(npy_header(array.shape, array.dtype))
     file.writelines(pieces(array))
 

@@ -73,12 +73,10 @@ class NpzReader:
         return {name.removesuffix(".npy") for name in self._zip.namelist()}
 
     def header(self, name: str) -> NpyHeader:
-        """Return the header of an array."""
         with self._opened(name) as (_, header):
             return header
 
     def layer(self, name: str, dtype: type[np.generic]) -> Layer:
-        """Return an array of two axes with values of that type."""
         header = self.header(name)
         self._check(name, header, np.dtype(dtype), self._max_cells)
         if len(header.shape) != 2:
@@ -110,18 +108,15 @@ class NpzReader:
         return self._values(name, header.nbytes)
 
     def number(self, name: str) -> float:
-        """Return a single number."""
         return float(self._single(name, "iuf", "a number"))
 
     def whole_number(self, name: str) -> int:
-        """Return a single whole number."""
         value = self.number(name)
         if value % 1 or abs(value) > _LARGEST_SMALL_NUMBER:  # nan and inf leave a rest of nan
             raise self._error(name, f"must be a whole number, is {value:g}")
         return int(value)
 
     def text(self, name: str, choices: tuple[str, ...] | None) -> str:
-        """Return a single text, one of the choices if there are any."""
         value = self._single(name, "U", "text")
         little = value.astype(value.dtype.newbyteorder("<"))
         try:  # not by numpy, which makes broken strings of characters beyond Unicode
@@ -133,7 +128,6 @@ class NpzReader:
         return text
 
     def numbers(self, name: str, axes: int) -> NDArray[np.float64]:
-        """Return an array of any type of number, with so many axes."""
         header = self.header(name)
         if header.dtype.kind not in "iuf" or len(header.shape) != axes:
             found = f"{header.dtype} of shape {header.shape}"

@@ -195,7 +195,6 @@ def _memory_of(name: str, image: Any, file: OpenFile) -> int:
 
 
 def _bits_of(name: str, image: Any) -> int:
-    """Return the bits of a pixel in the file."""
     if name == "TIFF":
         return max(1, int(sum(image.tag_v2.get(_BITS_PER_SAMPLE, (1,)))))
     raw_mode = image.tile[0][3] if name == "PNG" else ""
@@ -303,7 +302,6 @@ def _with_facts_of_png(picture: Picture, raw_mode: str, info: Mapping[str, Any])
 
 
 def one_at_a_time() -> AbstractContextManager[Any]:
-    """Return a context that one thread at a time is in."""
     return _LOCK
 
 
@@ -363,7 +361,6 @@ def _silent_stderr() -> Iterator[None]:
 
 
 def _format(name: str, suffixes: tuple[str, ...], *signatures: bytes) -> ImageFormat:
-    """Return the record of a format that Pillow reads."""
     return ImageFormat(
         name=name,
         suffixes=suffixes,

@@ -441,7 +441,6 @@ class BinaryRows:
 
     @property
     def image(self) -> Path:
-        """The file."""
         return self.file.path
 
     @property
@@ -471,7 +470,6 @@ class BinaryRows:
         return located.picture(data, first, self.image)
 
     def sha256(self) -> str:
-        """Return the checksum of the whole file."""
         return self.file.sha256()
 
 

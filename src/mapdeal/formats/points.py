@@ -120,7 +120,6 @@ def _line_count(text: bytes) -> int:
 
 
 def _first_long_line(text: bytes) -> int | None:
-    """Return where the first line begins that is too long, if there is one."""
     start = 0
     while len(text) - start > _LONGEST_LINE:
         end = text.rfind(b"\n", start, start + _LONGEST_LINE + 1)
@@ -170,7 +169,6 @@ _POSE = _Form(("x", "y", "yaw"), "three", f", or TUM's {' '.join(TUM)}")
 
 
 def _parsed(text: bytes, first: int, form: _Form) -> NumberLines:
-    """Return the numbers of lines, which lines these are, and what is wrong with some."""
     if first == 1:
         head, end, others = text.partition(b"\n")
         if end and form.is_header(_text_of(head)):
@@ -252,7 +250,6 @@ def _numbers_of(text: str, delimiter: str | None = ",") -> list[float]:
 def _line_of(
     text: str, parse: Callable[[str], _Found], form: str, json_form: str
 ) -> tuple[_Found | None, str | None]:
-    """Return what stands in a line, or what is wrong with it."""
     try:
         found = parse(text)
     except _NO_NUMBERS:

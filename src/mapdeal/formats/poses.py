@@ -32,7 +32,6 @@ class TransformFile:
 
 
 def transform_document(transform: Transform) -> dict[str, Any]:
-    """Return a transform as JSON can hold it."""
     degrees = round(math.degrees(transform.yaw), 9)
     return {"x": transform.x, "y": transform.y, "yaw": transform.yaw, "yaw_deg": degrees}
 

@@ -38,7 +38,6 @@ class FileState(NamedTuple):
 
     @classmethod
     def of_status(cls, status: os.stat_result) -> FileState:
-        """Return the state of the file that has this status."""
         return cls(status.st_ino, status.st_size, status.st_mtime_ns)
 
 
@@ -67,7 +66,6 @@ def _can_be_name(path: Path) -> bool:
 
 
 def status_of(path: Path) -> os.stat_result:
-    """Return the status of a file, or of what a link leads to."""
     with access_to(path):
         return path.stat()
 
@@ -106,13 +104,11 @@ def identity_of(path: Path) -> tuple[int, int] | None:
 
 
 def is_same_file(one: Path, other: Path) -> bool:
-    """Return whether two names are of one file that there is."""
     identity = identity_of(one)
     return identity is not None and identity == identity_of(other)
 
 
 def absolute_path(path: Path) -> Path:
-    """Return a path from the root on."""
     if path.is_absolute():
         return path
     try:
@@ -172,7 +168,6 @@ def sums_of_reads(*, is_wanted: bool = True) -> Iterator[dict[Path, str]]:
 def read_file(
     path: Path, *, limit: int = LARGEST_FILE, inspect: Callable[[bytes], None] | None = None
 ) -> bytes:
-    """Return the contents of a regular file."""
     before = check_readable(path)
     try:
         with access_to(path), path.open("rb") as file:
@@ -227,13 +222,11 @@ def state_of(path: Path) -> FileState:
 
 
 def check_state(path: Path, state: FileState) -> None:
-    """Raise FileAccessError if the file of a name is not the one that it was."""
     if state_of(path) != state:
         raise FileAccessError(CHANGED, source=path)
 
 
 def joined(chunks: Iterable[bytes], *, limit: int, source: Path | str) -> bytes:
-    """Return what comes in bit by bit as one."""
     parts, length = [], 0
     for chunk in chunks:
         parts.append(chunk)

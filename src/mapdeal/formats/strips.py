@@ -36,7 +36,6 @@ class Strips:
             stop = start
 
     def whole(self) -> Picture:
-        """Return the whole picture."""
         samples: NDArray[Any] | None = None
         alpha: NDArray[Any] | None = None
         first = 0

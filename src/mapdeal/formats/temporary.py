@@ -118,7 +118,6 @@ class Temporary:
             file.write(data)
 
     def sync(self) -> None:
-        """Flush the contents to the disk."""
         if self._file is not None:
             os.fsync(self._file.fileno())
 
@@ -256,7 +255,6 @@ def signals_put_off() -> Iterator[None]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Flush the names in a folder to the disk."""
     # A file system that cannot do that makes renames durable by its own rules.
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)

@@ -107,7 +107,6 @@ def _some_lines(file: BinaryIO) -> bytes:
 
 
 def _ends_of_lines(text: bytes, first: int, path: Path) -> NDArray[np.intp]:
-    """Return where the lines of a text end, none of which may be too long."""
     ends = np.flatnonzero(np.frombuffer(text, dtype=np.uint8) == _LINE_FEED) + 1
     if not text.endswith(b"\n"):
         ends = np.append(ends, len(text))

@@ -46,7 +46,6 @@ class RowsWriter:
     begin: Callable[[BinaryIO], tuple[PutRows, Callable[[], object]]]
 
     def __call__(self, file: BinaryIO) -> None:
-        """Write the file alone."""
         put, finish = self.begin(file)
         for rows in swept(self.layer):
             put(rows)

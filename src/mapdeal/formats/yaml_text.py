@@ -58,12 +58,10 @@ class Entry:
         return f"{self.key} (line {self.node.start_mark.line + 1})"
 
     def error(self, rule: str, *, hint: str | None = None) -> MalformedInputError:
-        """Return an error about this entry that shows its text."""
         got = written(self.node)
         return MalformedInputError(rule, source=self.source, place=self.place, got=got, hint=hint)
 
     def text(self) -> str:
-        """Return the text of a scalar, as it is written."""
         if not isinstance(self.node, yaml.ScalarNode):
             raise self.error("must be a single value")
         return str(self.node.value)
@@ -79,13 +77,11 @@ class Entry:
         return float(text)
 
     def items(self) -> list[Entry]:
-        """Return the elements of a list."""
         if not isinstance(self.node, yaml.SequenceNode):
             raise self.error("must be a list")
         return [Entry(self.source, self.key, node) for node in self.node.value]
 
     def fields(self) -> dict[str, Entry]:
-        """Return the entries of a mapping by key."""
         if not isinstance(self.node, yaml.MappingNode):
             raise self.error("must be a mapping of keys")
         return _entries_of(self.source, self.node)
@@ -145,7 +141,6 @@ class Entry:
             raise self.error(f"cannot be read ({one_line_of(error)})") from None
 
     def printable_value(self) -> Any:
-        """Return the value, if it can be written again."""
         value = self.value()
         try:
             yaml.safe_dump(value)
@@ -162,7 +157,6 @@ class Entry:
 
 
 def read_mapping(path: Path, limits: YamlLimits = OF_MAPS) -> dict[str, Entry]:
-    """Return the entries of the mapping that a YAML file holds, by key."""
     data = read_file(path, limit=limits.bytes, inspect=lambda head: refuse_image(path, head))
     return parse_mapping(path, data, limits)
 
@@ -226,14 +220,12 @@ def one_line_of(error: Exception) -> str:
 
 
 def refuse_image(path: Path, data: bytes) -> None:
-    """Raise MalformedInputError if data start as those of an image do."""
     if re.match(rb"P[1-7fF]\s", data) or data.startswith((b"\x89PNG", b"BM", b"II*\0", b"MM\0*")):
         kind = f"a {data[:2].decode()} image" if data[:1] == b"P" else "an image"
         raise MalformedInputError(f"looks like {kind}", source=path, hint="pass the .yaml")
 
 
 def decoded_text(path: Path, data: bytes) -> str:
-    """Return what is written in a YAML file."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -258,7 +250,6 @@ def compose_documents(
 
 
 def _compose(path: Path, text: str, limits: YamlLimits) -> yaml.Node | None:
-    """Return the tree of nodes, as far as it is harmless."""
     with _as_malformed(path, text):
         node: yaml.Node | None = _LIBYAML(text).read(path, text, limits).get_single_node()
         return node
@@ -316,13 +307,11 @@ class _Composer(yaml.composer.Composer):
         return event
 
     def compose_document(self) -> yaml.Node | None:
-        """Return the node of the next document, which has anchors of its own."""
         self.anchors: dict[Any, yaml.Node] = {}
         self._nodes_of: dict[str | None, int] = {}
         return super().compose_document()
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Return the next node and all below it."""
         event: Any = self.peek_event()  # type: ignore[attr-defined]
         if isinstance(event, yaml.AliasEvent):
             self._count_alias(event)
@@ -416,7 +405,6 @@ def _span(entry: Entry, value: Any) -> tuple[int, int, str]:
 
 
 def _flow_text(value: Any) -> str:
-    """Return a value as it is written behind its key."""
     text = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=1 << 20)
     return text.removesuffix("\n").removesuffix("\n...")
 

@@ -39,7 +39,6 @@ class FieldGrid(Framed):
 
     @cached_property
     def cropped(self) -> Self:
-        """Field in the extent that it was computed for: the field itself, or only its box."""
         if self.region is None:
             return self
         frame = self.region.frame_in(self.frame)
@@ -68,7 +67,6 @@ class FieldGrid(Framed):
         return part
 
     def with_layer(self, layer: Layer) -> Self:
-        """Return the grid with its layer replaced by another one with the same values."""
         other = super().with_layer(layer)
         other.__dict__.pop("cropped", None)
         return other
@@ -101,7 +99,6 @@ class layer_of_box(cached_property[NDArray[np.float64]]):  # noqa: N801 - a deco
 
 
 def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
-    """Return a grid extended to a larger frame of the same lattice."""
     if frame == grid.frame:
         return grid
     place = region_on_lattice(frame, grid.frame)
@@ -128,7 +125,6 @@ def on_canvas(grid: G, frame: Frame, *, fill: int | None = None) -> G:
 
 
 def cut_out(layer: Layer, region: Region) -> Layer:
-    """Return the part of a layer that lies in a region inside of it."""
     cols = slice(region.col, region.col + region.width)
 
     def cut(rows: slice) -> NDArray[Any]:
@@ -149,14 +145,12 @@ def put_around(
 
 
 def replaced(grid: G, **changes: Any) -> G:
-    """Return a grid with some of its layers and its geometry replaced."""
     grid_of_any_type: Any = grid
     made: G = replace(grid_of_any_type, **changes)
     return made
 
 
 def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> Layer:
-    """Return a layer at a place in a larger one, which is filled around it."""
     top = place.row + place.height
 
     def make(rows: slice) -> NDArray[Any]:
@@ -173,7 +167,6 @@ def padded(layer: Layer, shape: tuple[int, int], place: Region, fill: float) -> 
 
 
 def _box_of_numbers(layer: NDArray[Any], occupancy: NDArray[np.int8], name: str) -> Region | None:
-    """Return the box of the cells that hold numbers, None if all do."""
     if not np.isnan(layer.min()):  # min hands nan on
         return None
     has_number = (np.zeros(layer.shape[0], dtype=bool), np.zeros(layer.shape[1], dtype=bool))

@@ -106,7 +106,6 @@ def contains_centre(points: Sequence[Point]) -> bool:
 
 
 def is_number(value: object) -> bool:
-    """Return whether a value is a number, nan and infinity included."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 

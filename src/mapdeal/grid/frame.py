@@ -579,7 +579,6 @@ class Region(NamedTuple):
 
     @property
     def cells(self) -> int:
-        """Number of cells."""
         return self.height * self.width
 
     def shared_with(self, shape: tuple[int, int]) -> tuple[slice, slice]:
@@ -601,7 +600,6 @@ class Region(NamedTuple):
         )
 
     def frame_in(self, frame: Frame) -> Frame:
-        """Return the region's own frame."""
         if self.height * self.width > MOST_CELLS:
             rule = f"a window must not have more than {MOST_CELLS} cells"
             raise ParameterError(rule, place="size", got=(self.width, self.height))

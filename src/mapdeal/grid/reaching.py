@@ -122,7 +122,6 @@ class Ways:
         return self._gaps[saddle]
 
     def middle(self, saddle: int) -> Point:
-        """Return the middle of the gap that a cell lies in."""
         (x, y), (other_x, other_y) = self.gap(saddle)
         return (x + other_x) / 2, (y + other_y) / 2
 
@@ -172,7 +171,6 @@ class Ways:
         return found
 
     def begun_at(self, start: Cell) -> WaysFrom:
-        """Return the ways from a cell."""
         basin = int(self.tree.basins[start])
         return WaysFrom(self, start, None if basin < 0 else rooted(self.tree, basin))
 
@@ -205,7 +203,6 @@ class Ground:
         return blocked
 
     def ways(self) -> Ways:
-        """Return the ways and their widths."""
         squared = squares_to(self.obstacles)
         traversable = self.blocked
         np.logical_not(traversable, out=traversable)
@@ -604,7 +601,6 @@ class _RoundPoses:
         self.headings *= np.uint8(heading_count)
 
     def open_headings(self, row: int, col: int) -> NDArray[np.bool_]:
-        """Return in which headings a cell is open."""
         return np.full(self._heading_count, self.headings[row, col] > 0)
 
     def reach(self, seeds: Sequence[Pose], cells: Sequence[Cell]) -> Reached:
@@ -690,7 +686,6 @@ def _headings_at(
     ground: Ground,
     robot: Footprint | None,
 ) -> list[int]:
-    """Return the headings to start in: the one that is asked for, or all that are open."""
     is_open = poses.open_headings(*first)
     if not is_open.any():
         square = int(squares_to(ground.obstacles)[first])
@@ -716,7 +711,6 @@ def _name_of(goal: Goal) -> str:
 
 
 def _closed_text(ground: Ground, cell: Cell, square: int, robot: Footprint | None) -> str:
-    """Return what a closed cell is, given its squared distance from obstacles and the edge."""
     if not ground.frame.holds(cell):
         return "outside of the map"
     if ground.occupancy[cell] == OCCUPIED:

@@ -46,7 +46,6 @@ def resampled(grid: V, frame: Frame, *, rule: ResamplingRule = "area") -> V:
 
 
 def check_rule(rule: str) -> None:
-    """Refuse an unknown rule."""
     if rule not in get_args(ResamplingRule):
         known = ", ".join(get_args(ResamplingRule))
         raise ParameterError(f"must be one of {known}", place="rule", got=rule)
@@ -65,7 +64,6 @@ def obstacles_in(frame: Frame, obstacles: Mask, source: Frame) -> Mask:
 
 
 def wholly_in(frame: Frame, cells: Mask, source: Frame) -> Mask:
-    """Return which cells of a frame lie wholly in cells of a grid that are set."""
     if region_on_lattice(source, frame) is not None:
         return obstacles_in(frame, cells, source)
     return _inside(frame, source) & ~obstacles_in(frame, ~cells, source)

@@ -296,7 +296,6 @@ def _ring(points: Sequence[Point], what: str, most: int = _MOST_VERTICES) -> tup
 
 
 def _cells(frame: Frame, points: Sequence[Point], what: str) -> list[Cell]:
-    """Return the cells of points, in the grid or not too far from it."""
     cells = frame.unbounded_rowcol_from_xy(points)
     far = np.abs(cells).max(axis=1) > FARTHEST_CELL
     if far.any():

@@ -88,7 +88,6 @@ class LazyLayer:
 
     @property
     def size(self) -> int:
-        """Cells."""
         return self.shape[0] * self.shape[1]
 
     def __len__(self) -> int:
@@ -167,7 +166,6 @@ class LazyLayer:
 
 
 def is_lazy(layer: Layer) -> bool:
-    """Return whether a layer is made block by block, and not an array."""
     return isinstance(layer, LazyLayer)
 
 

@@ -50,13 +50,11 @@ class RootedTree:
 
 
 def clearance_tree(squared: SquaredDistances, is_traversable: NDArray[np.bool_]) -> ClearanceTree:
-    """Return the clearance tree of a grid."""
     _check(squared, is_traversable)
     return _engine(squared).clearance_tree(squared, is_traversable)  # type: ignore[no-any-return]
 
 
 def rooted(tree: ClearanceTree, root: int) -> RootedTree:
-    """Return a clearance tree seen from one of its basins."""
     if not 0 <= root < len(tree.peaks):
         raise IndexError(f"the tree has no basin {root}")
     return _engine(tree.basins).rooted(tree, root)  # type: ignore[no-any-return]
@@ -69,7 +67,6 @@ def widest_from(
     *,
     seen: RootedTree | None = None,
 ) -> SquaredDistances:
-    """Return the bottleneck of the widest way from a cell to each cell."""
     limits = _limits_from(tree, squared, start, seen)
     return _engine(squared).widest_squares(tree.basins, squared, limits)  # type: ignore[no-any-return]
 
@@ -83,7 +80,6 @@ def widest_metres(
     seen: RootedTree | None = None,
     in_place: bool = False,
 ) -> NDArray[np.float32]:
-    """Return the radius that the widest way from a cell to each cell has room for."""
     limits = _limits_from(tree, squared, start, seen)
     metres = _floats_over(tree.basins, in_place=in_place)
     _engine(squared).widest_metres(tree.basins, squared, limits, resolution, metres)
@@ -93,7 +89,6 @@ def widest_metres(
 def clearance_metres(
     squared: SquaredDistances, resolution: float, *, in_place: bool = False
 ) -> NDArray[np.float32]:
-    """Return distances in place of their squares."""
     metres = _floats_over(squared, in_place=in_place)
     _engine(squared).clearance_metres(squared, resolution, metres)
     return metres
@@ -140,7 +135,6 @@ def _check(squared: SquaredDistances, is_traversable: NDArray[np.bool_]) -> None
 
 
 def _engine(cells: SquaredDistances) -> ModuleType:
-    """Return the module that serves for squares, or other numbers, of cells."""
     if engine_name() == "compiled":
         from mapdeal.kernels import compiled_clearance
 

@@ -177,6 +177,5 @@ def _metres(squared: SquaredDistances, resolution: float, endless: int) -> NDArr
 def basin_areas(
     basins: NDArray[np.int32], squared: SquaredDistances, above: int, count: int
 ) -> NDArray[np.int64]:
-    """Return how many cells of each basin have a square above."""
     counted = basins[(basins >= 0) & (squared > above)]
     return np.bincount(counted, minlength=count).astype(np.int64)

@@ -46,7 +46,6 @@ def marks_clouds() -> bool:
 def mark_cloud(
     points: Floats, rule: CloudRule, hit: NDArray[np.bool_], *, is_placed: bool
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Mark, in place, the cells with a point."""
     from mapdeal.kernels import _clouds
 
     counts = np.zeros(6, dtype=np.int64)

@@ -149,7 +149,6 @@ def _maker(blocked: Bits, shape: tuple[int, int], footprints: Sequence[Spans]) -
 
 
 def _fits(spans: Spans, shape: tuple[int, int]) -> bool:
-    """Return whether there is a cell from which all these are in the grid."""
     return all(
         max(0, -int(starts.min())) <= min(size - 1, size - int(stops.max()))
         for starts, stops, size in (

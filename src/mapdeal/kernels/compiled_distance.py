@@ -54,7 +54,6 @@ def metres(
     gain: float,
     halo: Halo | None = None,
 ) -> NDArray[np.float32]:
-    """Return signed distances."""
     distance = np.empty(marked.shape, np.float32)
     transform = _transform(
         marked, distance, _square_beyond(clip, scale, outside_shift, inside_shift)
@@ -73,7 +72,6 @@ def _row_of(row: tuple[Mask, Runs] | None) -> tuple[NDArray[np.uint8], Runs] | N
 def _square_beyond(
     clip: float, scale: float, outside_shift: float, inside_shift: float
 ) -> int | None:  # fmt: skip
-    """Return a square from which on all distances are clipped, or None if there is none."""
     cells = (clip + max(abs(outside_shift), abs(inside_shift))) / scale + 1
     return math.ceil(cells * cells) if cells < longest_side() else None
 

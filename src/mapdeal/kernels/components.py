@@ -58,7 +58,6 @@ class Labels:
 
 
 def labelled(marked: Mask, *, corners: bool) -> Labels:
-    """Return the connected components of marked cells."""
     from scipy import ndimage
 
     cells, count = ndimage.label(marked, structure=np.ones((3, 3)) if corners else None)
@@ -83,7 +82,6 @@ Cells = NDArray[np.int64]
 
 
 def touching_groups(marked: NDArray[np.bool_]) -> tuple[Cells, Cells]:
-    """Return marked cells, and which of the groups each of them is in."""
     width = marked.shape[1]
     at = np.flatnonzero(marked)
     cells = np.stack([at // width, at % width], axis=1)
@@ -193,7 +191,6 @@ class Components:
             self._add_band(marked[first : first + step])
 
     def sizes(self) -> tuple[Cells, Cells]:
-        """Return the sizes of the components so far, and how many there are of each."""
         found = self._closed + Counter(self._front.sizes.tolist())
         listed = sorted(found.items())
         sizes, counts = np.array(listed, dtype=np.int64).reshape(-1, 2).T
@@ -270,7 +267,6 @@ class Components:
 
 
 def _middles(least: Cells, lengths: Cells, middles: Cells) -> tuple[Cells, Cells]:
-    """Return the length and the middle of the longest run of each component."""
     longest = np.zeros(len(least), dtype=np.int64)
     np.maximum.at(longest, least, lengths)
     is_longest = lengths == longest[least]

@@ -104,7 +104,6 @@ class _Dilations:
         """Of exponent e in column j: whether one of the columns j .. j + 2^e - 1 is blocked."""
 
     def open_cells(self, spans: Spans) -> Mask:
-        """Return the cells from which these cells are in the grid and none is blocked."""
         height, width = self._of_exponents[0].shape
         rows = _held(spans.rows, spans.rows + 1, height)
         cols = _held(spans.starts, spans.stops, width)

@@ -37,7 +37,6 @@ def dilate_square(marked: Mask, reach: int) -> Mask:
 
 
 def within_distance(marked: NDArray[np.bool_], square: int) -> NDArray[np.bool_]:
-    """Return the mask of cells within a distance of a marked one."""
     _check_mask(marked)
     if _is_drawn(marked, math.isqrt(square)):
         return _covered(marked, _half_widths(square), is_square=False)
@@ -58,7 +57,6 @@ def inflated(
     value: int,
     kept: int | None = None,
 ) -> NDArray[np.int8]:
-    """Return values with a value in all cells near those from a threshold on."""
     kept = value if kept is None else kept  # which then makes no difference
     reach = math.isqrt(square) if square is not None else reach
     if _is_drawn(values, reach):

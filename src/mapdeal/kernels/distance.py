@@ -208,7 +208,6 @@ def row_minima(values: Squares, exists: Mask) -> Squares:
 def _lowest_in(
     cells: Squares, low: Squares, high: Squares, sites: Squares, added: Squares
 ) -> tuple[Squares, Squares]:  # fmt: skip
-    """Return, for each cell, the best of the sites low .. high, and what it gives."""
     lengths = high - low + 1
     starts = np.cumsum(lengths) - lengths
     candidates = np.arange(lengths.sum()) + np.repeat(low - starts, lengths)

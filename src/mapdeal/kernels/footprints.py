@@ -92,7 +92,6 @@ def _poses_together(resolution: float, corners: Floats) -> int:
 def _costs_at(
     costs: Bytes, lattice: Lattice, corners: Floats, poses: Floats, filled: bool
 ) -> tuple[Bytes, Mask]:
-    """Return what the compiled kernel does."""
     rows, cols, inside = _corner_cells(costs.shape, lattice, corners, poses)
     results = np.full(len(poses), LETHAL, dtype=np.uint8)
     if len(rows):

@@ -57,7 +57,6 @@ class _Queue:
         self._first = np.empty(self.squares.size, dtype=np.int64)
 
     def put(self, square: int, cells: Cells, sources: Cells) -> None:
-        """Add cells at the end of a bin."""
         if square not in self._bins:
             heapq.heappush(self.waiting, square)
             self._bins[square] = []

@@ -15,7 +15,6 @@ Bytes = NDArray[np.uint8] | NDArray[np.int8]
 
 
 def look_up(values: Bytes, table: NDArray[Any]) -> NDArray[Any]:
-    """Return the table's entry for each value."""
     source, entries = values.view(np.uint8), np.ascontiguousarray(table).view(np.uint8)
     if entries.shape != (256,):
         raise ValueError("the table must have 256 entries of one byte")
@@ -36,14 +35,12 @@ def look_up(values: Bytes, table: NDArray[Any]) -> NDArray[Any]:
 
 
 def set_where(values: Bytes, mask: NDArray[np.bool_], value: int) -> None:
-    """Set the values that a mask marks, in place."""
     for_rows(lambda rows: np.copyto(values[rows], value, where=mask[rows]), values.shape)
 
 
 def raise_bytes(
     costs: NDArray[np.uint8], asked: NDArray[np.uint8], *, least: int, unknown: int
 ) -> None:
-    """Raise costs, in place, to those that are asked for."""
     is_compiled = engine_name() == "compiled" and unknown == np.iinfo(np.uint8).max
     is_compiled = is_compiled and costs.flags.c_contiguous and asked.flags.c_contiguous
 

@@ -12,7 +12,6 @@ MOST_EXPANSION = 132
 
 
 def lzf_expanded(data: bytes, size: int) -> NDArray[np.uint8] | None:
-    r"""Return what LZF data expand to, or None if they are damaged."""
     if size > MOST_EXPANSION * len(data):
         return None
     expanded = np.empty(size, dtype=np.uint8)
@@ -24,7 +23,6 @@ def lzf_expanded(data: bytes, size: int) -> NDArray[np.uint8] | None:
 
 
 def _expand(data: bytes, to: memoryview) -> bool:
-    """Do as lzf.h does."""
     place = filled = 0
     while place < len(data):
         control = data[place]

@@ -80,7 +80,6 @@ def _middle_of(cells: NDArray[np.int64]) -> tuple[int, int]:
 def _around(
     layer: NDArray[Any], middle: tuple[int, int], reach: float, *, beyond: int
 ) -> NDArray[Any]:
-    """Return the cells of a layer around one, which is in the middle, and what is beyond edges."""
     half = math.ceil(reach)
     around = np.full((2 * half + 1, 2 * half + 1), beyond, dtype=layer.dtype)
     top, left = middle[0] - half, middle[1] - half

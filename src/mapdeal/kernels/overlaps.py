@@ -66,7 +66,6 @@ class Lattice:
 
 
 def largest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> Bytes:
-    """Return the largest value that each cell of a lattice shares an area with."""
     found = np.zeros(shape, dtype=np.uint8)
     if 0 in values.shape or 0 in shape or not values.any():
         return found
@@ -82,7 +81,6 @@ def largest_under(values: Bytes, shape: tuple[int, int], lattice: Lattice) -> By
 def nearest_under(
     values: Bytes, shape: tuple[int, int], lattice: Lattice
 ) -> tuple[Bytes, Mask]:  # fmt: skip
-    """Return the value at the centre of each cell of a lattice, and where there is any."""
     found = np.zeros(shape, dtype=np.uint8)
     inside = np.zeros(shape, dtype=np.bool_)
     if 0 not in values.shape and 0 not in shape:
@@ -155,7 +153,6 @@ def _reduce_ranges(found: Bytes, values: Bytes, lattice: Lattice) -> None:
 
 
 def _largest_of_ranges(lines: Bytes, first: Indices, end: Indices) -> Bytes:
-    """Return, for each range of lines, none of them empty, the largest values."""
     found = lines[first]
     for step in range(1, int((end - first).max())):
         np.maximum(found, lines[np.minimum(first + step, end - 1)], out=found)

@@ -214,12 +214,10 @@ class Edges(NamedTuple):
         return np.maximum(self.row, self.next_row)
 
     def chosen(self, which: Indices) -> Edges:
-        """Return some of the edges."""
         return Edges(*(column[which] for column in self))
 
 
 def edges_through(cells: Sequence[Cell], *, closed: bool = False) -> Edges:
-    """Return the edges from each cell to the next, and from the last to the first."""
     ends = np.array(cells, dtype=np.int64).reshape(-1, 2)
     following = np.roll(ends, -1, axis=0)
     if not closed:

@@ -44,7 +44,6 @@ class Odds(NamedTuple):
 def count_rays(
     starts: Cells, ends: Cells, is_hit: NDArray[np.bool_], hits: Counts, misses: Counts
 ) -> None:
-    """Count, in place, the rays that hit each cell, and those that pass it."""
     starts, ends = _contiguous(starts, ends)
     if engine_name() != "compiled":
         ray_twin.count_rays(starts, ends, is_hit, hits, misses)

@@ -50,7 +50,6 @@ def multiplied(first: Floats, second: Floats) -> Floats:
 
 
 def inverted(quaternions: Floats) -> Floats:
-    """Return the rotations back."""
     return np.asarray(quaternions * np.array([-1.0, -1.0, -1.0, 1.0]))
 
 
@@ -99,7 +98,6 @@ def composed(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tup
 
 
 def undone(transforms: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Return the transforms back."""
     move, turn = transforms
     back = inverted(turn)
     return -rotated(back, move), back

@@ -172,7 +172,6 @@ class ThreadPool(Executor):
 def _do(
     future: Future[Any], work: Callable[[], Any], told: type[BaseException]
 ) -> None:  # fmt: skip
-    """Work, and set the result of the future, or its error."""
     if not future.set_running_or_notify_cancel():
         return
     try:

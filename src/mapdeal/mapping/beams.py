@@ -35,7 +35,6 @@ class Stances:
 
 
 def stances(translations: Floats, quaternions: Floats) -> Stances:
-    """Return the stances of sensors, given their poses in space."""
     ahead = rotated(quaternions, np.array([1.0, 0.0, 0.0]))
     up = rotated(quaternions, np.array([0.0, 0.0, 1.0]))
     aside = np.hypot(up[:, 0], up[:, 1])
@@ -170,7 +169,6 @@ class BeamCounts:
     bad: int = 0
 
     def __add__(self, other: BeamCounts) -> BeamCounts:
-        """Return the sum of both counts."""
         return BeamCounts(
             self.scans + other.scans,
             self.beams + other.beams,
@@ -197,7 +195,6 @@ class Beams:
         return sum(array.nbytes for array in arrays)
 
     def chosen(self, which: NDArray[np.bool_]) -> Beams:
-        """Return some of the beams, with the counts of all."""
         return Beams(
             self.sensors_xy[which],
             self.directions_xy[which],

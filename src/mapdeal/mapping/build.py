@@ -210,7 +210,6 @@ def _evidence(frame: Frame, method: str, parameters: Mapping[str, Any]) -> Evide
 def _kind_of(
     method: str, given: Mapping[str, Any]
 ) -> tuple[Callable[..., Evidence], dict[str, Any]]:
-    """Return the class of a method, and the parameters that are for it."""
     own = dict(given)
     if method == "tsdf" and own.pop("as_written", False):
         return TsdfAsWritten, own
@@ -218,7 +217,6 @@ def _kind_of(
 
 
 def all_parameters(method: Method, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters of a method, those that are not given at their defaults."""
     return {**(_kind_of(method, given)[0].__init__.__kwdefaults__ or {}), **given}
 
 

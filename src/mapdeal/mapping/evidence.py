@@ -43,7 +43,6 @@ class HitGroups(OneLine):
 
     @classmethod
     def none(cls) -> HitGroups:
-        """Return an empty set of groups."""
         return cls(np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64))
 
     def _told(self) -> Iterator[str]:
@@ -51,7 +50,6 @@ class HitGroups(OneLine):
         yield count_text(len(self.cells), "cell")
 
     def __len__(self) -> int:
-        """Return the number of groups."""
         return len(self.sizes)
 
     @property
@@ -73,7 +71,6 @@ def hit_groups(often_hit: Mask) -> HitGroups:
 
 
 def vanished_groups(often_hit: Mask, occupied: Mask) -> HitGroups:
-    """Return the groups of hits that a map has nothing of."""
     # the cells in question are few: they are listed, and looked around from one by one
     at = np.flatnonzero(often_hit & ~occupied)
     candidates = np.stack(np.divmod(at, occupied.shape[1]), axis=1)
@@ -147,7 +144,6 @@ class Evidence(ABC):
         """Return advice on how to keep the vanished groups of hits on the map."""
 
     def vanished_from(self, grid: OccupancyGrid) -> HitGroups:
-        """Return the groups of hits that are missing from the map of the evidence."""
         return vanished_groups(self.often_hit(), grid.occupancy == OCCUPIED)
 
     def grid(self) -> OccupancyGrid:

@@ -189,7 +189,6 @@ class SeenCloud:
 
     @property
     def counts(self) -> CloudCounts:
-        """Number of points by outcome."""
         return CloudCounts(*self._counts.tolist())
 
     @property
@@ -214,7 +213,6 @@ class SeenCloud:
         return _cells_from(self._ends)
 
     def _rule(self) -> CloudRule:
-        """Return the same for the compiled code."""
         options, frame = self._options, self._frame
         x, y, yaw = self._pose
         turn = -yaw if options.frame == "map" else yaw
@@ -238,7 +236,6 @@ class SeenCloud:
         return kept, len(points) - len(kept)
 
     def _from_robot(self, points_xy: Floats) -> tuple[Floats, Floats]:
-        """Return points as the robot sees them, and in the map frame."""
         x, y, yaw = self._pose
         if self._options.frame == "map":
             placed = points_xy - np.array(self._options.offset)
@@ -373,7 +370,6 @@ def lattice_of(options: LocalOptions, global_map: OccupancyGrid | None) -> Frame
 
 
 def window_around(pose: Pose, options: LocalOptions, lattice: Frame) -> Region:
-    """Return the cells of the local map around a pose."""
     region = region_of(lattice, options.size, center_xy=pose[:2])
     region.frame_in(lattice)
     return region

@@ -23,7 +23,6 @@ _BINS = 1 << 14
 
 
 def wrapped(angle: float) -> float:
-    """Return an angle as one of -pi < angle <= pi."""
     inside = math.remainder(angle, _TURN)
     return math.pi if inside <= -math.pi else inside
 
@@ -153,7 +152,6 @@ class _Samples:
         self._is_in_time = True
 
     def at(self, times: Times) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        """Return translations, quaternions, and whether they are known."""
         if self.is_static:
             numbers = np.broadcast_to(np.array(self._numbers[-7:]), (len(times), 7))
             return numbers[:, :3], numbers[:, 3:], np.ones(len(times), dtype=np.bool_)
@@ -204,7 +202,6 @@ class TransformTree:
         *,
         is_static: bool,
     ) -> None:
-        """Take in a transform."""
         parent, child = parent.lstrip("/"), child.lstrip("/")
         length = math.hypot(*quaternion)
         is_near = all(abs(value) <= FARTHEST for value in translation)  # refuses nan, too
@@ -230,11 +227,9 @@ class TransformTree:
 
     @property
     def frames(self) -> list[str]:
-        """The names of all frames, sorted."""
         return sorted({name for edge in self._samples for name in edge})
 
     def edges(self) -> list[Edge]:
-        """Return all transforms that there are."""
         found = []
         for (parent, child), samples in sorted(self._samples.items()):
             times, _ = samples.in_time()
@@ -258,20 +253,16 @@ class TransformTree:
         return sorted(self._others)
 
     def leads(self, fixed: str, frame: str) -> bool:
-        """Return whether transforms lead from one frame to another."""
         return self._way(fixed.lstrip("/"), frame.lstrip("/")) is not None
 
     def root_of(self, frame: str) -> str:
-        """Return the frame that all others above a frame hang on."""
         return self._above(frame.lstrip("/"))[-1]
 
     def is_moving(self, fixed: str, frame: str) -> bool:
-        """Return whether any transform between two frames changes with time."""
         way = self._way(fixed.lstrip("/"), frame.lstrip("/")) or ([], [])
         return any(not self._samples[edge].is_static for part in way for edge in part)
 
     def lookup(self, fixed: str, frame: str, times: Times) -> Posed:
-        """Return where a frame was in another one."""
         fixed, frame = fixed.lstrip("/"), frame.lstrip("/")
         way = self._way(fixed, frame)
         if way is None:
@@ -295,7 +286,6 @@ class TransformTree:
         return Posed(moves, turns, known)
 
     def no_way(self, fixed: str, frame: str) -> MalformedInputError:
-        """Return the error for two frames that no transforms join."""
         names = self.frames
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         there = f"frames are {', '.join(names[:_NAMED])}{more}" if names else "there are none"

@@ -96,7 +96,6 @@ class MapRun:
         return replace(self, settings=settings)
 
     def __call__(self, job: Job) -> RunReport:
-        """Run the map of a job into its folder."""
         settings = replace(self.settings, force=self.settings.force or job.is_new)
         with settings.memory(anew=True), strict_warnings(settings.strict, job.path):
             return run_map(job.path, job.folder, self.recipe, settings, self.around)
@@ -119,7 +118,6 @@ def _result_of(run_one: Callable[[Any], Any], job: Job) -> Any:
 
 
 def internal_error(job: Job, problem: BaseException) -> MapdealError:
-    """Return the failure of a job that met a bug."""
     text = f"internal error: {type(problem).__name__}: {problem}"
     return MapdealError(text, source=job.path, hint="this is a bug in mapdeal")
 
@@ -136,7 +134,6 @@ def _recorded_warnings() -> Iterator[list[str]]:
 
 
 def jobs_of(maps: Sequence[ListedMap], output: Path, outputs: Collection[str]) -> list[Job]:
-    """Return a job for each map."""
     jobs: dict[Path, Job] = {}
     for one in maps:
         place = one.place
@@ -284,7 +281,6 @@ def dispatch(
 
 
 def died(job: Job) -> WorkerDiedError:
-    """Return the failure of a job whose workers die."""
     rule = "the worker process died, and again with this map alone"
     hint = "it may have run out of memory: mapdeal run --dry-run shows what a map needs"
     return WorkerDiedError(rule, source=job.path, hint=hint)
@@ -326,7 +322,6 @@ def _until_broken(
 
 
 def _outcome_of(future: Future[Outcome], job: Job) -> Outcome | None:
-    """Return what became of a job, None if its pool was lost."""
     try:
         return future.result()
     except BrokenExecutor:

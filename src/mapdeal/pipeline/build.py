@@ -213,7 +213,6 @@ def _parts(source: ScanSource, limits: BeamLimits, *, is_told: bool = False) -> 
 
 
 def warn_of_nothing(grid: OccupancyGrid, path: Path) -> None:
-    """Warn if a map is unknown everywhere."""
     if not np.any(grid.occupancy >= 0):
         text = f"{path}: no beam reaches the grid: the whole map is unknown"
         emit_warning(text, stacklevel=2)

@@ -41,7 +41,6 @@ class CleanReport:
     cleaned: Cleaned
 
     def document(self) -> dict[str, Any]:
-        """Return the report as JSON can hold it."""
         return {
             "map": {"file": self.file, "sha256": dict(self.sha256)},
             "limits": dict(self.limits),

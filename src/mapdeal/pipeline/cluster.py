@@ -43,7 +43,6 @@ class ClusterWorkers:
         self._address = address
 
     def memory_of_each(self) -> int | None:
-        """Return half of the memory that the smallest worker has, None where there is no limit."""
         try:
             found = self._client.run(_memory_limit, on_error="ignore").values()
         except Exception:  # noqa: BLE001 - then each looks what is free
@@ -203,7 +202,6 @@ class _OnWorker:
     version: str
 
     def __call__(self, job: Job) -> Outcome:
-        """Do a job, with all threads that the worker has."""
         if self.version != __version__:
             rule = f"a worker has mapdeal {__version__}, it was sent by {self.version}"
             return Outcome(MapdealError(rule, source=job.path))

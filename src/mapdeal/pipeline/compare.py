@@ -184,7 +184,6 @@ def _method_figures(result: MethodResult) -> Figures:
 
 
 def _places(result: MethodResult) -> Iterator[dict[str, Any]]:
-    """Yield where the largest groups are."""
     middles = result.vanished.middles_xy(result.grid.frame)[:_MOST_PLACES].tolist()
     for (x, y), cells in zip(middles, result.vanished.sizes.tolist(), strict=False):
         yield {"x": round(x, 4), "y": round(y, 4), "cells": cells}

@@ -123,7 +123,6 @@ def convert_all(
 
 
 def _check_words(given: BagTopic, *, reads_bag: bool, writes_bag: bool) -> None:
-    """Refuse options of bags where there are none."""
     if not reads_bag:
         for name, value in (("--index", given.index), ("--read-as", given.read_as)):
             if value is not None:
@@ -135,7 +134,6 @@ def _check_words(given: BagTopic, *, reads_bag: bool, writes_bag: bool) -> None:
 
 
 def _read_bag(path: Path, given: BagTopic, options: Settings) -> Source:
-    """Return a map or costmap of a bag."""
     from mapdeal.pipeline.bags.grids import grid_topic  # not loaded for maps
 
     with options.memory(), grid_topic(path, given.topic, read_as=given.read_as) as topic:
@@ -176,7 +174,6 @@ def _per_cell(grid: Grid, mode: Mode | None, *, drawn: bool) -> float:
 def _converted(
     grid: Grid, encoding: Scale | None, static_layer: Mapping[str, Any] | None
 ) -> Grid:  # fmt: skip
-    """Return the grid with its values on another scale."""
     if encoding is None or (encoding == "occupancy" and not isinstance(grid, Costmap)):
         return grid
     if not isinstance(grid, (OccupancyGrid, Costmap)):

@@ -18,7 +18,6 @@ _SHOWN_AS = {"between": "values 1..99", "graded": "intermediate"}
 
 
 def summary_of(figures: Figures) -> str:
-    """Return the figures as one line for a person."""
     cells = figures["width"] * figures["height"]
 
     def share(name: str) -> str:
@@ -91,7 +90,6 @@ def changes_between(old: Figures, new: Figures) -> list[str]:
 
 
 def are_goals(value: object) -> TypeGuard[dict[str, bool]]:
-    """Return whether a figure is whether goals are reached, by their names."""
     return isinstance(value, dict) and all(isinstance(one, bool) for one in value.values())
 
 

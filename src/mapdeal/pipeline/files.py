@@ -25,7 +25,6 @@ from mapdeal.render.overlay import Overlay
 
 
 def read_input(path: Path, settings: Settings) -> Source:
-    """Return the grid in a file, read as the settings say."""
     with settings.memory(), use_threads(settings.threads):
         return read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
 
@@ -80,7 +79,6 @@ def add_picture(
     title: str,
     overlay: Overlay | None = None,
 ) -> None:
-    """Write the picture that was asked for, if one was."""
     if settings.image is not None:
         write_picture(
             transaction,
@@ -93,7 +91,6 @@ def add_picture(
 
 
 def warn_of_potential(grid: Grid, path: Path) -> None:
-    """Warn that of a potential field only the map is used, if it is one."""
     if isinstance(grid, PotentialField):
         text = f"{path}: is a potential field; its map is used, its goal and gains are not"
         emit_warning(text, stacklevel=2)

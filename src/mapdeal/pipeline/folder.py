@@ -95,7 +95,6 @@ class _Pass:
         self.asked: Grid = grid.with_layer(made_by_rows(layer, layer.dtype, handed_on))
 
     def write_all(self, files: Sequence[Begun]) -> None:
-        """Write all files."""
         finishes = []
         for path, file, writer in files:
             if isinstance(writer, RowsWriter):
@@ -200,7 +199,6 @@ _FILES: dict[type[Any], GridFiles] = {
 
 
 def files_of(made: type[Any]) -> GridFiles:
-    """Return how grids of a type are written."""
     if made not in _FILES:
         raise TypeError(f"it is not known how a {made.__name__} is written")
     return _FILES[made]
@@ -222,7 +220,6 @@ def passes_of(step: Step, endings: Iterable[str]) -> int:
 
 
 def figures_of(grid: Grid, *, box_of_known: bool) -> Figures:
-    """Return the figures of a grid."""
     if box_of_known and isinstance(grid, (OccupancyGrid, Costmap)) and grid.is_lazy:
         gathered(grid.layer, histogram, KnownLines(OtherThan(grid.unknown_value)))
     return grid.figures()
@@ -413,7 +410,6 @@ class OutputFolder:
                 raise FileAccessError(rule, source=file, hint=hint)
 
     def unchanged_figures(self) -> dict[str, Figures] | None:
-        """Return the figures of each step, if the folder holds all this already."""
         old = read_json(self.path / MANIFEST)
         if not isinstance(old, dict):
             return None
@@ -451,7 +447,6 @@ class OutputFolder:
         )
 
     def hint(self) -> str:
-        """Return what to do about outputs that are there already."""
         hint = "--force replaces it"
         old = read_json(self.path / MANIFEST)
         if not isinstance(old, dict):
@@ -509,7 +504,6 @@ class OutputFolder:
 
     @property
     def _shows_known(self) -> bool:
-        """Whether there are pictures, of the known cells."""
         return self.settings.images and self.settings.image_extent == "known"
 
     def _manifest(self) -> dict[str, Any]:
@@ -560,12 +554,10 @@ class Filling:
 
     @property
     def named(self) -> tuple[Path, ...]:
-        """All that warnings may be about."""
         return (*self.files, self.subject)
 
 
 def _together(first: Overlay | None, others: Sequence[Overlay]) -> Overlay | None:
-    """Return what is drawn over a picture, as one."""
     overlays = (*([] if first is None else [first]), *others)
     return Overlays(overlays) if overlays else None
 
@@ -595,7 +587,6 @@ def fill_together(
 
 
 def manifest_in(folder: Path) -> dict[str, Any]:
-    """Return the manifest of the run in a folder."""
     manifest = _manifest_or_none(folder)
     if manifest is None:
         raise MalformedInputError("is not the manifest of a run", source=folder / MANIFEST)
@@ -603,7 +594,6 @@ def manifest_in(folder: Path) -> dict[str, Any]:
 
 
 def stages_behind(name: str, folder: Path, sums: Mapping[str, str]) -> list[dict[str, Any]] | None:
-    """Return the stages that have made a file, with their parameters, from its manifest."""
     manifest = _manifest_or_none(folder)
     if manifest is None or any(manifest["outputs"].get(key) != sums[key] for key in sums):
         return None
@@ -708,7 +698,6 @@ def _differs(name: str, old: dict[str, str], new: dict[str, str]) -> bool:
 
 
 def _changes(old: Figures, new: Figures) -> str:
-    """Return the figures that differ, the first of them."""
     texts = changes_between(old, new)
     shown = one_line(", ".join(texts[:_SHOWN]))
     return shown + (f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else "")

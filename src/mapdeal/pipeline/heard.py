@@ -40,7 +40,6 @@ def portable(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
 
 
 def located(texts: Iterable[str], files: Iterable[Path]) -> list[str]:
-    """Return portable warnings as they read of files where they are."""
     return _renamed(texts, {file.name: str(file) for file in files})
 
 

@@ -144,7 +144,6 @@ def lint_maps(
     jobs: int = 1,
     done: Callable[[int], object] = lambda _: None,
 ) -> LintReport:
-    """Return what is wrong with maps, and with a robot's parameter files."""
     selections = _Selections(rules)
     wanted = [selections.of(path) for path in paths]
     reports = [] if parameters is None else _reports_of(parameters, paths, selections, settings)
@@ -226,7 +225,6 @@ def repair_maps(
 def _reports_of(
     parameters: ParameterFiles, maps: Sequence[Path], selections: _Selections, settings: Settings
 ) -> list[MapReport]:
-    """Return what is wrong with a robot's parameter files, file by file."""
     reports = []
     for path, findings in _lint_parameters(parameters, maps, settings).items():
         selection = selections.of(path)

@@ -79,7 +79,6 @@ class SummedCloud:
 
     @property
     def identity(self) -> list[str]:
-        """What tells it from all others."""
         return [*self.sums.values(), *self.options.values()]
 
 
@@ -93,7 +92,6 @@ class Cloud(ABC):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that it is read from."""
         return (self.path,)
 
     @property
@@ -118,7 +116,6 @@ class FileCloud(Cloud):
 
     @property
     def path(self) -> Path:
-        """The file."""
         return self.file
 
     def summed(self) -> SummedCloud:
@@ -292,7 +289,6 @@ def local_folder(
     *,
     has_map: bool,
 ) -> OutputFolder:
-    """Return the folder of a local map, given names and sums of all files that it is made of."""
     parameters = {
         "pose": pose,
         **asdict(common.options),
@@ -418,7 +414,6 @@ def numbered_jobs(
 
 
 def sequence_of_bag(source: BagClouds, poses_file: Path | None, output: Path) -> list[LocalJob]:
-    """Return the jobs of all clouds of a bag of which it is known where the robot was."""
     numbers = range(len(source))
     if poses_file is None:
         poses = source.poses(numbers)
@@ -441,7 +436,6 @@ def _clouds_of(names: Sequence[str]) -> list[Path]:
 
 
 def only_cloud(names: Sequence[str]) -> FileCloud:
-    """Return the one cloud that names stand for."""
     clouds = _clouds_of(names)
     if len(clouds) > 1:
         rule = f"applies to one cloud, there are {len(clouds)}"
@@ -565,7 +559,6 @@ class Around:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """What is read beside the map."""
         return () if self.cloud is None else (self.cloud,)
 
     def filling(

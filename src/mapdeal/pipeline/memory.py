@@ -193,7 +193,6 @@ def _bytes_of_crop(grid: Framed) -> int:
 
 
 def _in_blocks(grid: OccupancyGrid, block_height: int, cache: CacheBudget) -> OccupancyGrid:
-    """Return a map that is in memory as one of which blocks are requested."""
     values = grid.occupancy
     layer = lazy_layer(
         grid.shape, np.int8, lambda rows: values[rows], block_height=block_height, budget=cache

@@ -128,7 +128,6 @@ def _next_to(
 def _step(
     told: TransformFile, path: Path, number: int, maps: Sequence[Known]
 ) -> tuple[int, int, Transform]:
-    """Return which maps a transform is between, and the transform."""
     ends = [
         next((k for k, one in enumerate(maps) if one.is_of(sums)), None)
         for sums in (told.first, told.second)
@@ -164,11 +163,9 @@ class MergeReport:
 
     @property
     def figures(self) -> Figures:
-        """The figures of the map."""
         return self.merged.grid.figures()
 
     def document(self) -> dict[str, Any]:
-        """Return the report as JSON can hold it."""
         return {
             "rule": self.rule,
             "merged": [
@@ -198,7 +195,6 @@ def merge_files(
     by: By | Sequence[Path] = "frames",
     rule: Rule = "occupied",
 ) -> MergeReport:
-    """Merge the maps in files into one, and write it."""
     outputs = output_paths(output)
     if len(paths) < FEWEST:
         raise ParameterError("takes two maps or more", source="merge", got=len(paths))

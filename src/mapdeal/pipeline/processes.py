@@ -191,7 +191,6 @@ _is_stopping = False
 
 
 def _set_up(lifeline: Connection, engine: str | None) -> None:
-    """Make the process a worker."""
     if engine is not None:  # the server's environment may be older
         os.environ[VARIABLE] = engine
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -54,5 +54,4 @@ def passes_reported(progress: ProgressCallback | None, passes: int) -> Iterator[
 
 @contextmanager
 def report_nothing(_: int) -> Iterator[Advance]:
-    """Return a callback that reports nothing."""
     yield lambda _: None

@@ -117,7 +117,6 @@ def _static_costs(
 def answers_at_poses(
     costmap: Costmap, footprint: Footprint, asked: NumberLines, rule: FootprintRule
 ) -> Answers:
-    """Return what a footprint costs at poses, one JSON object for each line asked."""
     samples = sample_poses(costmap, footprint, asked.numbers, rule=rule)
     chosen = _states_of(samples)
     chosen[list(asked.errors)] = len(_STATES)

@@ -142,7 +142,6 @@ def check_reached(found: Reach, path: Path) -> None:
 
 
 def not_reachable_text(missed: GoalReach, found: Reach) -> str:
-    """Return in words that a goal is not reachable, and what stops the robot."""
     goal = missed.goal
     what = f"goal {goal.x + 0.0:.10g},{goal.y + 0.0:.10g}"
     what += "" if goal.name is None else f" ({goal.name})"

@@ -147,7 +147,6 @@ def _made(stage: str, given: Given) -> Step:
 
 @contextmanager
 def _recipes() -> Iterator[Path]:
-    """Yield the folder of the built-in recipes."""
     folder = Path(__file__).with_name("recipes")
     if is_folder(folder):
         yield folder

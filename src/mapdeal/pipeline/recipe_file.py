@@ -42,7 +42,6 @@ class Given(dict[str, object]):
                 self.sources[name] = source
 
     def located(self, error: ParameterError, stage: str) -> ParameterError:
-        """Return an error about one of the parameters with the place where it was given."""
         place = (error.place or "").replace(" ", ".")  # "inflate.footprint vertex 1"
         for name, source in self.sources.items():
             if error.source is None and f"{place}.".startswith(f"{stage}.{name}."):

@@ -104,7 +104,6 @@ def route_file(
 
 
 def check_reached(route: Route, path: Path) -> None:
-    """Raise FindingError if a route has not reached its goal."""
     if route.reached:
         return
     goal = f"{route.goal[0]:.10g}, {route.goal[1]:.10g}"
@@ -176,7 +175,6 @@ def _recipe_for(footprint: Footprint | None, robot: RobotParameters | None = Non
 
 
 def _lethal_cells(costmap: Costmap) -> OccupancyGrid:
-    """Return the map of a costmap's lethal cells, which repel."""
     published = costmap.to_occupancy()
     occupied = published.occupied()
     return published.with_values(occupied.astype("int8") * OCCUPIED)
@@ -202,7 +200,6 @@ class PairsReport:
 
     @property
     def reached(self) -> int:
-        """Pairs with routes that reach the goal."""
         return self.pairs - self.failed - self.unreached
 
     def check(self, source: Path | str) -> None:

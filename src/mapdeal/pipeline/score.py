@@ -98,11 +98,9 @@ class ScoreReport:
 
     @property
     def passes(self) -> bool:
-        """Whether all bounds hold."""
         return all(bound.holds for bound in self.bounds)
 
     def document(self) -> dict[str, Any]:
-        """Return the score as JSON can hold it."""
         named, truth = (None if one is None else asdict(one) for one in self.maps)
         transform = None
         if self.transform is not None:
@@ -131,7 +129,6 @@ def score_grids(
     *,
     names: tuple[str, str] = ("the map", "the truth"),
 ) -> ScoreReport:
-    """Return the score of a map."""
     bounds = asked.bounds(with_truth=truth is not None)
     _warn_of_values(estimate, names[0])
     if truth is None:
@@ -205,7 +202,6 @@ def score_files(
 
 
 def walls_of(found: Comparison) -> ScoredWalls:
-    """Return what there is to draw of a comparison."""
     to_truth, missed = (
         metres_of(squares, found.frame.resolution) for squares in (found.wall_squares, found.missed)
     )

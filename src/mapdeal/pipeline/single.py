@@ -105,7 +105,6 @@ def apply_to_file(
 
 
 def _masked(grid: Grid, mask: OccupancyGrid, path: Path) -> tuple[Costmap, KeepoutOverlay]:
-    """Return costs with a mask, and what it has closed."""
     if not isinstance(grid, Costmap):
         raise ParameterError("a mask applies to costs only", source=path)
     with errors_named(path):

@@ -42,7 +42,6 @@ class Step:
 
     @property
     def title(self) -> str:
-        """Description of the step, for a picture's title."""
         return self.stage.title(self.parameters)
 
     @property
@@ -86,7 +85,6 @@ class Step:
         return grid if kind in self.stage.takes else as_occupancy(grid, source or "the input")
 
     def remark_on(self, figures: Figures) -> str | None:
-        """Return what there is to warn of in what the step has made, None if nothing."""
         text = self.stage.remark({**self.parameters, **self.view}, figures)
         return None if text is None else f"{self.name}: {text}"
 
@@ -103,7 +101,6 @@ class Step:
 
 
 def make_step(name: str, given: Mapping[str, object]) -> Step:
-    """Return the step of a stage with the given parameters, all checked."""
     models = models_of(name)
     if not models:
         raise unknown_name("stage", name, STAGE_NAMES)
@@ -144,7 +141,6 @@ def _are_close(one: float | None, other: float | None) -> bool:
 def _in_model(
     name: str, models: Mapping[str | None, Stage], given: dict[str, object]
 ) -> tuple[Stage, dict[str, object]]:
-    """Return the stage in the model that is asked for, and the other parameters."""
     if None in models:
         return models[None], given
     model = given.pop("model", next(iter(models)))

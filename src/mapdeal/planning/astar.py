@@ -108,7 +108,6 @@ def route_over(
     weights: NDArray[np.float64] | None = None,
     surcharges: NDArray[np.float64] | None = None,
 ) -> Route:
-    """Search a terrain for the cheapest route, and measure the route on it."""
     first = terrain.open_cell_of(start_xy, "start")
     last = terrain.open_cell_of(goal_xy, "goal")
     searched = terrain.weights if weights is None else weights

@@ -121,7 +121,6 @@ def descend(
 
 
 def _followed(slope: _Slope, start: Place, goal: Place) -> tuple[list[Place], Ending]:
-    """Return the places of the descent, and how it ended."""
     places = [start]
     most = _STEPS_PER_CELL_OF_SIDE * sum(slope.shape)
     while len(places) <= most:
@@ -167,7 +166,6 @@ class _Slope:
         )
 
     def leads_to(self, place: Place, goal: Place) -> bool:
-        """Return whether the goal lies close ahead."""
         is_near = math.dist(place, goal) <= 1.0 or _cell_of(place) == _cell_of(goal)
         return is_near and self._terrain.is_clear(place, goal)
 

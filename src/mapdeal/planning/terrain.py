@@ -122,7 +122,6 @@ class Terrain:
         return np.subtract(1, near, out=near)
 
     def is_open(self, cell: Cell) -> bool:
-        """Return whether a cell of the grid, or none of it, may be entered."""
         return self.costmap.frame.holds(cell) and bool(self.weights[cell] > 0)
 
     def allows_step(self, cell: Cell, following: Cell) -> bool:
@@ -146,7 +145,6 @@ class Terrain:
         )
 
     def open_cell_of(self, point: Point, name: str) -> Cell:
-        """Return the cell of a point."""
         frame = self.costmap.frame
         cell = cell_of_point(frame, point, name)
         if not self.is_open(cell):
@@ -158,7 +156,6 @@ class Terrain:
         return cell
 
     def measured(self, points_xy: NDArray[np.float64]) -> Measures:
-        """Return the measures of a way through at least one point."""
         pieces = np.hypot(*np.diff(points_xy, axis=0).T)
         cells = self.costmap.frame.clamped_rowcol_from_xy(points_xy)[1:]
         length, cost = float(pieces.sum()), float(pieces @ self.weights[cells[:, 0], cells[:, 1]])

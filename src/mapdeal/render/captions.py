@@ -34,7 +34,6 @@ class Captions:
         self, text: str, place: NDArray[np.float64], index: int, *, away: float,
         towards: Sequence[float] = (1.0, 0.0),
     ) -> bool:  # fmt: skip
-        """Write a text beside a place, in a frame of a colour."""
         letters = self._letters(text)
         height, width = letters.shape
         found = self._free_box(place, width, height, away, towards)

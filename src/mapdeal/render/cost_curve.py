@@ -106,7 +106,6 @@ class _Drawing:
 
     @property
     def _per_cell(self) -> float:
-        """The pixels of a cell's side."""
         return _WIDTH * self.curve.resolution / (self.end + self.half)
 
     def _places(self, metres: ArrayLike, costs: ArrayLike) -> NDArray[np.float64]:
@@ -157,7 +156,6 @@ class _Drawing:
         Brush(self.pen.sheet).polyline(self._places(metres, costs), BLACK, thickness=2)
 
     def _dots_shown(self) -> list[_Dot]:
-        """Return the kinds of dots that there is room for."""
         kinds = [_ALONG_ROW, _OTHER] if self.curve.metric == "euclidean" else [_ALONG_ROW]
         return [kind for kind in kinds if self._per_cell >= kind.room]
 

@@ -36,7 +36,6 @@ def difference_image(
     only_in: tuple[str, str] | None = None,
     style: LayerStyle | None = None,
 ) -> Image:
-    """Return a picture of changes."""
     is_fine = only_in is not None or style is not None
     more = {"small_side": _SMALL_SIDE} if is_fine else {}
     part = shown_part(changes, frame, image_extent, is_known=lambda kinds: kinds > _UNKNOWN)
@@ -73,7 +72,6 @@ def merge_image(
     image_max: int = DEFAULT_IMAGE_MAX,
     image_extent: ImageExtent = "known",
 ) -> Image:
-    """Return a picture of a merged map with its conflicts over it."""
     kinds = grid.occupancy.view(np.uint8) + np.uint8(1)  # of unknown, which is 255, it is 0
     if len(names) > _PAIR:
         legend = {_NO_CONFLICT + _ALIKE: "occupied in one map, free in another"}

@@ -37,7 +37,6 @@ class FieldEnds:
 
     @property
     def are_finite(self) -> bool:
-        """Whether there is an obstacle, and something else."""
         return math.isfinite(self.highest) and math.isfinite(self.lowest)
 
     @classmethod

@@ -83,7 +83,6 @@ class OccupancyDrawing(Drawing):
         self._values.take(rows)
 
     def image(self, title: str) -> Image:
-        """Return the picture."""
         style, values = occupancy_style(), self._values.pixels
         pixels = look_up(values, cast("NDArray[np.uint8]", style.by_value))
         is_graded = histogram(values)[1:OCCUPIED].any()
@@ -146,7 +145,6 @@ class FieldDrawing(Drawing):
                 one.take(rows)
 
     def image(self, title: str) -> Image:
-        """Return the picture."""
         field, raster = self._field, self._raster
         ends = FieldEnds.of(field) if self._ends is None else self._ends.found()
         style = field_style(field, ends)
@@ -263,7 +261,6 @@ class CostDrawing(Drawing):
         self._ranks.take(rows)
 
     def image(self, title: str) -> Image:
-        """Return the picture."""
         costmap, raster, ranks = self._costmap, self._raster, self._ranks.pixels
         style = cost_style(costmap)
         pixels = look_up(ranks, np.roll(cast("NDArray[np.uint8]", style.by_value), 1))

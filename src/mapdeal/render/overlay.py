@@ -34,8 +34,7 @@ class Overlay(Protocol):
         """What a palette needs for it, one after the other."""
 
     @property
-    def text(self) -> str:
-        """What there is to know of it, for a subtitle."""
+    def text(self) -> str: ...
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
@@ -67,17 +66,14 @@ class Overlays:
 
     @property
     def colours(self) -> list[Colour]:
-        """Those of all, one after the other."""
         return [colour for overlay in self.overlays for colour in overlay.colours]
 
     @property
     def text(self) -> str:
-        """What there is to know of each."""
         return "; ".join(overlay.text for overlay in self.overlays if overlay.text)
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
-        """Those of all."""
         return np.concatenate([np.reshape(one.places_xy, (-1, 2)) for one in self.overlays])
 
     def draw(
@@ -119,7 +115,6 @@ class Brush:
             self._draw(index, points[:, np.newaxis], radius=thickness / 2)
 
     def dot(self, centre: NDArray[np.float64], index: int, *, radius: float) -> None:
-        """Draw a filled circle."""
         self._draw(index, centre[np.newaxis, np.newaxis], radius=radius)
 
     def arrows(
@@ -197,7 +192,6 @@ class RingOverlay:
 
     @property
     def colours(self) -> list[Colour]:
-        """Of the rings."""
         return [colours.REMOVED]
 
     def draw(
@@ -229,13 +223,11 @@ class PoseOverlay:
 
     @property
     def text(self) -> str:
-        """The pose."""
         x, y, yaw = self.pose
         return f"robot at {x:.10g}, {y:.10g}, yaw {yaw:.4g}"
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
-        """Where the robot stands."""
         return np.array([self.pose[:2]])
 
     def draw(
@@ -263,7 +255,6 @@ class RouteOverlay:
 
     @property
     def text(self) -> str:
-        """The route's length and clearance."""
         route = self.route
         if not len(route.points_xy):
             return "no route"
@@ -274,7 +265,6 @@ class RouteOverlay:
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
-        """The way, and its ends."""
         return np.concatenate([self.route.points_xy, [self.route.start, self.route.goal]])
 
     def draw(
@@ -331,17 +321,14 @@ class RobotOverlay:
 
     @property
     def colours(self) -> list[Colour]:
-        """Of the outline, and of the line around it."""
         return [colours.ROBOT_OUTLINE, colours.RVIZ_FREE]
 
     @property
     def text(self) -> str:
-        """Nothing: the legend says it."""
         return ""
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
-        """None: a corner is always there."""
         return np.empty((0, 2))
 
     def draw(
@@ -391,17 +378,14 @@ class KeepoutOverlay:
 
     @property
     def colours(self) -> list[Colour]:
-        """Of these cells."""
         return [colours.KEEPOUT]
 
     @property
     def text(self) -> str:
-        """Nothing: the legend says it."""
         return ""
 
     @property
     def places_xy(self) -> NDArray[np.float64]:
-        """None: cells are there anyhow."""
         return np.empty((0, 2))
 
     def draw(

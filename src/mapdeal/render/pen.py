@@ -79,7 +79,6 @@ def ascent(size: int) -> int:
 
 
 def capital_height(size: int) -> int:
-    """Return the height of capitals and digits, pixels."""
     return int(-_font(size).getbbox("H", anchor="ls")[1])
 
 
@@ -101,7 +100,6 @@ class Pen:
         self.sheet = np.empty((0, 0), dtype=np.uint8)
 
     def open(self, width: int, height: int) -> None:
-        """Begin a white sheet."""
         self.sheet = np.full((height, width), WHITE, dtype=np.uint8)
 
     def text_width(self, title: str, subtitle: str) -> int:

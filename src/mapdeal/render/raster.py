@@ -56,7 +56,6 @@ class Raster:
         return frame if self.part is None else self.part.frame_in(frame)
 
     def metres_per_pixel(self, resolution: float) -> float:
-        """Return the length of a pixel's side."""
         return resolution * self.reduce / self.enlarge
 
     def largest(self, layer: Layer) -> NDArray[Any]:

@@ -95,7 +95,6 @@ def _summary(reach: Reach) -> str:
 
 
 def _goals_on(reach: Reach) -> list[GoalReach]:
-    """Return the goals that lie on the map."""
     return [one for one in reach.goals if reach.frame.contains([(one.goal.x, one.goal.y)])[0]]
 
 

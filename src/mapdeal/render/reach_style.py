@@ -44,7 +44,6 @@ _COLOURS = [
 
 
 def reach_codes(reach: Reach) -> tuple[NDArray[np.uint8], LayerStyle]:
-    """Return what each cell of a reach is, and how that is drawn."""
     codes = _codes(reach)
     areas = _colour_areas(codes)
     counts = histogram(codes)
@@ -114,7 +113,6 @@ def _colour_areas(codes: NDArray[np.uint8]) -> int:
 
 
 def _names(areas: int, turns: bool) -> list[tuple[int, str, bool]]:
-    """Return the codes of cells, their names, and whether the area matters."""
     room = ", room to turn" if turns else ""
     smaller = "smaller" if areas else "small"
     return [

@@ -133,7 +133,6 @@ def bins_of(
 
 
 def _with_histogram(above: Image, walls: ScoredWalls, size: int) -> Image:
-    """Return a sheet with a histogram of distances below."""
     height, width = above.indices.shape
     pen = Pen(size)
     bins = bins_of(walls.distances, walls.frame.resolution, walls.top)

@@ -34,7 +34,6 @@ class OtherThan:
     value: int
 
     def __call__(self, values: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return the mask."""
         known: NDArray[np.bool_] = values != self.value
         return known
 
@@ -78,7 +77,6 @@ def shown_part(
     overlay: Overlay | None = None,
     places_xy: ArrayLike = (),
 ) -> Region | None:
-    """Return the part of a map that its picture shows, None for all of it."""
     if extent == "all":
         return None
     box = known_box(layer, is_known)

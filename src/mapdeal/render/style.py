@@ -43,11 +43,9 @@ class Scale:
 
     @property
     def factor(self) -> float:
-        """Levels that a unit of the values is."""
         return self.levels / (self.high - self.low)
 
     def indices(self, values: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """Return the palette index of each value, none of which is nan."""
         steps = (values - np.float32(self.low)) * np.float32(self.factor)
         indices: NDArray[np.uint8] = np.clip(steps, 0, self.levels - 1).astype(np.uint8)
         indices += np.uint8(self.first)

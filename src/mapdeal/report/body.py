@@ -35,13 +35,11 @@ def legend_of(style: LayerStyle, key: str) -> Markup:
 
 
 def swatch(colour: str) -> Markup:
-    """Return a small square of a colour."""
     square = element("rect", x=0.5, y=0.5, width=13, height=13, fill=colour, class_="edge")
     return element("svg", square, width=14, height=14, aria_hidden="true", class_="swatch")
 
 
 def hex_of(colour: NDArray[np.uint8]) -> str:
-    """Return a colour as SVG has it."""
     return "#" + "".join(f"{int(part):02x}" for part in colour)
 
 
@@ -125,7 +123,6 @@ _AXES = {
 
 
 def curve_figure(curve: CostCurve) -> Markup:
-    """Return a figure of a curve: the plot, and its zones as a list."""
     plot = _Plot(curve)
     zones = [_zone_row(zone, plot.end) for zone in plot.zones]
     caption = f"Cells of {curve.resolution:.6g} m" + (f"; {curve.note}" if curve.note else "")
@@ -163,16 +160,13 @@ class _Plot:
         self.bottom = self.top + _PLOT
 
     def x(self, metres: float) -> float:
-        """Return the pixel of a distance."""
         share = (metres + self.half) / (self.end + self.half)
         return round(_LEFT + share * (_WIDTH - _LEFT - _RIGHT), 2)
 
     def y(self, cost: float) -> float:
-        """Return the pixel of a cost."""
         return round(self.bottom - _PLOT * cost / self.palette.lethal_cost, 2)
 
     def drawn(self) -> Markup:
-        """Return the drawing."""
         return element(
             "svg",
             *self._bars(), *self._axes(), *self._formula(), *self._dots(), *self._marks(),
@@ -287,7 +281,6 @@ def body_of(report: Report) -> Markup:
 
 
 def subtitle_of(report: Report) -> str:
-    """Return the key figures of a report, in one line."""
     if len(report.entries) > 1:
         counts = [_counts(entry) for entry in report.entries]
         told = [

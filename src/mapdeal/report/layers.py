@@ -60,14 +60,12 @@ class LayerKind:
 
 
 def kinds_of(grid: Any) -> tuple[LayerKind, ...]:
-    """Return the layers that a grid becomes, the lowest first."""
     if type(grid) not in _KINDS:
         raise TypeError(f"it is not known how a page shows a {type(grid).__name__}")
     return _KINDS[type(grid)]
 
 
 def page_layers(grid: Any, name: str, title: str) -> list[PageLayer]:
-    """Return the layers of a grid, the lowest first."""
     return [kind.of(grid, name, title) for kind in kinds_of(grid)]
 
 
@@ -79,7 +77,6 @@ def _of_cells(style: LayerStyle) -> LayerStyle:
 
 
 def _indices_of(style: LayerStyle) -> set[int | None]:
-    """Return the palette indices of the cells of a layer of numbers."""
     scale = cast("Scale", style.scale)
     levels = range(scale.first, scale.first + scale.levels)
     faded = [] if style.faded_by is None else [level + style.faded_by for level in levels]
@@ -127,8 +124,6 @@ def _potential(field: PotentialField) -> dict[str, Any]:
 
 
 def _metres(name: str, title: str) -> LayerKind:
-    """Return the kind of a layer of lengths, which may be infinite."""
-
     def values(grid: Any) -> Layer:
         layer: Layer = getattr(grid, name)
         return layer

@@ -30,7 +30,6 @@ Content = str | Markup
 
 
 def element(name: str, /, *content: Content, **attributes: Value) -> Markup:
-    """Return an element."""
     if name in _RAW:
         raise ValueError(f"no element {name} is made of parts")
     parts = [f"<{name}"]

@@ -100,14 +100,11 @@ class Way(Protocol):
     def integers_of(self, values: Numbers) -> NDArray[np.float64]:
         """Return the whole number next to each value; anything where there is none."""
 
-    def values_of(self, integers: NDArray[np.float64]) -> Numbers:
-        """Return the value of each whole number."""
+    def values_of(self, integers: NDArray[np.float64]) -> Numbers: ...
 
-    def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
-        """Return where what was found stands for a value."""
+    def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]: ...
 
-    def header(self) -> dict[str, Any]:
-        """Return what a reader must know."""
+    def header(self) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True)
@@ -118,7 +115,6 @@ class Squares:
     below: tuple[float, float]
 
     def integers_of(self, values: Numbers) -> NDArray[np.float64]:
-        """Return the signed square next to each distance."""
         is_below = values < 0
         offset, unit = self._offset_and_unit(is_below)
         squares = np.rint((np.abs(values.astype(np.float64)) / unit + offset) ** 2)
@@ -126,7 +122,6 @@ class Squares:
         return signed
 
     def values_of(self, integers: NDArray[np.float64]) -> Numbers:
-        """Return the distance of each signed square."""
         is_below = integers < 0
         offset, unit = self._offset_and_unit(is_below)
         distances = (np.sqrt(np.abs(integers)) - offset) * unit
@@ -139,7 +134,6 @@ class Squares:
         return near
 
     def header(self) -> dict[str, Any]:
-        """Return offsets and units."""
         return {"kind": "squares", "above": list(self.above), "below": list(self.below)}
 
     def _offset_and_unit(self, is_below: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -154,11 +148,9 @@ class Steps:
     step: float = STEP
 
     def integers_of(self, values: Numbers) -> NDArray[np.float64]:
-        """Return the step next to each number."""
         return np.rint(values.astype(np.float64) / self.step)
 
     def values_of(self, integers: NDArray[np.float64]) -> Numbers:
-        """Return the number of each step."""
         return (integers * self.step).astype(np.float32)
 
     def is_near(self, found: Numbers, values: Numbers) -> NDArray[np.bool_]:
@@ -167,7 +159,6 @@ class Steps:
         return near
 
     def header(self) -> dict[str, Any]:
-        """Return the length of a step."""
         return {"kind": "steps", "step": self.step}
 
 
@@ -185,7 +176,6 @@ class Bits:
         return integers
 
     def values_of(self, integers: NDArray[np.float64]) -> Numbers:
-        """Return the number of each pattern of bits."""
         ordered = np.clip(integers * 2**self.hidden, -(2.0**31), 2.0**31 - 1).astype(np.int32)
         numbers: Numbers = np.where(ordered < 0, ordered ^ 0x7FFFFFFF, ordered).view(np.float32)
         return numbers
@@ -198,7 +188,6 @@ class Bits:
         return near
 
     def header(self) -> dict[str, Any]:
-        """Return how many bits are left out."""
         return {"kind": "bits", "hidden": self.hidden}
 
 
@@ -286,7 +275,6 @@ class Level:
 
     @property
     def size(self) -> int:
-        """Characters of all tiles."""
         return sum(map(len, self.tiles))
 
 
@@ -426,7 +414,6 @@ class _Compressor:
         self._waiting: deque[Future[bytes]] = deque()
 
     def submit(self, cells: Cells, ways: Sequence[Way], compression: int) -> Future[bytes]:
-        """Submit a tile for compression."""
         if self._pool is None:
             done: Future[bytes] = Future()
             done.set_result(_tile(cells, ways, compression))

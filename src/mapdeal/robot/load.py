@@ -32,7 +32,6 @@ def read_robot(
     older: bool = False,
     is_shape: bool = False,
 ) -> RobotParameters:
-    """Return what a robot's parameter files say of one of its costmaps."""
     robot, problems = found_in(paths, costmap=costmap, namespace=namespace, older=older)
     for one in problems:
         if one.level == "refused":
@@ -110,7 +109,6 @@ def _error_of(one: Problem, paths: Sequence[Path]) -> MalformedInputError:
 
 
 def _line_of(one: Problem, paths: Sequence[Path]) -> str:
-    """Return a problem as a warning says it."""
     text = str(one.source or paths[-1])
     if one.line is not None:
         text += f":{one.line}"

@@ -59,7 +59,6 @@ class Nav2Values:
         self._known: set[str] = set()
 
     def has(self, name: str) -> bool:
-        """Return whether the files set a parameter."""
         return name in self.values
 
     def get(self, name: str, kind: str, default: Any, *, level: Level = "refused") -> Any:
@@ -251,7 +250,6 @@ def _tell_topics(values: Nav2Values, layers: list[ListedLayer]) -> None:
 
 
 def static_layer(values: Nav2Values, name: str, *, older: bool) -> StaticLayer:
-    """Return a static layer: all but its name are parameters of the node."""
     lethal = values.get("lethal_cost_threshold", "integer", 100)
     clamped = max(min(lethal, 100), 0)
     if clamped != lethal:
@@ -289,13 +287,11 @@ def _class_of(values: Nav2Values, name: str, default: str | None) -> str | None:
 
 
 def _list_of(values: Nav2Values, name: str) -> str:
-    """Return the list that a name stands in."""
     filters = values.get("filters", "string_array", ())
     return "filters" if name in filters else "plugins"
 
 
 def _guess(name: str) -> str:
-    """Return the class that a layer of a name probably has."""
     wanted = name.replace("_", "").lower()
     likeness = {
         one: SequenceMatcher(None, one.removeprefix(_OWN).lower(), wanted[:_LONGEST]).ratio()

@@ -355,7 +355,6 @@ _UNKNOWN = 255
 
 
 def effect_of(one: ListedLayer, robot: RobotParameters) -> str:
-    """Return what a layer of the list does to a file, or why it does nothing."""
     if one.layer is None:
         return f"ignored: {one.why_ignored}"
     if not one.is_enabled:

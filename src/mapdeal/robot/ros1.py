@@ -149,7 +149,6 @@ class Ros1Server:
         below: Path1 = (),
         hint: str | None = None,
     ) -> None:
-        """Add a problem, at the place of a value."""
         got = value.text if isinstance(value, ParameterValue) else None
         source, line = (None, None) if value is None else (value.source, value.line or None)
         if source is None and self.files:
@@ -160,14 +159,12 @@ class Ros1Server:
 
 
 def shown_default(value: object) -> str:
-    """Return a default as YAML has it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def type_hint(value: ParameterValue, kind: str) -> str | None:
-    """Return what makes a value of the type that is wanted, if that is plain."""
     if kind in ("int", "double") and value.kind == "string":
         try:
             number = float(value.value)
@@ -229,7 +226,6 @@ def costmap_of_name(path: Path) -> CostmapName | None:
 
 
 def costmaps_named(files: Sequence[Ros1File]) -> tuple[CostmapName, ...]:
-    """Return the costmaps that files are of, by what they hold or by their names."""
     named: set[str] = set()
     for one in files:
         own = {path[-1] for path, _ in one.parameters.namespaces()} & set(COSTMAPS)
@@ -285,7 +281,6 @@ def _chosen_node(
 
 
 def _place_of(found: Sequence[Path1], node: Path1, costmap: CostmapName) -> Path1:
-    """Return the namespace that a file is loaded into."""
     if not found:
         return (*node, f"{costmap}_costmap")
     for path in found:
@@ -296,7 +291,6 @@ def _place_of(found: Sequence[Path1], node: Path1, costmap: CostmapName) -> Path
 
 
 def _of_error(error: MalformedInputError, path: Path) -> Problem:
-    """Return an error of the reader as a problem, with its line if it names one."""
     place = error.place or ""
     digits = place.removeprefix("line ").partition(",")[0]
     line = int(digits) if place.startswith("line ") and digits.isdigit() else None
@@ -414,7 +408,6 @@ def _why_no_footprint(points: list[object]) -> str | None:
 
 
 def _radius(server: Ros1Server) -> float:
-    """Return the radius that is in use where there are no corners."""
     found = server.search(_RADIUS)
     if found is None:
         text = f"neither footprint nor robot_radius is set; ROS uses a radius of {_DEFAULT_RADIUS}"

@@ -150,7 +150,6 @@ def _with_halo(walls: _Mask, start: int, stop: int) -> _Mask:
 
 
 def _corners_in(walls: _Mask) -> _Mask:
-    """Return the corners of walls, without the halo that is around them."""
     core = (slice(_HALO, -_HALO),) * 2
     inner = np.zeros(walls.shape, dtype=np.bool_)
     if not walls.any():

@@ -191,7 +191,6 @@ def checked_bounds(
 
 
 def judged(bounds: list[tuple[str, Side, float]], values: Mapping[str, Any]) -> list[ScoreBound]:
-    """Return the bounds with the values found."""
     return [
         ScoreBound(name, side, allowed, figure_in(values, name)) for name, side, allowed in bounds
     ]

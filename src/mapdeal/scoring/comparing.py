@@ -207,7 +207,6 @@ class Overlap:
 
 
 def share(part: int, whole: int) -> float | None:
-    """Return a share, None of nothing."""
     return part / whole if whole else None
 
 

@@ -19,7 +19,6 @@ def models_of(name: str) -> dict[str | None, Stage]:
 
 
 def stage_named(name: str, model: str | None = None) -> Stage:
-    """Return a stage, by default in its default model."""
     models = models_of(name)
     if not models:
         raise KeyError(name)

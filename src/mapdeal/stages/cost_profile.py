@@ -77,7 +77,6 @@ class CostProfile:
         return math.isqrt(len(self.table) - 2)
 
     def cost_at(self, circumscribed_radius: float | None) -> int | None:
-        """Return the cost at the robot's circumscribed radius, if there is one."""
         if circumscribed_radius is None:
             return None
         if circumscribed_radius > self.inflation_radius:
@@ -95,7 +94,6 @@ class CostProfile:
         )
 
     def is_in(self, field: DistanceField) -> bool:
-        """Return whether a field tells all distances apart that the costs depend on."""
         if reach_is_kept(field, self.metres):
             return True
         if field.max_distance is not None and field.max_distance < self.metres * (1 - 1e-6):
@@ -106,7 +104,6 @@ class CostProfile:
         return False
 
     def raise_from_field(self, cost: NDArray[np.uint8], field: DistanceField) -> None:
-        """Raise costs, in place, by the distances of a field in memory."""
         height, width = cost.shape
         step = max(1, _RAISED_TOGETHER // max(1, width))
         for first in range(0, height, step):
@@ -122,12 +119,10 @@ class CostProfile:
             raise_costs(cost, spread, inflate_unknown=self.inflate_unknown)
 
     def seeds_in(self, cost: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Return the mask of cells that costs spread from."""
         return cost >= LETHAL_OBSTACLE if self.inflate_around_unknown else cost == LETHAL_OBSTACLE
 
 
 def warn_of_radii(inscribed_radius: float, inflation_radius: float) -> None:
-    """Warn if the inscribed radius is cut off."""
     if inscribed_radius > inflation_radius:
         text = (
             f"cost: inscribed_radius {inscribed_radius:g} m is larger than inflation_radius "

@@ -100,12 +100,10 @@ class Stage:
 
     @functools.cached_property
     def own_parameters(self) -> dict[str, Parameter]:
-        """Parameters of the function, by name."""
         return parameters_of(self.function)
 
     @functools.cached_property
     def view_parameters(self) -> dict[str, Parameter]:
-        """Parameters of the view, by name."""
         return {} if self.view is None else parameters_of(self.view)
 
     @property
@@ -122,7 +120,6 @@ class Stage:
 
     @functools.cached_property
     def makes(self) -> type[Any]:
-        """Type of the product."""
         made: type[Any] | None = get_type_hints(inspect.unwrap(self.function)).get("return")
         if made is None:
             raise TypeError(f"stage {self.name}: the function must say what it returns")
@@ -160,7 +157,6 @@ def stage(
 
 
 def stage_of(function: Callable[..., Any]) -> Stage:
-    """Return the record of a stage's function."""
     return _STAGES[function]
 
 

@@ -110,8 +110,6 @@ class Viewer:
         obstacles: NDArray[np.bool_],
         cost_of: CostOfView | None = None,
     ) -> NDArray[np.int8]:
-        """Return the view of a field, or the costs that are made of it and of the distance."""
-
         def values(rows: slice) -> NDArray[np.int8]:
             return self._values_of_rows(field.part(rows), obstacles[rows], cost_of)
 

@@ -302,7 +302,6 @@ class BaseCosts:
         return cost
 
     def spread_from_obstacles(self, field: DistanceField, *, around_unknown: bool) -> bool:
-        """Return whether the cells that costs spread from are the obstacles of a field."""
         others = np.zeros(256, dtype=np.uint8)
         others[: field.lethal_threshold] = self.table[: field.lethal_threshold] == LETHAL_OBSTACLE
         lethal = slice(field.lethal_threshold, OCCUPIED + 1)

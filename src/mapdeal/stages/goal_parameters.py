@@ -19,7 +19,6 @@ _LOOKS = "{kitchen: [7.1, 3.2], ...} or [[7.1, 3.2], ...]"
 
 
 def accept_goals(name: str, value: object) -> tuple[Goal, ...]:
-    """Return the goals that a parameter is given, checked."""
     goals = tuple(_goals(name, value))
     names = set()
     for goal in goals:

@@ -25,7 +25,6 @@ def inflation_curve(
     circumscribed_radius: float | None = None,
     float32_resolution: bool = True,
 ) -> CostCurve:
-    """Return the cost curve of inflation layers around a lethal cell."""
     side = as_float32(resolution) if float32_resolution else resolution
     reaches = [
         reach_of(

@@ -44,7 +44,6 @@ _LOOKS = "[{static: {}}, {inflation: {inflation_radius: 0.55}}]"
 
 
 def accept_layers(name: str, value: object) -> tuple[CostmapLayer, ...]:
-    """Return the layers that a parameter is given, checked."""
     if not isinstance(value, (list, tuple)):
         raise ParameterError(f"must be a list of layers such as {_LOOKS}", place=name, got=value)
     return tuple(_layer(f"{name} {number}", item) for number, item in enumerate(value, start=1))

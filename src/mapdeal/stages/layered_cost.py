@@ -227,7 +227,6 @@ class LaidInflation:
     spread: Spread
 
     def over(self, master: Master, _: NDArray[np.int8]) -> Master:
-        """Return the master grid, changed in place."""
         self.spread(self.profile, master)
         return master
 
@@ -282,7 +281,6 @@ class MasterGrid:
         return master
 
     def _values(self, rows: slice) -> NDArray[np.int8]:
-        """Return the values that static layers get."""
         occupancy = self.source.occupancy[rows]
         if isinstance(self.source, DistanceField) and self.source.unknown == "occupied":
             occupancy = occupancy.copy()

@@ -41,7 +41,6 @@ def warn_of_strength(source: ObstacleSource, model: str) -> None:
 
 
 def obstacles_of(source: ObstacleSource, lethal_threshold: int) -> NDArray[np.bool_]:
-    """Return the mask of cells that count as obstacles."""
     if isinstance(source, DistanceField):
         return source.obstacles()
     return source.occupied(lethal_threshold)

@@ -91,7 +91,6 @@ class Parameter:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """Allowed words, if the parameter is a choice of words."""
         return get_args(self.kind) if get_origin(self.kind) is Literal else ()
 
     def accept(self, value: object) -> Any:
@@ -204,7 +203,6 @@ def accept_parameters(
 
 
 def unknown_parameter(name: str, known: Iterable[str], owner: str) -> ParameterError:
-    """Return the error for a parameter that a stage does not have."""
     error = unknown_name("parameter", name, known)
     return ParameterError(error.rule, place=f"{owner}.{name}", hint=error.hint)
 

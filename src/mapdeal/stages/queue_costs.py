@@ -43,7 +43,6 @@ def raise_by_queue(profile: CostProfile, cost: NDArray[np.uint8]) -> None:
 
 
 def costs_by_queue(source: ObstacleSource, parameters: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """Return the costs that a step with these parameters would make with the queue."""
     made = _layered if "layers" in parameters else _exponential
     return made(source, parameters, raise_by_queue)
 

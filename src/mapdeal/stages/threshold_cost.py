@@ -237,7 +237,6 @@ class _Rule:
     def is_beyond(
         self, view: NDArray[np.float64], metres: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Return where nothing is to be paid."""
         if self.down_distance is None:
             return np.less_equal(view, self.down)
         return np.greater_equal(metres, self.down_distance - _TOLERANCE)
@@ -251,7 +250,6 @@ class _Rule:
     def costs_of(
         self, view: NDArray[np.float64], metres: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the costs of cells that are no obstacles."""
         highest = _HIGHEST_BELOW_OBSTACLE  # a larger factor makes no more of a view of 1
         factors = (min(factor, highest) for factor in (self.up_factor, self.down_factor))
         products = np.where(self.is_near(view, metres), *factors) * view
@@ -329,7 +327,6 @@ def _check_order_of_views(
 def _value_at(
     distance: float | None, name: str, value: float | None, scale: ViewScale, resolution: float
 ) -> float:
-    """Return the view at a distance, or the value that is given where no distance is."""
     if distance is None:
         if value is None:
             raise ParameterError("is required if its value is none", place=name)

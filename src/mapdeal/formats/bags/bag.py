@@ -70,7 +70,6 @@ def check_topic(topic: str) -> str:
 
 
 def check_frame(frame: str) -> str:
-    """Return the name of a frame."""
     if not frame or not frame.isprintable() or frame.startswith("/"):
         rule = "must be the name of a frame, without a slash in front"
         raise ParameterError(rule, source="--frame-id", got=frame)
@@ -120,7 +119,6 @@ class Recorded:
     last: int = 0
 
     def joined(self, other: Recorded) -> Recorded:
-        """Return the same of both together."""
         if not (other.count and self.count):
             return self if self.count else other
         first, last = min(self.first, other.first), max(self.last, other.last)
@@ -137,7 +135,6 @@ class MessageIndex:
     offsets: Integers
 
     def __len__(self) -> int:
-        """Return how many messages there are."""
         return len(self.times)
 
     def __iter__(self) -> Iterator[Place]:
@@ -148,7 +145,6 @@ class MessageIndex:
             yield from map(Place, *(one[some].tolist() for one in lists))
 
     def __getitem__(self, number: int) -> Place:
-        """Return the place of one message."""
         lists = (self.connections, self.times, self.blocks, self.offsets)
         return Place(*(int(one[number]) for one in lists))
 
@@ -172,7 +168,6 @@ class MessageIndex:
 
     @classmethod
     def joined(cls, parts: Sequence[MessageIndex]) -> MessageIndex:
-        """Return several, one behind the other."""
         if not parts:
             return cls.of([])
         return cls(
@@ -201,7 +196,6 @@ class Bag(ABC):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files of it."""
         return (self.path,)
 
     @property
@@ -243,18 +237,15 @@ class Bag(ABC):
             emit_warning(f"{self.path}: {text}", stacklevel=3)
 
     def of_types(self, *types: str) -> list[Connection]:
-        """Return the connections of some types."""
         return [one for one in self.connections if one.type in types]
 
     def malformed(self, rule: str, place: str | None = None) -> MalformedInputError:
-        """Return an error about this bag."""
         return MalformedInputError(rule, source=self.path, place=place)
 
     def close(self) -> None:  # noqa: B027 - most have a file
-        """Close the files."""
+        ...
 
     def __enter__(self) -> Self:
-        """Return the bag."""
         return self
 
     def __exit__(
@@ -263,7 +254,6 @@ class Bag(ABC):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the files."""
         self.close()
 
 

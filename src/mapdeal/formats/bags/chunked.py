@@ -28,7 +28,6 @@ _KEPT = 8
 def expanded(
     data: bytes, compression: str, size: int | None, path: Path, *, partly: bool = False
 ) -> bytes:
-    """Return what data of a bag expand to."""
     if compression in ("", "none"):
         return data
     if compression not in _EXPANDERS:
@@ -97,7 +96,6 @@ class KeptChunks:
         self._bytes = 0
 
     def __getitem__(self, number: int) -> bytes:
-        """Return a chunk."""
         found = self._kept.get(number)
         if found is not None:
             self._kept.move_to_end(number)
@@ -167,7 +165,6 @@ class ChunkedBag(Bag):
         return list(self._found.values())
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:
@@ -243,7 +240,6 @@ class ChunkedBag(Bag):
             self._chunks[-1].is_indexed = False
 
     def _note_index(self, connection: int, start: int, count: int) -> None:
-        """Take in an index record of the last chunk."""
         self._note_memory(OF_ENTRY)
         self._chunks[-1].entries.append((connection, start, count))
         self._chunks[-1].is_indexed = True

@@ -54,7 +54,6 @@ class Decoder:
         self._readers: dict[int, Callable[[bytes], Any]] = {}
 
     def message(self, place: Place) -> Any:
-        """Return the message at a place, an object with the fields of its type."""
         reader = self._readers.get(place.connection)
         if reader is None:
             reader = self._reader_of(self._connections[place.connection])
@@ -72,7 +71,6 @@ class Decoder:
             raise self._bag.malformed(rule, one.topic) from None
 
     def read(self, place: Place, make: Callable[[Any], _T]) -> _T:
-        """Return what a function makes of the message at a place."""
         message = self.message(place)
         topic = self._connections[place.connection].topic
         try:
@@ -173,7 +171,6 @@ def costmap_types() -> Any:
 
 
 def _idl_parts(text: str) -> list[str]:
-    """Return the parts of a definition, one for each type that it needs."""
     if not text.startswith(f"{_SEPARATOR}\nIDL: "):
         return [text]
     return [part.split("\n", 1)[1] for part in text.split(f"{_SEPARATOR}\n")[1:]]

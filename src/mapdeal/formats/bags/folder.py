@@ -97,7 +97,6 @@ class FolderBag(Bag):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Its metadata, if there are any, and all files that it names."""
         metadata = self.path / METADATA
         return (*((metadata,) if exists(metadata) else ()), *(part.path for part in self._parts))
 
@@ -107,7 +106,6 @@ class FolderBag(Bag):
         return self._found
 
     def close(self) -> None:
-        """Close the files, and remove those that were expanded."""
         self._stack.close()
 
     def pieces(self, connections: Collection[int]) -> Iterator[MessageIndex]:

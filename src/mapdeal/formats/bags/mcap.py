@@ -153,7 +153,6 @@ class McapBag(ChunkedBag):
         )  # fmt: skip
 
     def _note(self, opcode: int, data: bytes) -> None:
-        """Take in a schema or a channel."""
         if len(data) > _LONGEST_RECORD:
             raise self.malformed("a schema or channel is too long")
         try:
@@ -234,7 +233,6 @@ def _record(data: bytes, position: int) -> tuple[int, int, int]:
 
 
 def _text(data: bytes, position: int) -> tuple[str, int]:
-    """Return a text with its length before it, and where it ends."""
     (length,) = struct.unpack_from("<I", data, position)
     end = position + 4 + length
     if end > len(data):

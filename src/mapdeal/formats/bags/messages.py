@@ -68,7 +68,6 @@ class LaserScan:
         return np.asarray(self.time + np.rint(after).astype(np.int64))
 
     def at(self, time: int) -> LaserScan:
-        """Return the same scan at another time."""
         return replace(self, time=time)
 
 
@@ -78,7 +77,6 @@ def time_of(stamp: Any) -> int:
 
 
 def frame_of(header: Any) -> str:
-    """Return the frame of a header, without leading slashes."""
     return str(header.frame_id).lstrip("/")
 
 

@@ -77,7 +77,6 @@ def _check_serialization(bag: Bag) -> None:
 def chosen_connections(
     bag: Bag, topics: Sequence[str], types: Sequence[str], what: str
 ) -> list[Connection]:
-    """Return the connections of the topics that are asked for, or of the only one that fits."""
     if not bag.connections:
         raise bag.malformed("holds no messages")
     fitting = bag.of_types(*types)

@@ -103,7 +103,6 @@ class Ros1Bag(ChunkedBag):
             self.remark("has no index, as left by a recorder that was killed; it is read all")
 
     def _walk_record(self, position: int) -> int:
-        """Take one record in, and return where the next one begins."""
         self._file.seek(position)
         fields, length = self._header_at(position)
         start = self._file.tell()
@@ -225,7 +224,6 @@ def _fields_in(data: bytes) -> Fields:
 
 
 def _record(data: bytes, position: int) -> tuple[Fields, int, int]:
-    """Return the fields of a record in a chunk, and where its data begin and end."""
     if position + 4 > len(data):
         raise CutError("a chunk")
     start = position + 4 + _U32.unpack_from(data, position)[0]

@@ -94,7 +94,6 @@ class SqliteBag(Bag):
         return self._found
 
     def close(self) -> None:
-        """Close the file."""
         self._db.close()
         self._stack.close()
 

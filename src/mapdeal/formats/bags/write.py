@@ -44,7 +44,6 @@ def write_bag(
     topic: str | None = None,
     frame: str = FRAME,
 ) -> None:
-    """Write a bag with one message."""
     needs_bags(output, "rosbags.rosbag1", "rosbags.rosbag2")
     claim(output, _COPIES * grid.layer.size, what="messages of this size")
     is_ros1 = output.suffix == ".bag"
@@ -132,7 +131,6 @@ def _message(
     *,
     is_ros1: bool,
 ) -> Any:
-    """Return the message of a grid."""
     time = types["builtin_interfaces/msg/Time"](sec=_STAMP, nanosec=0)
     number = {"seq": 0} if is_ros1 else {}
     header = types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **number)

@@ -30,7 +30,6 @@ class Record:
 
     @property
     def size(self) -> int:
-        """Bytes of a point."""
         return sum(t.itemsize * n for t, n in zip(self.types, self.counts, strict=True))
 
     def axes(self, path: Path, place: str) -> tuple[int, ...]:

@@ -81,7 +81,6 @@ def ply_points(file: BinaryIO, path: Path) -> Iterator[NDArray[np.float64]]:
 
 
 def _pass_over(file: BinaryIO, element: _Element, path: Path) -> None:
-    """Move a binary file behind an element, which must be there."""
     size = element.record().size * element.count
     left = os.fstat(file.fileno()).st_size - file.tell()
     if size > left:

@@ -68,7 +68,6 @@ CLOUD_SUFFIXES = (*_IN_A_FILE, *_BY_NAME)
 
 
 def cloud_chunks(path: Path) -> Iterator[Points]:
-    """Yield the points of a cloud in parts."""
     with recognised(path, "a point cloud", CLOUD, NUMBERS):
         check_readable(path)
         suffix = path.suffix.lower()

@@ -103,7 +103,6 @@ def _number_of(node: ast.expr) -> float:
 
 
 def value_of(source: Path, node: yaml.Node) -> Any:
-    """Return the value of a node, as rosparam's loader makes it."""
     _resolve_angles(node, set())
     try:
         return _RosLoader("").construct_document(node)
@@ -135,7 +134,6 @@ def _resolve_angles(node: yaml.Node, done: set[int]) -> None:
 
 
 def kind_of(value: Any) -> str:
-    """Return the type of a value, as XML-RPC has it."""
     if isinstance(value, bool):
         return "bool"
     for kind, name in ((int, "int"), (float, "double"), (str, "string"), (bytes, "binary"),
@@ -190,7 +188,6 @@ class Ros1Namespace:
     members: dict[str, ParameterValue | Ros1Namespace] = field(default_factory=dict)
 
     def get(self, path: Path1) -> ParameterValue | Ros1Namespace | None:
-        """Return what stands at a path, if anything does."""
         here: ParameterValue | Ros1Namespace | None = self
         for name in path:
             if not isinstance(here, Ros1Namespace):
@@ -199,7 +196,6 @@ class Ros1Namespace:
         return here
 
     def values(self) -> Iterator[tuple[Path1, ParameterValue]]:
-        """Yield all parameters with their paths."""
         for name, member in self.members.items():
             if isinstance(member, Ros1Namespace):
                 yield from (((name, *path), value) for path, value in member.values())
@@ -207,7 +203,6 @@ class Ros1Namespace:
                 yield (name,), member
 
     def namespaces(self) -> Iterator[tuple[Path1, Ros1Namespace]]:
-        """Yield all namespaces within, with their paths."""
         for name, member in self.members.items():
             if isinstance(member, Ros1Namespace):
                 yield (name,), member
@@ -225,12 +220,10 @@ class Ros1File:
 
 
 def read_ros1_parameters(path: Path) -> Ros1File:
-    """Return the parameters of a file."""
     return parse_ros1_parameters(path, read_file(path, limit=OF_PARAMETERS.bytes))
 
 
 def parse_ros1_parameters(path: Path, data: bytes) -> Ros1File:
-    """Return the parameters in the contents of a file."""
     reader = _Reader(path)
     documents = compose_documents(path, data, OF_PARAMETERS, EXTRA_TAGS)
     for node in documents:
@@ -274,11 +267,9 @@ class _Reader:
         self.faults: list[Problem] = []
 
     def fault(self, check: str, level: Any, text: str, line: int, **more: str) -> None:
-        """Add a fault."""
         self.faults.append(Problem(check, level, text, source=self.source, line=line, **more))
 
     def read(self, node: yaml.Node) -> None:
-        """Add the parameters of a document."""
         if not isinstance(node, yaml.MappingNode):
             kind = "list" if isinstance(node, yaml.SequenceNode) else "single value"
             rule = f"must be a mapping of parameters, is a {kind}"

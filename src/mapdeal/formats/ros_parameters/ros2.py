@@ -204,7 +204,6 @@ class NodeSlots:
         self._places: dict[str, list[int]] = defaultdict(list)
 
     def find(self, name: str, unset: ParameterValue) -> int:
-        """Return the index of the first parameter of a name, which is made if there is none."""
         places = self._places[name]
         if not places:
             self.slots.append(Slot(name, unset))
@@ -212,7 +211,6 @@ class NodeSlots:
         return places[0]
 
     def rename(self, index: int, name: str) -> None:
-        """Rename a parameter, whether or not the name exists already."""
         slot = self.slots[index]
         self._places[slot.name].remove(index)
         slot.name = name
@@ -237,7 +235,6 @@ class Walk:
         self._parameter_names = _Names(".")
 
     def take(self, event: yaml.Event) -> None:
-        """Go one step further."""
         if isinstance(event, yaml.ScalarEvent):
             if self._is_key:
                 self._take_key(event)
@@ -355,7 +352,6 @@ class Walk:
             self._is_key = True
 
     def _unplaced(self, event: yaml.ScalarEvent, *, is_missing: bool) -> ParameterFileError:
-        """Return the error of a value that is empty, or that is none of a parameter."""
         got, hint = None if is_missing else _short(event.value), _nesting_hint()
         if self._key.startswith(f"{PARAMETERS_KEY} of "):
             rule = f"{self._key} holds no parameters, and ROS 2 refuses the whole file"
@@ -441,7 +437,6 @@ class _Names:
 def refusal(
     path: Path, rule: str, line: int | None, *, got: str | None = None, hint: str | None = None
 ) -> ParameterFileError:
-    """Return the error that a file is refused with as a whole."""
     place = None if line is None else f"line {line}"
     shown: dict[str, Any] = {} if got is None else {"got": got}
     error = ParameterFileError(rule, source=path, place=place, hint=hint, **shown)

@@ -90,7 +90,6 @@ class _Scan(NamedTuple):
     time: float
 
     def repeats(self, other: _Scan) -> bool:
-        """Return whether another scan says the same at the same time."""
         return (
             self.time == other.time
             and (self.pose, self.laser) == (other.pose, other.laser)
@@ -131,7 +130,6 @@ class CarmenLog(ScanSource):
 
     @property
     def count(self) -> int:
-        """Number of scans."""
         return self._tags[self._tag]
 
     def scans(self) -> Iterator[ScanArrays]:
@@ -166,7 +164,6 @@ class CarmenLog(ScanSource):
             raise self._bad.error()
 
     def warn(self) -> None:
-        """Warn of what was passed over."""
         self._bad.warn()
         for tag, count in self._tags.items():
             if tag != self._tag:

@@ -40,7 +40,6 @@ class ScanNpz(ScanSource):
 
     @property
     def count(self) -> int:
-        """Number of scans."""
         return len(self._poses)
 
     def scans(self) -> Iterator[ScanArrays]:

@@ -82,7 +82,6 @@ class BadLines:
     is_told: bool = False
 
     def add(self, number: int, rule: str) -> None:
-        """Pass over a line."""
         self.count += 1
         if len(self.first) < _NAMED:
             self.first.append(f"line {number}: {rule}")
@@ -90,14 +89,12 @@ class BadLines:
             raise self.error()
 
     def error(self) -> MalformedInputError:
-        """Return the error for lines that are wrong: it names the first."""
         self.is_told = True
         more = f" (and {self.count - 1} more bad lines)" if self.count > 1 else ""
         hint = "--max-bad N lets N such lines pass"
         return MalformedInputError(f"{self.first[0]}{more}", source=self.path, hint=hint)
 
     def warn(self) -> None:
-        """Warn of the lines that were ignored, if there are any that no error has named."""
         if self.count and not self.is_told:
             more = f" (and {self.count - len(self.first)} more)" if self.count > _NAMED else ""
             text = (
@@ -128,7 +125,6 @@ class ScanTexts(ScanSource):
 
     @property
     def count(self) -> int:
-        """Number of scans."""
         return len(self._poses)
 
     def scans(self) -> Iterator[ScanArrays]:

@@ -69,7 +69,6 @@ class BagClouds:
         self._base: str | None = None
 
     def __len__(self) -> int:
-        """Return how many clouds there are."""
         return len(self._index)
 
     @property
@@ -79,7 +78,6 @@ class BagClouds:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that are read."""
         return (*self.bag.files, *self._frames.files)
 
     def prepare(self, advance: Callable[[int], object] = lambda _: None) -> None:
@@ -143,7 +141,6 @@ class BagClouds:
         return found
 
     def pose(self, number: int) -> Pose:
-        """Return where the robot was at one cloud."""
         (pose,) = self.poses([number])
         if pose is None:
             rule = f"where the robot was at message {number} is not known"
@@ -152,7 +149,6 @@ class BagClouds:
         return pose
 
     def cloud(self, number: int) -> BagCloud:
-        """Return one of the clouds."""
         return BagCloud(self, number)
 
     def points(self, number: int) -> Points:
@@ -181,7 +177,6 @@ class BagClouds:
 
     @cached_property
     def states(self) -> dict[Path, FileState]:
-        """The files as they were when they were summed."""
         return {path: state_of(path) for path in self.files}
 
     @property
@@ -226,7 +221,6 @@ class BagCloud(Cloud):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that it is read from."""
         return self.source.files
 
     @property

@@ -63,17 +63,14 @@ class SensorFrames:
 
     @property
     def count(self) -> int:
-        """Number of messages with transforms."""
         return len(self._index)
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Files that are read besides the bag."""
         return () if self._options.poses is None else (self._options.poses,)
 
     @property
     def fixed_frame(self) -> str:
-        """The frame of the map."""
         return self._fixed or FIXED_FRAMES[0]
 
     def read(self, sensors: Iterable[str], advance: Callable[[int], object]) -> None:
@@ -100,15 +97,12 @@ class SensorFrames:
         self._take_mount([sensor])
 
     def leads(self, base: str, frame: str) -> bool:
-        """Return whether transforms lead from one frame to another."""
         return self._tree.leads(base, frame)
 
     def between(self, base: str, frame: str, times: NDArray[np.int64]) -> Posed:
-        """Return where a frame was in another one."""
         return self._tree.lookup(base, frame, times)
 
     def at(self, frame: str, times: NDArray[np.int64]) -> Posed:
-        """Return where a frame was in the fixed one."""
         found = self._tree.lookup(self.fixed_frame, frame, times)
         if (np.abs(found.translations[found.known]) > FARTHEST_POSE).any():
             rule = f"{frame} is farther than {FARTHEST_POSE:g} m from {self.fixed_frame}"
@@ -116,14 +110,12 @@ class SensorFrames:
         return found
 
     def told_span(self, frame: str) -> str:
-        """Return when it is known where a frame was, as a message has it."""
         span = self._tree.span(self.fixed_frame, frame)
         if span is None:
             return "at no time"
         return f"from {span[0] / 1e9:.3f} to {span[1] / 1e9:.3f} s"
 
     def base_frame(self) -> str | None:
-        """Return the frame of the robot, if transforms know one."""
         named = self._options.base_frame
         names = BASE_FRAMES if named is None else (named.lstrip("/"),)
         return next((name for name in names if name in self._tree.frames), None)
@@ -156,7 +148,6 @@ class SensorFrames:
             self._tree.add(base, sensor, 0, (x, y, 0.0), from_yaw(yaw).tolist(), is_static=True)
 
     def _take_poses(self, path: Path, sensors: list[str]) -> None:
-        """Take the poses of a file for those of the robot, or of the sensor that is alone."""
         self._fixed = fixed = (self._options.fixed_frame or FIXED_FRAMES[0]).lstrip("/")
         self._take_mount(sensors)
         base = self.base_frame()
@@ -179,7 +170,6 @@ class SensorFrames:
         self._check(fixed, sensors)
 
     def _fixed_for(self, sensors: list[str]) -> str:
-        """Return the frame of the map, to which transforms lead from all sensors."""
         named = self._options.fixed_frame
         if named is not None:
             named = named.lstrip("/")
@@ -203,7 +193,6 @@ class SensorFrames:
         return all(self._tree.leads(fixed, sensor) for sensor in sensors)
 
     def _root_of(self, sensors: list[str]) -> str:
-        """Return the frame that all hang on, if the robot moves in it."""
         root = self._tree.root_of(sensors[0])
         if self._leads(root, sensors) and self._tree.is_moving(root, sensors[0]):
             return root
@@ -224,7 +213,6 @@ class SensorFrames:
         return error
 
     def _take_odometry(self, sensors: list[str]) -> None:
-        """Take odometry for the transform that it stands for."""
         named = [] if self._options.odometry is None else [self._options.odometry]
         if not named and not self._bag.of_types(ODOMETRY):
             return

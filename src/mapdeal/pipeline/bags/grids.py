@@ -48,7 +48,6 @@ class GridTopic:
             raise bag.malformed("holds no messages", self.topic)
 
     def __len__(self) -> int:
-        """Return how many there are."""
         return len(self._index)
 
     def read(self, number: int) -> RecordedGrid:

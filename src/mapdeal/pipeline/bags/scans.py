@@ -56,12 +56,10 @@ class BagScans(ScanSource):
 
     @property
     def named(self) -> Path:
-        """The bag."""
         return self._bag.path
 
     @property
     def count(self) -> int:
-        """Number of scans."""
         return len(self._index)
 
     @property
@@ -97,7 +95,6 @@ class BagScans(ScanSource):
         yield from self._placed(together)
 
     def warn(self) -> None:
-        """Warn of scans that were left out."""
         for frame, count in sorted(self._outside.items()):
             text = f"{self._bag.path}: {count} of {self.count} scans are left out: where {frame} "
             text += f"was is known {self._frames.told_span(frame)}"
@@ -171,7 +168,6 @@ class BagScans(ScanSource):
         return [one for one in found if one is not None]
 
     def _deskewed(self, scans: list[LaserScan]) -> Iterator[ScanArrays]:
-        """Yield beams, each as a scan of its own."""
         times = [scan.beam_times() for scan in scans]
         for run, posed, stance in self._runs(scans, times):
             angles = np.concatenate([scan.angles for scan in run])
@@ -187,7 +183,6 @@ def _kind(stance: Stances) -> tuple[bool, bool]:
 
 
 def _as_arrays(scans: list[LaserScan], posed: Posed, stance: Stances) -> Iterator[ScanArrays]:
-    """Yield scans of the same geometry, each with one pose."""
     angles = scans[0].angles
     if stance.is_level.all():
         if stance.is_flipped[0]:

@@ -59,7 +59,6 @@ _LONGEST = 200
 
 
 def score_table(answer: ScoreAnswer) -> Table:
-    """Return the figures of a score, with what they mean, and its bounds."""
     rows = [("bound", _bound(one)) for one in answer.bounds]
     if answer.has_truth:
         rows.append(("truth", _text(answer.truth or "no file")))
@@ -88,7 +87,6 @@ def _bound(one: ToldBound) -> str:
 
 
 def map_of(answer: ScoreAnswer, document: Path) -> Path | None:
-    """Return where the map of a score is: as it was named, or beside the document."""
     if answer.file is None:
         return None
     places = (Path(answer.file), document.parent / Path(answer.file).name)

@@ -63,7 +63,6 @@ class Draft:
 
     @property
     def places(self) -> tuple[Path, ...]:
-        """The folder or map itself, and the maps in it."""
         return (self.path, *self.paths)
 
     def takes(self, sums: Collection[str]) -> bool:
@@ -80,7 +79,6 @@ class Draft:
         self.warn([text], [file])
 
     def free_name(self, name: str) -> str:
-        """Return a name for a layer that no other one has."""
         taken = {layer.name for layer in self.layers}
         names = (name if number == 1 else f"{name}-{number}" for number in range(1, len(taken) + 2))
         return next(one for one in names if one not in taken)

@@ -61,7 +61,6 @@ def gathered(
     title: str | None = None,
     inputs: Sequence[Path] = (),
 ) -> Report:
-    """Return the report of what is at some paths."""
     gathering = _Gathering(grids)
     first_names: dict[object, Path] = {}
     for path in paths:
@@ -249,7 +248,6 @@ class _Gathering:
                 self.drafts.append(draft)
 
     def _add_findings(self, path: Path, answer: LintAnswer) -> None:
-        """Add findings to the entries of the maps that they are about."""
         lost = []
         for told in answer.files:
             drafts = drafts_about(told.file, self.drafts)

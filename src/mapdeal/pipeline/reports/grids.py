@@ -64,7 +64,6 @@ class Grids:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that were read."""
         return tuple(file for opened in self._opened.values() for file in opened.files)
 
     def open(self, path: Path, *, quietly: bool = False) -> Opened:
@@ -133,7 +132,6 @@ class Grids:
             return file.by_rows(block_height=_ROWS).grid, file
 
     def _reread(self, layer: PageLayer, path: Path, index: int) -> PageLayer:
-        """Return a layer that does not hold its values."""
         if is_lazy(layer.values):
             return layer
 

@@ -106,7 +106,6 @@ def tables_of(answer: Answer) -> list[Table]:
 
 
 def finding_items(file: LintedFile) -> list[Item]:
-    """Return the findings in a file, one item for each, and one for each further place of it."""
     return _shortened((item for told in file.findings for item in _of_finding(told)), "finding")
 
 
@@ -120,7 +119,6 @@ def _of_finding(found: ToldFinding) -> Iterator[Item]:
 
 
 def lint_table(file: LintedFile) -> Table:
-    """Return how much lint has found in a file."""
     counts = Counter(found.severity for found in file.findings)
     severities = get_args(Severity)
     rows = [(f"{severity}s", str(counts[severity])) for severity in severities]
@@ -149,7 +147,6 @@ def start_item(start: Sequence[float], robot: Footprint | None) -> Item:
 def goal_items(
     goals: Iterable[GoalReach], robot: Footprint | None, heading_count: int
 ) -> list[Item]:
-    """Return goals, and what limits the ways to them."""
     items = []
     for one in goals:
         place = one.goal.x, one.goal.y
@@ -186,7 +183,6 @@ def passage_items(passages: Iterable[Passage]) -> list[Item]:
 
 
 def reach_table(answer: ReachAnswer) -> Table:
-    """Return the figures of what a robot can reach."""
     closed = sum(not one.is_open for one in answer.passages)
     reached = sum(one.reachable for one in answer.goals)
     rows = [
@@ -204,7 +200,6 @@ def reach_table(answer: ReachAnswer) -> Table:
 
 
 def route_items(answer: RouteAnswer) -> list[Item]:
-    """Return a route, its start and its goal."""
     route = answer.route
     tone: Tone = "good" if route.reached else "error"
     label = "goal" if route.reached else "goal, not reached"
@@ -242,7 +237,6 @@ def _told(route: Route) -> str:
 
 
 def route_table(answer: RouteAnswer) -> Table:
-    """Return the figures of a route."""
     route = answer.route
     rows = [
         ("method", route.method),
@@ -294,7 +288,6 @@ def _around(circle: Circle) -> NDArray[np.float64]:
 
 
 def _middle(lines: Sequence[NDArray[np.float64]]) -> Point | None:
-    """Return the middle of the extent of what is drawn."""
     if not lines:
         return None
     x, y = ((lines[0].min(axis=0) + lines[0].max(axis=0)) / 2).tolist()

@@ -152,7 +152,6 @@ def _wrong_outputs(folder: Path, outputs: Mapping[str, str]) -> Iterator[tuple[P
 
 
 def _add_product(draft: Draft, stage: str, manifest: Mapping[str, Any], grids: Grids) -> None:
-    """Add the layers of a stage's product, if its file is there."""
     product = product_of(stage)
     names = [f"{product}{ending}" for ending in _GRIDS]
     name = next((one for one in names if one in manifest["outputs"]), None)
@@ -206,21 +205,18 @@ def _are_equal(one: PageLayer, other: PageLayer) -> bool:
 
 
 def title_of(stage: str, manifest: Mapping[str, Any]) -> str:
-    """Return what a stage of a run has done, in words."""
     step = _step_of(stage, next(s[stage] for s in manifest["stages"] if stage in s))
     title = stage if step is None else step.title
     return title[:1].upper() + title[1:]
 
 
 def _step_of(stage: str, parameters: Mapping[str, Any]) -> Step | None:
-    """Return a step of a manifest, None if this version does not know it so."""
     with suppress(ParameterError):
         return make_step(stage, parameters)
     return None
 
 
 def _curve_of(stage: str, parameters: Mapping[str, Any], figures: object) -> CostCurve | None:
-    """Return the costs over the distance, if a stage makes costs that depend on it alone."""
     resolution: Any = figures.get("resolution") if isinstance(figures, dict) else None
     step = _step_of(stage, parameters)
     if step is None or not _is_figure(resolution):
@@ -259,7 +255,6 @@ def _columns_of_grid(told: Mapping[str, Any]) -> dict[str, str | float]:
 
 
 def _is_figure(value: object) -> TypeGuard[int | float]:
-    """Return whether a value is a number that can be calculated with."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return False
     return abs(value) <= _LARGEST_FIGURE

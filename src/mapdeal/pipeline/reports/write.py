@@ -35,7 +35,6 @@ class Made:
 
     @property
     def text(self) -> str:
-        """The figures in words."""
         return f"{count_text(self.entries, 'map')}, {size_text(self.size)}"
 
 
