@@ -101,7 +101,8 @@ class BitMap(Framed):
         if values.ndim != 2 or 0 in values.shape:
             rule = "a mask must be two-dimensional and not empty"
             raise ParameterError(rule, got=values.shape)
-        return cls(np.packbits(values > 0, axis=1), values.shape[1], resolution, origin)
+        ones = values if values.dtype == np.bool_ else values > 0  # of bool numpy compares slowly
+        return cls(np.packbits(ones, axis=1), values.shape[1], resolution, origin)
 
     @classmethod
     def from_occupancy(
