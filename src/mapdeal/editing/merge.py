@@ -461,12 +461,7 @@ def without_layers(evidence: Sequence[ChosenLayers]) -> list[int]:
 
 
 def remarks_on(
-    merged: Merged,
-    names: Sequence[str],
-    rule: Rule,
-    layerless: Sequence[int],
-    *,
-    advice: str = "",
+    merged: Merged, names: Sequence[str], rule: Rule, layerless: Sequence[int], *, advice: str = ""
 ) -> Iterator[str]:
     if rule == "evidence" and len(layerless) == len(names):
         yield "no map has evidence layers; each of their cells counts as one vote"

@@ -8,11 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mapdeal.errors import ParameterError, emit_warning
-from mapdeal.formats.bit_maps import (
-    bit_map_paths,
-    read_bit_map_pair,
-    write_bit_map_pair,
-)
+from mapdeal.formats.bit_maps import bit_map_paths, read_bit_map_pair, write_bit_map_pair
 from mapdeal.formats.map_server import BIT_MAP
 from mapdeal.formats.maps import as_occupancy, output_paths, write_grid
 from mapdeal.grid.bit_map import BitMap
@@ -72,11 +68,7 @@ def edit_bits(
 
 
 def pack_file(
-    path: Path,
-    output: Path,
-    options: Settings,
-    *,
-    lethal_threshold: int | None = None,
+    path: Path, output: Path, options: Settings, *, lethal_threshold: int | None = None
 ) -> Figures:
     """Write the obstacles of a map as a bit map; return its figures.
 

@@ -117,11 +117,7 @@ def build(
 
 
 def gather(
-    source: ScanSource,
-    settings: BuildSettings,
-    options: Settings,
-    per_cell: int,
-    advance: Advance,
+    source: ScanSource, settings: BuildSettings, options: Settings, per_cell: int, advance: Advance
 ) -> Gathered:
     """Return what the scans in files say, by all methods that are asked for."""
     # All files are read twice, or one after the other; a pipe can be read but once.

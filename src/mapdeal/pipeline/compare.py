@@ -222,12 +222,7 @@ def _write_map(
     )
     path = folder / f"{method}.png"
     write_picture(
-        transaction,
-        path,
-        result.grid,
-        one_line(title),
-        image_extent=image_extent,
-        overlay=rings,
+        transaction, path, result.grid, one_line(title), image_extent=image_extent, overlay=rings
     )
 
 

@@ -124,10 +124,7 @@ def describe_file(
 
 
 def _describe_map(path: Path, dialect: Dialect, max_cells: int | None) -> dict[str, Any]:
-    with (
-        sums_of_reads() as sums,
-        open_map(path, dialect=dialect, max_cells=max_cells) as file,
-    ):
+    with sums_of_reads() as sums, open_map(path, dialect=dialect, max_cells=max_cells) as file:
         source = file.read()
         named = file.sums_by_name(sums)
     grid = source.grid

@@ -121,10 +121,7 @@ def check_reached(route: Route, path: Path) -> None:
 
 
 def costs_of(
-    source: Source,
-    path: Path,
-    footprint: Footprint | None,
-    robot: RobotParameters | None = None,
+    source: Source, path: Path, footprint: Footprint | None, robot: RobotParameters | None = None
 ) -> Costmap:
     """Return the costs in a file, or those of its map: the robot's, or the recipe ``nav2``'s."""
     grid = source.grid
@@ -315,10 +312,7 @@ def _lines_of(
 
 
 def _answer(
-    pair: int,
-    asked: PairLine,
-    terrain: Terrain,
-    searches: Mapping[str, Mapping[str, Any]],
+    pair: int, asked: PairLine, terrain: Terrain, searches: Mapping[str, Mapping[str, Any]]
 ) -> tuple[dict[str, Route], list[str]]:
     """Return the route of each method between two points, and the lines that describe them."""
     if asked.start is None or asked.goal is None:

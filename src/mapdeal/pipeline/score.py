@@ -181,10 +181,7 @@ def score_files(
         errors_named(path),
     ):
         report = score_grids(
-            grids[0],
-            grids[1] if truth is not None else None,
-            asked,
-            names=(str(path), str(truth)),
+            grids[0], grids[1] if truth is not None else None, asked, names=(str(path), str(truth))
         )
         if options.image is not None and report.comparison is not None:
             image = score_image(

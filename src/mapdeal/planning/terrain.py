@@ -15,11 +15,7 @@ from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.frame import Point
 from mapdeal.grid.reaching import Cell, cell_of_point, nearest_open_text
-from mapdeal.grid.values import (
-    INSCRIBED_INFLATED_OBSTACLE,
-    LETHAL_OBSTACLE,
-    OCCUPIED,
-)
+from mapdeal.grid.values import INSCRIBED_INFLATED_OBSTACLE, LETHAL_OBSTACLE, OCCUPIED
 from mapdeal.kernels.distance import signed_distance
 from mapdeal.records import dataclass
 

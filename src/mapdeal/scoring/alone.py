@@ -65,9 +65,7 @@ def enclosed_areas(states: States, resolution: float) -> Enclosed:
     sizes = free[free > 0] * resolution**2
     is_area = sizes >= LEAST_AREA * (1 - _ROUNDING)
     return Enclosed(
-        int(np.count_nonzero(is_area)),
-        int(np.count_nonzero(~is_area)),
-        float(sizes[is_area].sum()),
+        int(np.count_nonzero(is_area)), int(np.count_nonzero(~is_area)), float(sizes[is_area].sum())
     )
 
 

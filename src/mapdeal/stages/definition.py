@@ -135,12 +135,7 @@ class Stage:
 
 
 def stage(
-    *,
-    name: str,
-    summary: str,
-    title: Callable[[Parameters], str],
-    memory: float,
-    **more: Any,
+    *, name: str, summary: str, title: Callable[[Parameters], str], memory: float, **more: Any
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Turn a function into a stage, with the record that `Stage` describes.
 

@@ -105,10 +105,7 @@ class Viewer:
         return cls(scale, field.shape, has_obstacles, has_others)
 
     def values_of(
-        self,
-        field: DistanceField,
-        obstacles: NDArray[np.bool_],
-        cost_of: CostOfView | None = None,
+        self, field: DistanceField, obstacles: NDArray[np.bool_], cost_of: CostOfView | None = None
     ) -> NDArray[np.int8]:
         def values(rows: slice) -> NDArray[np.int8]:
             return self._values_of_rows(field.part(rows), obstacles[rows], cost_of)

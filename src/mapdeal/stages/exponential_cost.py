@@ -29,11 +29,7 @@ from mapdeal.stages.cost import cost_model
 from mapdeal.stages.cost_profile import CostProfile, advice_on, warn_of_radii
 from mapdeal.stages.definition import Parameters, RobotShape
 from mapdeal.stages.inflation_curve import inflation_curve
-from mapdeal.stages.obstacle_source import (
-    ObstacleSource,
-    check_lethal_threshold,
-    warn_of_strength,
-)
+from mapdeal.stages.obstacle_source import ObstacleSource, check_lethal_threshold, warn_of_strength
 from mapdeal.stages.parameters import (
     AT_LEAST_0,
     METRES,

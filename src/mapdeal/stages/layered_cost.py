@@ -49,10 +49,7 @@ def _advice(parameters: Parameters, cost: int) -> str:
     if inflation is None:
         return "no inflation layer spreads costs"
     return advice_on(
-        cost,
-        inflation.inscribed_radius,
-        inflation.inflation_radius,
-        inflation.cost_scaling_factor,
+        cost, inflation.inscribed_radius, inflation.inflation_radius, inflation.cost_scaling_factor
     )
 
 

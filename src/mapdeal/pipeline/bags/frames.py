@@ -11,13 +11,7 @@ from numpy.typing import NDArray
 from mapdeal.errors import MalformedInputError, ParameterError
 from mapdeal.formats.bags.bag import CAN_BE_READ, Bag, Connection
 from mapdeal.formats.bags.decoding import Decoder
-from mapdeal.formats.bags.messages import (
-    ODOMETRY,
-    TF_TYPES,
-    Stamped,
-    odometry_of,
-    transforms_of,
-)
+from mapdeal.formats.bags.messages import ODOMETRY, TF_TYPES, Stamped, odometry_of, transforms_of
 from mapdeal.formats.bags.reader import chosen_connections
 from mapdeal.formats.poses import read_trajectory
 from mapdeal.kernels.rotations import from_yaw

@@ -10,13 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mapdeal.errors import MalformedInputError
-from mapdeal.formats.bags.bag import (
-    CAN_BE_READ,
-    Bag,
-    Connection,
-    Recorded,
-    normalised_type,
-)
+from mapdeal.formats.bags.bag import CAN_BE_READ, Bag, Connection, Recorded, normalised_type
 from mapdeal.formats.bags.decoding import Decoder
 from mapdeal.formats.bags.messages import (
     GRID_TYPES,

@@ -6,20 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from mapdeal.errors import (
-    FileAccessError,
-    MapdealError,
-    ParameterError,
-    emit_warning,
-    one_line,
-)
-from mapdeal.formats.answers import (
-    Answer,
-    ComparisonAnswer,
-    DiffAnswer,
-    LintAnswer,
-    read_answer,
-)
+from mapdeal.errors import FileAccessError, MapdealError, ParameterError, emit_warning, one_line
+from mapdeal.formats.answers import Answer, ComparisonAnswer, DiffAnswer, LintAnswer, read_answer
 from mapdeal.formats.documents import AlignmentAnswer, ScoreAnswer
 from mapdeal.formats.kinds import SHAPES, kind_of
 from mapdeal.formats.source import exists, identity_of, is_folder, status_of
@@ -55,11 +43,7 @@ _GRIDS = (".yaml", ".yml", ".npz", ".pbm")
 
 
 def gathered(
-    paths: Sequence[Path],
-    grids: Grids,
-    *,
-    title: str | None = None,
-    inputs: Sequence[Path] = (),
+    paths: Sequence[Path], grids: Grids, *, title: str | None = None, inputs: Sequence[Path] = ()
 ) -> Report:
     gathering = _Gathering(grids)
     first_names: dict[object, Path] = {}

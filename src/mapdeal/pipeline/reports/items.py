@@ -44,10 +44,7 @@ def difference_items(found: Difference) -> list[Item]:
 
     The largest come first. A group is placed at that of its cells which is nearest to its middle.
     """
-    return [
-        *_groups_of(found, ADDED, "wall added"),
-        *_groups_of(found, REMOVED, "wall removed"),
-    ]
+    return [*_groups_of(found, ADDED, "wall added"), *_groups_of(found, REMOVED, "wall removed")]
 
 
 def _groups_of(found: Difference, kind: int, what: str) -> list[Item]:

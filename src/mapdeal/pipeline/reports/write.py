@@ -74,11 +74,7 @@ def write_report(
     if size < _SMALLEST_PAGE:
         rule = f"must be at least {size_text(_SMALLEST_PAGE)}"
         raise ParameterError(rule, place="max_size", got=size)
-    with (
-        settings.memory(),
-        use_threads(settings.threads),
-        Grids(settings) as grids,
-    ):
+    with settings.memory(), use_threads(settings.threads), Grids(settings) as grids:
         report = gathered(paths, grids, title=title, inputs=inputs)
         with Transaction(
             [output], inputs=[*paths, *grids.files], force=settings.force
