@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,9 @@ import numpy as np
 from mapdeal.alignment.align import Alignment, align, bytes_to_align
 from mapdeal.checks.difference import frame_around
 from mapdeal.errors import one_line
-from mapdeal.formats.budget import claim, holding
+from mapdeal.formats.budget import claim
 from mapdeal.formats.json_values import ALIGNMENT_FORMAT, json_of
-from mapdeal.formats.maps import Source, as_occupancy
+from mapdeal.formats.maps import as_occupancy
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.poses import transform_document
 from mapdeal.grid.frame import Transform
@@ -23,7 +22,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.resample import obstacles_in, sampled
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.diff import ComparedMap
-from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
+from mapdeal.pipeline.files import errors_named, outputs_of, read_together
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
@@ -79,12 +78,7 @@ def align_files(
     rotations: Sequence[float] | None = None,
 ) -> AlignReport:
     """Return where the map in a file lies in the frame of the map in another."""
-    with ExitStack() as stack:
-        stack.enter_context(options.memory())
-        sources: list[Source] = []
-        for path in (first, second):
-            sources.append(read_summed(path, options))
-            stack.enter_context(holding(bytes_of(sources[-1].grid)))
+    sources = read_together((first, second), options)
     own, other = (
         as_occupancy(source.grid, path)
         for source, path in zip(sources, (first, second), strict=True)

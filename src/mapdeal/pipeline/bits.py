@@ -75,9 +75,7 @@ def pack_file(
     Of a field those are the cells that it counts as obstacles.
     """
     outputs = bit_map_paths(output)
-    source = read_input(path, options)
-    with options.memory():
-        claim_work(path, source.grid, _PER_CELL)
+    source = read_input(path, options, _PER_CELL)
     with outputs_of(outputs, source.files, options) as transaction:
         if isinstance(source.grid, (DistanceField, PotentialField)):
             if lethal_threshold is not None:

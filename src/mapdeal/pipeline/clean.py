@@ -11,13 +11,11 @@ import numpy as np
 from mapdeal.checks.difference import STATES, changes_of, states_of
 from mapdeal.editing.clean import Cleaned, clean
 from mapdeal.errors import one_line
-from mapdeal.formats.budget import claim
 from mapdeal.formats.maps import output_paths, write_grid
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.formats.transaction import Transaction
 from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
-from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
 from mapdeal.render.difference import difference_image
@@ -53,11 +51,7 @@ def clean_file(
 ) -> CleanReport:
     """Read a map, remove its small components, and write it."""
     outputs = output_paths(output)
-    source = read_summed(path, settings)
-    with settings.memory():
-        height, width = source.grid.shape
-        needed = bytes_of(source.grid) + _PER_CELL * height * width + _LIBRARY
-        claim(path, needed, what=f"{width} x {height} cells")
+    source = read_summed(path, settings, _PER_CELL, _LIBRARY)
     with outputs_of(outputs, source.files, settings) as transaction:
         with errors_named(path):
             cleaned = clean(source.grid, **limits)  # type: ignore[arg-type]  # which refuses others

@@ -11,13 +11,13 @@ from typing import Any
 from mapdeal.checks.difference import STATES, Difference, WallShift, compare, frame_around
 from mapdeal.checks.selection import Bound, Bounds
 from mapdeal.errors import emit_warning, one_line
-from mapdeal.formats.budget import claim, holding
+from mapdeal.formats.budget import claim
 from mapdeal.formats.maps import Source, as_occupancy
 from mapdeal.formats.png import write_indexed_png
 from mapdeal.grid.values import OCCUPIED
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import use_threads
-from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
+from mapdeal.pipeline.files import errors_named, outputs_of, read_together
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
@@ -110,10 +110,7 @@ def diff_files(
     bounds: Bounds = NO_BOUNDS,
 ) -> DiffReport:
     """Return what differs between the maps in two files; draw it if a picture is asked for."""
-    with options.memory():
-        source = read_summed(first, options)
-        with holding(bytes_of(source.grid)):
-            sources = [source, read_summed(second, options)]
+    sources = read_together((first, second), options)
     grids = [
         as_occupancy(source.grid, path)
         for source, path in zip(sources, (first, second), strict=True)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from mapdeal.errors import MapdealError, ParameterError, emit_warning, one_line
+from mapdeal.formats.budget import holding
 from mapdeal.formats.maps import Source, open_map, read_source
 from mapdeal.formats.npz import Grid
 from mapdeal.formats.source import sums_of_reads
@@ -20,16 +21,23 @@ from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.folder import write_picture
+from mapdeal.pipeline.memory import bytes_of, claim_work
 from mapdeal.pipeline.settings import Settings
 from mapdeal.render.overlay import Overlay
 
 
-def read_input(path: Path, settings: Settings) -> Source:
+def read_input(path: Path, settings: Settings, per_cell: float | None = None) -> Source:
+    """Return the grid in a file, unless what is done with each cell takes too much memory."""
     with settings.memory(), use_threads(settings.threads):
-        return read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
+        source = read_source(path, dialect=settings.dialect, max_cells=settings.max_cells)
+        if per_cell is not None:
+            claim_work(path, source.grid, per_cell)
+        return source
 
 
-def read_summed(path: Path, settings: Settings) -> Source:
+def read_summed(
+    path: Path, settings: Settings, per_cell: float | None = None, besides: int = 0
+) -> Source:  # fmt: skip
     """Return the grid in a file as `read_input` does, with the checksums of what was read."""
     with (
         settings.memory(),
@@ -38,7 +46,20 @@ def read_summed(path: Path, settings: Settings) -> Source:
         open_map(path, dialect=settings.dialect, max_cells=settings.max_cells) as file,
     ):
         source = file.read()
+        if per_cell is not None:
+            claim_work(path, source.grid, per_cell, besides=besides)
         return replace(source, sums=file.sums_by_name(sums))
+
+
+def read_together(paths: Sequence[Path], settings: Settings) -> list[Source]:
+    """Return the grids in files as `read_summed` does, each counted while the next is read."""
+    sources: list[Source] = []
+    with ExitStack() as stack:
+        stack.enter_context(settings.memory())
+        for path in paths:
+            sources.append(read_summed(path, settings))
+            stack.enter_context(holding(bytes_of(sources[-1].grid)))
+    return sources
 
 
 def frame_of_file(path: Path, settings: Settings) -> tuple[Frame, tuple[Path, ...]]:

@@ -170,14 +170,16 @@ def check_fits(
     claim(path, count, what=f"{shape[1]} x {shape[0]} cells")
 
 
-def claim_work(path: Path, grid: Framed, per_cell: float, *, cells: int | None = None) -> None:
+def claim_work(
+    path: Path, grid: Framed, per_cell: float, *, cells: int | None = None, besides: int = 0
+) -> None:  # fmt: skip
     """Refuse what is about to be done with a grid that was read, if it takes too much memory."""
     height, width = grid.shape
     more = int(per_cell * (height * width if cells is None else cells))
     crop = _bytes_of_crop(grid)
     if crop:  # all is done with the box, and put back
         more = 2 * more + crop
-    claim(path, bytes_of(grid) + more, what=f"{width} x {height} cells")
+    claim(path, bytes_of(grid) + more + besides, what=f"{width} x {height} cells")
 
 
 def bytes_of(grid: Framed) -> int:

@@ -8,7 +8,6 @@ from typing import Any
 from mapdeal.errors import kept_warnings
 from mapdeal.grid.costmap import InflationLayer
 from mapdeal.pipeline.files import read_input
-from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.settings import Settings
 from mapdeal.pipeline.step import Step
 from mapdeal.stages.queue_costs import queue_difference
@@ -22,9 +21,7 @@ def told_of_queue(path: Path, step: Step, settings: Settings) -> str | None:
     if not _has_queue(step):
         return None
     with settings.memory(), kept_warnings():  # all of it was said when the costs were made
-        source = read_input(path, settings)
-        claim_work(path, source.grid, _PER_CELL)
-        taken: Any = step.taken(source.grid)
+        taken: Any = step.taken(read_input(path, settings, _PER_CELL).grid)
         cells, largest = queue_difference(taken, step.parameters)
     if not cells:
         return f"{step.name}: no cell differs from the queue of older inflation layers"

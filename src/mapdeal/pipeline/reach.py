@@ -27,7 +27,6 @@ from mapdeal.pipeline.files import (
     warn_of_potential,
     warn_of_published_costs,
 )
-from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.recipe import load_recipe
 from mapdeal.pipeline.robot import planned_shape
 from mapdeal.pipeline.settings import Settings
@@ -64,9 +63,7 @@ def reach_file(
             rule = f"must end in {ending}"
             raise ParameterError(rule, source=name, got=str(file))
     step = _step_for(robot, footprint, parameters or {})
-    source = read_input(path, options)
-    with options.memory():
-        claim_work(path, source.grid, step.memory + _COSTS_PER_CELL * (robot is not None))
+    source = read_input(path, options, step.memory + _COSTS_PER_CELL * (robot is not None))
     outputs = [one for one in (output, layers) if one is not None]
     inputs = [*source.files, *(robot.paths if robot else ()), *also_read]
     with outputs_of(outputs, inputs, options) as transaction:

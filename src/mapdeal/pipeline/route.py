@@ -27,7 +27,6 @@ from mapdeal.pipeline.files import (
     warn_of_potential,
     warn_of_published_costs,
 )
-from mapdeal.pipeline.memory import claim_work
 from mapdeal.pipeline.recipe import Recipe, load_recipe
 from mapdeal.pipeline.robot import planned_shape
 from mapdeal.pipeline.settings import Settings
@@ -80,10 +79,8 @@ def route_file(
     """Find a route through the map or the costs in a file, and write it if `output` is given."""
     if output is not None and output.suffix != ".json":
         raise ParameterError("a route is written as .json", source=output)
-    source = read_input(path, options)
     has_field = bool(weights and weights.get("heuristic_weight"))
-    with options.memory():
-        claim_work(path, source.grid, _PER_CELL[method] + has_field * _OF_HEURISTIC)
+    source = read_input(path, options, _PER_CELL[method] + has_field * _OF_HEURISTIC)
     outputs = [] if output is None else [output]
     inputs = [*source.files, *(robot.paths if robot else ())]
     with outputs_of(outputs, inputs, options) as transaction:
@@ -261,9 +258,7 @@ def compare_pairs(
         raise ParameterError(rule, source="--compare", got=",".join(methods))
     if options.image is not None:
         raise ParameterError("applies to one route, not to --pairs", source="--image")
-    source = read_input(path, options)
-    with options.memory():
-        claim_work(path, source.grid, _PER_CELL_OF_PAIRS)
+    source = read_input(path, options, _PER_CELL_OF_PAIRS)
     outputs = [] if output is None else [output]
     inputs = [*source.files, *(robot.paths if robot else ())]
     inputs += [asked_from] if isinstance(asked_from, Path) else []

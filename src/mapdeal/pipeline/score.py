@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +11,7 @@ import numpy as np
 
 from mapdeal.alignment.align import bytes_to_align
 from mapdeal.errors import FindingError, ParameterError, emit_warning, one_line
-from mapdeal.formats.budget import claim, holding
+from mapdeal.formats.budget import claim
 from mapdeal.formats.json_values import SCORE_FORMAT
 from mapdeal.formats.maps import Source, as_occupancy
 from mapdeal.formats.png import write_indexed_png
@@ -24,7 +23,7 @@ from mapdeal.grid.values import FREE, OCCUPIED
 from mapdeal.kernels.lookup import histogram
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.diff import ComparedMap
-from mapdeal.pipeline.files import errors_named, outputs_of, read_summed
+from mapdeal.pipeline.files import errors_named, outputs_of, read_together
 from mapdeal.pipeline.memory import bytes_of
 from mapdeal.pipeline.settings import Settings
 from mapdeal.records import dataclass
@@ -161,12 +160,7 @@ def score_files(
         raise ParameterError("needs --truth, a map to compare with", source="--image")
     paths = [path] if truth is None else [path, truth]
     told = None if asked.transform_file is None else read_transform(asked.transform_file)
-    sources: list[Source] = []
-    with ExitStack() as stack:
-        stack.enter_context(options.memory())
-        for one in paths:
-            sources.append(read_summed(one, options))
-            stack.enter_context(holding(bytes_of(sources[-1].grid)))
+    sources = read_together(paths, options)
     grids = [as_occupancy(source.grid, one) for source, one in zip(sources, paths, strict=True)]
     with options.memory(), use_threads(options.threads):
         _claim(paths[-1], sources, grids, options, aligns=asked.align)
