@@ -90,11 +90,8 @@ def align_files(
     with outputs_of(outputs, files, options) as transaction:
         with use_threads(options.threads), errors_named(second):
             found = align(own, other, prior=prior, rotations=rotations)
-        sums = [
-            ComparedMap(str(path), dict(source.sums))
-            for source, path in zip(sources, (first, second), strict=True)
-        ]
-        report = AlignReport(found, (sums[0], sums[1]))
+        maps = ComparedMap.of(first, sources[0]), ComparedMap.of(second, sources[1])
+        report = AlignReport(found, maps)
         if output is not None:
             transaction.write_bytes(output, json_of(report.document()))
         if options.image is not None:

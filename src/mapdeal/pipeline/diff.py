@@ -39,6 +39,10 @@ class ComparedMap:
     file: str
     sha256: Mapping[str, str]
 
+    @classmethod
+    def of(cls, path: Path, source: Source) -> ComparedMap:
+        return cls(str(path), dict(source.sums))
+
 
 @dataclass(frozen=True)
 class DiffReport:
@@ -140,10 +144,7 @@ def diff_files(
             transaction.write(
                 options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
             )
-    maps = tuple(
-        ComparedMap(str(path), dict(source.sums))
-        for source, path in zip(sources, (first, second), strict=True)
-    )
+    maps = tuple(map(ComparedMap.of, (first, second), sources))
     return DiffReport(found, _metadata(*sources), bounds.judged(found), maps)
 
 

@@ -270,9 +270,8 @@ def filling_of(
     clouds = () if job.cloud is None else job.cloud.files
     files = (*clouds, *(known.files if known is not None else ()))
     products = _products(folder.steps[0], job, make, common)
-    subject = (
-        job.folder if job.cloud is None else job.cloud.path
-    )  # not the map, which is another one's
+    # not the map, which is another one's
+    subject = job.folder if job.cloud is None else job.cloud.path
     return Filling(
         folder, products, job.source(common).stem, (*files, *common.recipe.files), subject,
         PoseOverlay(pose),

@@ -186,9 +186,7 @@ def score_files(
             transaction.write(
                 options.image, lambda file: write_indexed_png(file, image.indices, image.palette)
             )
-    maps = [
-        ComparedMap(str(one), dict(source.sums)) for source, one in zip(sources, paths, strict=True)
-    ]
+    maps = list(map(ComparedMap.of, paths, sources))
     return _with_maps(report, maps[0], maps[1] if truth is not None else None)
 
 

@@ -234,31 +234,23 @@ _PER_WALL_DRAWN = 40
 def bytes_to_compare(shape: tuple[int, int], walls: int, *, is_drawn: bool = False) -> int:
     """Return about how many bytes it takes to compare a map with the truth, and to draw that."""
     per_wall = _PER_WALL_DRAWN if is_drawn else _PER_WALL
-    return _bytes(shape, walls, _PER_CELL, per_wall, _OF_BAND, _AROUND, 1)
+    return _bytes(shape, _PER_CELL, per_wall * walls, _OF_BAND, _AROUND, 1)
 
 
 def bytes_alone(shape: tuple[int, int], walls: int) -> int:
     """Return about how many bytes it takes to score a map on its own, as `bytes_to_compare`."""
-    return _bytes(
-        shape, walls, _PER_CELL_ALONE, _PER_WALL_ALONE, _OF_BAND_ALONE, _AROUND_ALONE,
-        LEAST_ROWS_ALONE,
-    )  # fmt: skip
+    of_walls = _PER_WALL_ALONE * walls
+    return _bytes(shape, _PER_CELL_ALONE, of_walls, _OF_BAND_ALONE, _AROUND_ALONE, LEAST_ROWS_ALONE)
 
 
 def _bytes(
-    shape: tuple[int, int],
-    walls: int,
-    per_cell: float,
-    per_wall: int,
-    of_band: int,
-    around: int,
-    least_rows: int,
-) -> int:
+    shape: tuple[int, int], per_cell: float, of_walls: int, of_band: int, around: int, least: int
+) -> int:  # fmt: skip
     height, width = shape
-    rows = max(least_rows, TOGETHER // width)
+    rows = max(least, TOGETHER // width)
     workers = min(thread_count(), -(-height // rows))
     band = of_band * (min(rows, height) + around) * (width + around)
-    return int(_LIBRARIES + per_cell * height * width + per_wall * walls + workers * band)
+    return int(_LIBRARIES + per_cell * height * width + of_walls + workers * band)
 
 
 _Floats = NDArray[np.floating[Any]]
