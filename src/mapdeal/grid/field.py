@@ -16,12 +16,7 @@ from mapdeal.grid.display import count_text, numbers_text
 from mapdeal.grid.frame import Origin, Region
 from mapdeal.grid.framed import Figures, as_layer
 from mapdeal.grid.occupancy import OccupancyGrid, as_occupancy_layer
-from mapdeal.grid.values import (
-    DEFAULT_LETHAL_THRESHOLD,
-    UNKNOWN,
-    Convention,
-    UnknownPolicy,
-)
+from mapdeal.grid.values import DEFAULT_LETHAL_THRESHOLD, UNKNOWN, Convention, UnknownPolicy
 from mapdeal.kernels.bilinear import interpolate
 from mapdeal.kernels.blocks import mapped, swept
 from mapdeal.kernels.threads import in_parallel

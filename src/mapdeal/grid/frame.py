@@ -607,11 +607,7 @@ class Region(NamedTuple):
 
 
 def region_of(
-    frame: Frame,
-    size_xy: Point,
-    *,
-    corner_xy: Point | None = None,
-    center_xy: Point | None = None,
+    frame: Frame, size_xy: Point, *, corner_xy: Point | None = None, center_xy: Point | None = None
 ) -> Region:
     """Return the cells of a region in metres."""
     size_x, size_y = check_point(size_xy, "size")

@@ -470,10 +470,7 @@ def _parted(tree: ClearanceTree, edges: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def _other_doors(
-    ways: Ways,
-    edges: NDArray[np.intp],
-    far: NDArray[np.intp],
-    behind: NDArray[np.float64],
+    ways: Ways, edges: NDArray[np.intp], far: NDArray[np.intp], behind: NDArray[np.float64]
 ) -> Iterator[tuple[int, int]]:
     """Yield the other doors between areas than the edges, the widest ones, that part them.
 

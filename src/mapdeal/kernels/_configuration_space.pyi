@@ -16,9 +16,5 @@ class PoseMaker:
     ) -> None: ...
 
 def flood(
-    maker: PoseMaker,
-    left: NDArray[Any],
-    reached: NDArray[Any],
-    seeds: NDArray[Any],
-    most: int,
+    maker: PoseMaker, left: NDArray[Any], reached: NDArray[Any], seeds: NDArray[Any], most: int
 ) -> int: ...

@@ -61,11 +61,7 @@ def rooted(tree: ClearanceTree, root: int) -> RootedTree:
 
 
 def widest_from(
-    tree: ClearanceTree,
-    squared: SquaredDistances,
-    start: Cell,
-    *,
-    seen: RootedTree | None = None,
+    tree: ClearanceTree, squared: SquaredDistances, start: Cell, *, seen: RootedTree | None = None
 ) -> SquaredDistances:
     limits = _limits_from(tree, squared, start, seen)
     return _engine(squared).widest_squares(tree.basins, squared, limits)  # type: ignore[no-any-return]

@@ -163,10 +163,7 @@ def _disc(centre: Position, radius: float, y: NDArray[np.float64]) -> _Ends:
     squared = radius**2 - (y - centre[0]) ** 2
     half = np.sqrt(np.maximum(squared, 0.0))
     within = squared >= 0
-    return (
-        np.where(within, centre[1] - half, np.inf),
-        np.where(within, centre[1] + half, -np.inf),
-    )
+    return (np.where(within, centre[1] - half, np.inf), np.where(within, centre[1] + half, -np.inf))
 
 
 def _rim(start: Position, stop: Position, radius: float, y: NDArray[np.float64]) -> list[_Ends]:

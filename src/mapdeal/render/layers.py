@@ -16,12 +16,7 @@ from mapdeal.grid.occupancy import OccupancyGrid
 from mapdeal.grid.values import OCCUPIED, UNKNOWN
 from mapdeal.kernels.blocks import looked_up, swept
 from mapdeal.kernels.lookup import histogram, level_rows, look_up, set_where
-from mapdeal.render.canvas import (
-    corner_of,
-    frame_text,
-    sheet,
-    swatches_in,
-)
+from mapdeal.render.canvas import corner_of, frame_text, sheet, swatches_in
 from mapdeal.render.field_style import (
     FIELD_LEVELS,
     LINE,

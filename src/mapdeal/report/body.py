@@ -352,9 +352,7 @@ def _maps(entries: tuple[Entry, ...]) -> Markup:
     )
     count = element("span", f"{len(entries)} maps", id="count", role="status")
     table = element(
-        "table",
-        element("thead", element("tr", element("td"), *cells)),
-        element("tbody", *rows),
+        "table", element("thead", element("tr", element("td"), *cells)), element("tbody", *rows)
     )
     return element(
         "section",

@@ -97,11 +97,7 @@ def _map_of(grid: Any) -> dict[str, Any]:
     style = occupancy_style()
     if not counts_of(grid.occupancy)[FREE + 1 : OCCUPIED].any():  # black and white need no scale
         style = replace(style, bar=None)
-    return {
-        "style": style,
-        "rank": _ABOVE_UNKNOWN,
-        "lethal_threshold": threshold,
-    }
+    return {"style": style, "rank": _ABOVE_UNKNOWN, "lethal_threshold": threshold}
 
 
 def _cost(costmap: Costmap) -> dict[str, Any]:

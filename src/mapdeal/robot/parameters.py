@@ -18,12 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from mapdeal.errors import ParameterError
-from mapdeal.grid.costmap import (
-    CostmapLayer,
-    CostmapLayers,
-    InflationLayer,
-    StaticLayer,
-)
+from mapdeal.grid.costmap import CostmapLayer, CostmapLayers, InflationLayer, StaticLayer
 from mapdeal.grid.display import OneLine
 from mapdeal.grid.footprint import Footprint, check_simple, contains_centre
 from mapdeal.grid.frame import as_float32
