@@ -19,7 +19,7 @@ Engine = Literal["compiled", "scipy"]
 VARIABLE = "MAPDEAL_KERNELS"
 """Name of the environment variable that chooses the engine."""
 
-_BESIDE = ("_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_numbers", "_rays")
+_BESIDE = ("_clearance_tree", "_clouds", "_configuration_space", "_dilation", "_rays")
 
 
 def engine_name() -> Engine:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.formats.maps import as_occupancy
+from mapdeal.formats.number_texts import Form, Kind, row_texts
 from mapdeal.formats.points import NumberLines
 from mapdeal.grid.field import DistanceField
 from mapdeal.grid.values import UNKNOWN
-from mapdeal.kernels.number_texts import Form, Kind, row_texts
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import errors_named, read_input, warn_of_potential
 from mapdeal.pipeline.memory import check_fits, claim_work

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mapdeal.errors import ParameterError
 from mapdeal.formats.maps import as_occupancy
+from mapdeal.formats.number_texts import Form, Kind, row_texts
 from mapdeal.formats.points import NumberLines
 from mapdeal.grid.costmap import Costmap
 from mapdeal.grid.field import DistanceField
@@ -25,7 +26,6 @@ from mapdeal.grid.values import (
     static_layer_cost_from_occupancy,
 )
 from mapdeal.kernels.lookup import look_up
-from mapdeal.kernels.number_texts import Form, Kind, row_texts
 from mapdeal.kernels.threads import use_threads
 from mapdeal.pipeline.files import (
     errors_named,

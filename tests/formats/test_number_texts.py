@@ -4,13 +4,10 @@ import json
 import math
 
 import numpy as np
-import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from engines import needs_compiled
-from mapdeal.kernels import engine
-from mapdeal.kernels.number_texts import Form, Kind, row_texts
+from mapdeal.formats.number_texts import Form, Kind, row_texts
 
 LINE = [Form(("", "\n"), (0,))]
 FLOATS = st.floats() | st.floats(-1e4, 1e4) | st.decimals(-999, 999, places=6).map(float)
@@ -35,64 +32,40 @@ def _single(number):
 @given(st.lists(FLOATS))
 @example([562949953421312.25, 562949953421312.75, 0.001, 1e15, 999999999999999.9, 2.0**52, -0.0])
 @example([9.5367431640625e-07, 4503599627370497.5, 5e-324, 1.7976931348623157e308, 1e-5, 1e16])
-def test_exact_numbers_are_written_as_python_does(each_engine, numbers):
+def test_exact_numbers_are_written_as_python_does(numbers):
     expected = [repr(one) if math.isfinite(one) else "null" for one in numbers]
     assert _texts(numbers, Kind.EXACT) == expected
 
 
 @given(st.lists(st.floats(width=32) | st.floats(0, 1e6, width=32)))
-def test_a_float32_is_written_as_numpy_does(each_engine, numbers):
+def test_a_float32_is_written_as_numpy_does(numbers):
     assert _texts(numbers, Kind.SINGLE) == [_single(one) for one in numbers]
 
 
 @given(st.lists(FLOATS), st.lists(st.tuples(st.integers(0, 1 << 40), st.integers(0, 60))))
 @example([99999999.95, 999999999.5, 0.000123456785, 1e-5, 1.5e-12], [(3, 30), (1, 9)])
-def test_between_them_nine_digits_are_written(each_engine, numbers, binary):
+def test_between_them_nine_digits_are_written(numbers, binary):
     numbers = [*numbers, *((2 * whole + 1) / 2**places for whole, places in binary)]
     assert _texts(numbers, Kind.SINGLE) == [_single(one) for one in numbers]
 
 
 @given(st.lists(st.integers(-(10**15) + 1, 10**15 - 1)))
-def test_whole_numbers_have_no_point(each_engine, numbers):
+def test_whole_numbers_have_no_point(numbers):
     assert _texts(numbers, Kind.WHOLE) == [str(one) for one in numbers]
 
 
 @given(st.lists(st.tuples(st.floats(-99, 99), st.integers(-9, 9), st.integers(0, 2)), max_size=40))
-def test_rows_have_the_form_that_is_chosen(each_engine, rows):
+def test_rows_have_the_form_that_is_chosen(rows):
     forms = [
         Form(('{"k": 0, "x": ', "}\n"), (0,)),
         Form(('{"k": 1, "n": ', ', "x": ', "}\n"), (1, 0)),
-        Form(('{"k": 2, "%s": "{}"}\n',), ()),
+        Form(('{"k": 2, "%s": "{}", "n": ', "}\n"), (1,)),
     ]
     values = np.array([[x, n] for x, n, _ in rows], dtype=np.float64).reshape(-1, 2)
     chosen = np.array([k for *_, k in rows], dtype=np.uint8)
     text = row_texts(values, [Kind.EXACT, Kind.WHOLE], forms, chosen)
     expected = [
-        ({"k": 0, "x": x}, {"k": 1, "n": n, "x": x}, {"k": 2, "%s": "{}"})[k] for x, n, k in rows
+        ({"k": 0, "x": x}, {"k": 1, "n": n, "x": x}, {"k": 2, "%s": "{}", "n": n})[k]
+        for x, n, k in rows
     ]
     assert [json.loads(line) for line in text.splitlines()] == expected
-
-
-@needs_compiled
-def test_many_rows_are_the_same_on_both_engines(monkeypatch):
-    rng = np.random.default_rng(0)
-    values = rng.normal(0, 10.0 ** rng.integers(-14, 20, 10_000)).reshape(-1, 2)
-    values[::7] = np.nan
-    forms = [Form(("a", "b", "\n"), (0, 1)), Form(("", "\n"), (1,))]
-    chosen = rng.integers(0, 2, len(values)).astype(np.uint8)
-    monkeypatch.setenv(engine.VARIABLE, "compiled")
-    compiled = row_texts(values, [Kind.EXACT, Kind.SINGLE], forms, chosen)
-    monkeypatch.setenv(engine.VARIABLE, "scipy")
-    assert row_texts(values, [Kind.EXACT, Kind.SINGLE], forms, chosen) == compiled
-
-
-@needs_compiled
-@pytest.mark.parametrize(
-    ("forms", "chosen"),
-    [([Form(("", ""), (1,))], 0), (LINE, 1), ([], 0), (LINE * 257, 0)],
-    ids=["column", "form", "none", "too-many"],
-)
-def test_rows_that_cannot_be_written_are_refused(monkeypatch, forms, chosen):
-    monkeypatch.setenv(engine.VARIABLE, "compiled")
-    with pytest.raises((IndexError, ValueError)):
-        row_texts(np.ones((1, 1)), [Kind.EXACT], forms, np.array([chosen], dtype=np.uint8))
