@@ -68,8 +68,5 @@ def read_robot_parameters(
     if not isinstance(given, Sequence) or not all(isinstance(one, str | PathLike) for one in given):
         raise ParameterError("takes paths of parameter files", place="paths", got=paths)
     return read_robot(
-        [Path(one) for one in given],
-        costmap=costmap,
-        namespace=namespace,
-        older=dialect != "nav2",
+        [Path(one) for one in given], costmap=costmap, namespace=namespace, older=dialect != "nav2"
     )

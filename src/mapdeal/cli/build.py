@@ -166,12 +166,10 @@ def build(
         ),
     ] = False,
     layers: Annotated[
-        Path | None,
-        typer.Option(metavar="OUT.npz", help="Also write the map with its evidence."),
+        Path | None, typer.Option(metavar="OUT.npz", help="Also write the map with its evidence.")
     ] = None,
     max_bad: Annotated[
-        int,
-        typer.Option(metavar="N", min=0, help="Malformed lines of a log to tolerate."),
+        int, typer.Option(metavar="N", min=0, help="Malformed lines of a log to tolerate.")
     ] = DEFAULT_MAX_BAD,
     *,
     settings: Settings,

@@ -54,8 +54,7 @@ def convert(
         ),
     ] = None,
     takes_all: Annotated[
-        bool,
-        typer.Option("--all", help="Reading a bag: write all messages into a folder."),
+        bool, typer.Option("--all", help="Reading a bag: write all messages into a folder.")
     ] = False,
     read_as: Annotated[
         Literal["map", "costs"] | None,
@@ -79,14 +78,13 @@ def convert(
         typer.Option(
             help="Scale of the values: what ROS publishes, costmap_2d's bytes, or the map as "
             "amcl sees it.  [default: an .npz keeps its own, pixels of costs are "
-            "occupancy]",
+            "occupancy]"
         ),
     ] = None,
     mode: Annotated[
         Mode | None,
         typer.Option(
-            help="How values become pixels.  [default: raw if there are values 1..99, else "
-            "trinary]",
+            help="How values become pixels.  [default: raw if there are values 1..99, else trinary]"
         ),
     ] = None,
     static_layer: Annotated[
@@ -100,8 +98,7 @@ def convert(
     lethal_threshold: Annotated[
         int | None,
         typer.Option(
-            metavar="N",
-            help="With --static-layer: lethal_cost_threshold, 0..100.  [default: 100]",
+            metavar="N", help="With --static-layer: lethal_cost_threshold, 0..100.  [default: 100]"
         ),
     ] = None,
     trinary_costmap: Annotated[

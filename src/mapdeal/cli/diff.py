@@ -33,9 +33,7 @@ def diff(
         FROM_STDIN,
     ],
     second: Annotated[
-        Path,
-        typer.Argument(metavar="B", help="Another map; one of the two can be -."),
-        FROM_STDIN,
+        Path, typer.Argument(metavar="B", help="Another map; one of the two can be -."), FROM_STDIN
     ],
     tolerance: Annotated[
         float,

@@ -37,8 +37,7 @@ Output = Annotated[
     TO_STDOUT,
 ]
 Points = Annotated[
-    list[str] | None,
-    typer.Option("--point", metavar="X,Y", help="Point, metres; more may follow."),
+    list[str] | None, typer.Option("--point", metavar="X,Y", help="Point, metres; more may follow.")
 ]
 Value = Annotated[
     int | None,
@@ -174,8 +173,7 @@ def reset(
     value: Annotated[
         int | None,
         typer.Option(
-            metavar="V",
-            help="Value of the cells.  [default: unknown: -1 for a map, 255 for costs]",
+            metavar="V", help="Value of the cells.  [default: unknown: -1 for a map, 255 for costs]"
         ),
     ] = None,
     blank: Blank = False,
@@ -237,12 +235,7 @@ def _draw(
         terminal.detail(f"{name}: value {number}")
 
     def change(grid: Drawable) -> Drawable:
-        return draw(
-            start(grid),
-            drawing.shapes,
-            value=drawing.value,
-            overlay=drawing.overlay,
-        )
+        return draw(start(grid), drawing.shapes, value=drawing.value, overlay=drawing.overlay)
 
     kinds = dict.fromkeys(shape.kind for shape in drawing.shapes)
     what = f"{', '.join(kinds)} drawn"

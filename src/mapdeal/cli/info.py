@@ -181,8 +181,7 @@ def info(
         ),
     ] = None,
     namespace: Annotated[
-        str | None,
-        typer.Option(metavar="NS", help="With a robot's parameter files: which robot."),
+        str | None, typer.Option(metavar="NS", help="With a robot's parameter files: which robot.")
     ] = None,
     *,
     settings: Settings,

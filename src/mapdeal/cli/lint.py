@@ -129,8 +129,7 @@ def lint(
         ),
     ] = None,
     in_place: Annotated[
-        bool,
-        typer.Option("--in-place", help="Repair maps in place, and report what is left."),
+        bool, typer.Option("--in-place", help="Repair maps in place, and report what is left.")
     ] = False,
     *,
     footprint: Footprint | None,

@@ -14,13 +14,7 @@ from mapdeal.cli import run_options as run_opt
 from mapdeal.cli import terminal
 from mapdeal.cli.run_batch import lines_of_local
 from mapdeal.cli.shared_options import shared_options
-from mapdeal.errors import (
-    BatchError,
-    MapdealError,
-    ParameterError,
-    emit_warning,
-    strict_warnings,
-)
+from mapdeal.errors import BatchError, MapdealError, ParameterError, emit_warning, strict_warnings
 from mapdeal.formats.kinds import is_bag
 from mapdeal.formats.poses import has_times
 from mapdeal.grid.footprint import Footprint
@@ -104,8 +98,7 @@ def local(
     odometry: bag_opt.Odometry = None,
     mount: bag_opt.Mount = None,
     frame: Annotated[
-        CloudFrame,
-        typer.Option(help="Frame of the points: the robot's, or already the map's."),
+        CloudFrame, typer.Option(help="Frame of the points: the robot's, or already the map's.")
     ] = "robot",
     offset: Annotated[
         str,

@@ -53,13 +53,10 @@ _AFTER_THICKNESS = [
 def score(
     source: opt.MapArgument,
     truth: Annotated[
-        Path | None,
-        typer.Option(metavar="MAP", help="True map to compare with."),
-        FROM_STDIN,
+        Path | None, typer.Option(metavar="MAP", help="True map to compare with."), FROM_STDIN
     ] = None,
     align: Annotated[
-        bool,
-        typer.Option("--align", help="Align the map with the true one first."),
+        bool, typer.Option("--align", help="Align the map with the true one first.")
     ] = False,
     transform: Annotated[
         Path | None,

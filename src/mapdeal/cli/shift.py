@@ -23,14 +23,12 @@ def shift(
     source: opt.MapArgument,
     output: opt.GridOutput,
     origin: Annotated[
-        str,
-        typer.Option(metavar="X,Y", help="New origin, metres; the map moves by whole cells."),
+        str, typer.Option(metavar="X,Y", help="New origin, metres; the map moves by whole cells.")
     ],
     default: Annotated[
         int | None,
         typer.Option(
-            metavar="V",
-            help="Value of new cells.  [default: unknown: -1 for a map, 255 for costs]",
+            metavar="V", help="Value of new cells.  [default: unknown: -1 for a map, 255 for costs]"
         ),
     ] = None,
     *,

@@ -29,8 +29,7 @@ def window(
     source: opt.MapArgument,
     output: opt.GridOutput,
     size: Annotated[
-        str | None,
-        typer.Option(metavar="WX,WY", help="Extent along columns and rows, metres."),
+        str | None, typer.Option(metavar="WX,WY", help="Extent along columns and rows, metres.")
     ] = None,
     at: opt.At = None,
     corner: opt.Corner = None,
