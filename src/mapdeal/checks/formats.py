@@ -304,11 +304,7 @@ def sarif_lines(report: LintReport) -> list[str]:
         "semanticVersion": report.version,
         "rules": [_rule(name) for name in sorted(CHECKS)],
     }
-    run = {
-        "tool": {"driver": driver},
-        "columnKind": "unicodeCodePoints",
-        "results": results,
-    }
+    run = {"tool": {"driver": driver}, "columnKind": "unicodeCodePoints", "results": results}
     document = {"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}
     return [json.dumps(document, indent=2)]
 

@@ -238,9 +238,7 @@ def misspelt(facts: ParameterFacts) -> Iterator[Remark]:
                 yield Remark(text, at=value)
 
 
-def _places(
-    facts: ParameterFacts,
-) -> Iterator[tuple[dict[Name, ParameterValue], frozenset[str]]]:
+def _places(facts: ParameterFacts) -> Iterator[tuple[dict[Name, ParameterValue], frozenset[str]]]:
     """Yield the parameters of the costmap and of each layer, with the names known there."""
     own: dict[Name, ParameterValue] = {}
     own |= {path: one for path, one in facts.values.items() if len(path) == 1}
@@ -475,9 +473,7 @@ def inflation_defaults(facts: RobotFacts) -> Iterator[Remark]:
 
 
 @check(
-    "params.radius-and-footprint",
-    "warning",
-    "a robot_radius beside a footprint: it has no effect",
+    "params.radius-and-footprint", "warning", "a robot_radius beside a footprint: it has no effect"
 )
 def radius_and_footprint(facts: RobotFacts) -> Iterator[Remark]:
     """Look for both: ``setRobotFootprint`` takes the polygon."""
@@ -504,9 +500,7 @@ def unknown_is_free(facts: RobotFacts) -> Iterator[Remark]:
 
 
 @check(
-    "params.costmaps-differ",
-    "note",
-    "a global and a local costmap of robots of different shape",
+    "params.costmaps-differ", "note", "a global and a local costmap of robots of different shape"
 )
 def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
     """Compare the radii of both costmaps."""
@@ -527,9 +521,7 @@ def costmaps_differ(facts: RobotFacts) -> Iterator[Remark]:
 
 
 @check(
-    "params.resolution",
-    "note",
-    "a resolution of the global costmap that is not that of the map",
+    "params.resolution", "note", "a resolution of the global costmap that is not that of the map"
 )
 def resolution(facts: RobotFacts) -> Iterator[Remark]:
     """Compare it with the map, whose geometry the static layer gives the costmap."""

@@ -110,10 +110,7 @@ def selection_of(
                     ranks[name] = rank
                     severity[name] = level  # type: ignore[assignment]
     checks = _chosen(
-        checks,
-        _ranked(select, "--select"),
-        _ranked(ignore, "--ignore"),
-        selects=bool(select),
+        checks, _ranked(select, "--select"), _ranked(ignore, "--ignore"), selects=bool(select)
     )
     return Selection(
         checks,

@@ -80,11 +80,7 @@ def bit_map_paths(output: Path) -> tuple[Path, Path]:
 
 
 def write_bit_map_pair(
-    transaction: Transaction,
-    output: Path,
-    bits: BitMap,
-    *,
-    extra: Mapping[str, Any] | None = None,
+    transaction: Transaction, output: Path, bits: BitMap, *, extra: Mapping[str, Any] | None = None
 ) -> None:
     """Write a bit map as PBM P4 and its YAML, which any map_server reads as a trinary map.
 

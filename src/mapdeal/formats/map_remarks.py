@@ -51,10 +51,7 @@ class FreedCells:
         self._byte_is_free: bool | None = None
 
     def add(
-        self,
-        picture: Picture,
-        occupancy: NDArray[np.int8],
-        times: NDArray[np.int64] | None = None,
+        self, picture: Picture, occupancy: NDArray[np.int8], times: NDArray[np.int64] | None = None
     ) -> None:
         """Count those of some rows."""
         if not self.are_possible(picture):

@@ -19,12 +19,7 @@ from mapdeal.errors import (
     kept_warnings,
 )
 from mapdeal.formats.budget import use_memory
-from mapdeal.formats.image import (
-    IMAGE_SUFFIXES,
-    memory_to_read,
-    open_pixel_rows,
-    read_image_size,
-)
+from mapdeal.formats.image import IMAGE_SUFFIXES, memory_to_read, open_pixel_rows, read_image_size
 from mapdeal.formats.kinds import MAP, recognised
 from mapdeal.formats.map_remarks import warn_of_nothing_known, warn_of_one_cost
 from mapdeal.formats.map_server import (

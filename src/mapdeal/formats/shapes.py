@@ -15,11 +15,7 @@ from mapdeal.grid.frame import Point
 from mapdeal.grid.shapes import Circle, Line, Polygon, Shape
 from mapdeal.spelling import as_known, meant
 
-_PARTS = {
-    "MultiPolygon": "Polygon",
-    "MultiLineString": "LineString",
-    "MultiPoint": "Point",
-}
+_PARTS = {"MultiPolygon": "Polygon", "MultiLineString": "LineString", "MultiPoint": "Point"}
 
 
 def read_geojson(path: Path) -> list[Shape]:

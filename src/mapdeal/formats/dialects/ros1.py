@@ -34,9 +34,7 @@ def occupancy_of(picture: Picture, metadata: MapMetadata) -> NDArray[np.int8]:
     return _occupancy(channels, 3, last, metadata)
 
 
-def _as_stored(
-    picture: Picture,
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _as_stored(picture: Picture) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Return the 8-bit samples and opacities that this reader's image library stores."""
     samples = _to_8_bit(picture.samples, picture)
     alpha = None if picture.alpha is None else _to_8_bit(picture.alpha, picture)
@@ -80,10 +78,7 @@ def _palette_as_stored(
 
 
 def _occupancy(
-    channels: list[NDArray[np.uint8]],
-    divisor: int,
-    last: NDArray[np.uint8],
-    metadata: MapMetadata,
+    channels: list[NDArray[np.uint8]], divisor: int, last: NDArray[np.uint8], metadata: MapMetadata
 ) -> NDArray[np.int8]:
     total = np.zeros(channels[0].shape, dtype=np.int32)
     for channel in channels:
